@@ -29,7 +29,7 @@ from .damping import damped
 from .first_order import check_first_order
 from .held_frames import with_frame_node
 from .lost_inertia import has_quadratic_inertia
-from .out_of_plane import out_of_plane
+from .out_of_plane import out_of_plane, unloaded_across
 from .rigid_bodies import rigid_part
 from .unstiffened import without_stiffening
 
@@ -175,6 +175,7 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
         if planar:
             ids = map(str, body.markers.values())
             across = out_of_plane(sid, ids, body.frame == "held", f"{place}.sid")
+            sid = unloaded_across(sid, across)
     sid = with_frame_node(sid) if body.frame == "held" else sid
     numbers = tuple(k + 1 for k in kept)
     return BodyData(

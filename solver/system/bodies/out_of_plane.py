@@ -4,18 +4,20 @@ Joints, springs and forces of a planar scene hold and load motions in the plane 
 alone: displacements along x and y and rotations about z. Shape functions that move the
 markers along z, or turn them about x and y, would be free of all of them. Where they
 are apart from those in the plane, nothing of a planar scene excites them: they rest,
-and modes leave them out. Where both are coupled, as in a twisted blade, a planar joint
+modes leave them out, and loads do not change their stiffness, or they would buckle from
+rounding. Where both are coupled, as in a twisted blade, a planar joint
 would have to hold what it does not know: such a body moves in space.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid import SID, Array, Taylor
 
 #: Motions below this part of the largest are none: by Poisson's ratio, or on a mesh
 #: that is not symmetric, a body leaves the plane so far.
@@ -63,6 +65,41 @@ def out_of_plane(sid: SID, nodes: Iterable[str], is_held: bool, place: str) -> A
         if np.abs(left @ alone).max(initial=0.0) > 0.0:
             found.append((sid.Me.m0 @ modes @ alone).T)
     return np.concatenate([np.zeros((0, sid.nq)), *found])
+
+
+def unloaded_across(sid: SID, across: Array) -> SID:
+    """The SID whose motions out of the plane have no geometric stiffness.
+
+    Markers do not follow these motions, so that a compressed or pushed body would
+    buckle in them where it does not in space. Nothing changes while they rest.
+
+    Parameters
+    ----------
+    across : (n, nq) their momenta, see `out_of_plane`
+    """
+    if not len(across):
+        return sid
+    P = np.eye(sid.nq) - np.linalg.lstsq(sid.Me.m0, across.T)[0] @ across
+
+    def inside(term: Taylor, form: str) -> Taylor:
+        if term.m1 is None:
+            return term
+        return replace(term, m1=np.einsum(form, term.m1, P, P))
+
+    return replace(
+        sid,
+        Ct=inside(sid.Ct, "kla,ki,lj->ija"),
+        Cr=inside(sid.Cr, "kla,ki,lj->ija"),
+        Oe=inside(sid.Oe, "kla,ki,lj->ija"),
+        nodes=tuple(
+            replace(
+                node,
+                phi=inside(node.phi, "kal,ki,lj->iaj"),
+                psi=inside(node.psi, "kal,ki,lj->iaj"),
+            )
+            for node in sid.nodes
+        ),
+    )
 
 
 def _modes(sid: SID) -> Iterator[Array]:
