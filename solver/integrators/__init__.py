@@ -71,7 +71,8 @@ def _radau(stages: int) -> Integrator:
         return advance
 
     title = f"Radau IIA of order {2 * stages - 1}, index 1, projected"
-    loop, passing = (f"integrators.radau.{n}:advance" for n in ("method", "passing"))
+    loop = "integrators.radau.method:advance"
+    passing = "integrators.radau.passing:advance"
     pairs = (stages - 1) // 2
     return Integrator(
         title, 2 * stages - 1, stages, pairs, loop, prepare, passing_loop=passing

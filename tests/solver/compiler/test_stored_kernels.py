@@ -39,9 +39,11 @@ _made: list[Any] = []
 def made(monkeypatch: pytest.MonkeyPatch) -> None:
     """Notes the functions that are compiled."""
 
+    compile_kernel = machine.compiled
+
     def compiled(function: Any, signature: Any) -> bytes:
         _made.append(function)
-        return machine.compiled(function, signature)
+        return compile_kernel(function, signature)
 
     _made.clear()
     monkeypatch.setattr(compiling, "compiled", compiled)
