@@ -86,6 +86,8 @@ def compile_scene(
         check_masses,
         check_outputs,
         check_replaced,
+        check_same_sids,
+        check_started,
     )
     from .system.bodies.data import read_sids
     from .system.building import build_system
@@ -105,10 +107,12 @@ def compile_scene(
             check_attachments(system)
         return system
 
+    check_started(scene)
     check_replaced(scene, sids or {})
     if before is not None:
         sids = _same_files(before, scene) | dict(sids or {})
     known = read_sids(scene, Path(base_folder), sids or {})
+    check_same_sids(scene, known)
     if scene.initial.state != "static":
         return checked(scene, keep_joints)
     from .analyses.resting import resting

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,7 @@ class Result:
     InputError : the sizes of the arrays do not fit each other.
     """
 
+    is_file: ClassVar[bool] = True
     title: str
     names: tuple[str, ...]
     t: Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from numpy.typing import ArrayLike
 from pydantic import model_validator
@@ -22,7 +22,7 @@ from ..toml.constructor_types import (
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File
 from .base import Table, Vector
-from .bodies import Body, Ground, SidBody
+from .bodies import Body, ElasticInitial, Ground, Initial, SidBody
 from .checks.scene import check
 from .drives import Drive
 from .events import Event
@@ -31,6 +31,11 @@ from .joints import Joint
 from .laws import Expression
 from .numbers import with_numbers
 from .wanted import Wanted
+
+if TYPE_CHECKING:
+    from ..result.data import Result
+else:
+    Result = Any  # imports scenes itself
 
 
 class Time(Table):
@@ -101,14 +106,50 @@ class Outputs(Table):
 class Start(Table):
     """How bodies start; where each stands is said in its own table `initial`."""
 
-    state: Literal["stated", "static"] = Field(
+    state: Literal["stated", "static", "result"] = Field(
         default="stated",
-        description="static: in the equilibrium nearest downhill from what is stated, "
-        "under gravity and the loads at the start, drives held; stated velocities "
-        "stay, and bodies carry the loads of that motion; where bodies rotate about "
-        "fixed axes it is a steady rotation, in which springs and bushings carry them, "
-        "too, without vibration, and a note says so where none exists",
+        description="result: in a state of another run, see `file`; static: in the "
+        "equilibrium nearest downhill from what is stated, under gravity and the loads "
+        "at the start, drives held; stated velocities stay, and bodies carry the loads "
+        "of that motion; where bodies rotate about fixed axes it is a steady rotation, "
+        "in which springs and bushings carry them, too, without vibration, and a note "
+        "says so where none exists",
     )
+    file: Takes[str | None, str | Result | None] = Field(
+        default=None,
+        min_length=1,
+        description="result (.h5) in whose last state all bodies start, found by their "
+        "names; joints, drives and forces may be others",
+    )
+    time: OptionalNumber = Field(
+        default=None, description="another output time of `file` to start from [s]"
+    )
+    bodies: Takes[
+        dict[str, ElasticInitial] | None, Mapping[str, ElasticInitial | Entries] | None
+    ] = Field(
+        default=None,
+        description="where bodies start, in the place of `file`, as results hold it; "
+        "their own tables `initial` then place axes of joints only",
+    )
+    rotations: Takes[dict[str, float] | None, Mapping[str, float] | None] = Field(
+        default=None,
+        description="counted rotations of joints, with their whole turns [rad]",
+    )
+    states: Takes[dict[str, float] | None, Mapping[str, float] | None] = Field(
+        default=None, description="states of laws, by FORCE.state.NAME"
+    )
+    sids: Takes[dict[str, str] | None, Mapping[str, str] | None] = Field(
+        default=None,
+        description="digests of the SIDs that elastic coordinates in `bodies` are of",
+    )
+
+    @model_validator(mode="after")
+    def _begins_somewhere(self) -> Start:
+        if self.state == "result" and self.file is None and self.bodies is None:
+            raise ValueError("the name of a result as `file`")
+        if self.state != "result" and not (self.file is None is self.bodies):
+            raise ValueError('`state = "result"` beside `file`')
+        return self
 
 
 class SceneFile(File):
@@ -131,6 +172,7 @@ class SceneFile(File):
     paths: ClassVar[tuple[tuple[str, ...], ...]] = (
         ("bodies", "*", "sid"),
         ("bodies", "*", "model"),
+        ("initial", "file"),
     )
 
     format: Literal["sidtool scene"] = "sidtool scene"
@@ -172,6 +214,10 @@ class SceneFile(File):
     def sid_bodies(self) -> dict[str, SidBody]:
         """The bodies with a SID."""
         return {n: b for n, b in self.bodies.items() if isinstance(b, SidBody)}
+
+    def initial_of(self, body: str) -> Initial:
+        """Where a body starts: as its own table says, or in the state of a result."""
+        return (self.initial.bodies or {}).get(body) or self.bodies[body].initial
 
     @property
     def flexible(self) -> list[str]:

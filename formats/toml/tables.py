@@ -88,9 +88,9 @@ class Table(_Checked):
 def plain(value: Any) -> Any:
     """Tables, arrays and paths as the tables, lists, numbers and texts of a file.
 
-    A text stands for a SID and for a whole file, see `objects`.
+    A text stands for a SID, a result and for a whole file, see `objects`.
     """
-    if isinstance(value, SID) or (isinstance(value, Table) and value.is_file):
+    if isinstance(value, SID) or getattr(value, "is_file", False):
         return name_object(value)
     if isinstance(value, Table):
         return value.said()

@@ -41,8 +41,7 @@ from .recorded import outputs
 from .report import report
 from .schema import schema
 from .simulate import simulate
-from .study import study
-from .sweep import sweep
+from .study import study, sweep
 from .trim import trim
 from .validate import validate
 from .warmup import warmup

@@ -87,10 +87,11 @@ def _scene(content: Any, path: Path) -> str:
 
     from ..made import converted
     from ..report.scene import describe_scene
+    from ..swaps import with_initial_state
 
     folder = path.parent
     try:
-        whole, made, told = converted(content, folder)
+        whole, made, told = converted(with_initial_state(content, folder), folder)
         lines = describe(compile_scene(whole, folder, made, accept_defects=True))
     except InputError as error:
         raise error.located(path) from None

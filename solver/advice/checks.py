@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -26,7 +26,9 @@ from sidtool.formats.scene import (
     parse_output,
     watched,
 )
+from sidtool.formats.sid import SID
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion
+from sidtool.formats.storage.sid_content import content_digest
 
 from ..recording.joint_forces import (
     COMPONENTS,
@@ -56,6 +58,40 @@ def check_replaced(scene: SceneFile, names: Iterable[str]) -> None:
                 place="sids",
                 expected=", ".join(flexible) or "a flexible body in the scene",
             )
+
+
+def check_started(scene: SceneFile) -> None:
+    """A scene that starts from a result holds the numbers of it.
+
+    Raises
+    ------
+    InputError : it names the file alone.
+    """
+    if scene.initial.state == "result" and not scene.initial.bodies:
+        raise InputError(
+            "has not been read",
+            place="initial.file",
+            expected="a function of `sidtool` that reads it, such as `simulate`",
+        )
+
+
+def check_same_sids(scene: SceneFile, sids: Mapping[str, SID]) -> None:
+    """Elastic coordinates at the start belong to the SIDs of the scene.
+
+    Raises
+    ------
+    InputError : a body has another SID than in the result that the scene starts from.
+    """
+    for name, digest in (scene.initial.sids or {}).items():
+        body = scene.sid_bodies.get(name)
+        if body is None or body.rigid or content_digest(sids[name]) == digest:
+            continue
+        raise InputError(
+            f"{name} had another SID in the result that the scene starts from",
+            place="initial.file",
+            expected="the same SID, as elastic coordinates belong to shape functions; "
+            f"`rigid = true` of {name} starts without them",
+        )
 
 
 def check_outputs(system: System) -> None:

@@ -51,9 +51,10 @@ def far_starts(
     for name, body in bodies.items():
         b = system.index(name)
         described, sid = system.scene.bodies[name], system.bodies[b].sid
-        stated = isinstance(described, SidBody) and (
-            described.initial.elastic is not None
-            or described.initial.elastic_velocity is not None
+        start = system.scene.initial_of(name)
+        stated = isinstance(described, SidBody) and any(
+            getattr(start, key, None) is not None
+            for key in ("elastic", "elastic_velocity")
         )
         if stated or not body.deflection > SEEN:
             continue

@@ -107,7 +107,7 @@ def lost_inertia(system: System, work: at.Work, t: float | None = None) -> str:
 
 def _deformed(system: System, body: BodyData, t: float | None) -> str:
     scene = system.scene
-    stated = scene.bodies[body.name].initial if body.of_scene else None
+    stated = scene.initial_of(body.name) if body.of_scene else None
     by_assembly = scene.initial.state != "static" and (
         getattr(stated, "elastic", None) is None
     )

@@ -181,13 +181,13 @@ def _drift(
 
 def _is_stated(system: System, b: int) -> bool:
     """Whether the scene states a velocity of a body."""
-    initial = system.scene.bodies[system.bodies[b].name].initial
+    initial = system.scene.initial_of(system.bodies[b].name)
     return initial.velocity is not None or initial.angular_velocity is not None
 
 
 def _is_placed(system: System, b: int) -> bool:
     """Whether the scene states the velocity of a body's origin."""
-    return system.scene.bodies[system.bodies[b].name].initial.velocity is not None
+    return system.scene.initial_of(system.bodies[b].name).velocity is not None
 
 
 def components(system: System) -> Iterator[tuple[list[int], bool]]:

@@ -28,7 +28,7 @@ def displacements(system: System, work: Work) -> dict[str, tuple[float, float]]:
     for b, data in enumerate(system.bodies):
         if not data.of_scene:
             continue
-        initial = system.scene.bodies[data.name].initial
+        initial = system.scene.initial_of(data.name)
         frame = system.frames(work.frame[b])
         if system.planar:
             angle = abs(frame["angle"] - (initial.angle or 0.0))
@@ -101,7 +101,7 @@ def _deformations(
         nq = int(row[at.NQ])
         if not data.of_scene or not nq:
             continue
-        initial = system.scene.bodies[data.name].initial
+        initial = system.scene.initial_of(data.name)
         last = int(row[at.POS] + row[at.NP]), int(row[at.VEL] + row[at.NV])
         q, vq = start.z[last[0] - nq : last[0]], start.v[last[1] - nq : last[1]]
         shapes = np.array([node.phi.m0 for node in data.sid.nodes]).reshape(-1, 3, nq)
@@ -136,7 +136,7 @@ def _replaced_velocities(
     for b, data in enumerate(system.bodies):
         if not data.of_scene:
             continue
-        initial = system.scene.bodies[data.name].initial
+        initial = system.scene.initial_of(data.name)
         found = _velocities(system, work.frame[b])
         stated = initial.velocity, initial.angular_velocity
         pairs = [

@@ -77,7 +77,7 @@ def _of_frames(system: System, work: Work) -> tuple[System, Pairs]:
         kernel_calls.evaluate(
             prescribing, work, start, z, np.zeros(system.n_velocities)
         )
-        stated = system.scene.bodies[system.bodies[b].name].initial.angle or 0.0
+        stated = system.scene.initial_of(system.bodies[b].name).angle or 0.0
         entry = int(body[b, at.FRAME]) + 1
         angle = float(system.frames(work.frame[b])["angle"])
         turns = float(system.arrays.pool[entry]) + _whole(stated - angle)

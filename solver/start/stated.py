@@ -37,9 +37,10 @@ def guess(system: System) -> Start:
     z, v = np.zeros(system.n_positions), np.zeros(system.n_velocities)
     for row, data in zip(system.arrays.body.tolist(), system.bodies, strict=True):
         if not data.of_scene:
-            v[row[at.VEL] : row[at.VEL] + row[at.NV]] = data.starts_at
+            began = (system.scene.initial.states or {}).get(data.name, data.starts_at)
+            v[row[at.VEL] : row[at.VEL] + row[at.NV]] = began
             continue
-        initial = system.scene.bodies[data.name].initial
+        initial = system.scene.initial_of(data.name)
         rigid = row[at.NP] - row[at.NQ]
         p, u = row[at.POS], row[at.VEL]
         if row[at.RD] > 0:
@@ -50,7 +51,7 @@ def guess(system: System) -> Start:
                 z[p + 2] = initial.angle or 0.0
                 v[u + 2] = float(np.ravel(initial.angular_velocity or 0.0)[-1])
             elif rigid == 7:
-                z[p + 3 : p + 7] = quaternion(rotation(initial))
+                z[p + 3 : p + 7] = _quaternion(system, data.name)
                 v[u + 3 : u + 6] = _in_frame(initial, initial.angular_velocity)
         z[p + rigid : p + row[at.NP]] = _elastic(initial, "elastic", data)
         v[u + row[at.RD] : u + row[at.NV]] = _elastic(initial, "elastic_velocity", data)
@@ -68,7 +69,7 @@ def stated_velocities(system: System) -> Array:
     for row, data in zip(system.arrays.body.tolist(), system.bodies, strict=True):
         if not data.of_scene:
             continue
-        initial = system.scene.bodies[data.name].initial
+        initial = system.scene.initial_of(data.name)
         u, axes = row[at.VEL], 2 if system.planar else 3
         turns, elastic = u + min(axes, row[at.RD]), u + row[at.RD]
         stated[u:turns] = initial.velocity is not None
@@ -77,6 +78,15 @@ def stated_velocities(system: System) -> Array:
         moves = stated[u:elastic].any() or given is not None
         stated[elastic : u + row[at.NV]] = moves
     return stated
+
+
+def _quaternion(system: System, body: str) -> Array:
+    """The orientation of a body; of a result with its sign, which `angle` counts."""
+    initial = system.scene.initial_of(body)
+    if initial is system.scene.bodies[body].initial or initial.quaternion is None:
+        return quaternion(rotation(initial))
+    found = np.array(initial.quaternion)
+    return found / np.linalg.norm(found)
 
 
 def _in_frame(initial: Initial, value: Any) -> Array:

@@ -21,7 +21,8 @@ def starting_turns(system: System) -> Array:
         rest = turn.rest
         if turn.drive >= 0:
             rest = drive_value.py_func(system.arrays, turn.drive, clock, t)[0]
-        found += [rest] * len(turn.angles)
+        counted = system.scene.initial.rotations or {}
+        found += [counted.get(name, rest) for name in turn.angles]
     return np.array(found[: system.n_turns])
 
 

@@ -51,9 +51,9 @@ def mechanism_size(
     sizes = []
     ground = [name for body, name in markers if body == GROUND_NAME]
     places = [data[GROUND_NAME].node(name).position for name in ground]
-    for name, body in scene.bodies.items():
+    for name in scene.bodies:
         sizes.append(_extent(data[name].sid))
-        places.append(as_3d(body.initial.position))
+        places.append(as_3d(scene.initial_of(name).position))
     sizes.append(diameter(np.array(places)))
     return max(sizes) or _travel(scene) or 1.0
 
@@ -75,8 +75,8 @@ def _reach(sid: SID) -> float:
 
 def _travel(scene: SceneFile) -> float:
     """How far initial velocities and gravity carry a body at most."""
-    bodies = scene.bodies.values()
-    speeds = [np.linalg.norm(as_3d(body.initial.velocity)) for body in bodies]
+    starts = map(scene.initial_of, scene.bodies)
+    speeds = [np.linalg.norm(as_3d(start.velocity)) for start in starts]
     fall = 0.5 * np.linalg.norm(as_3d(scene.gravity))
     duration = scene.time.end - scene.time.start
     return float(duration * (max(speeds) + duration * fall))
