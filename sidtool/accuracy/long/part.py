@@ -31,6 +31,7 @@ from ..runs import Runs, Setting
 from ..wanted import Request
 from .sparing import chosen_sparingly
 from .whole import (
+    LONG,
     MEASURED,
     SAFETY,
     TIGHTER,
@@ -40,8 +41,6 @@ from .whole import (
     sharp_for,
 )
 
-#: Runs are long that take more than this [s].
-LONG = 0.1
 #: The first part of the time span, and the longest one that is tried.
 FIRST, LONGEST = 1.0 / 128.0, 1.0 / 8.0
 #: Tight runs of all of the time that choices in a first part may cost.

@@ -26,7 +26,15 @@ from ..reference import MEASURING, Reference
 from ..runs import Runs, Setting
 from ..sentences import listed
 from ..wanted import Request
-from .whole import TIGHTER, Part, Proven, loose_setting, seen_on_the_whole, sharp_for
+from .whole import (
+    LONG,
+    TIGHTER,
+    Part,
+    Proven,
+    loose_setting,
+    seen_on_the_whole,
+    sharp_for,
+)
 
 #: Loose runs of everything at most; of the tolerance, what the next one gets of it at
 #: least and at most, and of what a run errs at the tolerance that would just do.
@@ -35,8 +43,11 @@ LEVELS, LEAST, MOST, LESS = 4, 0.03, 0.5, 0.6
 TRIALS = 2
 
 
-def chosen_sparingly(runs: Runs, part: Part, request: Request) -> Proven:
+def chosen_sparingly(runs: Runs, part: Part, request: Request) -> Proven | None:
     """A looser run of the reference, with fewer shape functions if these do.
+
+    None where loose runs do not do and are short: a search over the whole time is
+    cheap then, whatever a first part took on a busy machine.
 
     Parameters
     ----------
@@ -47,7 +58,10 @@ def chosen_sparingly(runs: Runs, part: Part, request: Request) -> Proven:
     InputError : tighter runs do not become alike.
     OutsideTheory : a body leaves what its SID describes.
     """
-    reference, bare = _settled(runs, part, request)
+    settled = _settled(runs, part, request)
+    if settled is None:
+        return None
+    reference, bare = settled
     seen, chosen = _with_fewer(runs, reference, bare)
     frames = with_frames(runs, reference, request, fixed=True)
     lines = _lines(runs, seen, chosen, bare, frames.theory)
@@ -55,7 +69,9 @@ def chosen_sparingly(runs: Runs, part: Part, request: Request) -> Proven:
     return Proven(runs, seen, chosen, seen, frames.theory, lines, told)
 
 
-def _settled(runs: Runs, part: Part, request: Request) -> tuple[Reference, Chosen]:
+def _settled(
+    runs: Runs, part: Part, request: Request
+) -> tuple[Reference, Chosen] | None:
     """The reference, and the loosest run of everything that keeps the request."""
     reference, last, setting = part.reference, np.inf, loose_setting(part)
     choice, nothing = reference.choice, np.zeros(len(runs.names))
@@ -73,8 +89,11 @@ def _settled(runs: Runs, part: Part, request: Request) -> tuple[Reference, Chose
         stuck = use > STUCK * last
         factor = LEAST if stuck else float(np.clip(LESS * ALL / use, LEAST, MOST))
         setting, last = Setting(setting.integrator, factor * setting.rtol), use
+    seconds = runs.seconds(choice, setting)
+    if seconds <= LONG:
+        return None
     raise InputError(
-        f"runs of {runs.seconds(choice, setting):.2g} s at rtol {setting.rtol:.0e} do "
+        f"runs of {seconds:.2g} s at rtol {setting.rtol:.0e} do "
         "not show that the request can be kept, and tighter ones would take longer",
         place="accuracy.wanted",
         expected="a larger error, a shorter time span, or other outputs",

@@ -30,6 +30,8 @@ from ..reference import (
 from ..runs import Runs, Setting, apart
 from ..wanted import Request
 
+#: Runs are long that take more than this [s].
+LONG = 0.1
 #: Of what is allowed: what a loose run of the finest model errs in the first part,
 #: what its reference may, and what that may leave open on the whole.
 LOOSE, MEASURED, OPEN = 0.3, 0.03, 0.3
