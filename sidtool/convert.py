@@ -33,6 +33,7 @@ from .reduction.fidelity import held_sentence, judged
 from .reduction.frames import FRAMES, Frame, clamped_dofs
 from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
+from .reduction.point_loads import point_marker_note
 from .reduction.running import running
 
 __all__ = ["finite_element_model", "sid_from_model"]
@@ -151,6 +152,11 @@ def _convert(
     carried = _told_fidelity(body, frame, basis, model, progress)
     if told := held_sentence(body, frame, basis, model):
         progress(NOTE + told)
+    held = frame.held
+    if frame.rows is None:
+        held = clamped_dofs(body, frame, model.reduction.fixed_names)
+    for sentence in point_marker_note(body, held):
+        progress(NOTE + sentence)
     basis = replace(basis, space=None)
     stiffening, initial = model.stiffening, None
     if stiffening and stiffening.prestress:
@@ -160,9 +166,6 @@ def _convert(
         )
         basis = initial.basis
     begin("integrating the inertia")
-    held = frame.held
-    if frame.rows is None:
-        held = clamped_dofs(body, frame, model.reduction.fixed_names)
     sid = assembled_sid(body, frame, basis, model.damping, title=model.title, held=held)
     sid = replace(sid, carried=carried, from_matrices=model.comes_as_matrices)
     if initial is not None:

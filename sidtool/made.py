@@ -15,7 +15,6 @@ from pydantic import BaseModel
 from sidtool.formats.errors import InputError
 from sidtool.formats.field import Field, read_field, write_field
 from sidtool.formats.model import ModelFile, Stiffening, read_model
-from sidtool.formats.model.discretisation import BeamDiscretisation
 from sidtool.formats.model.refine import (
     modes_of,
     refined,
@@ -76,10 +75,21 @@ class Source:
         """Normal modes that the model asks for, if its reduction counts them."""
         return modes_of(self.model)
 
-    @property
-    def is_of_beams(self) -> bool:
-        """Beams bear forces at points, which bodies of more dimensions do not."""
-        return isinstance(self.model.discretisation, BeamDiscretisation)
+    def point_markers(self, nodes: Collection[str]) -> tuple[str, ...]:
+        """Markers at some nodes that are single points of a plane body or a solid.
+
+        Beams bear forces at points, which bodies of more dimensions do not. A marker
+        that is clamped in the frame does not yield.
+        """
+        from .frontends.registry import finite_element_model
+        from .reduction.frames import FRAMES, clamped_dofs
+        from .reduction.point_loads import point_markers
+
+        body = finite_element_model(self.model)
+        frame = FRAMES[self.model.frame.type](body, self.model.frame)
+        held = clamped_dofs(body, frame, self.model.reduction.fixed_names)
+        found = point_markers(body, held)
+        return tuple(n for n in found if str(self.model.markers[n].node) in nodes)
 
     def can_refine(self) -> bool:
         """False for meshes and matrices, which are as they are."""

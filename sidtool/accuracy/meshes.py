@@ -44,6 +44,9 @@ HALVINGS, DOUBLINGS, MODES = 3, 3, 48
 CHANGES = 4
 #: Why they may not.
 POINTS = "a body yields the more to a force at a point, the finer its mesh is"
+#: What helps then.
+TIE = "a tie (markers.NAME.tie) of {} to an edge, a face or a node set, which spreads "
+TIE += "the load"
 #: In all, from which on the search gives up.
 TOO_MUCH = 0.5
 
@@ -100,11 +103,17 @@ def refined_meshes(
         for name in sources:
             search.settle(name)
     if sources and search.use(search.errors) > TOO_MUCH:
+        cause = search.largest[1]
+        helps = (
+            "a larger error, models with finer meshes and more modes, or loads that "
+        )
+        helps += "do not begin at once, which moves all modes"
+        if cause in search.points:
+            helps = f"{TIE.format(search.points[cause])}, or a larger error"
         raise InputError(
-            f"models cannot be made as fine as is asked for: {search.largest[1]}",
+            f"models cannot be made as fine as is asked for: {cause}",
             place="accuracy.wanted",
-            expected="a larger error, models with finer meshes and more modes, or "
-            "loads that do not begin at once, which moves all modes",
+            expected=helps,
         )
     search.judge_stiffening()
     if search.others:
@@ -141,6 +150,8 @@ class _Search:
         self.largest = (0.0, "")
         #: Whether the last changes by finer meshes hardly got smaller, (n,).
         self.slow = np.zeros(len(request.names), dtype=bool)
+        #: Markers at single points of continua, by the sentence on the changes there.
+        self.points: dict[str, str] = {}
         #: Elastic coordinates that mean something else on another mesh.
         self.others: set[str] = set()
         #: What geometric stiffening would change, of the stiffness of bodies without.
@@ -273,7 +284,11 @@ class _Search:
         told = f"mesh of {name}: halved {times}, the rest {self._seen(left)}"
         if self.slow[self._worst(left)]:
             told += ", as changes hardly get smaller"
-            told += "" if source.is_of_beams else f"; {POINTS}"
+            points = source.point_markers(loaded_nodes(self.scene, name).values())
+            if points and self.use(left) > SHARE:
+                listed = ", ".join(points)
+                told += f"; {POINTS}, as joints and forces do at {listed}"
+                self.points[told] = f"{listed} of {name}"
         self._tell(told, left)
         return found
 

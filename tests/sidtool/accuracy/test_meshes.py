@@ -63,8 +63,17 @@ def test_a_force_at_a_point_leaves_open_what_finer_meshes_add() -> None:
     assert 2.5 * ADDS < mesh.errors["block.tip.ux"] < 3.5 * ADDS
     (told,) = (s for s in found.accuracy.sentences if s.startswith("mesh of block"))
     assert "changes hardly get smaller" in told and "force at a point" in told
-    with pytest.raises(sidtool.InputError, match="force at a point"):
+    with pytest.raises(sidtool.InputError, match="force at a point") as refused:
         pulled(4).simulate(accuracy={"block.tip.ux": "1e-4 m"})
+    assert "tip of block" in (refused.value.expected or "")
+    model = json.loads(Path("block.json").read_text(encoding="utf-8"))
+    model["markers"]["tip"] |= {"tie": {"type": "distributing", "to": "right"}}
+    for key in ("edge", "at"):
+        model["markers"]["tip"].pop(key)
+    scene = pulled(4)
+    Path("block.json").write_text(json.dumps(model), encoding="utf-8")
+    tied = scene.simulate(accuracy={"block.tip.ux": "1e-4 m"})
+    assert tied.error["block.tip.ux"] * tied["block.tip.ux"].max() < 1e-4
 
 
 def test_a_study_knows_no_better_what_finer_meshes_add() -> None:
