@@ -51,7 +51,8 @@ def export(
     bodies with a full field (see `sidtool convert --field`) all stress components in
     the axes of the body and von Mises; elsewhere these are NaN. Cell data `body` is
     the number of the body. Bodies without a full field are drawn as by `sidtool
-    animate`.
+    animate`. Springs, dampers, actuators and distance rods between markers are lines,
+    numbered behind the bodies; /bodies of a .vtkhdf has all names.
 
     --peak tells the largest von Mises stress of each body over all points of its field
     and over time, with its place in the body frame and its instant. Stresses of the

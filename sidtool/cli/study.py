@@ -396,7 +396,7 @@ def sweep(
                     folder=folder,
                     jobs=jobs or processors(),
                     dask=dask,
-                    title=content.title or scene.stem,
+                    title=content.title or printable(scene.stem),
                     stop=asked,
                     progress=say,
                 )

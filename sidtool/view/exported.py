@@ -1,8 +1,8 @@
-"""The bodies of a result as one mesh, and what its points do at each output time."""
+"""Bodies and links of a result as one mesh, and its points at each output time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,11 +20,13 @@ from sidtool.solver.recording.motion import FrameMotion, frame_motion
 
 from .companions import Given, companions
 from .drawn_bodies import drawn_bodies
+from .links import Anchor, Link
 from .played import played
 
 Indices = NDArray[np.int64]
 #: Kinds of elements -> numbers of VTK, which orders their nodes alike.
 VTK_CELLS = {
+    "line2": 3,
     "tri3": 5,
     "tri6": 22,
     "quad4": 9,
@@ -80,15 +82,38 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
+class Line:
+    """A spring, damper, actuator or rod: a line between two markers.
+
+    ends : parts of one point each, which move as the bodies of the markers
+    """
+
+    name: str
+    ends: tuple[Part, Part]
+    cells: Mapping[str, Indices]
+    source: str
+
+    @property
+    def positions(self) -> Array:
+        """(2, 3), each in the frame of its own body."""
+        return np.concatenate([end.positions for end in self.ends])
+
+    def at(self, k: int) -> dict[str, Array]:
+        """See `Part.at`; displacements are those of the markers."""
+        a, b = (end.at(k) for end in self.ends)
+        return {name: np.concatenate([a[name], b[name]]) for name in a}
+
+
+@dataclass(frozen=True, eq=False)
 class Exported:
-    """All bodies with their points one after another.
+    """All bodies and links with their points one after another.
 
     connectivity, offsets, types : cells as VTK has them
-    body : number of the body of every cell
+    body : number of the body of every cell; links are numbered behind the bodies
     """
 
     t: Array
-    parts: tuple[Part, ...]
+    parts: tuple[Part | Line, ...]
     connectivity: Indices
     offsets: Indices
     types: NDArray[np.uint8]
@@ -110,7 +135,8 @@ def exported(
     result: Result, fields: Given | None = None, folder: Path | None = None
 ) -> Exported:
     """The bodies of a result: flexible ones by all cells of their full field where it
-    is known, else as they are drawn.
+    is known, else as they are drawn; and springs, dampers, actuators and rods between
+    markers as lines.
 
     Raises
     ------
@@ -120,10 +146,10 @@ def exported(
     system, samples = again.system, again.samples()
     folders = [folder or Path("."), Path(".")]
     known, told = companions(system.scene, result.sids, fields or {}, folders)
-    size = played(result, times=again.t).size
+    seen = played(result, times=again.t)
     rows = {data.name: b for b, data in enumerate(system.bodies)}
-    parts = []
-    for drawn in drawn_bodies(system.scene, system.bodies, known, size):
+    parts: list[Part | Line] = []
+    for drawn in drawn_bodies(system.scene, system.bodies, known, seen.size):
         b = rows[drawn.name]
         q, rates = elastic_state(system, samples, b)
         positions, cells = drawn.positions, {"tri3": drawn.triangles}
@@ -148,11 +174,42 @@ def exported(
                 drawn.source,
             )
         )
+    by_name = {part.name: part for part in parts if isinstance(part, Part)}
+    parts += [_line(link, by_name, len(again.t)) for link in seen.links]
     told += [f"{p.name} is {_what(p, known)}" for p in parts]
     return Exported(again.t, tuple(parts), *_cells(parts), tuple(told))
 
 
-def _what(part: Part, known: Mapping[str, Field]) -> str:
+def _line(link: Link, bodies: Mapping[str, Part], count: int) -> Line:
+    """A link between the points that its ends are fixed to, at `count` times."""
+    a, b = (_point(end, bodies.get(end.body), count) for end in link.ends)
+    cells = {"line2": np.array([[0, 1]], np.int64)}
+    return Line(link.name, (a, b), cells, f"a line, the {link.kind}")
+
+
+def _point(end: Anchor, body: Part | None, count: int) -> Part:
+    """A point of a body, or of the ground."""
+    if body is None:
+        zero, still = np.zeros((count, 3)), np.zeros((count, 0))
+        turns = np.tile(np.eye(3), (count, 1, 1))
+        frame, q, rates = FrameMotion(zero, turns, zero, zero), still, still
+    else:
+        frame, q, rates = body.frame, body.q, body.rates
+    return Part(
+        name=end.body,
+        positions=end.position[None],
+        cells={},
+        shapes=end.shapes[None, :, : q.shape[1]],
+        stress=None,
+        initial_stress=np.zeros((1, 6)),
+        frame=frame,
+        q=q,
+        rates=rates,
+        source="",
+    )
+
+
+def _what(part: Part | Line, known: Mapping[str, Field]) -> str:
     if part.name in known and known[part.name].cells:
         count = sum(map(len, part.cells.values()))
         return f"the {count} cells of its full field"
@@ -160,7 +217,7 @@ def _what(part: Part, known: Mapping[str, Field]) -> str:
 
 
 def _cells(
-    parts: list[Part],
+    parts: Sequence[Part | Line],
 ) -> tuple[Indices, Indices, NDArray[np.uint8], Indices]:
     connectivity, sizes, types, owners, first = [], [], [], [], 0
     for number, part in enumerate(parts):

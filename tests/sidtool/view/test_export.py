@@ -343,3 +343,72 @@ def test_no_pvd_names_files_of_two_motions(
     expected = content(other) | {"m/notes.vtu": b"of the user"}
     shutil.rmtree(other)
     assert content(tmp_path) == {str(Path(k)): v for k, v in expected.items()}
+
+
+def test_links_are_lines_between_their_markers() -> None:
+    """A spring from the ground to a marker of a moving body, a rod, and a joint spring,
+    which has no line: ends and their velocities are outputs of the markers."""
+    moving = {"position": [0.5, 0.0], "velocity": [0.0, 1.0], "angular_velocity": 3.0}
+    scene = sidtool.Scene(
+        dimension="planar",
+        time=sidtool.Time(end=0.2, output_step=0.1),
+        bodies={
+            "bar": sidtool.RigidBody(
+                mass=1.0,
+                inertia=0.1,
+                markers={"tip": {"position": [0.2, 0.1]}},
+                initial=moving,
+            ),
+            "bob": sidtool.RigidBody(mass=1.0, initial={"position": [1.0, 0.5]}),
+        },
+        ground={"markers": {"wall": {"position": [0.0, 2.0]}}},
+        joints={"rod": sidtool.Distance(markers=["bar.tip", "bob"])},
+        forces={
+            "spring": sidtool.SpringDamper(
+                markers=["ground.wall", "bar.tip"], stiffness=5.0
+            )
+        },
+        outputs=sidtool.Outputs(record=["bar.tip.*", "bob.*", "spring.length"]),
+    )
+    result = scene.simulate()
+    made = exported(result)
+    names = [part.name for part in made.parts]
+    assert sorted(names[-2:]) == ["rod", "spring"]
+    rod, spring = (made.parts[names.index(name)] for name in ("rod", "spring"))
+    assert (made.types == 3).sum() == 2 and made.body.max() == len(names) - 1
+    for k in range(len(result.t)):
+        at, of_rod = spring.at(k), rod.at(k)
+        assert np.allclose(at["points"][0], [0.0, 2.0, 0.0])
+        tip = [result[f"bar.tip.{q}"][k] for q in ("x", "y", "vx", "vy")]
+        assert np.allclose(at["points"][1], [*tip[:2], 0.0], atol=1e-12)
+        assert np.allclose(at["velocity"][1], [*tip[2:], 0.0], atol=1e-12)
+        assert not at["velocity"][0].any()
+        way = np.linalg.norm(np.diff(at["points"], axis=0))
+        assert way == pytest.approx(result["spring.length"][k], rel=1e-12)
+        bob = [result[f"bob.{q}"][k] for q in ("x", "y")]
+        assert np.allclose(of_rod["points"], [[*tip[:2], 0.0], [*bob, 0.0]], atol=1e-12)
+
+
+@pytest.mark.needs("vtk")
+@pytest.mark.parametrize("ending", ["vtkhdf", "pvd"])
+def test_lines_are_read_by_vtk(ending: str, tmp_path: Path) -> None:
+    scene = sidtool.Scene(
+        dimension="planar",
+        gravity=[0.0, -9.81],
+        time=sidtool.Time(end=0.1, output_step=0.1),
+        bodies={"bob": sidtool.RigidBody(mass=1.0, initial={"position": [1.0, 0.0]})},
+        joints={"rod": sidtool.Distance(markers=["ground", "bob"])},
+        outputs=sidtool.Outputs(record=["bob.x", "bob.y"]),
+    )
+    result = scene.simulate()
+    path = tmp_path / f"m.{ending}"
+    vtk_files.write_export(path, exported(result))
+    if ending == "vtkhdf":
+        grid = read_hdf(path, 0.1)
+    else:
+        grid = read_vtu(tmp_path / "m" / "m_00001.vtu")
+    line = grid.GetCell(grid.GetNumberOfCells() - 1)
+    assert line.GetCellType() == 3
+    ends = [line.GetPoints().GetPoint(k) for k in range(2)]
+    bob = [result["bob.x"][-1], result["bob.y"][-1], 0.0]
+    assert np.allclose(ends, [[0.0, 0.0, 0.0], bob], atol=1e-6)
