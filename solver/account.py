@@ -19,11 +19,13 @@ from sidtool.formats.result.bodies import (
 )
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import watched
+from sidtool.formats.sid import Array
 from sidtool.formats.storage.versions import versions
 
 from .advice import notes
 from .advice.asked.carried_away import carried_away
 from .advice.bifurcations import crossings
+from .advice.body_measures import find_state_warnings
 from .advice.far_starts import far_starts
 from .advice.stopping import (
     CAUSES,
@@ -129,7 +131,7 @@ def failure_of(run: Run, code: int) -> str:
         cause = lost_turn(system, work, control) or cause
     worst = outputs.busiest_body(system, control)
     text = f"stopped at t = {run.now:.9g} s: {cause} (fastest change: {worst})"
-    if why := demanded_too_much(system, run.now, control.z, control.v):
+    if why := demanded_too_much(system, run.now, *_last_sound_state(run)):
         return f"{text}; {why}"
     fixed = control.fixed_step == 1
     text += REMEDIES.get(code, "") if fixed else ""
@@ -144,6 +146,24 @@ def failure_of(run: Run, code: int) -> str:
         names = ", ".join(dict.fromkeys(rows))
         text += f"; redundant at the start, perhaps contradicting now: {names}"
     return text
+
+
+def _last_sound_state(run: Run) -> tuple[Array, Array]:
+    """Positions and velocities of the last known state within linear theory.
+
+    Where a body has deformed by more, its frame is anywhere, and rounding decides which
+    joints can be met from there. A state with values that are not finite is returned as
+    it is.
+    """
+    system, control = run.system, run.control
+    if not np.isfinite(control.z).all():
+        return control.z, control.v
+    _, z, v = run.window.reached(control)
+    states = [(control.z, control.v), *zip(z[::-1], v[::-1], strict=True)]
+    for positions, velocities in states:
+        if not find_state_warnings(system, positions[None]):
+            return positions, velocities
+    return run.recorder.sound or (run.start.z, run.start.v)
 
 
 def _settings(run: Run) -> dict[str, str | float]:
@@ -219,7 +239,7 @@ def _forced(run: Run) -> Iterator[str]:
     """What joints and drives deform instead of loads."""
     bent = [n for n, body in run.recorder.bodies.items() if body.deflection > LARGE]
     if bent and run.now >= run.system.scene.time.end:
-        why = demanded_too_much(run.system, run.now, run.control.z, run.control.v)
+        why = demanded_too_much(run.system, run.now, *_last_sound_state(run))
         if why:
             yield (
                 f"joints and drives deform {', '.join(bent)}: {why}; such motions may "

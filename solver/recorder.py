@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from sidtool.formats.result import Event, FlexibleBody
+from sidtool.formats.result.bodies import LARGE, LARGE_ROTATION
 from sidtool.formats.result.rows import BLOCK, Rows, Sink
 from sidtool.formats.sid import Array
 
@@ -34,6 +35,7 @@ class Recorder:
     columns : names of the columns of each table
     events : those so far
     seconds : spent here
+    sound : positions and velocities of the last row before any body left linear theory
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class Recorder:
         self.events: list[Event] = []
         self.seconds, self._waiting, self._ends = 0.0, list[Steps](), 0
         self._last = -np.inf
+        self.sound: tuple[Array, Array] | None = None
         self._largest = np.zeros(system.n_positions)
         self.columns = system.lasting(_names_of_columns)
         sink.begin(self.columns, most)
@@ -124,6 +127,8 @@ class Recorder:
         self.sink.add(Rows(t, tables))
         self.verdicts.add(found, t)
         self._note_largest(z)
+        if self._bends and not self.may_exceed(LARGE, LARGE_ROTATION):
+            self.sound = z[-1].copy(), v[-1].copy()
         self._last = float(t[-1])
 
     def _go_on(self, t: Array, z: Array, v: Array) -> None:

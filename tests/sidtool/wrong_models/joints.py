@@ -94,7 +94,10 @@ def slider_stands_across_the_start() -> str:
     return slider_crank(change)
 
 
-@mistake("crank_pin", "contradict each other", "bearing, motor", "only deforming rod")
+@mistake(
+    "bearing, motor, crank_pin, piston_pin and slider contradict each other",
+    "only deforming rod",
+)
 def crank_is_welded_to_the_rod() -> str:
     def change(d: Any) -> None:
         d["joints"]["crank_pin"]["type"] = "fixed"
