@@ -1,7 +1,7 @@
 """Run mypy on the package as it is installed: `python -m tests.type_check`.
 
 The examples of the documentation and the files of `tests/typed` are checked as those of
-users are: strictly, in another folder.
+users are: strictly, in another folder; with pyright, too, where it is installed.
 
 mypy follows folders, and `sidtool.solver` and `sidtool.formats` stand at the top of the
 repository. A folder below `build/` shows them where they are installed: by links, on
@@ -10,6 +10,7 @@ Windows by copies.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -65,7 +66,19 @@ def _check_users(top: Path) -> int:
     command += ["--follow-imports=silent"]  # the package is checked by its own settings
     command += ["--config-file", "", "."]
     environment = {**os.environ, "MYPYPATH": str(top)}
-    return subprocess.run(command, cwd=folder, env=environment, check=False).returncode
+    done = subprocess.run(command, cwd=folder, env=environment, check=False)
+    return done.returncode or _check_with_pyright(folder, top)
+
+
+def _check_with_pyright(folder: Path, top: Path) -> int:
+    """Exit status of pyright for the same files; 0 where it is not installed."""
+    program = shutil.which("pyright") or shutil.which("basedpyright")
+    if program is None:
+        return 0
+    settings = {"extraPaths": [str(top)], "typeCheckingMode": "standard"}
+    (folder / "pyrightconfig.json").write_text(json.dumps(settings), encoding="utf-8")
+    command = [program, "--pythonpath", sys.executable]
+    return subprocess.run(command, cwd=folder, check=False).returncode
 
 
 if __name__ == "__main__":
