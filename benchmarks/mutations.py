@@ -124,7 +124,7 @@ def examples() -> list[Path]:
 def outcomes(file: Path, root: Path, chance: random.Random) -> list[list[str]]:
     """What is wrong with the end of each run; the cheap command for nine of ten."""
     content, found = file.read_bytes(), []
-    _import_all()
+    import_all()
     for k in range(MUTATIONS):
         folder = Path(tempfile.mkdtemp(dir=root))
         for other in file.parent.glob("*.SID_FEM"):
@@ -132,7 +132,7 @@ def outcomes(file: Path, root: Path, chance: random.Random) -> list[list[str]]:
         (folder / file.name).write_bytes(mutated(content, chance))
         kinds = commands(file, content)
         command = kinds[0] if k % 10 else kinds[1 + k // 10 % (len(kinds) - 1)]
-        wrong = _run(command, folder)
+        wrong = run_command(command, folder)
         if wrong:
             kept = shutil.copy(folder / file.name, root / f"{k}-{file.name}")
             wrong = [f"{' '.join(command)} ({kept}): {text}" for text in wrong]
@@ -141,12 +141,12 @@ def outcomes(file: Path, root: Path, chance: random.Random) -> list[list[str]]:
     return found
 
 
-def _import_all() -> None:
+def import_all() -> None:
     from sidtool import convert, solver, validate  # noqa: F401
     from sidtool.report import result  # noqa: F401
 
 
-def _run(command: tuple[str, ...], folder: Path) -> list[str]:
+def run_command(command: tuple[str, ...], folder: Path) -> list[str]:
     began = time.monotonic()
     child = os.fork()
     if child == 0:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from ..toml.constructor_types import Field, Number, Takes
 from ..toml.tables import Table
-from .base import Point3, Positive
+from .base import NonNegative, Point3, Positive
 
 Stations = Annotated[tuple[Positive, ...], Field(min_length=1)]
 
@@ -61,7 +61,7 @@ class LumpedMass(Table):
 
     at: Number = Field(ge=0, le=1)
     mass: Takes[Positive, float | str]
-    inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
 
 
 class BeamGeometry(Table):

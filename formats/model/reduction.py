@@ -241,7 +241,7 @@ class Tie(Table):
     """
 
     type: Literal["rigid", "distributing"]
-    to: Names
+    to: str | Annotated[tuple[str, ...], Field(min_length=1)]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -17,14 +17,20 @@ from sidtool.formats.sid import Array
 from sidtool.formats.storage.sid_content import differing_places
 
 from ..start.assembly import Start
+from ..start.new_control import closed_below
 from ..start.settings import Settings, made_with
 from ..system.scene import System
-from .energy_history import INTEGRATED, is_wanted
+from . import energies
 from .outputs import position_names, velocity_names
+from .sampling import Sampler
+from .told import Told
+from .whole_scene import whole_motion
 
 #: Output times differ by more than this part of the time span.
 APART = 1e-12
+#: Dissipated energy first.
 _SUMS = ("energy.dissipated", "energy.supplied")
+BALANCE = "energy.balance"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +111,7 @@ def past_of(system: System, settings: Settings, result: Result) -> Past:
     events = tuple(event for event in result.events if event.t <= result.t[-1])
     done = replace(result, t=result.t[kept], events=events, **tables)
     start = Start(result.positions[-1].copy(), result.velocities[-1].copy())
-    return Past(float(result.t[-1]), start, done, _sums(system, result))
+    return Past(float(result.t[-1]), start, done, _sums(system, settings, result))
 
 
 def rows_before(past: Past) -> list[Rows]:
@@ -192,16 +198,25 @@ def _check_same(system: System, settings: Settings, result: Result) -> None:
             )
 
 
-def _sums(system: System, result: Result) -> Array:
-    """Energies until the last state; zero where no output needs them."""
-    if not is_wanted(system.scene):
-        return np.zeros(2)
-    balance = "energy.balance" in result.names
-    missing = [n for n in _SUMS if balance and n not in result.names]
-    if missing:
-        raise InputError(
-            f"does not tell {' and '.join(missing)}, which energy.balance needs",
-            place="outputs.record",
-            expected="all of " + ", ".join(f"energy.{n}" for n in sorted(INTEGRATED)),
-        )
-    return np.array([result[n][-1] if n in result.names else 0.0 for n in _SUMS])
+def _sums(system: System, settings: Settings, result: Result) -> Array:
+    """Energies until the last state; zero where no output needs them.
+
+    The balance tells their difference, also where it was recorded alone.
+    """
+    known = {n: result[n][-1] for n in _SUMS if n in result.names}
+    if BALANCE in result.names and len(known) < len(_SUMS):
+        lost_less_given = result[BALANCE][-1] - _stored_energy(system, settings, result)
+        lost, given = _SUMS
+        known.setdefault(lost, lost_less_given + known.get(given, 0.0))
+        known.setdefault(given, known[lost] - lost_less_given)
+    return np.array([known.get(name, 0.0) for name in _SUMS])
+
+
+def _stored_energy(system: System, settings: Settings, result: Result) -> float:
+    """Kinetic, elastic and potential energy at the last state [J]."""
+    t, z, v = result.t[-1:], result.positions[-1:].copy(), result.velocities[-1:].copy()
+    sampler = Sampler(system, closed_below(system, settings))
+    whole, motion = whole_motion(system, t, sampler.sample(t, z, v))
+    told = Told(whole, motion, t)
+    parts = energies.kinetic(told), energies.elastic(told), energies.potential(told)
+    return float(sum(part[-1] for part in parts))

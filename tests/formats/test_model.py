@@ -10,6 +10,7 @@ import pytest
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.model.beams import LumpedMass
 from sidtool.formats.toml.reading import read_data, validated
 from tests.places import ROOT
 
@@ -110,6 +111,21 @@ def test_a_mistake_is_named_with_its_key(
     assert error.place is not None and error.place.startswith(place)
     assert problem in error.problem
     assert error.expected
+
+
+@pytest.mark.parametrize("kind", ["rigid", "distributing"])
+def test_a_tie_to_nothing_is_refused(kind: str) -> None:
+    """It ended in a traceback of NumPy once the mesh was there."""
+    key = "markers.crank_pin.tie"
+    with pytest.raises(InputError) as caught:
+        validated(changed(key, {"type": kind, "to": []}), ModelFile)
+    assert caught.value.place == f"{key}.to"
+
+
+def test_a_lumped_mass_has_no_negative_inertia() -> None:
+    with pytest.raises(InputError) as caught:
+        LumpedMass(at=1.0, mass=0.5, inertia=(0.0, 1.0, -0.1))
+    assert caught.value.place == "inertia[2]"
 
 
 @pytest.mark.parametrize(

@@ -147,9 +147,10 @@ def _grid(content: BulkData, card: Card) -> None:
         raise twice("node", label, card)
     _only_zero(card, (7,), f"node {label} belongs to a superelement")
     x, y, z = (card.real(i, "a coordinate") for i in (2, 3, 4))
+    place, directions = (card.integer(i, "a coordinate system", -1) for i in (1, 5))
     content.nodes[label] = (x, y, z)
-    content.local[label] = (card.integer(1, "a coordinate system", -1), card.place)
-    content.turned[label] = card.integer(5, "a coordinate system", -1)
+    content.local[label] = (place, card.place)
+    content.turned[label] = directions
     if card.word(6):
         content.said["PS of GRID (supports)"] = None
 

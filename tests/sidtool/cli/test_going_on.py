@@ -125,6 +125,28 @@ def interrupted(scene: sidtool.Scene, after: float) -> sidtool.Result:
     return result
 
 
+@pytest.mark.parametrize("others", [[], ["dissipated"], ["supplied"]])
+def test_a_balance_tells_the_energies_until_then(
+    others: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Recorded alone it goes on as in one run, and what is beside it, too."""
+    monkeypatch.setattr("sidtool.solver.recording.dense.CHUNK", 2)
+    record = [f"energy.{name}" for name in ("balance", *others)]
+    push = sidtool.Actuator(
+        joint="pin",
+        function=sidtool.Expression(value="2*sin(3*t) - 0.1*pin.angle_rate"),
+    )
+    damper = swing().forces["damper"]
+    scene = swing(
+        outputs=sidtool.Outputs(record=record), forces={"damper": damper, "push": push}
+    )
+    part = interrupted(scene, 1.13)
+    whole = scene.simulate(unfinished=part)
+    exact = scene.simulate(rtol=1e-11)
+    for name in record:
+        np.testing.assert_allclose(whole[name], exact[name], atol=1e-4)
+
+
 def test_sums_turns_and_events_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sidtool.solver.recording.dense.CHUNK", 2)
     scene = swing()

@@ -109,3 +109,15 @@ def test_faults_that_differ_in_numbers_alone_are_counted(tmp_path: Path) -> None
     with pytest.raises(InputError, match="29 more") as caught:
         converted(tmp_path, "part.bdf", text)
     assert len(str(caught.value)) < 400
+
+
+def test_a_node_that_cannot_be_read_stops_its_bars_with_its_place(
+    tmp_path: Path,
+) -> None:
+    """Its coordinates were kept and its directions were not: a traceback."""
+    bars = "CBAR,8,6,1,2,0.,0.,1.\nPBAR,6,5,1.-3,1.-6,2.-6,3.-6\nENDDATA"
+    text = BDF.replace("ENDDATA", bars)
+    for odd in ("GRID,1,0.,0.,0.,0.", "GRID,1,,0.,0.,0.,x"):
+        with pytest.raises(InputError) as caught:
+            converted(tmp_path, "part.bdf", text.replace("GRID,1,,0.,0.,0.", odd))
+        assert caught.value.place == "line 2"
