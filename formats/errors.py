@@ -71,7 +71,11 @@ class ValidityWarning(UserWarning):
     """Numbers of a result may be wrong, as a body leaves linear theory."""
 
 
-def warn_caller(text: str, category: type[Warning] = UserWarning) -> None:
+class NoteWarning(UserWarning):
+    """A note on a model or a run, where nobody listens to notes."""
+
+
+def warn_caller(text: str, category: type[Warning] = NoteWarning) -> None:
     """Warn of the line outside of sidtool from which it was called."""
     frame, level = inspect.currentframe(), 1
     while frame is not None and _is_ours(frame.f_globals.get("__name__", "")):

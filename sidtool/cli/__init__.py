@@ -12,7 +12,7 @@ from typing import NoReturn, TextIO
 
 import click
 
-from sidtool.formats.errors import InputError, ValidityWarning
+from sidtool.formats.errors import InputError, NoteWarning, ValidityWarning
 from sidtool.formats.storage.operating_system import (
     DEFAULT,
     ENDING_SIGNALS,
@@ -212,6 +212,8 @@ def _tell(
     """Our own warnings as messages, without the line of code that they come from."""
     if issubclass(category, ValidityWarning):
         click.echo(f"warning: {message}", err=True)
+    elif issubclass(category, NoteWarning):
+        click.echo(f"note: {message}", err=True)
     elif category.__module__.partition(".")[0] == "sidtool":
         _complain(str(message), 0)
     else:

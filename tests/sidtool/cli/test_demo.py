@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import pytest
 
-from sidtool import starting
+from sidtool import cli, starting
 from sidtool.cli import run
 
 
-def test_the_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_demo(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(warnings, "showwarning", cli._tell)  # as `main` does
     assert run(["demo", "-o", str(tmp_path / "demo")]) == 0
-    text = capsys.readouterr().out
+    text, notes = capsys.readouterr()
+    assert "note: basis: " in notes
+    assert ".py:" not in notes
     for row in (
         ["Q4", "31.7011", "200.5533", "560.6341", "1082.3189", "1254.9495"],
         ["paper,", "ANSYS", "31.8", "200.6", "560.6", "1082.3", "1254.9"],
