@@ -48,8 +48,8 @@ def told_displacements(
     least : what counts, relative to the size of the mechanism, and of angles [rad]; of
         velocities what they amount to over the run, and relative to themselves
     """
-    yield from position_notes(system, work, start, least)
-    _, hurried = _deformations(system, start)
+    bent, hurried = _deformations(system, start)
+    yield from position_notes(system, work, start, least, bent)
     changes, relative = _replaced_velocities(system, work, hurried)
     time = system.scene.time
     sizes = {
@@ -64,13 +64,18 @@ def told_displacements(
 
 
 def position_notes(
-    system: System, work: Work, start: Start, least: float
+    system: System,
+    work: Work,
+    start: Start,
+    least: float,
+    bent: Mapping[str, tuple[float]] | None = None,
 ) -> Iterator[str]:
     """Sentences on bodies that the assembly moved or deformed.
 
     Parameters
     ----------
     least : what counts, relative to the size of the mechanism, and of angles [rad]
+    bent : largest change of a node's displacement [m], by body, if it is known
     """
     work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
     kernel_calls.evaluate(system, work, system.scene.time.start, start.z, start.v)
@@ -81,7 +86,7 @@ def position_notes(
             "the assembly moved bodies from where the scene puts them, to meet joints "
             f"and drives: {moved}"
         )
-    bent, _ = _deformations(system, start)
+    bent = _deformations(system, start)[0] if bent is None else bent
     sizes = {name: way / system.length for name, (way,) in bent.items()}
     if deformed := _largest(bent, sizes, least, "m"):
         yield (

@@ -148,6 +148,8 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         if name.owner not in scene.forces:
             expected = known_names(name.owner, scene.forces, "force")
             fail(place, f"there is no force {name.owner!r}", expected)
+        if not hasattr(scene.forces[name.owner], "function"):
+            _check_connection(name.owner, name.quantity, place, scene)
         return
     if not name.marker and is_along_coordinate(name.quantity):
         _check_along(name, place, scene)

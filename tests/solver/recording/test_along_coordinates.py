@@ -284,6 +284,7 @@ def test_events_look_at_a_spring() -> None:
         ("b.force", "joint, drive or force"),
         ("sprung.force", "spring"),
         ("hinge.f3", "f1 to f2"),
+        ("spring.value", "deflection"),
     ],
 )
 def test_what_there_is_not_is_refused(name: str, expected: str) -> None:
