@@ -15,7 +15,7 @@ from sidtool.formats.sid import Array
 
 from ..advice.body_measures import find_state_warnings
 from ..errors import SimulationError
-from ..recording.outputs import velocity_names
+from ..recording.outputs import position_names, velocity_names
 from ..start.assembly import assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
@@ -115,6 +115,7 @@ def linearise(
         system, _ = assemble(system)
         z, v = (np.array(part, float) for part in state)
         _check_size(system, z, v)
+        system, z, v = _with_integrated_rates(system, z, v)
     elif about == "static":
         found = static_equilibrium(system)
         system, z, v, of_state = found.system, found.z, found.v, found.notes
@@ -190,6 +191,23 @@ def _changed_modes(here: Array, there: Array, first: str) -> tuple[str, ...]:
         f"loads which stiffen or soften are not there yet: {f:.4g} Hz here is {g:.4g} "
         'Hz in that state; look about it, by initial = { state = "static" }',
     )
+
+
+def _with_integrated_rates(
+    system: System, z: Array, v: Array
+) -> tuple[System, Array, Array]:
+    """The system whose drives of constant rate prescribe values, in the same state."""
+    integrated = with_integrated_rates(system)
+    if integrated is system:
+        return system, z, v
+    integrated, _ = assemble(integrated)
+    found = []
+    for names, part in ((position_names, z), (velocity_names, v)):
+        columns = {name: i for i, name in enumerate(names(system))}
+        if not columns.keys() >= set(names(integrated)):
+            return system, z, v
+        found.append(part[[columns[name] for name in names(integrated)]])
+    return integrated, found[0], found[1]
 
 
 def _check_size(system: System, z: Array, v: Array) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.solver import compile_scene, linearise
+from sidtool.solver import compile_scene, linearise, simulate
 from sidtool.solver.errors import SimulationError
 from sidtool.solver.system.scene import System
 from tests.steel_bars import steel_bar
@@ -33,7 +33,12 @@ def table(spin: float, planar: bool, away: tuple[float, ...] = ()) -> dict[str, 
 
 
 def disc_on_springs(
-    spin: float, planar: bool, across: float, turning: float, away: tuple[float, ...]
+    spin: float,
+    planar: bool,
+    across: float,
+    turning: float,
+    away: tuple[float, ...],
+    drive: dict[str, Any] | None = None,
 ) -> System:
     """A disc of 2 kg and 0.3 kg m2 on a hub that is driven; its frame lies `away`."""
     centre = [-x for x in away]
@@ -50,7 +55,7 @@ def disc_on_springs(
     described = scene(
         {"hub": hub, "disc": body},
         {"axle": {"type": "revolute", "markers": ["ground", "hub"]}},
-        {"spin": {"joint": "axle", "function": polynomial(0.0, spin)}},
+        {"spin": drive or {"joint": "axle", "function": polynomial(0.0, spin)}},
         dimension="planar" if planar else "spatial",
         forces={
             "mount": {
@@ -80,6 +85,21 @@ def test_a_rotor_sees_its_whirl_beside_its_speed(seed: int, planar: bool) -> Non
     found = linearise(disc_on_springs(spin, planar, across, turning, away), "start")
     seen = 2.0 * np.pi * found.frequencies
     assert np.sort(seen) == pytest.approx(np.sort(expected), rel=1e-6, abs=1e-5)
+    assert found.notes == ()
+
+
+def test_a_state_of_a_run_with_a_constant_rate_has_modes() -> None:
+    """The value that its drive adds up was told to accelerate."""
+    spin, across, turning = 3.0, 98.0, 30.0
+    drive = {"joint": "axle", "of": "rate"}
+    drive |= {"function": {"type": "constant", "value": spin}}
+    system = disc_on_springs(spin, True, across, turning, (0.0, 0.0), drive)
+    result = simulate(system, rtol=1e-10)
+    state = result.positions[-1], result.velocities[-1]
+    found = linearise(system, state=state, time=float(result.t[-1]))
+    expected = [7.0 - spin, 7.0 + spin, np.sqrt(turning / 0.3)]
+    seen = 2.0 * np.pi * found.frequencies
+    assert np.sort(seen) == pytest.approx(np.sort(expected), rel=1e-6)
     assert found.notes == ()
 
 
