@@ -19,6 +19,7 @@ from tests.metamorphic.generator.case import (
     run,
     times,
 )
+from tests.metamorphic.generator.poses import Pose
 from tests.metamorphic.generator.said import copied, kind, with_table
 from tests.metamorphic.generator.scenes import settled
 from tests.metamorphic.generator.states import started_at, with_corners
@@ -138,6 +139,34 @@ def _push(table: Table, size: float, rng: np.random.Generator) -> None:
 
 def _places(values: Values) -> list[str]:
     return [name for name in values if kind(name) in ("x", "q")]
+
+
+def weightless(case: Case, rng: np.random.Generator) -> Case:
+    """The case without gravity and functions of time, with each body on a spring that
+    is loaded at the start: springs of one scene differ a hundredfold."""
+    table, planar = copied(held(case)), case.planar
+    table["gravity"] = np.zeros_like(table["gravity"]).tolist()
+    for name, body in table["bodies"].items():
+        marker = f"{name}.n2" if name in case.sids else name
+        firm = float(10.0 ** rng.uniform(1.0, 3.0))
+        turning = 0.3 * firm
+        keys = ("position", "angle" if planar else "matrix")
+        place = {k: v for k, v in body["initial"].items() if k in keys}
+        shift = 0.05 * rng.normal(size=len(place["position"]))
+        place["position"] = (np.array(place["position"]) + shift).tolist()
+        if name in case.sids:
+            node = case.sids[name].node(case.node(marker)).position
+            away = Pose.of(body["initial"]).then(Pose(node, np.eye(3))).x
+            place["position"] = (away[: len(shift)] + shift).tolist()
+        table["ground"]["markers"][f"spring{name}"] = place
+        stiffness = [firm] * 2 + [turning] if planar else [firm] * 3 + [turning] * 3
+        table["forces"][f"spring{name}"] = {
+            "type": "bushing",
+            "markers": [f"ground.spring{name}", marker],
+            "stiffness": stiffness,
+            "damping": [0.0] * len(stiffness),
+        }
+    return with_table(case, table)
 
 
 def damped(case: Case) -> Case:

@@ -20,6 +20,8 @@ from tests.metamorphic.ways.transformations import TRANSFORMATIONS, said
 
 SEEDS = range(12)
 RTOL = 1e-8
+#: Of scenes that come to rest soon, with springs in place of weight.
+WEIGHTLESS = (4, 7, 11, 12, 20)
 #: Ways that leave the equilibrium and the eigenvalues as they are.
 STILL = sorted(
     set(TRANSFORMATIONS)
@@ -52,6 +54,18 @@ def test_a_damped_run_stays_in_the_equilibrium_and_comes_back_to_it(seed: int) -
     assert moved is None or moved < 1e-7
     gap = analyses.settles(case, np.random.default_rng(seed))
     assert gap is None or gap < 1e-4
+
+
+@pytest.mark.parametrize("seed", WEIGHTLESS)
+def test_loaded_springs_without_weight_come_to_rest_in_the_equilibrium(
+    seed: int,
+) -> None:
+    """Also where nothing moves at the start and the sum of all forces is small."""
+    case = analyses.weightless(random_scene(seed), np.random.default_rng([23, seed]))
+    gap = analyses.settles(case, np.random.default_rng(seed))
+    assert gap is not None and gap < 1e-7
+    moved = analyses.rest(case)
+    assert moved is not None and moved < 1e-9
 
 
 @pytest.mark.parametrize("seed", SEEDS)
