@@ -72,8 +72,8 @@ if TYPE_CHECKING:
 #: Tables of scenes and models; see `vocabulary`.
 _TABLES = """
     Accuracy Actuator AttachmentReduction BeamDiscretisation BeamGeometry
-    BuckensFrame Bushing Characteristic ChordFrame Coincident Constant Coupling
-    CraigBamptonReduction Cylindrical Distance Drive ElasticInitial Event
+    Box BuckensFrame Bushing Characteristic ChordFrame Coincident Constant Coupling
+    CraigBamptonReduction Cylinder Cylindrical Distance Drive ElasticInitial Event
     Expression Fixed FrequencyDamping Friction Gear GeneralSection Given Ground
     Harmonic HertingReduction IgaDiscretisation Initial JointFriction
     KrylovReduction LumpedMass Marker Material MatricesDiscretisation
@@ -82,8 +82,8 @@ _TABLES = """
     PointForce PointOnLine PointOnPlane Polynomial Prestress Prismatic
     Q4Discretisation RayleighDamping RectangularSection Revolute RigidBody
     Screw SidBody SidDamping SineRamp SmoothStep SolidDiscretisation Spherical Spline
-    SpringDamper Start State Stiffening StressRecovery Sum TangentFrame Tie Time
-    Universal UserReduction VolumeGeometry
+    Sphere SpringDamper Start State Stiffening StressRecovery Sum SurfaceMesh
+    TangentFrame Tie Time Universal UserReduction VolumeGeometry
 """.split()  # noqa: SIM905
 _HOME = {
     **dict.fromkeys(_TABLES, "sidtool.vocabulary"),

@@ -91,8 +91,13 @@ from sidtool.formats.scene import (
 from sidtool.formats.scene.file import Start
 from sidtool.formats.scene.joints import Screw
 from sidtool.formats.scene.laws import State
+from sidtool.formats.scene.shapes import Box, Cylinder, Sphere, SurfaceMesh
 
 __all__ = [
+    "Box",
+    "Cylinder",
+    "Sphere",
+    "SurfaceMesh",
     "Accuracy",
     "Actuator",
     "AttachmentReduction",

@@ -79,6 +79,7 @@ from .outputs import (
     marker_reference,
     parse_output,
 )
+from .shapes import Box, Cylinder, Shape, Sphere, SurfaceMesh
 from .times import OutputTimes, output_times
 from .units import unit_of
 from .wanted import Tolerance, tolerance
@@ -189,4 +190,9 @@ __all__ = [
     "tolerance",
     "unit_of",
     "watched",
+    "Box",
+    "Cylinder",
+    "Shape",
+    "Sphere",
+    "SurfaceMesh",
 ]

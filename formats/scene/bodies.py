@@ -24,6 +24,7 @@ from ..toml.constructor_types import (
 )
 from .base import AngularVelocity, Inertia, Placement, Table, Vector
 from .damping import Damping
+from .shapes import Marker, Shape
 
 if TYPE_CHECKING:
     from ..model import ModelFile
@@ -37,10 +38,6 @@ def _as_text(value: Any) -> Any:
 
 #: Node ids are integers in most files and texts in some.
 NodeId = Annotated[str, BeforeValidator(_as_text, json_schema_input_type=int | str)]
-
-
-class Marker(Placement):
-    """A frame fixed to a rigid body or to the ground, in the body frame."""
 
 
 class Initial(Placement):
@@ -88,6 +85,11 @@ class RigidBody(Table):
         default_factory=dict
     )
     initial: Takes[Initial, Initial | Entries] = Field(default=Initial())
+    shape: Takes[Shape | None, Shape | Entries | None] = Field(
+        default=None,
+        description="how pictures and exports show it; default lines "
+        "between its markers, or a box with the proportions of its inertia",
+    )
 
 
 class SidBody(Table):

@@ -172,6 +172,7 @@ class SceneFile(File):
     paths: ClassVar[tuple[tuple[str, ...], ...]] = (
         ("bodies", "*", "sid"),
         ("bodies", "*", "model"),
+        ("bodies", "*", "shape", "file"),
         ("initial", "file"),
     )
 

@@ -53,10 +53,12 @@ def shown(
     ------
     InputError : the result does not hold its scene, or a field is not that of its SID.
     """
-    motion = played(result)
     folders = [folder or Path("."), Path(".")]
+    motion = played(result, folders=folders)
     known, told = companions(motion.scene, result.sids, fields or {}, folders)
-    bodies = drawn_bodies(motion.scene, motion.system.bodies, known, motion.size)
+    bodies = drawn_bodies(
+        motion.scene, motion.system.bodies, known, motion.size, folders
+    )
     told = [*motion.told, *told]
     told += [f"{body.name} is drawn from {body.source}" for body in bodies if body.nq]
     return Shown(motion, bodies, told)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.field import Field
-from sidtool.formats.scene import RigidBody, SceneFile
+from sidtool.formats.scene import RigidBody, SceneFile, Shape
 from sidtool.formats.sid import SID, Array
 from sidtool.solver.system.bodies.data import BodyData
 
+from .shapes import shape_mesh
 from .sketch import boxed, hull, skeleton
 from .surface import plate
 
@@ -61,11 +63,17 @@ def drawn_bodies(
     bodies: tuple[BodyData, ...],
     fields: Mapping[str, Field],
     size: float,
+    folders: Sequence[Path] = (Path("."),),
 ) -> list[Drawn]:
     """All bodies but the ground.
 
     fields : of flexible bodies, as far as they are known
     size : of the mechanism, by which sketches are scaled [m]
+    folders : where paths of files of shapes may begin
+
+    Raises
+    ------
+    InputError : the file of a shape cannot be read.
     """
     found = []
     for data in bodies:
@@ -74,8 +82,11 @@ def drawn_bodies(
         if data.name in fields:
             elastic = data.sid.nq > 0
             found.append(of_field(data.name, fields[data.name], elastic))
-        elif isinstance(scene.bodies[data.name], RigidBody):
-            found.append(_rigid(data, size))
+        elif isinstance(body := scene.bodies[data.name], RigidBody):
+            if body.shape is None:
+                found.append(_rigid(data, size))
+            else:
+                found.append(_shaped(data.name, body.shape, folders))
         else:
             found.append(of_sid(data.name, data.sid, 0.02 * size))
     return found
@@ -132,6 +143,14 @@ def of_sid(name: str, sid: SID, width: float) -> Drawn:
         )
     lines = skeleton(places, phi, psi, width)
     return Drawn(name, *lines, source=f"the nodes of its SID, {_BARS}")
+
+
+def _shaped(name: str, shape: Shape, folders: Sequence[Path]) -> Drawn:
+    """A rigid body of which the scene says the shape."""
+    place = f"bodies.{name}.shape"
+    positions, triangles = shape_mesh(shape, folders, place)
+    still = np.zeros((len(positions), 3, 0))
+    return Drawn(name, positions, triangles, still, source=f"a {shape.type}")
 
 
 def _rigid(data: BodyData, size: float) -> Drawn:

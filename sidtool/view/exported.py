@@ -146,10 +146,10 @@ def exported(
     system, samples = again.system, again.samples()
     folders = [folder or Path("."), Path(".")]
     known, told = companions(system.scene, result.sids, fields or {}, folders)
-    seen = played(result, times=again.t)
+    seen = played(result, times=again.t, folders=folders)
     rows = {data.name: b for b, data in enumerate(system.bodies)}
     parts: list[Part | Line] = []
-    for drawn in drawn_bodies(system.scene, system.bodies, known, seen.size):
+    for drawn in drawn_bodies(system.scene, system.bodies, known, seen.size, folders):
         b = rows[drawn.name]
         q, rates = elastic_state(system, samples, b)
         positions, cells = drawn.positions, {"tri3": drawn.triangles}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from sidtool.solver.recording.motion import frame_motion
 from sidtool.solver.system.scene import GROUND_NAME, System
 
 from .links import Link, links
+from .shapes import shape_mesh
 
 #: Rotation between two pictures above which more are put between [rad].
 TURN = 0.15
@@ -66,15 +68,22 @@ class Played:
     told: tuple[str, ...] = ()
 
 
-def played(result: Result, most: int = MOST, times: Array | None = None) -> Played:
+def played(
+    result: Result,
+    most: int = MOST,
+    times: Array | None = None,
+    folders: Sequence[Path] = (Path("."),),
+) -> Played:
     """The motion of a result, between its output times interpolated where bodies turn
     fast, see `Replay.outputs`.
 
     times : default those that a film needs
+    folders : where paths of files of shapes may begin
 
     Raises
     ------
-    InputError : the result holds no motion, or not its scene.
+    InputError : the result holds no motion, or not its scene, or the file of a shape
+        cannot be read.
     """
     if not len(result.t):
         raise InputError("holds no output times", expected="a result with a motion")
@@ -90,7 +99,7 @@ def played(result: Result, most: int = MOST, times: Array | None = None) -> Play
             motion = frame_motion(system, samples, b)
             places[data.name], turns[data.name] = motion.X, motion.R
             elastic[data.name] = elastic_state(system, samples, b)[0]
-    low, high = _extent(system, places, turns)
+    low, high = _extent(system, places, turns, _shape_points(system.scene, folders))
     size = float((high - low).max()) or 1.0
     return Played(
         scene=system.scene,
@@ -107,22 +116,42 @@ def played(result: Result, most: int = MOST, times: Array | None = None) -> Play
     )
 
 
+def _shape_points(scene: SceneFile, folders: Sequence[Path]) -> dict[str, Array]:
+    """Points of the shapes of rigid bodies, in the body frame."""
+    shapes = {n: getattr(body, "shape", None) for n, body in scene.bodies.items()}
+    return {
+        name: shape_mesh(shape, folders, f"bodies.{name}.shape")[0]
+        for name, shape in shapes.items()
+        if shape is not None
+    }
+
+
 def _extent(
-    system: System, places: Mapping[str, Array], turns: Mapping[str, Array]
+    system: System,
+    places: Mapping[str, Array],
+    turns: Mapping[str, Array],
+    shapes: Mapping[str, Array],
 ) -> tuple[Array, Array]:
-    """The box around all nodes, undeformed, at some hundred times."""
+    """The box around all nodes and shapes, undeformed, at some hundred times."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for data in system.bodies:
         points = np.array([node.position for node in data.sid.nodes]).reshape(-1, 3)
         if data.name in places:
             some = slice(None, None, 1 + len(places[data.name]) // 200)
-            points = np.concatenate([points, np.zeros((1, 3))])
+            more = _corners(shapes[data.name]) if data.name in shapes else points[:0]
+            points = np.concatenate([points, np.zeros((1, 3)), more])
             turned = turns[data.name][some] @ points.T
             points = (places[data.name][some, :, None] + turned).swapaxes(1, 2)
         points = points.reshape(-1, 3)
         low = np.minimum(low, points.min(axis=0, initial=np.inf))
         high = np.maximum(high, points.max(axis=0, initial=-np.inf))
     return low, high
+
+
+def _corners(points: Array) -> Array:
+    """Of the box around points, (8, 3)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.array([np.where(pick, high, low) for pick in np.ndindex(2, 2, 2)])
 
 
 def _times(again: Replay, most: int) -> tuple[Array, tuple[str, ...]]:

@@ -154,7 +154,15 @@ def boxed(sid: SID, centre: Array, size: float) -> Parts:
     )
     if np.linalg.det(axes) < 0:
         axes = -axes
+    corners, triangles = box(edges)
+    return centre + corners @ axes.T, triangles, np.zeros((8, 3, 0))
+
+
+def box(edges: Array) -> tuple[Array, Indices]:
+    """Corners (8, 3) and triangles of a box about the origin.
+
+    edges : (3,)
+    """
     ring = np.column_stack([np.zeros(4), CORNERS / 2])
     ends = np.concatenate([ring - [0.5, 0, 0], ring + [0.5, 0, 0]])
-    positions = centre + (ends * edges) @ axes.T
-    return positions, tube(2), np.zeros((8, 3, 0))
+    return ends * edges, tube(2)
