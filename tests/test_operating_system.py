@@ -34,6 +34,7 @@ TEXTS = ("/dev/", "/proc/", "XDG_", "LOCALAPPDATA", "APPDATA", "USERPROFILE")
 
 #: What Python has on POSIX only, or what ends the process at once on Windows.
 LACKING = {f"os.{name}" for name in ("kill", "mkfifo", "fork", "getuid", "geteuid")}
+LACKING |= {"os.fsdecode", "os.fsencode"}  # fail for names that are no UTF-8
 LACKING |= {"signal.SIGHUP", "signal.SIGKILL", "signal.SIGALRM", "os.uname"}
 
 

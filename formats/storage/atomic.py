@@ -169,7 +169,8 @@ def _beside(target: Path, mode: int) -> Path:
 
 def _new(target: Path, create: Callable[[str], Path]) -> Path:
     """What is created with the prefix of a temporary file, and no rests beside it."""
-    short = os.fsdecode(os.fsencode(target.name)[:LONGEST])
+    # whole characters, as Windows and macOS have no names with parts of one
+    short = target.name.encode("utf-8", "ignore")[:LONGEST].decode("utf-8", "ignore")
     prefix = f".{short}.{_machine()}-{os.getpid()}-"
     with _lock:
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from pathlib import Path
 
@@ -15,8 +14,8 @@ import sidtool.study.asked
 from sidtool.cli import run
 from tests.places import SLIDER_CRANK, posix
 
-#: Bytes of Latin-1.
-BYTES = os.fsdecode(b"st\xfcck")
+#: Bytes of Latin-1, as Python has them in names of POSIX.
+BYTES = "st\udcfcck"
 STONE = """
 format = "sidtool scene"
 version = 1

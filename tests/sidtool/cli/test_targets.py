@@ -199,6 +199,15 @@ def test_a_limit_on_file_sizes_leaves_nothing_half_written(
     assert contents(folder) == before
 
 
+def test_temporary_names_hold_whole_characters(tmp_path: Path) -> None:
+    """Of long names a part is taken, and a Greek letter has two bytes."""
+    target = tmp_path / f"x{'κ' * 100}.csv"
+    with atomic_path(target) as temporary:
+        assert temporary.name.encode("utf-8")  # no half of a letter
+        temporary.write_text("t\n", encoding="utf-8")
+    assert [path.name for path in tmp_path.iterdir()] == [target.name]
+
+
 def test_a_failing_block_leaves_the_target_alone(tmp_path: Path) -> None:
     target = tmp_path / "file"
     target.write_text("old", encoding="utf-8")
