@@ -58,6 +58,8 @@ RIPPLE = 1e-3
 POSSIBLE = 1e-3
 #: Velocity coordinates up to which a steady rotation is sought.
 LARGEST = 400
+#: Names that are listed of many.
+LISTED = 4
 
 
 def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
@@ -69,12 +71,12 @@ def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
 
     system : with all of its joints
     """
-    if system.n_velocities > LARGEST:
-        return None, ()
     try:
         assembled, start = assemble(with_integrated_rates(system))
     except InputError:
         return None, ()
+    if system.n_velocities > LARGEST:
+        return None, _not_sought(assembled, start)
     t = system.scene.time.start
     mechanics = Mechanics(assembled, t, float(assembled.clocks(np.array([t]))[0]))
     told: tuple[str, ...] = ()
@@ -94,6 +96,26 @@ def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
             return with_bodies(system, found), ()
         told = told or ((_no_steady(search, reason),) if reason else ())
     return None, told
+
+
+def _not_sought(system: System, start: Start) -> tuple[str, ...]:
+    """A sentence on bodies of a large scene that rotate at its start."""
+    axes = 2 if system.planar else 3
+    names = [
+        data.name
+        for row, data in zip(system.arrays.body, system.bodies, strict=True)
+        if data.of_scene
+        and start.v[row[at.VEL] + axes : row[at.VEL] + row[at.RD]].any()
+    ]
+    if not names:
+        return ()
+    listed = ", ".join(names[:LISTED])
+    listed += f" and {len(names) - LISTED} others" if len(names) > LISTED else ""
+    return (
+        f"no steady rotation of {listed} was sought in a scene of more than {LARGEST} "
+        "velocity coordinates: they start in static equilibrium with the velocities "
+        "that are stated, and vibrate where springs carry them",
+    )
 
 
 def _no_steady(search: _Search, reason: str) -> str:

@@ -141,6 +141,15 @@ def test_bearings_of_two_stiffnesses_allow_no_steady_rotation() -> None:
         assert any(NONE in note and "disc" in note for note in system.told)
 
 
+def test_a_scene_too_large_for_the_search_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sidtool.solver.analyses.steady_rotation.LARGEST", 5)
+    for stated in (True, False):
+        told = rotor(30.0, stated=stated).told
+        assert any(NONE in note and "disc" in note for note in told) == stated
+
+
 def test_a_housing_that_whirls_is_told() -> None:
     """It goes round with the rotor in it and does not turn: no relative equilibrium."""
     disc = {
