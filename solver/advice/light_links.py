@@ -105,8 +105,9 @@ def _inertia(system: System, data: BodyData) -> tuple[float, float]:
 
 
 def _size(data: BodyData) -> float:
-    """Between the markers of a body [m]."""
-    return diameter(np.array([node.position for node in data.sid.nodes]))
+    """Between the markers of a body [m], zero without any."""
+    places = [node.position for node in data.sid.nodes]
+    return diameter(np.array(places)) if places else 0.0
 
 
 def _passes_forces_on(system: System, start: Start, b: int) -> bool:

@@ -10,7 +10,8 @@ import pytest
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile
-from sidtool.solver import simulate
+from sidtool.formats.sid import rigid_sid
+from sidtool.solver import compile_scene, simulate
 from tests.solver.scenes import compiled, scene, slender_rod
 
 LENGTH = 0.4
@@ -123,3 +124,18 @@ def test_light_bodies_that_pass_no_forces_on_are_taken(held: str) -> None:
     ground = {"markers": {"p": {"position": [0.0, 0.01]}}}
     described = scene(bodies, joints, forces=forces, ground=ground, end=0.02)
     assert simulate(compiled(described)).completed
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_a_free_body_of_a_sid_without_nodes_falls(dimension: str) -> None:
+    """It has no size by its markers."""
+    size = 2 if dimension == "planar" else 3
+    described = scene(
+        {"stone": {"sid": "-"}},
+        dimension=dimension,
+        gravity=[0.0, -9.81, 0.0][:size],
+        record=["stone.y"],
+    )
+    stone = rigid_sid(2.0, np.zeros(3), np.diag([0.1, 0.2, 0.25]), ())
+    result = simulate(compile_scene(described, sids={"stone": stone}))
+    assert result["stone.y"][-1] == pytest.approx(-9.81 / 2, rel=1e-6)
