@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 
 #: Curves in one pair of axes at most, each in a colour of its own.
 MOST_CURVES = len(COLOURS)
+#: Points of a curve that are drawn at most: eight to a column of a hundred to the inch.
+MOST_POINTS = 6000
 #: Opacity of bands.
 _BAND = 0.3
 #: Heights [inch]: of what a page has beside its axes, and between two of them.
@@ -114,15 +117,35 @@ def draw(
     height : of the axes, for their label [inch]
     """
     for curve in curves:
-        (line,) = axes.plot(t, curve.values, label=curve.label)
+        kept = extremes(curve.values)
+        times, values = t[kept], curve.values[kept]
+        (line,) = axes.plot(times, values, label=curve.label)
         if curve.error:
-            edges = curve.values - curve.error, curve.values + curve.error
+            edges = values - curve.error, values + curve.error
             colour = line.get_color()
-            axes.fill_between(t, *edges, color=colour, alpha=_BAND, linewidth=0)
+            axes.fill_between(times, *edges, color=colour, alpha=_BAND, linewidth=0)
     axes.set_ylabel(broken(label, height))
     axes.set_xlim(t[0], t[-1] if t[-1] > t[0] else t[0] + 1.0)
     if labels_of(curves):
         legend(axes)
+
+
+def extremes(values: Array) -> NDArray[np.intp]:
+    """Places of the values that a picture of the curve shows, growing.
+
+    All of up to `MOST_POINTS`; of more, the first, the least, the greatest and the last
+    of each of so many parts that a line through these covers the same pixels.
+    """
+    parts = MOST_POINTS // 4
+    if len(values) <= MOST_POINTS:
+        return np.arange(len(values))
+    edges = np.linspace(0, len(values), parts + 1).astype(np.intp)
+    known = np.nan_to_num(values)
+    found = [edges[:-1], edges[1:] - 1]
+    for begin, end in pairwise(edges):
+        part = known[begin:end]
+        found.append(begin + np.array([part.argmin(), part.argmax()]))
+    return np.unique(np.concatenate(found))
 
 
 def drawn(

@@ -118,6 +118,9 @@ def _dense(
     """Outputs at many times; recorded ones that cannot be evaluated where they are."""
     if "analysis" in result.settings:
         return result.t, outputs(result, names), []
+    if len(result.t) > _POINTS:
+        columns = outputs(result, names)
+        return result.t, columns, _fast([n for n in names if _alternates(columns[n])])
     t = _times(result.t)
     columns, again = played_outputs(result, names, t)
     if again is None:
@@ -128,6 +131,13 @@ def _dense(
     columns |= {name: np.interp(t, result.t, known[name]) for name in fast}
     followed = max((v / 16.0 for k, v in off.items() if k not in fast), default=0.0)
     return t, columns, [*_uncertain(max(followed, again.uncertainty())), *_fast(fast)]
+
+
+def _alternates(values: Array) -> bool:
+    """Whether lines between every other value miss the values between these."""
+    middle = 0.5 * (values[:-2:2] + values[2::2])
+    off = np.abs(values[1:-1:2] - middle).max()
+    return bool(off > _UNRESOLVED * np.ptp(values))
 
 
 def _times(t: Array) -> Array:

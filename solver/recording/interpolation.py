@@ -29,6 +29,10 @@ def interpolated(
     """
     system, (t, z, v) = sampler.system, states
     k = np.clip(np.searchsorted(t, nodes) - 1, 0, len(t) - 2)
+    if 4 * len(nodes) < len(t):  # the states around the nodes are enough
+        near = np.unique(np.clip(np.add.outer(k, (-1, 0, 1, 2)), 0, len(t) - 1))
+        t, z, v = t[near], z[near], v[near]
+        k = np.searchsorted(near, k)
     h = t[k + 1] - t[k]
     x = ((nodes - t[k]) / h)[:, None]
     after, before = np.nextafter(t[:-1], np.inf), t[1:]
