@@ -178,7 +178,7 @@ def _rows(content: Content) -> Iterator[tuple[list[str], list[str]]]:
 def _nblock(content: Content, words: list[str]) -> None:
     before, announced = len(content.nodes), _announced(words)
     for whole, reals in _rows(content):
-        label = integers(whole[:1], content.place, "a node number")[0]
+        label = integers(whole[:1] or [""], content.place, "a node number")[0]
         _add_node(content, label, reals)
     _check_count("NBLOCK", announced, len(content.nodes) - before)
 

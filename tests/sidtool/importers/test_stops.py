@@ -121,3 +121,13 @@ def test_a_node_that_cannot_be_read_stops_its_bars_with_its_place(
         with pytest.raises(InputError) as caught:
             converted(tmp_path, "part.bdf", text.replace("GRID,1,,0.,0.,0.", odd))
         assert caught.value.place == "line 2"
+
+
+def test_a_row_without_a_node_number_is_refused(tmp_path: Path) -> None:
+    """A blank row between those of NBLOCK ended in a traceback."""
+    lines = cdb_text().split("\n")
+    first = next(i for i, line in enumerate(lines) if line.startswith("(3i9"))
+    text = "\n".join([*lines[: first + 2], " " * 90, *lines[first + 2 :]])
+    with pytest.raises(InputError) as caught:
+        converted(tmp_path, "part.cdb", text)
+    assert caught.value.place is not None
