@@ -109,7 +109,7 @@ def within_reach(case: Case) -> Case:
             ):
                 case = replace(case, table=case.table | {"time": _halved(case)})
                 continue
-            if least(constraints(case, result)) > BLOCKED:
+            if least(constraints(case, stop.result)) > BLOCKED:
                 raise
         else:
             if not any(FORCED in note for note in result.notes):
