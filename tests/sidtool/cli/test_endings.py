@@ -106,6 +106,10 @@ COMMANDS = {
     "report": (["{result}", "-o"], (".pdf", ".htm", "")),
     "trim": (["{sid}", "{scene}", "-o"], (".csv", ".png", ".json")),
     "study": (["{scene}", "-o"], (".json", ".csv", ".txt", ".png", ".h5")),
+    "sweep": (
+        ["{scene}", "--over", "time.end=1", "--of", "stone.x.max", "-o"],
+        (".json", ".h5"),
+    ),
     "demo": (["-o"], (".html", ".png")),
     "new": ([], (".toml", ".py", ".h5")),
 }

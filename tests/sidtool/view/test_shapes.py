@@ -113,7 +113,7 @@ def test_bodies_are_shown_by_their_shapes(tmp_path: Path) -> None:
     with pytest.raises(sidtool.InputError, match="no file arm.stl"):
         exported(other)
     points, triangles = shape_mesh(box, (), "")
-    stl(tmp_path / "arm.stl", points, triangles, text=False)
+    stl(tmp_path / "arm.stl", points, triangles, False)
     (part,) = exported(other, folder=tmp_path).parts
     assert len(part.positions) == 8
     with pytest.raises(sidtool.InputError, match="shape"):
