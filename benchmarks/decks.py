@@ -238,10 +238,13 @@ def _answered(data: dict[str, Any], error: InputError) -> bool:
         data["geometry"]["thickness"] = 1.0
     elif place == "discretisation.state" and "state" not in data["discretisation"]:
         data["discretisation"]["state"] = "plane_stress"
+    elif "geometry.density adds" in asked and not {"density"} & geometry.keys():
+        geometry["density"] = STEEL["density"]
     elif "table [material]" in asked and "material" not in data:
         if "material None" in asked or "*ELASTIC" in deck_text(data):
             return False
         data["material"] = STEEL
+        geometry.pop("density", None)
     elif place == "reduction.modes" and (most := re.search(r"at most (\d+)", asked)):
         data["reduction"]["modes"] = int(most.group(1))
     else:

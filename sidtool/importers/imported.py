@@ -18,6 +18,7 @@ from ..frontends.anisotropic import ElasticMaterial
 from ..frontends.elements.reference import reference_element
 from ..frontends.mesh.data import ElementBlock, Mesh
 from .imported_bars import RawBar
+from .imported_shells import RawShell, RawSpring
 from .imported_ties import RawEquation, RawTie
 from .repeated import collapsed
 
@@ -95,7 +96,7 @@ class ImportedMesh:
     notes : sentences on what was read, replaced and left out
     couplings, masses : what holds nodes together beside elements, and point masses
     equations, ties : between displacements, and of surfaces
-    bars : instead of elements of the mesh, which has nodes alone then
+    bars, shells, springs : elements whose nodes turn, beside the solid ones of the mesh
     parts : name -> labels of the elements of a part that may be chosen
     undefined : set -> its members that the file does not define, in words
     straight : labels of nodes that are the mean of the corners beside them
@@ -110,9 +111,16 @@ class ImportedMesh:
     equations: tuple[RawEquation, ...] = ()
     ties: tuple[RawTie, ...] = ()
     bars: tuple[RawBar, ...] = ()
+    shells: tuple[RawShell, ...] = ()
+    springs: tuple[RawSpring, ...] = ()
     parts: Mapping[str, Sequence[int]] = field(default_factory=dict)
     undefined: Mapping[str, str] = field(default_factory=dict)
     straight: frozenset[int] = frozenset()
+
+    @property
+    def is_structure(self) -> bool:
+        """Whether it has elements whose nodes turn."""
+        return bool(self.bars or self.shells or self.springs)
 
 
 @dataclass(frozen=True)
@@ -307,8 +315,14 @@ def notes_of_unread(said: Iterable[str]) -> list[str]:
     return notes
 
 
+#: Elements without a kind.
+_CALLED = {RawBar: "bar", RawSpring: "spring"}
+
+
 def reading_notes(
-    nodes: Mapping[int, object], elements: Sequence[RawElement | RawBar], given: int
+    nodes: Mapping[int, object],
+    elements: Sequence[RawElement | RawBar | RawShell | RawSpring],
+    given: int,
 ) -> list[str]:
     """What was read of how many elements and nodes of a file.
 
@@ -317,10 +331,11 @@ def reading_notes(
     given : elements in the file, with those of lower dimension that only name nodes
     """
     counts = Counter(
-        "bar" if isinstance(element, RawBar) else element.kind for element in elements
+        _CALLED.get(type(element)) or getattr(element, "kind", "")
+        for element in elements
     )
     listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    used = {node for element in elements for node in element.nodes}
+    used = {node for element in elements for node in element.nodes} - {None}
     notes = [
         f"read {len(elements)} of {given} elements ({listed}) and {len(used)} of "
         f"{len(nodes)} nodes"

@@ -31,6 +31,8 @@ def read_mesh(
     ignored: Iterable[str] = (),
     part: str | None = None,
     density: float | None = None,
+    *,
+    bending: bool = False,
 ) -> ImportedMesh:
     """The mesh of a file.
 
@@ -40,6 +42,7 @@ def read_mesh(
     part : the instance, the set or component of elements, or the number of the
         property, that is the body; None for all
     density : of materials that the file gives none, in its units
+    bending : whether plane elements of bulk data are shells, wherever they stand
 
     Raises
     ------
@@ -55,12 +58,13 @@ def read_mesh(
     words = frozenset(" ".join(word.upper().strip("*$").split()) for word in ignored)
     module, name = MESH_READERS[ending]
     reader: Reader = getattr(import_module(f".{module}", __package__), name)
+    shells = {"bending": True} if bending else {}
     with foreign_text_hidden(Path(path)):
         if part is None:
-            return reader(path, words, density=density)
+            return reader(path, words, density=density, **shells)
         if ending == ".inp":
             return reader(path, words, part, density=density)
-        imported = reader(path, words, density=density)
+        imported = reader(path, words, density=density, **shells)
     try:
         return part_of(imported, part)
     except InputError as error:

@@ -31,6 +31,7 @@ def part_of(imported: ImportedMesh, name: str) -> ImportedMesh:
     chosen = parts[name.upper()]
     there = {n for b in imported.mesh.blocks for n in b.labels.tolist()}
     there |= {bar.label for bar in imported.bars}
+    there |= {shell.label for shell in imported.shells}
     lost = undefined_members(there, {name: sorted(chosen)}, "element")
     if lost:
         raise InputError(
@@ -40,9 +41,12 @@ def part_of(imported: ImportedMesh, name: str) -> ImportedMesh:
         )
     blocks = tuple(_blocks(imported, chosen))
     bars = tuple(bar for bar in imported.bars if bar.label in chosen)
+    shells = tuple(shell for shell in imported.shells if shell.label in chosen)
     rows = [b.nodes.ravel() for b in blocks]
     labels = set(imported.mesh.labels[np.concatenate(rows)].tolist()) if rows else set()
     labels |= {node for bar in bars for node in bar.nodes}
+    labels |= {node for shell in shells for node in shell.nodes}
+    springs = tuple(s for s in imported.springs if labels.issuperset(s.nodes))
     couplings = tuple(
         coupling
         for coupling in imported.couplings
@@ -60,8 +64,9 @@ def part_of(imported: ImportedMesh, name: str) -> ImportedMesh:
                 expected="a part that nothing else holds",
             )
         equations += [equation] if any(inside) else []
-    whole = sum(len(b.nodes) for b in imported.mesh.blocks) + len(imported.bars)
-    count = sum(len(b.nodes) for b in blocks) + len(bars)
+    whole = sum(len(b.nodes) for b in imported.mesh.blocks)
+    whole += len(imported.bars) + len(imported.shells)
+    count = sum(len(b.nodes) for b in blocks) + len(bars) + len(shells)
     said = f"part {name}: {count} of {whole} elements, {len(couplings)} of "
     said += f"{len(imported.couplings)} couplings, {len(masses)} of "
     said += f"{len(imported.masses)} masses"
@@ -72,6 +77,8 @@ def part_of(imported: ImportedMesh, name: str) -> ImportedMesh:
         masses=masses,
         equations=tuple(equations),
         bars=bars,
+        shells=shells,
+        springs=springs,
         notes=(*imported.notes, said),
     )
 

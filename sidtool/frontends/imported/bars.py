@@ -1,12 +1,14 @@
-"""Bodies of bars and rods that a mesh file holds: frames, trusses, shafts.
+"""Bodies of bars, shells, springs and solids whose nodes turn.
 
 Every bar is one beam element of Timoshenko's theory (`beams.element`) with the
-consistent mass of its sections, every rod one of linear displacements. Nodes of rigid
-couplings are arms of their reference node.
+consistent mass of its sections, every rod one of linear displacements. Shells are those
+of `shell_elements`; mass stands in their quadrature points, as in those of solids.
+Nodes of rigid couplings are arms of their reference node.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -22,20 +24,32 @@ from sidtool.formats.model.geometry import MeshGeometry
 from ...importers.imported import ImportedMesh, undefined_notes
 from ...importers.imported_bars import RawBar
 from ...validate.units import UnitSystem
+from ..anisotropic import ElasticMaterial
 from ..beams.points import MaterialPoints, Particles, placed
-from ..finite_element_model import FiniteElementModel, MarkerRows, still
+from ..elements.inertia_points import InertiaPoints
+from ..finite_element_model import FiniteElementModel, MarkerRows, Outline, still
 from ..mesh.data import Mesh
 from ..mesh.points import position_of
 from ..patches.markers import at_marker
 from ..patches.markers import placed as with_places
 from .bar_elements import BarElement, element_of, extra_masses, outline_of
 from .bar_nodes import BarNodes, bar_nodes, nearest_node, node_sets
+from .structure_elements import (
+    node_motion,
+    shell_matrices,
+    shell_outlines,
+    solid_matrices,
+    spring_matrix,
+    together,
+)
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Pieces of a bar in pictures at most, and of all bars, as far as each has one.
 _PIECES, _SECTIONS = 8, 1000
+#: Shells in pictures at most.
+_PLATES = 20_000
 #: A deformation of an eigenvalue below this share of the largest takes no energy.
 _MECHANISM = 1e-13
 #: Where the eigenvalues of the body are sought from, of the largest.
@@ -52,13 +66,28 @@ _ARMS = (
     "offsets and rigid couplings are arms that turn by small rotations: what they add "
     "to the stiffening by loads is left out"
 )
+_SHELLS = (
+    "shells shear as TS/T says and have consistent mass with rotary inertia; their "
+    "stiffening by loads is left out"
+)
+_HINGED = (
+    "solids resist no rotation of their nodes: bars and shells that share single nodes "
+    "with them are hinged there, as in Nastran"
+)
 _TWIST = "the torsion of rods at nodes without bars has no effect"
 
 
 def bars_model(
-    model: ModelFile, imported: ImportedMesh, units: UnitSystem
+    model: ModelFile,
+    imported: ImportedMesh,
+    units: UnitSystem,
+    materials: Mapping[str | None, ElasticMaterial] | None = None,
 ) -> FiniteElementModel:
-    """The body of bars.
+    """The body of bars, shells, springs and solids whose nodes turn.
+
+    Parameters
+    ----------
+    materials : of solid elements, in SI units
 
     Raises
     ------
@@ -66,17 +95,23 @@ def bars_model(
         or the model file asks for what only other elements have.
     """
     _check_choices(model, imported)
+    alone = not (imported.shells or imported.mesh.blocks)
+    materials = materials or {}
     mesh = Mesh(
         imported.mesh.positions * units.length,
-        (),
+        imported.mesh.blocks,
         imported.mesh.node_sets,
         imported.mesh.labels,
     )
+    _check_sections(imported, model)
     nodes = bar_nodes(imported, mesh)
     imported, nodes, loose = _resolve_pins(model, imported, nodes, units)
+    nodes, more = _without_idle(model, imported, nodes, units, materials)
+    loose += more
     ndof = int(nodes.table.max()) + 1
     particles, points = Particles(ndof), MaterialPoints(ndof)
-    parts, outlines = [], []
+    outlines: list[Outline] = []
+    parts: list[tuple[Array, Indices]] = []
     pieces = max(1, min(_PIECES, _SECTIONS // max(1, len(imported.bars))))
     for given in imported.bars:
         bar = _with_material(given, model, units)
@@ -86,7 +121,12 @@ def bars_model(
         outlines.append(outline_of(element, dofs, ndof, pieces))
         _carry(particles, bar, element, dofs, units)
     _add_masses(particles, imported, nodes, units)
-    stiffness = _assembled(parts, ndof)
+    others, inertia = _other_elements(imported, nodes, units, materials)
+    stiffness = sp.csr_matrix(others + _assembled(parts, ndof))
+    if len(imported.shells) <= _PLATES:
+        motion = node_motion(nodes)
+        outlines += shell_outlines(imported.shells, nodes, motion, units.length)
+    inertia += [particles.points()] if imported.bars or imported.masses else []
     used = np.flatnonzero((nodes.table >= 0).any(axis=1))
     body = FiniteElementModel(
         positions=mesh.positions[used],
@@ -94,20 +134,96 @@ def bars_model(
         stiffness=stiffness,
         node_sets=node_sets(nodes, used, imported.undefined),
         markers=_markers(model, imported.bars, nodes, ndof),
-        inertia_points=particles.points(),
+        inertia_points=together(inertia),
         dof_table=nodes.table[used],
-        beam_material=points.material(),
+        beam_material=points.material() if alone and imported.bars else None,
         outlines=tuple(outlines),
         notes=(
             *imported.notes,
             *undefined_notes(imported.undefined),
-            _NOTE,
+            *([_NOTE] if imported.bars else []),
+            *([_SHELLS] if imported.shells else []),
+            *([_HINGED] if imported.mesh.blocks else []),
             *_limits(imported.bars, nodes),
             *loose,
         ),
     )
     _check_mechanism(body)
     return body
+
+
+def _other_elements(
+    imported: ImportedMesh,
+    nodes: BarNodes,
+    units: UnitSystem,
+    materials: Mapping[str | None, ElasticMaterial],
+) -> tuple[sp.csr_matrix, list[InertiaPoints]]:
+    """Stiffness and particles of all elements but bars."""
+    ndof = int(nodes.table.max()) + 1
+    stiffness = spring_matrix(imported.springs, nodes, units, ndof)
+    if not (imported.shells or imported.mesh.blocks):
+        return stiffness, []
+    motion = node_motion(nodes)
+    total, points = shell_matrices(imported.shells, nodes, motion, units)
+    if imported.mesh.blocks:
+        solid, more = solid_matrices(nodes.mesh, materials, motion)
+        total, points = total + solid, points + more
+    return sp.csr_matrix(stiffness + total), points
+
+
+def _without_idle(
+    model: ModelFile,
+    imported: ImportedMesh,
+    nodes: BarNodes,
+    units: UnitSystem,
+    materials: Mapping[str | None, ElasticMaterial],
+) -> tuple[BarNodes, list[str]]:
+    """Nodes without the rotations that nothing resists and that move no mass."""
+    if not (imported.springs or imported.couplings):
+        return nodes, []
+    ndof = int(nodes.table.max()) + 1
+    total, points = _other_elements(imported, nodes, units, materials)
+    parts, particles = [], Particles(ndof)
+    for given in imported.bars:
+        element, dofs = _element(_with_material(given, model, units), nodes, units)
+        parts.append((element.stiffness(), dofs))
+    _add_masses(particles, imported, nodes, units)
+    if imported.masses:
+        points = [*points, particles.points()]
+    stiff = (total + _assembled(parts, ndof)).diagonal()
+    heavy = together(points).mass_matrix().diagonal() if points else np.zeros(ndof)
+    turning = nodes.table[:, 3:]
+    idle = (stiff <= 0) & (heavy <= 0)
+    idle &= np.isin(np.arange(ndof), turning[turning >= 0])
+    if not idle.any():
+        return nodes, []
+    number = np.where(idle, -1, np.cumsum(~idle) - 1)
+    table = np.where(nodes.table >= 0, number[nodes.table], -1)
+    note = f"{np.count_nonzero(idle)} rotations of nodes that nothing resists are left "
+    return replace(nodes, table=table), [note + "out, as by AUTOSPC"]
+
+
+def _check_sections(imported: ImportedMesh, model: ModelFile) -> None:
+    """Whether the materials of shells are complete.
+
+    Raises
+    ------
+    InputError : one is not, or [material] would replace layers.
+    """
+    if imported.shells and model.material is not None:
+        raise InputError(
+            "is not for shells",
+            place="material",
+            expected="materials of the file; geometry.density completes them",
+        )
+    for shell in imported.shells:
+        if not shell.section.complete:
+            raise InputError(
+                f"shell {shell.label} has no complete material (E, nu and RHO)",
+                place=shell.place,
+                expected="MAT1, MAT2 or MAT8 with RHO; geometry.density adds a density "
+                "(0 where CONM2 hold all mass)",
+            )
 
 
 def _resolve_pins(
@@ -218,13 +334,11 @@ def _check_choices(model: ModelFile, imported: ImportedMesh) -> None:
             raise InputError(
                 "is not for bars", place=place, expected="what the file says of them"
             )
-    held = [e.place for e in imported.equations]
-    held += [c.place for c in imported.couplings if not c.rigid]
-    if held:
+    if imported.equations:
         raise InputError(
-            "MPC and RBE3 beside bars are not supported",
-            place=held[0],
-            expected="RBE2 and RBAR; geometry.ignore leaves cards out",
+            "MPC beside bars or shells is not supported",
+            place=imported.equations[0].place,
+            expected="RBE2, RBE3 and RBAR; geometry.ignore leaves cards out",
         )
 
 
@@ -294,7 +408,8 @@ def _add_masses(
             )
         place = nodes.place(mass.node) + units.length * np.array(mass.offset)
         motion, dofs = nodes.motion(mass.node, place)
-        bare = len(dofs) == 3 and (any(mass.offset) or any(mass.inertia))
+        fixed = not motion[3:].any()
+        bare = fixed and (any(mass.offset) or any(mass.inertia))
         if not len(dofs) or bare:
             raise InputError(
                 f"the mass at node {mass.node} is held by no bar"
@@ -310,6 +425,8 @@ def _add_masses(
 
 
 def _assembled(parts: list[tuple[Array, Indices]], ndof: int) -> sp.csr_matrix:
+    if not parts:
+        return sp.csr_matrix((ndof, ndof))
     i = np.concatenate([np.repeat(dofs, len(dofs)) for _, dofs in parts])
     j = np.concatenate([np.tile(dofs, len(dofs)) for _, dofs in parts])
     values = np.concatenate([(k + k.T).ravel() / 2 for k, _ in parts])
@@ -361,7 +478,7 @@ def _limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[str]:
         and any(len(nodes.motion(n, nodes.place(n))[1]) < 6 for n in bar.nodes)
         for bar in bars
     )
-    arms = bool(nodes.owner or nodes.partial) or any(
+    arms = bool(nodes.owner or nodes.partial or nodes.means) or any(
         any(w) for b in bars for w in b.offsets
     )
     return [_TWIST] * lost + [_ARMS] * arms
@@ -377,7 +494,7 @@ def _check_mechanism(body: FiniteElementModel) -> None:
     size = np.sqrt(gram.diagonal())
     if not size.all() or np.linalg.cond(gram / np.outer(size, size)) > 1 / _MECHANISM:
         raise InputError(
-            "a rigid motion of the bars has no inertia",
+            "a rigid motion of the body has no inertia",
             place="mesh",
             expected="a density above zero, or masses with inertia or off one line",
         )
@@ -407,8 +524,9 @@ def _check_mechanism(body: FiniteElementModel) -> None:
         values = np.zeros(count)
     if max(values) < _MECHANISM * largest:
         raise InputError(
-            "the bars move without deforming: the body is a mechanism, or lies on one "
-            "line that nothing twists",
+            "the elements move without deforming: the body is a mechanism, or lies on "
+            "one line that nothing twists",
             place="mesh",
-            expected="bars that hold each other; rods alone need triangles in space",
+            expected="elements that hold each other; rods alone need triangles in "
+            "space, membranes neighbours in other planes",
         )

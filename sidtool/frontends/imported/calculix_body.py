@@ -58,6 +58,10 @@ _PRINTED = 5e-6
 _NO_SHARE = 1e-9
 
 
+class DependentNodes(InputError):
+    """Constraints make nodes of CalculiX' mesh depend on others."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Solid:
     """The expanded mesh, internal modes behind its nodes, with the matrices.
@@ -257,7 +261,7 @@ def _rows(found: Computed, names: DeckNames) -> tuple[Indices, Indices]:
         )
     whole = len(own) == 3 * n and (directions.reshape(-1, 3) == [1, 2, 3]).all()
     if not whole or (labels.reshape(-1, 3) != labels[::3, None]).any():
-        raise InputError(
+        raise DependentNodes(
             f"constraints make degrees of freedom of the {n} nodes of the expanded "
             f"mesh depend on others ({len(own)} of {3 * n} are left): *EQUATION, *MPC, "
             "*TIE and the like, or knots where sections or normals of shells and beams "

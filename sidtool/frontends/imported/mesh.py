@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from sidtool.formats.model import Material, ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
 
+from ...importers.bdf.shells import beyond_calculix, is_bulk
 from ...importers.imported import ImportedMesh, undefined_notes
 from ...importers.meshes import read_mesh
 from ...validate.units import UnitSystem, unit_system
@@ -29,7 +31,7 @@ from ..patches.markers import at_marker, placed
 from ..solid_mesh import SolidMesh
 from ..solids import mesh_continua, mesh_matrices
 from .bars import bars_model
-from .calculix_body import calculix_model
+from .calculix_body import DependentNodes, calculix_model
 from .couplings import body_couplings, body_masses
 from .equations import body_equations, held_nodes, nodes_of
 
@@ -53,25 +55,44 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     assert isinstance(geometry, MeshGeometry)
     assert isinstance(settings, MeshDiscretisation)
     units = _units(geometry)
-    if geometry.engine == "calculix":
-        return calculix_model(model, units, file_density(model, units))
-    if geometry.order is not None:
+    bending = geometry.engine == "calculix"
+    density = file_density(model, units)
+    engine_notes: tuple[str, ...] = ()
+    if bending:
+        try:
+            reason = beyond_calculix(Path(geometry.file), geometry.ignore, density)
+            if not reason:
+                return calculix_model(model, units, density)
+        except DependentNodes as error:
+            if not is_bulk(geometry.file):
+                raise error.located(geometry.file) from None
+            reason = "edges where its shells meet"
+        engine_notes = (
+            "own shells, bars and springs instead of those of CalculiX: the deck has "
+            f"{reason}, which CalculiX does not have or joins by rigid knots as large "
+            "as the sections are thick",
+        )
+    elif geometry.order is not None:
         raise InputError(
             "is for elements of CalculiX alone",
             place="geometry.order",
             expected='geometry.engine = "calculix", or a mesh of that order',
         )
-    density = file_density(model, units)
-    imported = read_mesh(geometry.file, geometry.ignore, geometry.part, density)
+    imported = read_mesh(
+        geometry.file, geometry.ignore, geometry.part, density, bending=bending
+    )
+    imported = replace(imported, notes=(*imported.notes, *engine_notes))
     try:
-        if density == 0 and not imported.bars:
+        if density == 0 and not imported.is_structure:
             raise InputError(
                 "is zero, and solids and plane elements need mass at every node",
                 place="geometry.density",
                 expected="a density above zero",
             )
-        if imported.bars:
-            return bars_model(model, imported, units)
+        if imported.is_structure:
+            held = _own_materials(imported, geometry, units)
+            laws = _materials(model, imported.mesh, held)
+            return bars_model(model, imported, units, laws)
         upright, turned = counter_clockwise(imported.mesh)
         whole = _scaled(upright, geometry, settings, units)
         mesh = without_free_nodes(whole)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sidtool.formats.errors import InputError
 
 from ...frontends.anisotropic import ElasticMaterial
@@ -12,6 +15,8 @@ from ..imported_bars import BarSection
 from ..stops import Stops
 from .cards import Card, member_groups
 from .systems import Frames, System
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,6 +27,8 @@ class Property:
     ----------
     system : the coordinate system of the material's axes
     flat : whether it is one of plane elements and shells
+    layered : whether it is one of layers
+    extra : mass per area
     """
 
     material: str
@@ -29,6 +36,36 @@ class Property:
     place: str
     system: int = 0
     flat: bool = False
+    layered: bool = False
+    extra: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneLaw:
+    """A material of shells in its axes.
+
+    Attributes
+    ----------
+    law : (3, 3) of plane stress, xx, yy and engineering xy
+    transverse : (2, 2) of the shears xz and yz
+    """
+
+    law: Array
+    transverse: Array
+    density: float
+
+    def turned(self, angle: float) -> tuple[Array, Array]:
+        """`law` and `transverse` of material axes that stand at an angle [rad]."""
+        c, s = np.cos(angle), np.sin(angle)
+        strain = np.array(
+            [
+                [c * c, s * s, c * s],
+                [s * s, c * c, -c * s],
+                [-2 * c * s, 2 * c * s, c * c - s * s],
+            ]
+        )
+        across = np.array([[c, s], [-s, c]])
+        return strain.T @ self.law @ strain, across.T @ self.transverse @ across
 
 
 @dataclass(frozen=True)
@@ -52,6 +89,11 @@ class BulkData:
     moduli : E, G and density of MAT1 as bars have them
     corners : plane element -> its own thicknesses at the corners as they are written,
         and last what TFLAG says of them
+    shell_fields : plane element -> what it has behind its nodes
+    shell_cards : property -> PSHELL or PCOMP
+    plane : materials as shells have them
+    springs : cards of springs
+    spring_properties : property -> its card and stiffnesses
     local : node -> the system it is given in, -1 for that of GRDSET, and where
     turned : node -> the system of its directions, in which MPC counts, -1 likewise
     multipoint, sums : set -> cards MPC, and sets of MPCADD with their cards
@@ -68,6 +110,13 @@ class BulkData:
     elements: list[tuple[int, int, str, list[int], str]] = field(default_factory=list)
     properties: dict[int, Property] = field(default_factory=dict)
     corners: dict[int, list[str]] = field(default_factory=dict)
+    shell_fields: dict[int, list[str]] = field(default_factory=dict)
+    shell_cards: dict[int, Card] = field(default_factory=dict)
+    plane: dict[str, PlaneLaw] = field(default_factory=dict)
+    springs: list[Card] = field(default_factory=list)
+    spring_properties: dict[int, tuple[str, tuple[float, ...]]] = field(
+        default_factory=dict
+    )
     bars: list[Card] = field(default_factory=list)
     bar_defaults: dict[str, Card] = field(default_factory=dict)
     bar_properties: dict[int, BarProperty] = field(default_factory=dict)

@@ -99,7 +99,16 @@ def rbe3(card: Card) -> RawCoupling:
             shares[own] = shares.get(own, 0.0) + weight
     weights = tuple(shares.values()) if len(set(shares.values())) > 1 else ()
     name = f"RBE3 {label}"
-    return RawCoupling(name, False, tuple(shares), node, card.place, weights=weights)
+    moved = "".join(sorted(set(card.word(3))))
+    return RawCoupling(
+        name,
+        False,
+        tuple(shares),
+        node,
+        card.place,
+        weights=weights,
+        directions=moved,
+    )
 
 
 def _weight(word: str, name: str, place: str) -> float:

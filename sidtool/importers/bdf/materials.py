@@ -16,7 +16,7 @@ from ...frontends.anisotropic import (
     check_definite_law,
 )
 from .cards import Card
-from .content import BulkData, Property, twice
+from .content import BulkData, PlaneLaw, Property, twice
 
 #: MAT9 has its upper triangle row by row behind its number.
 _ROWS, _COLUMNS = np.triu_indices(6)
@@ -24,7 +24,7 @@ _DENSITY = 1 + len(_ROWS)
 
 
 def mat1(content: BulkData, card: Card) -> None:
-    name = _new_name(content, card)
+    name = new_name(content, card)
     e, g, nu, rho = (card.real(i, "a constant") for i in (1, 2, 3, 4))
     rho = content.density_of(name, rho)
     if not card.word(1):
@@ -34,6 +34,11 @@ def mat1(content: BulkData, card: Card) -> None:
     _damping(content, card, 7)
     shear = g if card.word(2) else e / (2 * (1 + nu)) if nu > -1 else 0.0
     content.moduli[name] = (e, shear, rho)
+    law = np.zeros((3, 3))
+    if -1 < nu < 1:
+        law[:2, :2] = e / (1 - nu**2) * np.array([[1.0, nu], [nu, 1.0]])
+        law[2, 2] = shear
+    content.plane[name] = PlaneLaw(law, shear * np.eye(2), rho)
     sound = e > 0 and rho > 0 and -1 < nu < 0.5
     content.materials[name] = (
         Material(youngs_modulus=e, poissons_ratio=nu, density=rho) if sound else None
@@ -49,7 +54,7 @@ def mat9(content: BulkData, card: Card) -> None:
     ------
     InputError : a strain takes no energy.
     """
-    name = _new_name(content, card)
+    name = new_name(content, card)
     law = np.zeros((6, 6))
     values = [card.real(1 + i, "a constant") for i in range(len(_ROWS))]
     law[_ROWS, _COLUMNS] = law[_COLUMNS, _ROWS] = values
@@ -64,7 +69,13 @@ def mat9(content: BulkData, card: Card) -> None:
     content.materials[name] = AnisotropicMaterial(law, rho) if rho > 0 else None
 
 
-def _new_name(content: BulkData, card: Card) -> str:
+def new_name(content: BulkData, card: Card) -> str:
+    """The number of a material.
+
+    Raises
+    ------
+    InputError : it is defined twice.
+    """
     name = str(card.integer(0, "a material"))
     if name in content.materials:
         raise twice("material", name, card)

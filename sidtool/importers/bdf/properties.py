@@ -78,17 +78,27 @@ def psolid(content: BulkData, card: Card) -> None:
 
 
 def pshell(content: BulkData, card: Card) -> None:
-    if card.real(7, "a mass per area"):
-        raise InputError(
-            "has nonstructural mass",
-            place=card.place,
-            expected="densities that hold all mass",
-        )
     _property(content, card, card.real(2, "a thickness") or None)
+    content.shell_cards[card.integer(0, "a property")] = card
     if content.shells and card.word(1):
         _check_bending(card)
-    else:
-        content.said["bending of PSHELL: its elements are plane"] = None
+        check_no_extra_mass(card.real(7, "a mass per area"), card.place)
+
+
+def check_no_extra_mass(extra: float, place: str) -> None:
+    """Whether a PSHELL has no nonstructural mass.
+
+    Raises
+    ------
+    InputError : it has.
+    """
+    if extra:
+        raise InputError(
+            "has nonstructural mass",
+            place=place,
+            expected="densities that hold all mass, or shells (geometry.engine = "
+            '"calculix")',
+        )
 
 
 def _check_bending(card: Card) -> None:
@@ -114,4 +124,11 @@ def _property(
     flat = card.name == "PSHELL"
     blank = flat and not card.word(1)
     material = "" if blank else str(card.integer(1, "a material"))
-    content.properties[label] = Property(material, thickness, card.place, system, flat)
+    content.properties[label] = Property(
+        material,
+        thickness,
+        card.place,
+        system,
+        flat,
+        extra=card.real(7, "a mass per area") if flat else 0.0,
+    )

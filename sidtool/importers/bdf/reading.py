@@ -1,14 +1,15 @@
-"""Nastran bulk data (.bdf, .nas, .dat): solids and plane elements, MAT1, MAT9, sets,
-coordinate systems of nodes, RBE2, RBE3, MPC and CONM2.
+"""Nastran bulk data (.bdf, .nas, .dat): solids, plane elements, shells, bars, springs,
+their materials, sets, coordinate systems of nodes, RBE2, RBE3, MPC and CONM2.
 
 Every card is read, listed as without effect on a linear elastic body, or refused.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 from sidtool.formats.errors import InputError
 
@@ -26,6 +27,7 @@ from ..imported import (
     undefined_members,
 )
 from ..imported_bars import RawBar
+from ..imported_shells import RawShell, RawSpring
 from ..imported_ties import RawEquation
 from ..middles import Middles, linear_kind
 from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
@@ -35,15 +37,18 @@ from .content import BulkData, twice
 from .couplings import conm2, rbar, rbe2, rbe3
 from .equations import case_control, equations_of, mpc, mpcadd
 from .handedness import count_right_handed
+from .laminates import mat2, mat8, pcomp, shells_of
 from .materials import mat1, mat9, material_name, materials_of
 from .naming import named_apart
 from .properties import (
+    check_no_extra_mass,
     corner_thicknesses,
     pshell,
     psolid,
     rest_of,
     thickness_of,
 )
+from .springs import pbush, pelas, spring, springs_of
 from .systems import Frames, systems_of
 from .vocabulary import INSTEAD, WITHOUT_EFFECT
 
@@ -70,6 +75,7 @@ def read_bdf(
     ignored: frozenset[str] = frozenset(),
     *,
     density: float | None = None,
+    bending: bool = False,
 ) -> ImportedMesh:
     """The mesh of a Nastran bulk data file.
 
@@ -77,13 +83,14 @@ def read_bdf(
     ----------
     ignored : cards that are left out on purpose, in capitals
     density : of materials whose RHO is blank or zero, in the units of the file
+    bending : whether plane elements are shells, wherever they stand
 
     Raises
     ------
     InputError : names file, line and expectation.
     """
     try:
-        return _imported(bulk_data(Path(path), ignored, density=density))
+        return _imported(bulk_data(Path(path), ignored, density=density), bending)
     except InputError as error:
         raise error.located(path) from None
 
@@ -213,8 +220,8 @@ def _element(content: BulkData, card: Card) -> None:
         )
     if flat and any(thick := corner_thicknesses(full, own)):
         content.corners[label] = thick
-    if flat and any(rest_of(full, own)):
-        content.said[f"further fields of {card.name} (angles, offsets)"] = None
+    if flat:
+        content.shell_fields[label] = own
     order = _ORDERS.get(kind, range(len(nodes)))
     listed = [nodes[i] for i in order]
     content.elements.append((label, property_, kind, listed, card.place))
@@ -268,13 +275,13 @@ def _mass(content: BulkData, card: Card) -> None:
 
 
 def _mdlprm(content: BulkData, card: Card) -> None:
-    if card.word(0).upper() != "HDF5":
+    if card.word(0).upper() not in ("HDF5", "OFFDEF"):
         raise InputError(
             f"MDLPRM {card.word(0)} is not supported",
             place=card.place,
-            expected="MDLPRM HDF5, which only names results",
+            expected="MDLPRM HDF5 or OFFDEF, which touch neither mass nor stiffness",
         )
-    content.said["MDLPRM HDF5"] = None
+    content.said[f"MDLPRM {card.word(0).upper()}"] = None
 
 
 def _param(content: BulkData, card: Card) -> None:
@@ -291,6 +298,13 @@ _READERS: dict[str, Callable[[BulkData, Card], None]] = {
     "PSHELL": pshell,
     "MAT1": mat1,
     "MAT9": mat9,
+    "MAT2": mat2,
+    "MAT8": mat8,
+    "PCOMP": pcomp,
+    "PCOMPG": pcomp,
+    **dict.fromkeys(("CELAS1", "CELAS2", "CBUSH"), spring),
+    "PELAS": pelas,
+    "PBUSH": pbush,
     **dict.fromkeys(("CBAR", "CBEAM", "CROD", "CONROD"), bar),
     **dict.fromkeys(("BAROR", "BEAMOR"), bar_defaults),
     "PBAR": pbar,
@@ -326,24 +340,28 @@ def _parts(content: BulkData) -> dict[str, list[int]]:
     return parts
 
 
-def _check_alike(content: BulkData) -> None:
-    """Raises shells or bars with a material beside elements of higher dimension."""
-    flat = [e for e in content.elements if reference_element(e[2]).dimension == 2]
-    what, place, cards = "", "", sorted({card.name for card in content.bars})
-    if content.bars and content.elements:
-        what, place = "bars beside solids or shells", content.bars[0].place
-    elif 0 < len(flat) < len(content.elements):
-        what, place = "shells beside solids", flat[0][-1]
-        names = ((card, kinds.values()) for card, kinds in _ELEMENTS.items())
-        cards = sorted(c for c, kinds in names if {e[2] for e in flat} & set(kinds))
-    if what:
-        raise InputError(
-            f"holds {what}",
-            place=place,
-            expected="elements of one dimension; geometry.ignore = "
-            f"{json.dumps(cards)} leaves them out, and a body of their own may be "
-            "joined at markers in the scene",
-        )
+def _is_flat(kind: str) -> bool:
+    return reference_element(kind).dimension == 2
+
+
+def is_structure(content: BulkData) -> bool:
+    """Whether elements need nodes that turn, or are of several dimensions."""
+    flat = [e for e in content.elements if _is_flat(e[2])]
+    solids = len(content.elements) - len(flat)
+    if content.bars or content.springs or (flat and solids):
+        return True
+    return any(
+        content.properties[e[1]].layered for e in flat if e[1] in content.properties
+    )
+
+
+def _is_tilted(content: BulkData) -> bool:
+    """Whether plane elements stand outside a plane z = constant."""
+    used = {
+        n for _, _, kind, nodes, _ in content.elements if _is_flat(kind) for n in nodes
+    }
+    z = [content.nodes[n] for n in used if n in content.nodes]
+    return bool(z) and np.ptp(np.array(z)[:, 2]) > 1e-9 * np.ptp(z, axis=0).max()
 
 
 def _check_axes(content: BulkData, coupling: RawCoupling) -> None:
@@ -361,23 +379,92 @@ def _check_axes(content: BulkData, coupling: RawCoupling) -> None:
         )
 
 
-def _imported(content: BulkData) -> ImportedMesh:
+def _imported(content: BulkData, bending: bool) -> ImportedMesh:
+    if bending or is_structure(content) or _is_tilted(content):
+        return _structure(content)
+    middles = _completed_middles(content)
+    turned = count_right_handed(content)
+    stops, raw = content.stops, []
+    equations: tuple[RawEquation, ...] = ()
+    for label, property_, kind, nodes, place in content.elements:
+        with stops.collected():
+            given = content.properties.get(property_)
+            if given:
+                check_no_extra_mass(given.extra, given.place)
+            if _is_flat(kind):
+                _note_plane(content, label, kind)
+            material = material_name(content, given) if given else None
+            depth = thickness_of(content, label, given, place)
+            raw.append(RawElement(label, kind, nodes, place, material, depth))
+    with stops.collected():
+        equations = equations_of(content)
+    for coupling in content.couplings:
+        with stops.collected():
+            _check_axes(content, coupling)
+    with stops.collected():
+        materials_of(content)
+    stops.check()
+    notes = reading_notes(content.nodes, raw, len(raw))
+    notes += [*content.apart, *turned, *middles.note(), *_said(content)]
+    return ImportedMesh(
+        assembled_mesh(content.nodes, raw, content.sets),
+        materials_of(content),
+        notes=tuple(notes),
+        couplings=tuple(content.couplings),
+        masses=tuple(mass.scaled(content.weight) for mass in content.masses),
+        equations=(*equations, *middles.equations),
+        parts=_parts(content),
+        undefined=undefined_members(content.nodes, content.sets),
+        straight=frozenset(middles.added.values()),
+    )
+
+
+def _completed_middles(content: BulkData) -> Middles:
     middles = Middles(content.nodes)
     for i, (label, property_, kind, nodes, place) in enumerate(content.elements):
         if 0 in nodes:
             found = middles.completed(kind, nodes, place)
             content.elements[i] = (label, property_, *found, place)
     content.nodes = middles.nodes
-    turned = count_right_handed(content)
-    stops, raw = content.stops, []
-    equations: tuple[RawEquation, ...] = ()
+    return middles
+
+
+def _note_plane(content: BulkData, label: int, kind: str) -> None:
+    """List what plane elements do not have."""
+    if content.shell_cards:
+        content.said["bending of PSHELL: its elements are plane"] = None
+    if any(rest_of(kind, content.shell_fields.get(label, []))):
+        content.said["further fields of plane elements (angles, offsets)"] = None
+
+
+def _said(content: BulkData) -> list[str]:
+    notes = []
+    if content.weight != 1.0:
+        notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
+    return notes + notes_of_unread(content.said)
+
+
+def _structure(content: BulkData) -> ImportedMesh:
+    """Bars, shells, springs and solids whose nodes have six degrees of freedom."""
+    flat = [e for e in content.elements if _is_flat(e[2])]
+    shells: tuple[RawShell, ...] = ()
+    springs: tuple[RawSpring, ...] = ()
     bars: tuple[RawBar, ...] = ()
+    equations: tuple[RawEquation, ...] = ()
+    stops = content.stops
+    with stops.collected():
+        shells = shells_of(content)
+    with stops.collected():
+        springs = springs_of(content)
+    content.elements = [e for e in content.elements if not _is_flat(e[2])]
+    middles = _completed_middles(content)
+    turned = count_right_handed(content)
+    solids = []
     for label, property_, kind, nodes, place in content.elements:
         with stops.collected():
             given = content.properties.get(property_)
             material = material_name(content, given) if given else None
-            depth = thickness_of(content, label, given, place)
-            raw.append(RawElement(label, kind, nodes, place, material, depth))
+            solids.append(RawElement(label, kind, nodes, place, material))
     with stops.collected():
         equations = equations_of(content)
     with stops.collected():
@@ -386,26 +473,36 @@ def _imported(content: BulkData) -> ImportedMesh:
         with stops.collected():
             _check_axes(content, coupling)
     with stops.collected():
-        _check_alike(content)
-    with stops.collected():
         materials_of(content)
     stops.check()
-    notes = reading_notes(content.nodes, [*raw, *bars], len(raw) + len(bars))
-    notes += [*content.apart, *turned, *middles.note()]
-    if content.weight != 1.0:
-        notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
-    notes += notes_of_unread(content.said)
+    parts = _parts(content)
+    for label, property_, *_ in flat:
+        parts.setdefault(str(property_), []).append(label)
+    everything: list[RawElement | RawShell | RawBar | RawSpring]
+    everything = [*solids, *shells, *bars, *springs]
+    seen: set[int] = set()
+    for element in everything:
+        if element.label in seen:
+            raise InputError(
+                f"element {element.label} is defined twice",
+                place=element.place,
+                expected="one definition",
+            )
+        seen.add(element.label)
+    notes = reading_notes(content.nodes, everything, len(everything))
+    notes += [*content.apart, *turned, *middles.note(), *_said(content)]
     return ImportedMesh(
-        points_mesh(content.nodes, content.sets)
-        if bars
-        else assembled_mesh(content.nodes, raw, content.sets),
+        assembled_mesh(content.nodes, solids, content.sets)
+        if solids
+        else points_mesh(content.nodes, content.sets),
         materials_of(content),
         notes=tuple(notes),
         couplings=tuple(content.couplings),
         masses=tuple(mass.scaled(content.weight) for mass in content.masses),
         equations=(*equations, *middles.equations),
         bars=bars,
-        parts=_parts(content),
+        shells=shells,
+        springs=springs,
+        parts=parts,
         undefined=undefined_members(content.nodes, content.sets),
-        straight=frozenset(middles.added.values()),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,17 @@ from ...frontends.anisotropic import (
     CylindricalMaterial,
     ElasticMaterial,
 )
+from ..imported import RawMass
 from ..inp.elements import deck_type
+from .cards import Card
 from .content import BulkData
 from .equations import equations_of
 from .materials import material_name, materials_of
 from .reading import bulk_data
 
 _PER_LINE = 12
+#: 5/6 as decks have it.
+_ROUNDED = 1e-3
 #: Rows of a law in the order of CalculiX (11, 22, 33, 12, 13, 23) by ours.
 _ORDER = (0, 1, 2, 3, 5, 4)
 
@@ -48,6 +53,68 @@ def deck_of_bulk(
         return "".join(result)
     except InputError as error:
         raise error.located(path) from None
+
+
+def is_bulk(file: str | Path) -> bool:
+    """Whether a file is bulk data by its ending."""
+    return Path(file).suffix.lower() in (".bdf", ".nas", ".dat")
+
+
+def beyond_calculix(
+    path: Path, ignored: Iterable[str], density: float | None = None
+) -> str:
+    """What own elements have and a deck of CalculiX has not, in words; "" for nothing.
+
+    Own shells have corners alone, so that decks with CQUAD8 or CTRIA6 are left to
+    CalculiX.
+
+    Raises
+    ------
+    InputError : names file, line and expectation.
+    """
+    if not is_bulk(path):
+        return ""
+    words = frozenset(" ".join(word.upper().strip("*$").split()) for word in ignored)
+    try:
+        content = bulk_data(path, words, density=density)
+    except InputError as error:
+        raise error.located(path) from None
+    if any(kind in ("quad8", "tri6") for _, _, kind, *_ in content.elements):
+        return ""
+    flat = {kind.startswith(("quad", "tri")) for _, _, kind, *_ in content.elements}
+    cards = [c for c in content.shell_cards.values() if c.name == "PSHELL"]
+    angles = {label: words[:1] for label, words in content.shell_fields.items()}
+    held = (
+        ("bars", content.bars),
+        ("springs", content.springs),
+        ("couplings", content.couplings),
+        ("layers", any(p.layered for p in content.properties.values())),
+        ("shells and solids", len(flat) > 1),
+        (
+            "masses with inertia",
+            [m for m in content.masses if any((*m.offset, *m.inertia))],
+        ),
+        ("sections that are not homogeneous", [c for c in cards if not _is_plain(c)]),
+        (
+            "shells with offsets or thicknesses of their own",
+            [w for n, w in content.shell_fields.items() if any(w[len(angles[n]) :])],
+        ),
+    )
+    return ", ".join(what for what, found in held if found) if True in flat else ""
+
+
+def _extent(mass: RawMass) -> tuple[float, ...]:
+    return (*mass.offset, *mass.inertia)
+
+
+def _is_plain(card: Card) -> bool:
+    """Whether a PSHELL is one material with 5/6 of its shear and no further mass."""
+    one = card.word(1)
+    alike = card.word(3) == one and card.word(5) in ("", one)
+    values = (card.real(i, "a number", d) for i, d in ((4, 1.0), (6, 5 / 6), (7, 0.0)))
+    ratio, shear, extra = values
+    near = abs(shear - 5 / 6) < _ROUNDED
+    return alike and ratio == 1 and near and not extra and not card.word(10)
 
 
 def _nodes(content: BulkData) -> str:

@@ -38,6 +38,10 @@ _HEAT = """
     RADCAV RADMTX RADBND VIEW VIEW3D VIEWEX QBDY1 QBDY2 QBDY3 QHBDY QVECT QVOL MAT4 MAT5
     MATT4 MATT5 TEMPG BDYOR
 """
+#: Damping, which is that of the model file.
+_DAMPING = """
+    CDAMP1 CDAMP2 CDAMP3 CDAMP4 CDAMP5 PDAMP PDAMP5 CVISC PVISC PDAMPT
+"""
 #: What would do instead of cards that are refused.
 INSTEAD = {
     **dict.fromkeys(
@@ -45,18 +49,12 @@ INSTEAD = {
         "CROD or CBAR with the same section",
     ),
     **dict.fromkeys(
-        ("CELAS1", "CELAS2", "CELAS3", "CELAS4", "CBUSH", "CDAMP1", "CDAMP2", "CVISC"),
+        ("CELAS3", "CELAS4", "CBUSH1D", "CBUSH2D", "CGAP"),
         "a force in the scene between markers",
     ),
     **dict.fromkeys(("CMASS1", "CMASS2", "CMASS3", "CMASS4", "CONM1"), "CONM2"),
-    **dict.fromkeys(
-        ("MAT2", "MAT8"), "MAT1, MAT9 for solids, or an .inp with *ELASTIC, TYPE"
-    ),
     "CSHEAR": "shells",
-    **dict.fromkeys(
-        ("PCOMP", "PCOMPG"),
-        "PSHELL of one material, or an .inp with *SHELL SECTION, COMPOSITE and "
-        'geometry.engine = "calculix"',
-    ),
 }
-WITHOUT_EFFECT = frozenset(" ".join((_IDLE, _AERO, _OPTIMISATION, _HEAT)).split())
+WITHOUT_EFFECT = frozenset(
+    " ".join((_IDLE, _AERO, _OPTIMISATION, _HEAT, _DAMPING)).split()
+)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.formats.errors import InputError
 from sidtool.importers.imported import ImportedMesh
 from sidtool.importers.meshes import read_mesh
 
@@ -56,20 +55,18 @@ def test_elements_without_material_name_nodes(tmp_path: Path, property_: str) ->
 
 
 @pytest.mark.parametrize(
-    ("cards", "said"),
+    ("cards", "ignored", "kinds"),
     [
-        ("PSHELL,2,1,0.01\n", r'shells beside solids.*\["CQUAD4"\] leaves them out'),
-        (
-            "CBAR,6,3,1,2,0.,1.,0.\nPBAR,3,1,1.,1.,1.,1.\n",
-            r'bars beside solids.*\["CBAR"\] leaves them out',
-        ),
+        ("PSHELL,2,1,0.01\n", "CQUAD4", ["shells"]),
+        ("CBAR,6,3,1,2,0.,1.,0.\nPBAR,3,1,1.,1.,1.,1.\n", "CBAR", ["bars"]),
     ],
 )
-def test_shells_and_bars_beside_solids_are_refused(
-    tmp_path: Path, cards: str, said: str
+def test_shells_and_bars_beside_solids_are_elements(
+    tmp_path: Path, cards: str, ignored: str, kinds: list[str]
 ) -> None:
-    with pytest.raises(InputError, match=said):
-        read(tmp_path, SKIN + cards)
-    (card,) = (name for name in ("CQUAD4", "CBAR") if name in said)
-    without = read_mesh(tmp_path / "part.bdf", [card])
+    found = read(tmp_path, SKIN + cards)
+    held = [name for name in ("shells", "bars") if getattr(found, name)]
+    assert held == kinds
+    without = read_mesh(tmp_path / "part.bdf", [ignored])
+    assert not without.is_structure
     assert [block.kind for block in without.mesh.blocks] == ["hex8"]

@@ -74,7 +74,7 @@ def test_sections(kind: str, sizes: Any, area: float, i: float) -> None:
         (frame(PBAR, "RBE2,9,1,,4"), "holds the directions"),
         (frame(PBAR, "RBE2,9,1,123,4", "RBE2,8,2,123,4"), "held already"),
         (frame(PBAR, "RBE2,9,1,123,4", "RBE2,8,4,123,1"), "in a ring"),
-        (frame(PBAR, "MPC,9,1,1,1.,2,1,-1."), "MPC and RBE3"),
+        (frame(PBAR, "MPC,9,1,1,1.,2,1,-1."), "MPC beside bars"),
         (frame(PBAR, "GRID,9,,1.,1.,1.", "CONM2,8,9,,2."), "held by no bar"),
         (
             frame(PBAR, "GRID,9,,1.,1.,1.", "RBE2,8,9,123456,2,3", "RBE2,7,1,123456,2"),
@@ -83,7 +83,6 @@ def test_sections(kind: str, sizes: Any, area: float, i: float) -> None:
         (truss(rods=RODS[:-1]), "is a mechanism"),
         (truss(rods=((0, 1), (2, 3))), "2 unconnected parts"),
         (truss("CONM2,8,5,,2.,0.1"), "that turns it"),
-        (frame(PBAR, "CTETRA,90,90,1,2,3,4", "PSOLID,90,1"), "bars beside solids"),
         (frame(PBAR, "CBAR,9,1,1,4,0.1,0.5,0.7"), "lies along it"),
         (frame(PBAR, "CBAR,9,1,1,4"), "no direction"),
         (frame(PBEAM + "\n,\n,NO,1.0\n,1.,1.,0.1", card="CBEAM"), "S1, S2"),

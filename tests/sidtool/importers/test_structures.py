@@ -1,0 +1,291 @@
+"""Shells, bars, springs, masses and solids of one deck: textbook references."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from sidtool.formats.errors import InputError
+
+from .bars.decks import MATERIAL, NU, RHO, E, G, body, bulk
+from .decks import frequencies
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+TURN = Rotation.from_euler("zyx", [40.0, 25.0, -70.0], degrees=True).as_matrix()
+#: Free square plates of nu = 0.3: a^2 omega sqrt(rho h/D) (A. W. Leissa, "Vibration of
+#: plates", NASA SP-160, 1969).
+LEISSA = (13.489, 19.789, 24.432)
+#: First roots of cos x cosh x = 1, free beams.
+BEAM = (4.730041, 7.853205)
+LENGTH, WIDTH, DEPTH = 1.0, 0.02, 0.002
+
+
+def grid(label: int, place: Any, turn: Any = None) -> str:
+    x = np.asarray(place, float)
+    x = x if turn is None else turn @ x
+    return f"GRID,{label},,{','.join(repr(round(v, 13)) for v in x.tolist())}"
+
+
+def strip(
+    count: int,
+    rows: int,
+    size: tuple[float, float],
+    *,
+    triangles: bool = False,
+    tail: str = "",
+    turn: Any = TURN,
+    z: float = 0.0,
+    first: int = 0,
+) -> list[str]:
+    """A rectangle of CQUAD4 or CTRIA3 with the property 1."""
+    number = {at: first + i + 1 for i, at in enumerate(np.ndindex(count + 1, rows + 1))}
+    cards = [
+        grid(label, [i / count * size[0], j / rows * size[1], z], turn)
+        for (i, j), label in number.items()
+    ]
+    label = first
+    for i, j in np.ndindex(count, rows):
+        a, b = number[i, j], number[i + 1, j]
+        c, d = number[i + 1, j + 1], number[i, j + 1]
+        pieces = [(a, b, c), (a, c, d)] if triangles else [(a, b, c, d)]
+        for piece in pieces:
+            label += 1
+            name = "CTRIA3" if triangles else "CQUAD4"
+            cards.append(f"{name},{label},1,{','.join(map(str, piece))}{tail}")
+    return cards
+
+
+def beam_hertz(stiffness: float, mass: float, root: float) -> float:
+    """A free beam of Euler-Bernoulli."""
+    value = (root / LENGTH) ** 2 * np.sqrt(stiffness / mass) / (2 * np.pi)
+    return float(value)
+
+
+@pytest.mark.parametrize(("triangles", "close"), [(False, 0.015), (True, 0.013)])
+def test_a_tilted_plate_has_the_frequencies_of_leissa(
+    triangles: bool, close: float, tmp_path: Path
+) -> None:
+    side, depth = 0.4, 0.004
+    text = bulk(
+        *strip(10, 10, (side, side), triangles=triangles),
+        f"PSHELL,1,1,{depth},1,,1",
+        MATERIAL,
+    )
+    sid = body(tmp_path, text)
+    assert sid.mass == pytest.approx(RHO * side**2 * depth, rel=1e-12)
+    rigidity = E * depth**3 / 12 / (1 - NU**2)
+    own = frequencies(sid)[:3] * 2 * np.pi * side**2 * np.sqrt(RHO * depth / rigidity)
+    assert_allclose(own, LEISSA, rtol=close)
+
+
+def test_a_stiffener_below_a_strip_bends_it_about_their_common_axis(
+    tmp_path: Path,
+) -> None:
+    """Steiner: shells with bars on offset ends (WA, WB)."""
+    area, below, count = 1e-5, 0.006, 20
+    cards = strip(count, 2, (LENGTH, WIDTH))
+    middle = [3 * i + 2 for i in range(count + 1)]
+    arm = ",".join(repr(float(x)) for x in TURN @ [0, 0, -below])
+    up = ",".join(repr(float(x)) for x in TURN @ [0, 1, 0])
+    moment = 1e-11
+    cards += [
+        f"CBAR,{900 + i},2,{a},{b},{up},,\n,,,{arm},{arm}"
+        for i, (a, b) in enumerate(zip(middle[:-1], middle[1:], strict=True))
+    ]
+    cards += [
+        f"PSHELL,1,1,{DEPTH},1,,1",
+        f"PBAR,2,1,{area},{moment},{moment},{2 * moment}",
+        MATERIAL,
+    ]
+    sid = body(tmp_path, bulk(*cards))
+    plate = WIDTH * DEPTH
+    axis = below * area / (area + plate)
+    bending = WIDTH * DEPTH**3 / 12 + plate * axis**2
+    bending += moment + area * (below - axis) ** 2
+    heavy = RHO * (plate + area)
+    assert sid.mass == pytest.approx(heavy * LENGTH, rel=1e-9)
+    wanted = beam_hertz(E * bending, heavy, BEAM[0])
+    closest = np.abs(frequencies(sid) / wanted - 1).min()
+    assert closest < 5e-3
+
+
+def test_layers_bend_as_the_theory_of_laminates_says(tmp_path: Path) -> None:
+    """A narrow strip has the stiffness of the inverse of A, B and D."""
+    e1, e2, nu, g, rho = 1.4e11, 9e9, 0.3, 5e9, 1600.0
+    angles, layer = (0.0, 90.0, 45.0, 0.0), DEPTH / 4
+    cards = [
+        *strip(30, 2, (LENGTH, WIDTH), tail=",0.0"),
+        f"MAT8,1,{e1},{e2},{nu},{g},{g},{g},{rho}",
+        "PCOMP,1,,,,,,,",
+        *(f",1,{layer},{angles[k]},,1,{layer},{angles[k + 1]}," for k in (0, 2)),
+    ]
+    sid = body(tmp_path, bulk(*cards))
+    share = 1 - nu**2 * e2 / e1
+    law = np.array([[e1, nu * e2, 0], [nu * e2, e2, 0], [0, 0, g * share]]) / share
+    total = np.zeros((6, 6))
+    for k, angle in enumerate(np.radians(angles)):
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array(
+            [[c * c, s * s, c * s], [s * s, c * c, -c * s]]
+            + [[-2 * c * s, 2 * c * s, c * c - s * s]]
+        )
+        own, low = turn.T @ law @ turn, -DEPTH / 2 + k * layer
+        high = low + layer
+        a, b, d = layer, (high**2 - low**2) / 2, (high**3 - low**3) / 3
+        total += np.block([[a * own, b * own], [b * own, d * own]])
+    bending = WIDTH / np.linalg.inv(total)[3, 3]
+    wanted = beam_hertz(bending, rho * WIDTH * DEPTH, BEAM[0])
+    assert sid.mass == pytest.approx(rho * WIDTH * DEPTH * LENGTH, rel=1e-9)
+    assert frequencies(sid)[0] == pytest.approx(wanted, rel=1e-2)
+
+
+def test_where_the_nodes_of_a_plate_lie_does_not_matter(tmp_path: Path) -> None:
+    """An offset (ZOFFS), and the same law by MID1, MID2 and MID4."""
+    side, depth, offset = 0.4, 0.004, 0.003
+    plain = strip(6, 6, (side, side))
+    moved = strip(6, 6, (side, side), tail=f",,{offset}")
+    simple = f"PSHELL,1,1,{depth},1,,1"
+    q = E / (1 - NU**2)
+    rows = (q, NU * q, 0.0, q, 0.0, G)
+    bend = 1 + 12 * offset**2 / depth**2
+    laws = [
+        f"MAT2,{k},{','.join(repr(factor * x) for x in rows)},{RHO * (k == 2)}"
+        for k, factor in ((2, 1.0), (3, bend), (4, offset / depth))
+    ]
+    mixed = f"PSHELL,1,2,{depth},3,,1\n,,,4"
+    own, away, by_law = (
+        body(tmp_path, bulk(*cards, MATERIAL))
+        for cards in ([*plain, simple], [*moved, simple], [*plain, mixed, *laws])
+    )
+    assert_allclose(frequencies(away), frequencies(own), rtol=2e-3)
+    assert own.mass == pytest.approx(away.mass, rel=1e-12)
+    # the mass of `mixed` stays in the surface of the nodes
+    assert_allclose(frequencies(by_law)[:3], frequencies(own)[:3], rtol=3e-3)
+
+
+def test_skins_on_a_core_of_solids_make_a_sandwich(tmp_path: Path) -> None:
+    height, count = 0.02, 24
+    steps = (count, 1, 2)
+    number = {at: i + 1 for i, at in enumerate(np.ndindex(*(n + 1 for n in steps)))}
+    size = np.array([LENGTH, WIDTH, height])
+    cards = [grid(n, np.array(at) / steps * size, TURN) for at, n in number.items()]
+    around = ((0, 0), (1, 0), (1, 1), (0, 1))
+    label = 0
+    for i, j, k in np.ndindex(*steps):
+        label += 1
+        nodes = [number[i + a, j + b, k + c] for c in (0, 1) for a, b in around]
+        words = list(map(str, nodes))
+        cards.append(f"CHEXA,{label},2,{','.join(words[:6])}\n,{','.join(words[6:])}")
+    for i, k in product(range(count), (0, 2)):
+        label += 1
+        nodes = [number[i + a, b, k] for a, b in around]
+        cards.append(f"CQUAD4,{label},1,{','.join(map(str, nodes))}")
+    soft, light = E / 10, 500.0
+    cards += [
+        f"PSHELL,1,1,{DEPTH},1,,1",
+        "PSOLID,2,2",
+        f"MAT1,2,{soft!r},,0.0,{light}",
+        MATERIAL,
+    ]
+    sid = body(tmp_path, bulk(*cards), modes=4)
+    heavy = WIDTH * (light * height + 2 * RHO * DEPTH)
+    assert sid.mass == pytest.approx(heavy * LENGTH, rel=1e-9)
+    skin = 2 * WIDTH * (DEPTH * (height / 2) ** 2 + DEPTH**3 / 12)
+    upright = E * skin + soft * WIDTH * height**3 / 12
+    bending = beam_hertz(upright, heavy, BEAM[0])
+    # Timoshenko: 1/f^2 = 1/f_b^2 + 1/f_s^2 to first order, shear of the core alone
+    shear = soft / 2 * WIDTH * height
+    slender = (BEAM[0] / LENGTH) ** 2 * upright / shear
+    wanted = bending / np.sqrt(1 + slender)
+    closest = np.abs(frequencies(sid) / wanted - 1).min()
+    assert closest < 1e-2
+
+
+def test_two_masses_on_a_bushing_vibrate_as_two_rigid_bodies(tmp_path: Path) -> None:
+    stiffness = (1e4, 2e4, 3e4, 40.0, 50.0, 60.0)
+    masses = ((2.0, (0.01, 0.02, 0.03)), (3.0, (0.04, 0.03, 0.02)))
+    places = np.array([[0.0, 0, 0], [0.1, 0.2, -0.1]])
+    cards = [grid(i, place) for i, place in enumerate(places, 1)]
+    cards += [
+        f"CONM2,{10 + i},{i},,{m},,,,,\n,{a},,{b},,,{c}"
+        for i, (m, (a, b, c)) in enumerate(masses, 1)
+    ]
+    cards += [
+        f"PBUSH,5,K,{','.join(map(str, stiffness))}",
+        "CBUSH,1,5,1,2,,,,0\n,0.25",
+    ]
+    sid = body(tmp_path, bulk(*cards), modes=6)
+    joint = 0.75 * places[0] + 0.25 * places[1]
+    rows = []
+    for place, sign in zip(places, (1, -1), strict=True):
+        x, y, z = joint - place
+        arm = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
+        rows.append(sign * np.block([[np.eye(3), arm], [np.zeros((3, 3)), np.eye(3)]]))
+    relative = np.hstack(rows)
+    k = relative.T @ np.diag(stiffness) @ relative
+    m = np.diag([x for mass, own in masses for x in (mass, mass, mass, *own)])
+    wanted = np.sqrt(scipy.linalg.eigvalsh(k, m)[6:]) / (2 * np.pi)
+    assert_allclose(frequencies(sid), wanted, rtol=1e-9)
+
+
+def test_a_mean_motion_is_that_of_the_path_of_solids(tmp_path: Path) -> None:
+    """RBE3 with a mass beside a weak spring, and the same without one."""
+    steps = (4, 1, 1)
+    number = {at: i + 1 for i, at in enumerate(np.ndindex(*(n + 1 for n in steps)))}
+    size = np.array([0.4, 0.05, 0.06])
+    cards = [grid(n, np.array(at) / steps * size) for at, n in number.items()]
+    pieces = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6))
+    pieces += ((0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
+    around = ((0, 0), (1, 0), (1, 1), (0, 1))
+    for i, piece in product(range(steps[0]), pieces):
+        nodes = [number[i + a, b, c] for c in (0, 1) for a, b in around]
+        words = ",".join(str(nodes[k]) for k in piece)
+        cards.append(f"CTETRA,{len(cards) + 1000},2,{words}")
+    face = [str(number[steps[0], b, c]) for b in (0, 1) for c in (0, 1)]
+    cards += [
+        "PSOLID,2,1",
+        grid(900, [0.5, 0.04, 0.02]),
+        f"RBE3,901,,900,123456,1.,123,{face[0]},{face[1]}\n,{face[2]},{face[3]}",
+        "CONM2,902,900,,3.,0.01,0.02,,\n,0.01,,0.02,,,0.03",
+        MATERIAL,
+    ]
+    weak = f"CELAS2,903,1.-3,{number[0, 0, 0]},1,{number[4, 0, 0]},1"
+    own, other = (body(tmp_path, bulk(*cards, *more), modes=6) for more in ([], [weak]))
+    assert other.mass == pytest.approx(own.mass, rel=1e-9)
+    assert_allclose(frequencies(other)[:3], frequencies(own)[:3], rtol=1e-6)
+
+
+def test_springs_to_the_ground_name_nodes(tmp_path: Path) -> None:
+    cards = [*strip(2, 2, (0.2, 0.2)), f"PSHELL,1,1,{DEPTH},1,,1", MATERIAL]
+    plain = body(tmp_path, bulk(*cards))
+    with pytest.warns(UserWarning, match="CELAS2_99"):
+        held = body(tmp_path, bulk(*cards, "CELAS2,99,1.+6,1,3"))
+    assert_allclose(frequencies(held), frequencies(plain), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("cards", "said"),
+    [
+        (["CELAS2,99,1.+6,1,2,9,2"], "turn or move a free body"),
+        (["CBUSH,99,5,1,2"], "has the property 5"),
+        (["CQUAD4,98,1,1,2,3,1"], "no area"),
+        (["MAT8,7,1.+9,1.+9,0.3", "PCOMP,7\n,7,0.01"], "MAT8 7"),
+        (["PSHELL,7,1,0.01,8", "CTRIA3,98,7,1,2,4"], "the material 8"),
+        (["PBUSH,7,K,RIGID"], "RIGID"),
+        (["PSHELL,7,3,0.01", "MAT1,3,1.+9,,.3", "CTRIA3,98,7,1,2,4"], "no complete"),
+    ],
+)
+def test_what_structures_are_not_is_refused(
+    cards: list[str], said: str, tmp_path: Path
+) -> None:
+    plate = [*strip(2, 2, (0.2, 0.2)), f"PSHELL,1,1,{DEPTH},1,,1", MATERIAL]
+    with pytest.raises(InputError, match=said):
+        body(tmp_path, bulk(*plate, *cards))
