@@ -60,6 +60,8 @@ _ELEMENTS = {
     "CPYRAM": {5: "pyramid5", 13: "pyramid13"},
     "CQUAD4": {4: "quad4"},
     "CTRIA3": {3: "tri3"},
+    "CQUADR": {4: "quad4"},
+    "CTRIAR": {3: "tri3"},
     "CQUAD8": {8: "quad8"},
     "CTRIA6": {6: "tri6"},
 }

@@ -113,7 +113,7 @@ def raised_deck(
         result.append("*NODE")
         for label in middles.values():
             x, y, z = places[label]
-            result.append(f"{label}, {x!r}, {y!r}, {z!r}")
+            result.append(f"{label}, {x:.12e}, {y:.12e}, {z:.12e}")
     sets = {name: _with_middles(nodes, middles) for name, nodes in names.sets.items()}
     listed = {given: " and ".join(kinds) for given, kinds in replaced.items()}
     return RaisedDeck(result, replace(names, nodes=places, sets=sets), listed)

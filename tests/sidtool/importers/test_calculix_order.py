@@ -21,6 +21,8 @@ from numpy.testing import assert_allclose
 from sidtool.convert import sid_from_model
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import SID
+from sidtool.importers.calculix.raised import raised_deck
+from sidtool.importers.deck_names import DeckNames
 
 from .decks import MATERIAL, STEEL, Block, deck, frequencies
 
@@ -241,3 +243,15 @@ def test_strip_of_one_element_has_six_rigid_motions(tmp_path: Path) -> None:
     sid, _ = converted(tmp_path, "p.bdf", text)
     wave = 22.3733 / (2 * np.pi * length**2) * np.sqrt(E * depth**2 / (12 * RHO))
     assert frequencies(sid)[0] == pytest.approx(wave, rel=0.02)
+
+
+def test_middles_have_no_more_characters_than_calculix_reads() -> None:
+    """It cuts numbers of more than twenty characters, and then refuses the line."""
+    places = {1: (0.1, -1.2345678901234567e-07, 0.0), 2: (0.3, -3.1e-17, 1 / 3)}
+    places |= {3: (0.2, 1.0, 0.1)}
+    names = DeckNames(places, {}, 1, (), {})
+    lines = ["*ELEMENT, TYPE=S3, ELSET=E", "1, 1, 2, 3"]
+    deck = raised_deck(lines, names)
+    rows = deck.lines[deck.lines.index("*NODE") + 1 :]
+    assert len(rows) == 3
+    assert max(len(word.strip()) for row in rows for word in row.split(",")) <= 20

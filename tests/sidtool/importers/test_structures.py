@@ -289,3 +289,12 @@ def test_what_structures_are_not_is_refused(
     plate = [*strip(2, 2, (0.2, 0.2)), f"PSHELL,1,1,{DEPTH},1,,1", MATERIAL]
     with pytest.raises(InputError, match=said):
         body(tmp_path, bulk(*plate, *cards))
+
+
+def test_elements_with_stiff_normals_are_shells_too(tmp_path: Path) -> None:
+    cards = [*strip(2, 2, (0.2, 0.2)), f"PSHELL,1,1,{DEPTH},1,,1", MATERIAL]
+    text = bulk(*cards)
+    own, other = (
+        frequencies(body(tmp_path, t)) for t in (text, text.replace("QUAD4", "QUADR"))
+    )
+    assert_allclose(other, own, rtol=1e-12)
