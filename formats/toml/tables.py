@@ -90,7 +90,7 @@ def plain(value: Any) -> Any:
 
     A text stands for a SID, a result and for a whole file, see `objects`.
     """
-    if isinstance(value, SID) or getattr(value, "is_file", False):
+    if isinstance(value, SID) or getattr(value, "is_file", False) is True:
         return name_object(value)
     if isinstance(value, Table):
         return value.said()
