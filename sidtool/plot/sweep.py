@@ -9,7 +9,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 
-from .figure import figure
+from .figure import figure, use_log_scale
 from .words import broken, columns_of, rows_of
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def _label(panel: Any, places: np.ndarray, labels: list[str], name: str) -> None
     ratios = values[1:] / values[:-1] if values[0] > 0 else np.zeros(0)
     far = len(ratios) > 1 and values[-1] > _LOGARITHMIC * values[0]
     if far and np.allclose(ratios, ratios[0], rtol=1e-6):
-        panel.set_xscale("log")
+        use_log_scale(panel.xaxis)
 
 
 def _places(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
