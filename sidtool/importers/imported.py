@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,6 +171,34 @@ def _check_regular(path: Path) -> None:
         )
 
 
+class _Labelled(Protocol):
+    """An element of a file, with its number and where it stands."""
+
+    @property
+    def label(self) -> int: ...
+
+    @property
+    def place(self) -> str: ...
+
+
+def check_unique_labels(elements: Iterable[_Labelled]) -> None:
+    """Refuse elements that share a number.
+
+    Raises
+    ------
+    InputError : a number appears twice.
+    """
+    seen: set[int] = set()
+    for element in elements:
+        if element.label in seen:
+            raise InputError(
+                f"element {element.label} is defined twice",
+                place=element.place,
+                expected="one definition",
+            )
+        seen.add(element.label)
+
+
 def assembled_mesh(
     nodes: Mapping[int, tuple[float, float, float]],
     elements: Iterable[RawElement],
@@ -186,15 +214,9 @@ def assembled_mesh(
     labels = np.fromiter(nodes, np.int64, len(nodes))
     row = {label: i for i, label in enumerate(nodes)}
     groups: dict[tuple[Any, ...], list[RawElement]] = {}
-    seen: set[int] = set()
+    elements = list(elements)
+    check_unique_labels(elements)
     for element in elements:
-        if element.label in seen:
-            raise InputError(
-                f"element {element.label} is defined twice",
-                place=element.place,
-                expected="one definition",
-            )
-        seen.add(element.label)
         kind, listed = collapsed(element.kind, element.nodes)
         if kind != element.kind:
             element = replace(element, kind=kind, nodes=listed, formulation=None)

@@ -21,6 +21,7 @@ from ..imported import (
     RawCoupling,
     RawElement,
     assembled_mesh,
+    check_unique_labels,
     notes_of_unread,
     points_mesh,
     reading_notes,
@@ -482,15 +483,7 @@ def _structure(content: BulkData) -> ImportedMesh:
         parts.setdefault(str(property_), []).append(label)
     everything: list[RawElement | RawShell | RawBar | RawSpring]
     everything = [*solids, *shells, *bars, *springs]
-    seen: set[int] = set()
-    for element in everything:
-        if element.label in seen:
-            raise InputError(
-                f"element {element.label} is defined twice",
-                place=element.place,
-                expected="one definition",
-            )
-        seen.add(element.label)
+    check_unique_labels(everything)
     notes = reading_notes(content.nodes, everything, len(everything))
     notes += [*content.apart, *turned, *middles.note(), *_said(content)]
     return ImportedMesh(
