@@ -197,14 +197,25 @@ def study(
             click.echo(f"sidtool: {error}", err=True)
             raise click.exceptions.Exit(1) from None
         except Ended as why:
-            rest = "nothing is kept without -o"
-            if output is not None:
-                rest = "no point was finished"
-                if (output / "points").exists():
-                    rest = f"finished points are in {output}; the same command goes on"
+            points = None if output is None else output / "points"
+            rest = _kept_text("point", output, points)
             click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
             raise click.exceptions.Exit(128 + asked.number) from None
     _tell(result, wanted, output)
+
+
+def _kept_text(kind: str, folder: Path | None, finished: Path | None) -> str:
+    """State what an interrupted command keeps.
+
+    kind : "point" or "run"
+    folder : folder that is named, None without -o
+    finished : folder of the finished ones, which may not exist
+    """
+    if finished is None:
+        return "nothing is kept without -o"
+    if not finished.exists():
+        return f"no {kind} was finished"
+    return f"finished {kind}s are in {folder}; the same command goes on"
 
 
 def _by_body(texts: tuple[str, ...]) -> dict[str, list[str]]:
@@ -401,11 +412,7 @@ def sweep(
                     progress=say,
                 )
         except Ended as why:
-            rest = "nothing is kept without -o"
-            if folder is not None:
-                rest = "no run was finished"
-                if folder.exists():
-                    rest = f"finished runs are in {folder}; the same command goes on"
+            rest = _kept_text("run", folder, folder)
             click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
             raise click.exceptions.Exit(128 + asked.number) from None
     tell(found.report(), found.data)
@@ -413,13 +420,9 @@ def sweep(
         count = f"{len(found.failed)} of {len(found.points)} runs failed"
         click.echo(f"sidtool: {scene}: {count}", err=True)
     for path in outputs:
-        if kind_by_ending(path, "sweep", "picture") == "sweep" or _has_numbers(found):
+        is_table = kind_by_ending(path, "sweep", "picture") == "sweep"
+        if is_table or len(found.failed) < len(found.points):
             found.save(path)
             click.echo(f"{path} written")
     if found.failed:
         raise click.exceptions.Exit(1)
-
-
-def _has_numbers(found: object) -> bool:
-    points = getattr(found, "points", ())
-    return any(not point.message for point in points)

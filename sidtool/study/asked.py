@@ -87,13 +87,7 @@ def study(
     """
     _check("--rtol", rtol, *_TOLERANCES)
     _check("--step", step, *_STEPS)
-    programs = {"drives": drives, "forces": forces} if drives or forces else {}
-    if programs and (jobs != 1 or dask is not None or folder is not None):
-        raise InputError(
-            "other processes and kept points do not know callables",
-            place="jobs, dask, folder",
-            expected="callables with one job and no folder, or functions of the scene",
-        )
+    programs = programs_here(drives, forces, jobs, dask, folder)
     axes = parsed(_texts(over))
     settings = _settings(axes, integrators, rtol, step)
     content = scene_given(scene)
@@ -115,6 +109,30 @@ def study(
             programs=programs,
         )
     return warned(replace(found, title=title or content.title))
+
+
+def programs_here(
+    drives: Mapping[str, Any] | None,
+    forces: Mapping[str, Any] | None,
+    jobs: int,
+    dask: str | None,
+    folder: Path_ | None,
+) -> dict[str, Any]:
+    """Return callables by the table that they belong to, empty if there are none.
+
+    Raises
+    ------
+    InputError : there are some beside `jobs`, `dask` or `folder`.
+    """
+    if not (drives or forces):
+        return {}
+    if jobs != 1 or dask is not None or folder is not None:
+        raise InputError(
+            "other processes and kept runs do not know callables",
+            place="jobs, dask, folder",
+            expected="callables with one job and no folder, or functions of the scene",
+        )
+    return {"drives": drives, "forces": forces}
 
 
 def _texts(over: Over) -> list[str]:

@@ -17,6 +17,7 @@ from sidtool.formats.toml.files import located
 
 from ..made import digest_of
 from ..results import warn_of_validity
+from ..study.asked import programs_here
 from ..study.measuring import Course
 from ..study.settings import setting_of
 from ..study.tasks import Converted, Run, compiled
@@ -75,13 +76,7 @@ def sweep(
         Single points that cannot be set up or run have a `message` instead.
     sidtool.study.Ended : `stop` said why.
     """
-    programs = {"drives": drives, "forces": forces} if drives or forces else {}
-    if programs and (jobs != 1 or dask is not None or folder is not None):
-        raise InputError(
-            "other processes and kept runs do not know callables",
-            place="jobs, dask, folder",
-            expected="callables with one job and no folder, or functions of the scene",
-        )
+    programs = programs_here(drives, forces, jobs, dask, folder)
     points, measures = combinations(parse_axes(over)), parse_measures(of)
     content = scene_given(scene)
     given = {
