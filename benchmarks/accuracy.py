@@ -19,14 +19,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sidtool.accuracy import OutsideTheory, planned
-from sidtool.accuracy.cached import METHOD as SEARCH
-from sidtool.accuracy.candidates import as_scene, finest
+from sidtool.accuracy import OutsideTheory, make_accuracy_plan
+from sidtool.formats.base.sid import SID
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
+from sidtool.measurement.cache import METHOD_VERSION as SEARCH
+from sidtool.measurement.candidates import finest_model, scene_of_model
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.metamorphic.generator.case import Case, scene_of
 from tests.metamorphic.generator.scenes import random_scene
 
@@ -98,14 +98,14 @@ def compared(case: Case, scene: SceneFile, wanted: float, seed: int = 0) -> Verd
 
     began = time.perf_counter()
     try:
-        plan = planned(scene, case.sids, wanted, compiled, keep=False)
+        plan = make_accuracy_plan(scene, case.sids, wanted, compiled, keep=False)
     except OutsideTheory as outside:
         return Verdict(seed, wanted, f"outside: {outside.problem}")
     except Exception as stop:
         return Verdict(seed, wanted, f"{type(stop).__name__}: {stop}")
     took = time.perf_counter() - began
     found = simulate(compiled(plan.scene, plan.sids))
-    whole = as_scene(scene, finest(scene, case.sids), case.sids)
+    whole = scene_of_model(scene, finest_model(scene, case.sids), case.sids)
     exact = simulate(compiled(whole, case.sids), integrator=METHOD, rtol=TIGHT)
     kept = [d.kept for d in plan.report.decisions if d.what == "shape function"]
     estimates, errors = [], []

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from sidtool.formats.sid import Array
-from sidtool.solver.system.scene import System
+from sidtool.formats.base.sid import Array
+from sidtool.solver.system.system import System
 
 from .machine import describe_machine
 from .precision import (

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from sidtool.solver import simulate
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 
 from . import scenes
 from .machine import describe_machine

@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.conversion.rereference import rereferenced
-from sidtool.convert import sid_from_model
+from sidtool.conversion.frame_change import change_frame
+from sidtool.formats.base.sid import SID, Array, Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array, Taylor
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, simulate
-from tests.sidtool.frontends.bores import pinned
-from tests.sidtool.frontends.drawn_parts import drawn
+from tests.sidtool.elements.bores import pinned
+from tests.sidtool.elements.drawn_parts import drawn
 from tests.sidtool.models import rod
 from tests.solver.stiffened_bars import hinged, on_a_hub, swelling
 from tests.steel_bars import CHORD, FRAMES, MEAN, TANGENT
@@ -120,7 +120,7 @@ def apart_by(one: Array, other: Array) -> float:
 def simulated(table: dict[str, Any], body: str, sid: SID, names: list[str]) -> Way:
     table = table | {"outputs": {"record": names}}
     table["accuracy"] = {"rtol": RTOL, "integrator": "radau9"}
-    system = compile_scene(validated(table, SceneFile), ".", {body: sid})
+    system = compile_scene(validate_data(table, SceneFile), ".", {body: sid})
     result = simulate(system)
     return np.array([result[n] for n in names]), result.bodies[body].deflection
 
@@ -135,7 +135,7 @@ def founding_rod(size: int) -> SID:
 
 def on_a_crank(size: int, frame: str, _: float) -> Way:
     """The founding scene for 2 s: 2.4 revolutions."""
-    sid = rereferenced(founding_rod(size), frame)
+    sid = change_frame(founding_rod(size), frame)
     table = founding(time={"end": 2.0, "output_step": 0.02})
     table["bodies"]["rod"]["initial"] = {
         "position": [0.1 - sid.node("1").position[0], 0.0]
@@ -160,14 +160,14 @@ def solid_part(part: str, size: int) -> SID:
             "stiffening": {},
         }
         data = model.model_dump(mode="json", by_alias=True, exclude_none=True)
-        sid = sid_from_model(validated(data | clamped, type(model)))
+        sid = sid_from_model(validate_data(data | clamped, type(model)))
     return replace(sid, De=Taylor(np.zeros((size, size))))
 
 
 def solid_arm(size: int, frame: str, load: float) -> Way:
     """A curved arm of 12 mm on a hinge that swings by half a radian in 10 ms."""
     swing = swelling(0.01) | {"end": 0.5 * load}
-    sid = rereferenced(solid_part("arm", size), frame)
+    sid = change_frame(solid_part("arm", size), frame)
     markers, start = (
         {"root": 1, "tip": 2},
         {"position": (-sid.node("1").position).tolist()},
@@ -184,7 +184,7 @@ def solid_arm(size: int, frame: str, load: float) -> Way:
 def solid_rod(size: int, frame: str, _: float) -> Way:
     """A connecting rod with a piston of 1 kg, by a crank of 40 mm that comes to 6000
     revolutions a minute within its first half turn."""
-    sid = rereferenced(solid_part("rod", size), frame)
+    sid = change_frame(solid_part("rod", size), frame)
     away, crank = sid.node("1").position, np.array([0.04, 0.0, 0.0])
     pins = {"centre": {"position": [0, 0, 0]}, "pin": {"position": crank.tolist()}}
     start = (crank - away).tolist()

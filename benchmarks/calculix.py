@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import read_data, validated
-from sidtool.frontends.mesh.data import Mesh
-from sidtool.frontends.sampled_volume import sampled_volume
-from sidtool.geometry.patch import patch_from_model
+from sidtool.formats.toml.reading import read_data, validate_data
+from sidtool.geometry.nurbs_patch import patch_from_model
+from sidtool.isogeometric.sampled_patch import sampled_volume
+from sidtool.mesh.mesh import Mesh
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .machine import describe_machine
 from .report import Report, Table
@@ -123,7 +123,7 @@ def _mesh(kind: str) -> Mesh:
     data["discretisation"] = {"type": kind, "elements": list(elements)}
     corner = {"edge": "left", "at": [0.5, 0.5]}
     data["markers"] = {"crank_pin": {"node": 1, **corner}}
-    model = validated(data, ModelFile)
+    model = validate_data(data, ModelFile)
     return sampled_volume(patch_from_model(model.geometry), elements, kind)
 
 

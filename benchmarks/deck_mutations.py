@@ -13,9 +13,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from sidtool.convert import finite_element_model
+from sidtool.pipeline.model_to_sid import finite_element_model
 from tests.sidtool.bodies import volume
-from tests.sidtool.frontends.test_frontend_patches import GISMO
+from tests.sidtool.elements.test_frontend_patches import GISMO
 from tests.sidtool.importers.decks import Block, deck
 from tests.sidtool.importers.mesh_files import (
     BDF,

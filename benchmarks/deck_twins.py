@@ -16,24 +16,24 @@ from typing import Any
 import numpy as np
 from scipy.linalg import LinAlgError, eigh
 
-from sidtool.convert import finite_element_model
-from sidtool.formats.errors import InputError
-from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import validated
-from sidtool.frontends.elements.reference import reference_element
-from sidtool.frontends.elements.solid import (
+from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.elements.solid_elements import (
     MatrixSum,
     elasticity,
     element_mass,
     element_stiffness,
     mapped_batch,
 )
-from sidtool.frontends.finite_element_model import FiniteElementModel
-from sidtool.frontends.solid_mesh import SolidMesh
-from sidtool.importers.calculix.deck import free_deck
-from sidtool.importers.calculix.engine import computed
-from sidtool.reduction.frames import Frame
-from sidtool.reduction.space import admissible
+from sidtool.elements.solid_mesh import SolidMesh
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.toml.reading import validate_data
+from sidtool.importers.calculix_deck import free_deck
+from sidtool.importers.calculix_engine import run_calculix
+from sidtool.mesh.reference_elements import reference_element
+from sidtool.pipeline.model_to_sid import finite_element_model
+from sidtool.reduction.admissible_space import constrained_space
+from sidtool.reduction.body_frames import Frame
 from tests.sidtool.importers.twins import FEW, mass_by_few_points
 
 CCX_LIMIT, SMALL = 40, 600
@@ -137,7 +137,7 @@ def _by_few_points(text: str, data: dict[str, Any], modes: int) -> np.ndarray | 
     Of tetrahedra and C3D15 the mass, of C3D20R, CPS8R and CPE8R all. Modes of reduced
     integration that have neither stiffness nor mass make a pencil singular: None.
     """
-    body = finite_element_model(validated(data, ModelFile))
+    body = finite_element_model(validate_data(data, ModelFile))
     if body.solids is None or body.equations is not None or body.couplings:
         return None
     if body.point_masses:
@@ -147,7 +147,7 @@ def _by_few_points(text: str, data: dict[str, Any], modes: int) -> np.ndarray | 
     if kinds <= set(FEW):
         mass = mass_by_few_points(body.solids.mesh, body.solids.materials)
         bare = FiniteElementModel(body.positions, mass, body.stiffness, {}, ())
-        free = admissible(bare, Frame(np.zeros(3), np.zeros(bare.ndof, bool)))
+        free = constrained_space(bare, Frame(np.zeros(3), np.zeros(bare.ndof, bool)))
         return np.sqrt(free.modes(modes)[0]) / (2 * np.pi)
     if kinds <= set(_REDUCED) and all(kind.endswith("R") for kind in types):
         return _reduced(body.solids, modes)
@@ -193,7 +193,7 @@ def _frequencies(k: np.ndarray, m: np.ndarray, rigid: int, modes: int) -> Any:
 def _by_matrices(deck: Path, modes: int) -> tuple[float, np.ndarray] | None:
     """The same from CalculiX's matrices: its eigenvalues fail for few unknowns."""
     try:
-        found = computed(free_deck(deck), deck)
+        found = run_calculix(free_deck(deck), deck)
     except InputError:
         return None
     k, m = found.stiffness.toarray(), found.mass.toarray()

@@ -31,13 +31,13 @@ from typing import Any
 import click
 import numpy as np
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.importers.bdf.bars import bars_of
-from sidtool.importers.bdf.reading import bulk_data
-from sidtool.importers.imported import EVERYTHING
-from sidtool.importers.inp.reading import read_deck
-from sidtool.importers.meshes import read_mesh
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.abaqus.input_file import read_deck
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.importers.nastran.bars import bars_of
+from sidtool.importers.nastran.bulk_data import bulk_data
+from sidtool.mesh.imported_mesh import ONLY_NODES
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .deck_twins import ELEMENT, beside_calculix, prepared
 from .machine import describe_machine, results_folder, use_one_thread
@@ -258,13 +258,13 @@ def deck_text(data: dict[str, Any]) -> str:
 
 def _a_node(deck: Path) -> int:
     if deck.suffix.lower() == ".inp":
-        elements = read_deck(deck, frozenset((EVERYTHING,))).assembly.elements
+        elements = read_deck(deck, frozenset((ONLY_NODES,))).assembly.elements
         return next(iter(elements.values())).nodes[0] if elements else 1
     if deck.suffix.lower() in (".bdf", ".nas", ".dat"):
-        content = bulk_data(deck, frozenset((EVERYTHING,)))
+        content = bulk_data(deck, frozenset((ONLY_NODES,)))
         bars = [bar.nodes[0] for bar in bars_of(content)]
         return [*(nodes[0] for _, _, _, nodes, _ in content.elements), *bars, 1][0]
-    mesh = read_mesh(str(deck), (EVERYTHING,)).mesh
+    mesh = read_mesh(str(deck), (ONLY_NODES,)).mesh
     return int(mesh.labels[mesh.blocks[0].nodes[0, 0]])
 
 

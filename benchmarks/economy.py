@@ -12,24 +12,24 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from sidtool.accuracy import planned
-from sidtool.accuracy.candidates import (
-    Choice,
-    as_scene,
-    finest,
-    recording,
-    shape_functions,
-)
-from sidtool.accuracy.integration import cheapest
-from sidtool.accuracy.reference import Reference, make_reference
-from sidtool.accuracy.runs import Runs, Setting
-from sidtool.accuracy.wanted import requested
-from sidtool.formats.errors import InputError
+from sidtool.accuracy import make_accuracy_plan
+from sidtool.accuracy.integrator_choice import fastest_setting
+from sidtool.accuracy.reference_run import Reference, make_reference
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.formats.sid import SID
+from sidtool.measurement.candidates import (
+    Choice,
+    finest_model,
+    scene_of_model,
+    shape_function_candidates,
+    with_recorded_outputs,
+)
+from sidtool.measurement.request import requested
+from sidtool.measurement.runs import Runs, Setting
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.system.bodies.data import read_sids
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.body_data import read_sids
+from sidtool.solver.system.system import System
 from tests.metamorphic.generator.case import Case, scene_of
 from tests.metamorphic.generator.scenes import random_scene
 from tests.sidtool.accuracy.hand_written import drive, yoke
@@ -63,7 +63,7 @@ def oracle(runs: Runs, reference: Reference) -> Choice:
         return reference.use(errors)
 
     choice = reference.choice
-    while candidates := shape_functions(choice):
+    while candidates := shape_function_candidates(choice):
         less = min((choice.without(c) for c in candidates), key=use)
         if use(less) > 1.0:
             break
@@ -79,15 +79,15 @@ def row(
     compile_: Callable[[SceneFile, Mapping[str, SID]], System],
 ) -> list[str]:
     """All, the oracle's and the chosen shape functions; seconds."""
-    scene = recording(scene, (output,))
+    scene = with_recorded_outputs(scene, (output,))
     began = time.process_time()
-    plan = planned(scene, sids, WANTED, compile_, keep=False)
+    plan = make_accuracy_plan(scene, sids, WANTED, compile_, keep=False)
     took = time.process_time() - began
     request = requested(scene, sids, WANTED)
     runs = Runs(scene, sids, compile_, request.names)
-    reference = make_reference(runs, finest(scene, sids), request)
+    reference = make_reference(runs, finest_model(scene, sids), request)
     best = oracle(runs, reference)
-    found = cheapest(runs, reference, best, 1.0)
+    found = fastest_setting(runs, reference, best, 1.0)
     chosen = sum(
         len(body.numbers(sids[n].nq)) for n, body in plan.scene.sid_bodies.items()
     )
@@ -104,7 +104,7 @@ def row(
 
 def _seconds(runs: Runs, choice: Choice, setting: Setting) -> float:
     """Processor seconds of one run more of a model, the least of three."""
-    content = as_scene(runs.scene, choice, runs.sids)
+    content = scene_of_model(runs.scene, choice, runs.sids)
     system = runs.compile(content, runs.sids)
     return min(_run_seconds(system, setting) for _ in range(3))
 
@@ -126,13 +126,13 @@ def long_row(
     output, end = LONG[name]
     more = {"end": end, "output_step": end / 2000}
     time_ = scene.time.model_copy(update=more)
-    scene = recording(scene.model_copy(update={"time": time_}), (output,))
+    scene = with_recorded_outputs(scene.model_copy(update={"time": time_}), (output,))
     began = time.process_time()
-    plan = planned(scene, sids, WANTED, compile_, keep=False)
+    plan = make_accuracy_plan(scene, sids, WANTED, compile_, keep=False)
     took = time.process_time() - began
     accuracy = plan.scene.accuracy
     setting = Setting(accuracy.integrator, accuracy.rtol)
-    whole = as_scene(scene, finest(scene, sids), sids)
+    whole = scene_of_model(scene, finest_model(scene, sids), sids)
     systems = compile_(plan.scene, plan.sids), compile_(whole, sids)
     chosen, fine = (
         min(_run_seconds(system, setting) for _ in range(3)) for system in systems

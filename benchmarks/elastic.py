@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 
 from . import scenes
 from .machine import describe_machine

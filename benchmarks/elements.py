@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq
 
-from tests.sidtool.frontends.drawn_parts import (
+from tests.sidtool.elements.drawn_parts import (
     PARTS,
     Part,
     drawn,

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sidtool.solver import simulate
-from sidtool.solver.errors import SimulationError
-from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system.errors import SimulationError
 from tests.references import motions
 from tests.references.error_control import CASES, compiled, relative_error
 from tests.references.motion_cases import CASES as MOTIONS

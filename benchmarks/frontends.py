@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 import sidtool
-from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID
-from sidtool.formats.toml.reading import read_data, validated
+from sidtool.formats.toml.reading import read_data, validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 
 from .machine import describe_machine
 from .report import Report, Table
@@ -58,7 +58,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """Convert every rod, run the unchanged scene with it, and compare."""
     rows, truth = [], None
     for kind, data in models().items():
-        model = validated(data, ModelFile)
+        model = validate_data(data, ModelFile)
         start = time.perf_counter()
         sid = sid_from_model(model)
         seconds = time.perf_counter() - start

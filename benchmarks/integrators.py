@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sidtool.formats.base.sid import Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Taylor
 from sidtool.solver import compile_scene
-from sidtool.solver.system.scene import System
-from sidtool.study import Reference, Setting, make_reference, measure
+from sidtool.solver.system.system import System
+from sidtool.study import Reference, Setting, make_reference, measure_setting
 from tests.bodies import particle_body
 from tests.references.test_andrews import squeezer
 from tests.references.test_bricard import bricard
@@ -70,7 +70,7 @@ def trial(title: str, system: System, say: Callable[[str], None]) -> Trial:
                 if turn and not seconds[0, i, k] < LONG:
                     continue
                 setting = Setting(integrator, rtol=rtol)
-                point = measure(system, setting, reference, repeats=1)
+                point = measure_setting(system, setting, reference, repeats=1)
                 seconds[turn, i, k] = point.seconds
                 errors[i, k] = point.error
     least = seconds.min(axis=0)

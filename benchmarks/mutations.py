@@ -142,7 +142,7 @@ def outcomes(file: Path, root: Path, chance: random.Random) -> list[list[str]]:
 
 
 def import_all() -> None:
-    from sidtool import convert, solver, validate  # noqa: F401
+    from sidtool import solver, validate  # noqa: F401
     from sidtool.report import result  # noqa: F401
 
 
@@ -183,7 +183,7 @@ def _child(command: tuple[str, ...], folder: Path) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         for number, name in ((1, ".out"), (2, ".err")):
             os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT), number)
-        from sidtool.cli import run
+        from sidtool.cli.main import run
 
         status = run(command)
     except BaseException:

@@ -16,7 +16,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from sidtool.formats.sid import BLOCK_SHAPES
+from sidtool.formats.base.sid import BLOCK_SHAPES
 from sidtool.formats.sid_files import read_sid, write_sid
 
 #: Seconds that a message may take, also on a machine with other work.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from sidtool.plot.figure import figure
+from sidtool.plot.figure import saved_figure
 
 MARKS = "osD^vP*X<"
 
@@ -17,7 +17,7 @@ def plot_scaling(
     cost: str,
 ) -> None:
     """One line per name through its (size, cost)."""
-    with figure(path, size=(5.0, 3.6)) as axes:
+    with saved_figure(path, size=(5.0, 3.6)) as axes:
         for name, pairs in lines.items():
             axes.loglog(*zip(*pairs, strict=True), "o-", label=name)
         axes.set_xlabel(size)
@@ -29,7 +29,7 @@ def plot_lines(
     path: Path, lines: Mapping[str, Sequence[tuple[float, float]]], error: str
 ) -> None:
     """One line per program through its (error, seconds), those of peers dashed."""
-    with figure(path, size=(7.5, 4.0)) as axes:
+    with saved_figure(path, size=(7.5, 4.0)) as axes:
         for number, (name, pairs) in enumerate(lines.items()):
             style = "-" if name.startswith("sidtool") else "--"
             axes.loglog(

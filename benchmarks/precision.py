@@ -10,10 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from sidtool.solver import simulate
-from sidtool.solver.system.scene import System
-from sidtool.study import Setting, is_hopeless, make_reference, measure, timed
+from sidtool.solver.system.system import System
+from sidtool.study import (
+    Setting,
+    is_hopeless,
+    make_reference,
+    measure_setting,
+    timed_run,
+)
 
 from .peers.equations import Equations, sizes
 from .peers.ode import LONGEST, METHODS, solve
@@ -57,12 +63,12 @@ def own_runs(
     rtols: Sequence[float] = RTOLS,
 ) -> list[Run]:
     """sidtool's integrators, with error control and with fixed steps."""
-    from sidtool.solver.integrators import INTEGRATORS
+    from sidtool.solver.integrators.registry import INTEGRATORS
 
     runs = []
     for name in INTEGRATORS:
         settings = [Setting(name, rtol=rtol) for rtol in rtols]
-        measure(system, settings[0], None, repeats=1)
+        measure_setting(system, settings[0], None, repeats=1)
         slow = False
         for setting in [*settings, *(Setting(name, step=step) for step in steps)]:
             if slow and setting.rtol:
@@ -82,10 +88,10 @@ def own_runs(
 def _own_run(
     system: System, truth: Mapping[str, Array], setting: Setting
 ) -> Run | None:
-    from sidtool.solver.errors import SimulationError
+    from sidtool.solver.system.errors import SimulationError
 
     try:
-        result, seconds = timed(system, setting)
+        result, seconds = timed_run(system, setting)
     except SimulationError:
         return None
     values = {name: result[name] for name in result.names}
@@ -96,7 +102,7 @@ def _own_run(
         setting.value,
         errors_of(values, truth),
         seconds,
-        lambda: timed(system, setting, repeats=1)[1],
+        lambda: timed_run(system, setting, repeats=1)[1],
     )
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg import eigh
 
+from sidtool.formats.base.sid import SID
 from sidtool.formats.model import read_model
-from sidtool.formats.model.refine import refined
+from sidtool.formats.model.refine import refine_model
 from sidtool.formats.reference import read_reference
 from sidtool.formats.scene import read_scene
-from sidtool.formats.sid import SID
-from sidtool.study import Point, Setting, Study, study
-from sidtool.study.tasks import Converted, convert
+from sidtool.measurement.tasks import ConversionOutcome, convert_model
+from sidtool.study import Point, Setting, Study, run_study
 
 from .machine import describe_machine
 from .report import Report, Table
@@ -43,7 +43,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     ]
     errors = [deviation(made.sid, exact) for *_, made in bodies if made.sid]
     with tempfile.TemporaryDirectory() as kept:
-        motion = study(
+        motion = run_study(
             read_scene(EXAMPLE / "slider_crank.toml"),
             {"mesh": MESHES, "modes": MODES},
             models={"rod": [EXAMPLE / file for file in MODELS.values()]},
@@ -84,11 +84,11 @@ def converged() -> np.ndarray:
 
 def conversions(
     path: Path, levels: Iterable[int], say: Callable[[str], None]
-) -> Iterable[tuple[int, Converted]]:
+) -> Iterable[tuple[int, ConversionOutcome]]:
     for level in levels:
-        model = refined(read_model(path), level)
+        model = refine_model(read_model(path), level)
         assert model is not None
-        made = convert(model)
+        made = convert_model(model)
         say(f"{path.stem} {level:+d}: {made.dofs} dofs, {made.seconds:.2f} s")
         yield level, made
 
@@ -101,7 +101,7 @@ def deviation(sid: SID, exact: np.ndarray) -> float:
 
 
 def frequencies(
-    bodies: Sequence[tuple[str, int, Converted]], errors: Sequence[float]
+    bodies: Sequence[tuple[str, int, ConversionOutcome]], errors: Sequence[float]
 ) -> Table:
     rows = [
         [kind, f"{level:+d}", str(made.dofs), f"{made.seconds:.2f}", _told(error)]
@@ -112,7 +112,7 @@ def frequencies(
 
 
 def equal_frequencies(
-    bodies: Sequence[tuple[str, int, Converted]], errors: Sequence[float]
+    bodies: Sequence[tuple[str, int, ConversionOutcome]], errors: Sequence[float]
 ) -> Table:
     rows = []
     for wanted in WANTED:

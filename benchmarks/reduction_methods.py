@@ -16,14 +16,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from sidtool.convert import finite_element_model
+from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import read_data, validated
-from sidtool.frontends.finite_element_model import FiniteElementModel
-from sidtool.plot.figure import figure
-from sidtool.reduction.frames import FRAMES, motion_rows
+from sidtool.formats.toml.reading import read_data, validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model
+from sidtool.plot.figure import saved_figure
+from sidtool.reduction.admissible_space import constrained_space
+from sidtool.reduction.body_frames import FRAMES, motion_rows
 from sidtool.reduction.methods import REDUCTIONS
-from sidtool.reduction.space import admissible
 
 from .machine import describe_machine
 from .report import Report, Table
@@ -40,7 +40,7 @@ Curves = dict[str, list[tuple[int, float]]]
 def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """Measure all registered methods; the plot goes to `folder`."""
     data = read_data(ROD)
-    body = finite_element_model(validated(data, ModelFile))
+    body = finite_element_model(validate_data(data, ModelFile))
     loads = motion_rows(body, body.marker("piston_pin")).T
     exact = full_response(body, loads)
     largest = np.abs(np.einsum("fii->fi", exact)).max(axis=0)
@@ -77,7 +77,7 @@ def reduced_response(
         table = settings(method, size, path)
         if method == "user":
             np.save(path, exported_shapes(data, body, loads, size))
-        model = validated(data | {"reduction": table}, ModelFile)
+        model = validate_data(data | {"reduction": table}, ModelFile)
         frame = FRAMES["tangent"](body, model.frame)
         basis = REDUCTIONS[method](body, frame, model.reduction)
     return response(basis.stiffness, basis.shapes.T @ loads), len(basis.labels)
@@ -99,10 +99,10 @@ def exported_shapes(
     data: Any, body: FiniteElementModel, loads: np.ndarray, size: int
 ) -> np.ndarray:
     """(ndof, size) natural modes and static shapes, as another program writes them."""
-    model = validated(data | {"reduction": settings("modal", size)}, ModelFile)
+    model = validate_data(data | {"reduction": settings("modal", size)}, ModelFile)
     frame = FRAMES["tangent"](body, model.frame)
     modes = REDUCTIONS["modal"](body, frame, model.reduction).shapes
-    static = admissible(body, frame).static(loads)
+    static = constrained_space(body, frame).static(loads)
     return np.hstack([static, modes])[:, :size]
 
 
@@ -138,7 +138,7 @@ def _cells(points: list[tuple[int, float]]) -> list[str]:
 
 
 def _plot(path: Path, curves: Curves) -> None:
-    with figure(path, 1, 1, size=(7.0, 4.5)) as axes:
+    with saved_figure(path, 1, 1, size=(7.0, 4.5)) as axes:
         place = np.ravel(axes)[0]
         for name, points in curves.items():
             place.semilogy(*zip(*sorted(points), strict=True), marker="o", label=name)

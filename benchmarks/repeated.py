@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import sidtool
-from sidtool.solver.running import Run
+from sidtool.solver.simulation.run_loop import Run
 
 from .latency import EXAMPLE
 from .machine import describe_machine

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from sidtool.formats.storage.atomic import atomic_path
-from sidtool.report.tables import table
+from sidtool.report.tables import text_table
 
 NOTE = (
     "Ratios compare the best settings found, ours out of more settings than the "
@@ -32,7 +32,7 @@ class Table:
     summary: bool = False
 
     def text(self) -> str:
-        return f"{self.caption}\n\n{table(self.header, self.rows)}"
+        return f"{self.caption}\n\n{text_table(self.header, self.rows)}"
 
     def markdown(self) -> str:
         lines = [self.header, ["---"] * len(self.header), *self.rows]

@@ -13,15 +13,19 @@ from pathlib import Path
 
 import numpy as np
 
-from sidtool.accuracy import planned
-from sidtool.accuracy.candidates import as_scene, finest, recording
-from sidtool.convert import sid_from_model
+from sidtool.accuracy import make_accuracy_plan
+from sidtool.formats.base.sid import SID
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.formats.sid import SID
+from sidtool.measurement.candidates import (
+    finest_model,
+    scene_of_model,
+    with_recorded_outputs,
+)
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.system.bodies.data import read_sids
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.body_data import read_sids
+from sidtool.solver.system.system import System
 from tests.sidtool.accuracy.arms import swinging
 from tests.sidtool.beams import beam
 
@@ -76,12 +80,12 @@ def table_of(
 ) -> Table:
     """All requests of one output."""
     compile_ = partial(compiled, folder)
-    scene = recording(scene, (output,))
-    whole = as_scene(scene, finest(scene, sids), sids)
+    scene = with_recorded_outputs(scene, (output,))
+    whole = scene_of_model(scene, finest_model(scene, sids), sids)
     exact = simulate(compile_(whole, sids), integrator=METHOD, rtol=TIGHT)
     rows = []
     for wanted in REQUESTS:
-        plan = planned(scene, sids, wanted, compile_, keep=False)
+        plan = make_accuracy_plan(scene, sids, wanted, compile_, keep=False)
         found = simulate(compile_(plan.scene, plan.sids))
         line = plan.report.budget[-1]
         rows.append(

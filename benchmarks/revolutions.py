@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.sid import Taylor
 from sidtool.formats.result import Result
-from sidtool.formats.sid import Taylor
-from sidtool.solver.system.scene import System
-from sidtool.study import Setting, timed
+from sidtool.solver.system.system import System
+from sidtool.study import Setting, timed_run
 
 from . import scenes
 from .machine import describe_machine
@@ -53,7 +53,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     ):
         rows = []
         for setting in settings:
-            result, seconds = timed(system, setting, repeats=1)
+            result, seconds = timed_run(system, setting, repeats=1)
             cells = [setting.integrator, setting.value, f"{seconds:.0f}"]
             cells += [str(result.counters["steps"])]
             cells += [f"{value:.1e}" for value in result.drift.values()]

@@ -78,14 +78,14 @@ def run(data: dict[str, Any]) -> dict[str, Any]:
     """Convert one model in this process; seconds, peak memory and frequencies."""
     import numpy as np
 
-    from sidtool.convert import sid_from_model
     from sidtool.formats.model import ModelFile
-    from sidtool.formats.toml.reading import validated
+    from sidtool.formats.toml.reading import validate_data
+    from sidtool.pipeline.model_to_sid import sid_from_model
 
     stages: list[tuple[float, str]] = []
     start = time.perf_counter()
     sid = sid_from_model(
-        validated(data, ModelFile),
+        validate_data(data, ModelFile),
         lambda text: stages.append((time.perf_counter() - start, text)),
     )
     seconds = time.perf_counter() - start

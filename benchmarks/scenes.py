@@ -7,13 +7,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "slider_crank"
 GRAVITY = 9.81

@@ -9,7 +9,7 @@ import numpy as np
 
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.references import test_simeon as source
 
 from .against_peers import ODE_SOLVERS, report_on

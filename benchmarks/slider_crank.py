@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 
 from . import scenes
 from .against_peers import ODE_SOLVERS, report_on

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sidtool.study import Setting, timed
+from sidtool.study import Setting, timed_run
 
 from . import scenes
 from .machine import describe_machine
@@ -21,8 +21,8 @@ REPEATS = 5
 
 def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """Measure both by turns; the plot goes to `folder`."""
-    from sidtool.solver.errors import SimulationError
-    from sidtool.solver.integrators import INTEGRATORS
+    from sidtool.solver.integrators.registry import INTEGRATORS
+    from sidtool.solver.system.errors import SimulationError
 
     plane, space = scenes.slider_crank(), scenes.spatial_slider_crank()
     truth, _ = truth_of(plane)
@@ -59,11 +59,11 @@ def _both(
     """Least times of runs by turns, errors of q1, steps."""
     seconds, errors, steps = [], [], []
     for system in (plane, space):
-        result, _ = timed(system, setting, repeats=1)  # type: ignore[arg-type]
+        result, _ = timed_run(system, setting, repeats=1)  # type: ignore[arg-type]
         values = {key: result[key] for key in result.names}
         errors.append(errors_of(values, {"rod.q1": truth["rod.q1"]})[0])
         steps.append(str(result.counters["steps"]))
     for _ in range(REPEATS):
         for system in (plane, space):
-            seconds.append(timed(system, setting, repeats=1)[1])  # type: ignore[arg-type]
+            seconds.append(timed_run(system, setting, repeats=1)[1])  # type: ignore[arg-type]
     return min(seconds[::2]), min(seconds[1::2]), errors, steps

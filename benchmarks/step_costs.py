@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sidtool.solver.system.scene import System
-from sidtool.study import Setting, timed
+from sidtool.solver.system.system import System
+from sidtool.study import Setting, timed_run
 
 STEP = 1e-3
 INTEGRATORS = ("radau5", "trapezoidal", "generalised_alpha")
@@ -26,7 +26,7 @@ def step_costs(
         system = systems(size)
         for integrator in INTEGRATORS:
             setting = Setting(integrator, step=STEP, rtol=1e-6)
-            result, seconds = timed(system, setting, repeats=3)
+            result, seconds = timed_run(system, setting, repeats=3)
             cost = 1e6 * seconds / result.counters["steps"]
             lines[integrator].append((size, cost))
             say(f"  {integrator} {size} {unit}: {cost:.0f} us a step")

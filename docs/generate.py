@@ -23,7 +23,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 import sidtool
-from sidtool.cli import cli
+from sidtool.cli.main import cli
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.reference import ReferenceFile, read_reference
 from sidtool.formats.scene import SceneFile, read_scene

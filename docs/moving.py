@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from sidtool import simulate
-from sidtool.convert import field_from_model
 from sidtool.formats.scene import Time, read_scene
+from sidtool.pipeline.model_to_sid import field_from_model
 
 HERE = Path(__file__).resolve().parent
 EXAMPLE = HERE.parent / "examples" / "slider_crank"

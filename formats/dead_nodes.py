@@ -1,18 +1,18 @@
-"""Nodes at which a flexible body cannot be felt, because no shape function moves."""
+"""Nodes of a flexible body at which no shape function moves."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from .errors import InputError
-from .sid import SID, Node
-from .storage.kept import kept
+from .base.errors import InputError
+from .base.sid import SID, Node
+from .storage.cache import cached_by_identity
 
 #: Relative size below which a shape function counts as zero.
-_NOTHING = 1e-9
+_ZERO_SHAPE_TOLERANCE = 1e-9
 
 
-@kept
+@cached_by_identity
 def dead_nodes(sid: SID) -> tuple[str, ...]:
     """Ids of nodes where all shape functions vanish though the frame is elsewhere.
 
@@ -24,20 +24,23 @@ def dead_nodes(sid: SID) -> tuple[str, ...]:
     if sid.nq == 0 or not sid.nodes:
         return ()
     size = max(np.abs(node.position).max() for node in sid.nodes)
-    limits = _NOTHING * motion_scale(sid), _NOTHING * sid.largest_shapes[1]
-    resting = [node for node in sid.nodes if _rests(node, *limits)]
+    limits = (
+        _ZERO_SHAPE_TOLERANCE * motion_scale(sid),
+        _ZERO_SHAPE_TOLERANCE * sid.largest_shapes[1],
+    )
+    resting = [node for node in sid.nodes if _is_at_rest(node, *limits)]
     if not resting:
         return ()
     places = np.array([node.position for node in resting])
-    away = np.abs(places).max(axis=1) > _NOTHING * size
-    if away.all() and np.ptp(places, axis=0).max() <= _NOTHING * size:
+    away = np.abs(places).max(axis=1) > _ZERO_SHAPE_TOLERANCE * size
+    if away.all() and np.ptp(places, axis=0).max() <= _ZERO_SHAPE_TOLERANCE * size:
         return ()
     return tuple(
         node.id for node, is_away in zip(resting, away, strict=True) if is_away
     )
 
 
-def check_alive(sid: SID, node_id: str | int, what: str, body: str = "") -> None:
+def check_moves(sid: SID, node_id: str | int, what: str, body: str = "") -> None:
     """Whether a load or a joint at a node can deform the body.
 
     Parameters
@@ -60,15 +63,15 @@ def check_alive(sid: SID, node_id: str | int, what: str, body: str = "") -> None
 
 
 def motion_scale(sid: SID) -> float:
-    """What counts as a large entry of phi [m/[q]], also if no node moves.
+    """Return the size of a large entry of phi [m/[q]], also if no node moves.
 
-    The largest one at any node, or the mean displacement that Me tells.
+    It is the largest one at any node, or the mean displacement that Me implies.
     """
     at_nodes = sid.largest_shapes[0]
     mean = np.sqrt(np.abs(np.diag(sid.Me.m0)).max(initial=0.0) / abs(sid.mass or 1.0))
     return float(max(at_nodes, mean))
 
 
-def _rests(node: Node, phi: float, psi: float) -> bool:
+def _is_at_rest(node: Node, phi: float, psi: float) -> bool:
     still = np.abs(node.phi.m0).max(initial=0.0) <= phi
     return bool(still and np.abs(node.psi.m0).max(initial=0.0) <= psi)

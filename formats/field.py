@@ -13,18 +13,17 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from .endings import check_ending
-from .errors import InputError
-from .sid import SID, Array
-from .storage.hdf5_data import check_own_data, check_sizes
-from .storage.seal import check_seal, write_sealed
-from .storage.unreadable import unreadable
+from .base.errors import InputError
+from .base.sid import SID, Array
+from .file_names import check_ending
+from .storage.hdf5_files import check_own_data, check_seal, check_sizes, write_sealed
+from .storage.unreadable import unreadable_error
 
 FORMAT = "sidtool field"
 VERSION = 1
 #: A SID and a field belong together if Ke, the places of nodes and their shape
 #: functions agree to this part of the largest entry: text files keep fewer digits.
-SAME = 1e-6
+MATCH_TOLERANCE = 1e-6
 _ENTRIES = ("stiffness", "places", "node_shapes")
 
 
@@ -39,7 +38,7 @@ class Field:
     shapes : (n, 3, nq) displacement per elastic coordinate
     triangles : (m, 3) rows of `positions`: the outer surface, or a plane body itself
     cells : kind -> (ne, k) rows of `positions`; kinds are those of
-        `sidtool.frontends.elements.reference`
+        `sidtool.mesh.reference_elements`
     thickness : of a plane body [m], 0 for others
     stress : (n, 6, nq) xx, yy, zz, xy, yz, xz per elastic coordinate [Pa]; None where
         it is not known, as of beams
@@ -96,7 +95,7 @@ def field_of(sid: SID, content: Field) -> Field:
     )
 
 
-def mismatch(content: Field, sid: SID) -> str:
+def mismatch_text(content: Field, sid: SID) -> str:
     """Why a field is not that of a SID; empty if it is."""
     if content.nq != sid.nq:
         return f"has {content.nq} elastic coordinates, the SID {sid.nq}"
@@ -106,7 +105,7 @@ def mismatch(content: Field, sid: SID) -> str:
     for name, what in zip(_ENTRIES, ("Ke", "nodes", "shape functions"), strict=True):
         own, given = getattr(content, name), getattr(other, name)
         size = np.abs(own).max(initial=0.0)
-        if np.abs(own - given).max(initial=0.0) > SAME * size:
+        if np.abs(own - given).max(initial=0.0) > MATCH_TOLERANCE * size:
             return f"has other {what} than the SID"
     return ""
 
@@ -116,10 +115,10 @@ def write_field(path: str | os.PathLike[str], content: Field) -> None:
 
     Raises
     ------
-    InputError, OSError : see `sidtool.formats.storage.seal.write_sealed`.
+    InputError, OSError : see `sidtool.formats.storage.hdf5_files.write_sealed`.
     """
     check_ending(path, "field")
-    write_sealed(path, lambda file: _put(file, content))
+    write_sealed(path, lambda file: _write_content(file, content))
 
 
 def read_field(path: str | os.PathLike[str]) -> Field:
@@ -135,12 +134,12 @@ def read_field(path: str | os.PathLike[str]) -> Field:
             _check_format(file)
             check_own_data(file)
             check_sizes(file)
-            return _field(file)
+            return _read_content(file)
     except InputError as error:
         raise error.located(path) from None
     except (OSError, LookupError, TypeError, ValueError, RuntimeError) as error:
         if not Path(path).is_file():
-            raise unreadable(path, "a field file") from None
+            raise unreadable_error(path, "a field file") from None
         raise InputError(
             f"cannot be read ({error})", source=path, expected="a whole field file"
         ) from None
@@ -155,7 +154,7 @@ def _check_format(file: h5py.File) -> None:
         )
 
 
-def _put(file: h5py.File, content: Field) -> None:
+def _write_content(file: h5py.File, content: Field) -> None:
     file.attrs.update(
         format=FORMAT,
         format_version=VERSION,
@@ -178,7 +177,7 @@ def _put(file: h5py.File, content: Field) -> None:
         file.create_dataset(name, data=array, **packed)
 
 
-def _field(file: h5py.File) -> Field:
+def _read_content(file: h5py.File) -> Field:
     numbers = {name: np.asarray(file[name][()], float) for name in _ENTRIES}
     positions, shapes = (
         np.asarray(file[name][()], float) for name in ("positions", "shapes")

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .endings import check_ending
-from .errors import InputError
-from .sid import SID
+from .base.errors import InputError
+from .base.sid import SID
+from .file_names import check_ending
 from .sid_ascii import read_ascii, write_ascii
 from .sid_hdf5 import SIGNATURES, read_hdf5, write_hdf5
-from .storage.unreadable import unreadable
+from .storage.unreadable import unreadable_error
 
 CANONICAL = "fembs"
 
@@ -54,10 +54,10 @@ FORMATS = (
 
 
 def read_sid(path: str | os.PathLike[str]) -> SID:
-    """The SID in a file of any known format and dialect.
+    """Read the SID in a file of any known format and dialect.
 
     The content decides what the file is, except that an empty or damaged file is
-    judged by its name. `SID.dialect` tells how the file was written.
+    judged by its name. `SID.dialect` states how the file was written.
 
     Raises
     ------
@@ -68,8 +68,8 @@ def read_sid(path: str | os.PathLike[str]) -> SID:
         if source.exists() and not source.is_dir():
             problem, expected = "is a pipe or a device", "a regular file"
             raise InputError(problem, source=source, expected=expected)
-        raise unreadable(source, "a SID file, ASCII or HDF5")
-    return _by_content(source).read(source)
+        raise unreadable_error(source, "a SID file, ASCII or HDF5")
+    return _format_by_content(source).read(source)
 
 
 def write_sid(path: str | os.PathLike[str], sid: SID, dialect: str = CANONICAL) -> None:
@@ -88,7 +88,7 @@ def write_sid(path: str | os.PathLike[str], sid: SID, dialect: str = CANONICAL) 
     """
     check_ending(path, "sid")
     try:
-        _by_name(Path(path)).write(path, sid, dialect)
+        _format_by_name(Path(path)).write(path, sid, dialect)
     except ValueError as error:
         problem = f"cannot hold a text of this body ({error})"
         raise InputError(problem, source=path, expected="printable text") from error
@@ -96,22 +96,22 @@ def write_sid(path: str | os.PathLike[str], sid: SID, dialect: str = CANONICAL) 
         raise error.located(path) from error
 
 
-def _by_content(path: Path) -> SIDFormat:
+def _format_by_content(path: Path) -> SIDFormat:
     try:
         with path.open("rb") as stream:
             start = stream.read(16)
     except OSError as error:
-        raise unreadable(path, "a SID file", error) from error
+        raise unreadable_error(path, "a SID file", error) from error
     for known in FORMATS:
         if start.startswith(known.signatures):
             return known
-    return FORMATS[-1] if _is_text(start) else _by_name(path)
+    return FORMATS[-1] if _is_text(start) else _format_by_name(path)
 
 
 def _is_text(start: bytes) -> bool:
     return bool(start.strip()) and all(9 <= byte <= 13 or byte >= 32 for byte in start)
 
 
-def _by_name(path: Path) -> SIDFormat:
+def _format_by_name(path: Path) -> SIDFormat:
     suffix = path.suffix.lower()
     return next(known for known in FORMATS if suffix in (known.suffixes or (suffix,)))

@@ -1,27 +1,36 @@
-"""A SID in HDF5: self-describing, quick, and the same bits when read back.
+"""SID in HDF5: self-describing, fast, bit-identical when read back.
 
 Nodes are stacked: all ``m0`` of one entry are one dataset with the node as first index.
 Higher orders are stored for those nodes that have them, with their node numbers beside.
-The file is sealed with a check sum, see `seal`.
+The file has a check sum, see `storage/hdf5_files.py`.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
-from .carried import DIRECTIONS, Carried
-from .errors import InputError
-from .sid import NODE_SHAPES, SID, Node, Taylor
-from .sid_hdf5_reader import PARTS, Reader
-from .storage.finite import check_finite
-from .storage.hdf5_data import check_own_data, check_sizes, put_texts
-from .storage.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal, write_sealed
+from .base.compliance_shares import DIRECTIONS, ComplianceShares
+from .base.errors import InputError
+from .base.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Dialect, Node, Taylor
+from .storage.hdf5_files import (
+    HDF5_SIGNATURE,
+    SEAL_SIGNATURE,
+    check_finite,
+    check_own_data,
+    check_seal,
+    check_sizes,
+    put_texts,
+    write_sealed,
+)
 
 SIGNATURES = (HDF5_SIGNATURE, SEAL_SIGNATURE)
 FORMAT = "sidtool SID"
@@ -56,7 +65,7 @@ def write_hdf5(path: str | os.PathLike[str], sid: SID) -> None:
     OSError : not as a whole, as on a full disk.
     """
     check_finite(sid)
-    write_sealed(path, lambda file: put_sid(file, sid))
+    write_sealed(path, lambda file: write_sid_group(file, sid))
 
 
 def read_hdf5(path: str | os.PathLike[str]) -> SID:
@@ -73,7 +82,7 @@ def read_hdf5(path: str | os.PathLike[str]) -> SID:
             _check_kind(file, source)
             check_own_data(file)
             check_sizes(file)
-            sid = Reader(source).sid(file)
+            sid = SidReader(source).sid(file)
         check_finite(sid)
     except InputError as error:
         raise error.located(source) from error
@@ -105,7 +114,7 @@ def _check_kind(file: h5py.File, source: str) -> None:
         )
 
 
-def put_sid(file: h5py.Group, sid: SID) -> None:
+def write_sid_group(file: h5py.Group, sid: SID) -> None:
     """All of a SID, into a file or a group of one."""
     file.attrs["format"] = FORMAT
     file.attrs["version"] = VERSION
@@ -116,19 +125,19 @@ def put_sid(file: h5py.Group, sid: SID) -> None:
     file.attrs["dialect"] = json.dumps(asdict(sid.dialect))
     put_texts(file, "labels", sid.labels)
     for name, block in sid.blocks.items():
-        _put_block(file.create_group(f"blocks/{name}"), block)
+        _write_block(file.create_group(f"blocks/{name}"), block)
     extra = file.create_group("extra")
     for index, (name, block) in enumerate(sid.extra.items()):
         group = extra.create_group(f"{index:06d}")
         group.attrs["name"] = name
-        _put_block(group, block)
-    _put_nodes(file.create_group("nodes"), sid.nodes)
+        _write_block(group, block)
+    _write_nodes(file.create_group("nodes"), sid.nodes)
     if sid.carried is not None:
-        _put_carried(file.create_group("carried"), sid.carried)
+        _write_compliance_shares(file.create_group("carried"), sid.carried)
 
 
-def _put_carried(group: h5py.Group, carried: Carried) -> None:
-    """See `Carried`; what is not known is NaN."""
+def _write_compliance_shares(group: h5py.Group, carried: ComplianceShares) -> None:
+    """Write compliance shares, see `ComplianceShares`; unknown ones are NaN."""
     group.attrs["free"] = carried.free
     group.attrs["lost"] = np.array(carried.lost, float)
     put_texts(group, "id", list(carried.shares))
@@ -136,7 +145,7 @@ def _put_carried(group: h5py.Group, carried: Carried) -> None:
     group["shares"] = rows.reshape(-1, len(DIRECTIONS))
 
 
-def _put_block(group: h5py.Group, block: Taylor) -> None:
+def _write_block(group: h5py.Group, block: Taylor) -> None:
     group.attrs["order"] = block.order
     group["m0"] = block.m0
     for part in PARTS:
@@ -145,7 +154,7 @@ def _put_block(group: h5py.Group, block: Taylor) -> None:
             group[part] = value
 
 
-def _put_nodes(group: h5py.Group, nodes: tuple[Node, ...]) -> None:
+def _write_nodes(group: h5py.Group, nodes: tuple[Node, ...]) -> None:
     put_texts(group, "id", [node.id for node in nodes])
     put_texts(group, "rframe", [node.rframe for node in nodes])
     for name in NODE_SHAPES:
@@ -155,10 +164,10 @@ def _put_nodes(group: h5py.Group, nodes: tuple[Node, ...]) -> None:
             if (entry := getattr(node, name)) is not None
         }
         if entries:
-            _put_stack(group.create_group(name), entries)
+            _write_entries(group.create_group(name), entries)
 
 
-def _put_stack(group: h5py.Group, entries: dict[int, Taylor]) -> None:
+def _write_entries(group: h5py.Group, entries: dict[int, Taylor]) -> None:
     """The same entry of many nodes, by the number of the node."""
     group["node"] = np.array(list(entries), dtype=np.int64)
     group["order"] = np.array([entry.order for entry in entries.values()], np.int64)
@@ -177,3 +186,134 @@ def _put_stack(group: h5py.Group, entries: dict[int, Taylor]) -> None:
 def _first_line(error: BaseException) -> str:
     lines = str(error).splitlines() or [type(error).__name__]
     return lines[0][:120]
+
+
+#: The parts of an expansion that may be missing.
+PARTS = ("m1", "mn")
+
+
+class SidReader:
+    """Takes datasets out of a file that may lie about their type.
+
+    Their sizes are those of `check_sizes`.
+    """
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+
+    def sid(self, file: h5py.Group) -> SID:
+        """The whole body."""
+        blocks: dict[str, Any] = {
+            name: self._block(file[f"blocks/{name}"]) for name in BLOCK_SHAPES
+        }
+        extra = {
+            str(group.attrs["name"]): self._block(group)
+            for _, group in sorted(file["extra"].items())
+        }
+        return SID(
+            mass=float(file.attrs["mass"]),
+            labels=tuple(self._texts(file["labels"])),
+            nodes=self._nodes(file["nodes"]),
+            title=_decode_text(file.attrs["title"]),
+            extra=extra,
+            dialect=_parse_dialect(file.attrs["dialect"]),
+            written_by=_decode_text(file.attrs.get("written_by", "sidtool")),
+            carried=self._carried(file),
+            from_matrices=bool(file.attrs.get("from_matrices", False)),
+            **blocks,
+        )
+
+    def _carried(self, file: h5py.Group) -> ComplianceShares | None:
+        if "carried" not in file:
+            return None
+        group = file["carried"]
+        rows = self._numbers(group["shares"], 2).tolist()
+        known_rows = [tuple(None if math.isnan(x) else x for x in row) for row in rows]
+        names = self._texts(group["id"])
+        lost = tuple(float(x) for x in group.attrs["lost"])
+        if {len(row) for row in known_rows} - {6} or len(lost) not in (0, 6):
+            raise ValueError("shares are not told by direction")
+        shares = dict(zip(names, known_rows, strict=True))
+        return ComplianceShares(bool(group.attrs["free"]), shares, lost)
+
+    def _block(self, group: h5py.Group) -> Taylor:
+        parts = {
+            part: self._numbers(group[part], 3) if part in group else None
+            for part in PARTS
+        }
+        m0 = self._numbers(group["m0"], 2)
+        return Taylor(m0, order=int(group.attrs["order"]), **parts)
+
+    def _nodes(self, group: h5py.Group) -> tuple[Node, ...]:
+        ids, frames = self._texts(group["id"]), self._texts(group["rframe"])
+        stacks: dict[str, dict[int, Any]] = {
+            name: self._stack(group[name]) if name in group else {}
+            for name in NODE_SHAPES
+        }
+        return tuple(
+            Node(
+                id=name,
+                rframe=frame,
+                sigma=stacks["sigma"].get(index),
+                **{entry: stacks[entry][index] for entry in stacks if entry != "sigma"},
+            )
+            for index, (name, frame) in enumerate(zip(ids, frames, strict=True))
+        )
+
+    def _stack(self, group: h5py.Group) -> dict[int, Taylor]:
+        m0 = self._numbers(group["m0"], 3)
+        linear: dict[int, Array] = {}
+        if "m1" in group:
+            m1 = self._numbers(group["m1"], 4)
+            linear = dict(zip(self._indices(group["m1_node"]), m1, strict=True))
+        higher: Mapping[str, Any] = group.get("mn", {})
+        nodes, orders = self._indices(group["node"]), self._indices(group["order"])
+        return {
+            node: Taylor(
+                value,
+                linear.get(node),
+                self._numbers(higher[str(node)], 3) if str(node) in higher else None,
+                order,
+            )
+            for node, order, value in zip(nodes, orders, m0, strict=True)
+        }
+
+    def _numbers(self, dataset: h5py.Dataset, dimensions: int) -> Array:
+        if dataset.dtype.kind != "f" or dataset.ndim != dimensions:
+            raise self._wrong(dataset, f"{dimensions} dimensions of real numbers")
+        values: Array = np.asarray(dataset[()], dtype=np.float64)
+        return values
+
+    def _indices(self, dataset: h5py.Dataset) -> list[int]:
+        if dataset.dtype.kind not in "iu" or dataset.ndim != 1:
+            raise self._wrong(dataset, "a list of integers")
+        indices: list[int] = dataset[()].tolist()
+        return indices
+
+    def _texts(self, dataset: h5py.Dataset) -> list[str]:
+        if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
+            raise self._wrong(dataset, "a list of texts")
+        return [str(text) for text in dataset.asstr()[:]]
+
+    def _wrong(self, dataset: h5py.Dataset, expected: str) -> InputError:
+        return InputError(
+            f"has shape {dataset.shape} and type {dataset.dtype}",
+            source=self._source,
+            place=f"dataset {dataset.name}",
+            expected=expected,
+        )
+
+
+def _parse_dialect(text: object) -> Dialect:
+    stored = json.loads(_decode_text(text))
+    known = {item.name: stored[item.name] for item in fields(Dialect)}
+    notes = known.pop("notes")
+    if not all(isinstance(value, str) for value in (*known.values(), *notes)):
+        raise ValueError("the dialect is not made of texts")
+    return Dialect(**known, notes=tuple(notes))
+
+
+def _decode_text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"found {type(value).__name__} instead of a text")
+    return value

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .sid import SID, Array, symmetric_3x3
-from .storage.kept import kept
+from .base.sid import SID, Array, symmetric_3x3
+from .storage.cache import cached_by_identity
 
 #: Rigid coordinates of a body that moves in space: x, y, z and rotations about them.
 SPATIAL = (0, 1, 2, 3, 4, 5)
@@ -33,7 +33,7 @@ _DECOUPLED = 1e-9
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Whether a mass matrix is positive definite, and if not, why.
+    """Result of the check that a mass matrix is positive definite.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class FreeMotion:
         elastic mass that remains when the frame floats freely, relative to Me; or,
         when the rigid part fails already, its smallest central inertia relative to
         the largest. Positive for a body that can exist.
-    reason : empty if positive definite, else one phrase that says what is wrong.
+    reason : empty if positive definite, else one phrase that states what is wrong.
     """
 
     smallest: float
@@ -64,11 +64,10 @@ def skew(vectors: ArrayLike) -> Array:
 
 
 def mean_axes_motion(sid: SID) -> Array:
-    """(6, nq) rigid motion with the momenta of each elastic coordinate.
+    """Return the rigid motion (6, nq) with the momenta of each elastic coordinate.
 
     Translation of the point at the origin, and rotation; mean axes move so relative to
-    the frame of the SID. Of a body that cannot tell a rotation (a line of mass) it has
-    none.
+    the frame of the SID. A body without a rotation (a line of mass) has none.
     """
     mass = coupled_mass_matrix(sid)
     found = np.linalg.lstsq(mass[:6, :6], mass[:6, 6:], rcond=1e-12)[0]
@@ -107,7 +106,7 @@ def central_inertia(sid: SID) -> Array:
     return symmetric_3x3(sid.J.m0[:, 0]) + sid.mass * offset @ offset
 
 
-@kept
+@cached_by_identity
 def body_size(sid: SID) -> float:
     """The length of a body [m]: of a bar with its largest moment of inertia, or the
     extent of its nodes if that is more. The place of its frame does not count."""
@@ -124,10 +123,11 @@ def body_size(sid: SID) -> float:
 
 
 def free_modal_mass(sid: SID, rigid: tuple[int, ...] = SPATIAL) -> Array:
-    """Me less what the floating frame takes up: Me - [Ct Cr] Mr^-1 [Ct Cr]^T, (nq, nq).
+    """Return Me less the share of the floating frame: Me - [Ct Cr] Mr^-1 [Ct Cr]^T,
+    (nq, nq).
 
     With Ke it gives the frequencies of the free body, whatever its frame. `rigid`
-    are the rigid coordinates that move; their mass matrix Mr must be regular.
+    are the free rigid coordinates; their mass matrix Mr must be regular.
     """
     matrix = coupled_mass_matrix(sid)
     moving, elastic = list(rigid), slice(6, None)
@@ -136,7 +136,7 @@ def free_modal_mass(sid: SID, rigid: tuple[int, ...] = SPATIAL) -> Array:
     return sid.Me.m0 - coupling @ np.linalg.solve(body, coupling.T)
 
 
-@kept
+@cached_by_identity
 def free_motion(sid: SID, rigid: tuple[int, ...] = SPATIAL) -> FreeMotion:
     """Is the coupled mass matrix positive definite when these rigid coordinates move?
 
@@ -145,10 +145,10 @@ def free_motion(sid: SID, rigid: tuple[int, ...] = SPATIAL) -> FreeMotion:
     """
     if not sid.mass > 0.0:
         return FreeMotion(float(sid.mass), "the mass is not positive")
-    rigid_part = _rigid_part(sid, rigid)
+    rigid_part = _definite_rigid_part(sid, rigid)
     if rigid_part.reason or sid.nq == 0:
         return rigid_part
-    return _elastic_part(sid, rigid)
+    return _definite_elastic_part(sid, rigid)
 
 
 def plane_of_motion(sid: SID) -> int | None:
@@ -170,7 +170,7 @@ def plane_of_motion(sid: SID) -> int | None:
     return None
 
 
-def _rigid_part(sid: SID, rigid: tuple[int, ...]) -> FreeMotion:
+def _definite_rigid_part(sid: SID, rigid: tuple[int, ...]) -> FreeMotion:
     turning = [i - 3 for i in rigid if i >= 3]
     shifting = [i for i in rigid if i < 3]
     lever = skew(sid.mdCM.m0[:, 0])[np.ix_(shifting, turning)]
@@ -199,7 +199,7 @@ def _axis_in_words(direction: Array) -> str:
     return f" about the axis ({parts})"
 
 
-def _elastic_part(sid: SID, rigid: tuple[int, ...]) -> FreeMotion:
+def _definite_elastic_part(sid: SID, rigid: tuple[int, ...]) -> FreeMotion:
     try:
         factor = np.linalg.inv(np.linalg.cholesky(sid.Me.m0))
     except np.linalg.LinAlgError:

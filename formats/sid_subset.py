@@ -1,4 +1,4 @@
-"""A body with some of its shape functions only."""
+"""SID with a subset of its shape functions."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from .carried.compliance import still_carried
-from .errors import InputError
-from .sid import BLOCK_SHAPES, NODE_SHAPES, SID, Taylor
+from .base.errors import InputError
+from .base.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Taylor
+from .static_compliance import remaining_compliance_shares
 
-#: Which entries of a matrix belong to the coordinates `kept` (n,) out of nq.
+#: Entries of a matrix that belong to the coordinates `kept` (n,) out of nq.
 _ENTRIES = {
     "q": lambda kept, nq: kept,
     "3q": lambda kept, nq: np.concatenate([axis * nq + kept for axis in range(3)]),
 }
 
 
-def kept_indices(numbers: Sequence[int] | None, nq: int, place: str) -> tuple[int, ...]:
+def selected_indices(
+    numbers: Sequence[int] | None, nq: int, place: str
+) -> tuple[int, ...]:
     """Indices from 0 of the shape functions with these numbers, all for None.
 
     Raises
@@ -38,16 +40,16 @@ def kept_indices(numbers: Sequence[int] | None, nq: int, place: str) -> tuple[in
     return tuple(sorted(number - 1 for number in numbers))
 
 
-def with_shape_functions(sid: SID, kept: Sequence[int]) -> SID:
+def select_shape_functions(sid: SID, selected: Sequence[int]) -> SID:
     """The body that moves and deforms with these shape functions only, from 0.
 
     Raises
     ------
     InputError : the SID has terms above the first order, whose meaning is open.
     """
-    if len(kept) == sid.nq:
+    if len(selected) == sid.nq:
         return sid
-    rows = np.array(kept, dtype=int)
+    rows = np.array(selected, dtype=int)
 
     def cut(entry: Taylor, name: str) -> Taylor:
         if entry.mn is not None and entry.mn.any():
@@ -75,6 +77,6 @@ def with_shape_functions(sid: SID, kept: Sequence[int]) -> SID:
         }
         nodes.append(replace(node, **entries))
     blocks: dict[str, Any] = {name: cut(b, name) for name, b in sid.blocks.items()}
-    labels = tuple(sid.labels[k] for k in kept)
+    labels = tuple(sid.labels[k] for k in selected)
     small = replace(sid, labels=labels, nodes=tuple(nodes), extra={}, **blocks)
-    return replace(small, carried=still_carried(sid, small))
+    return replace(small, carried=remaining_compliance_shares(sid, small))

@@ -1,4 +1,4 @@
-"""Studies as files: what each variant of a scene costs and gives, as JSON."""
+"""Study files (JSON): cost and error of each variant of a scene."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from .endings import check_ending
+from .file_names import check_ending
 from .scene.base import Table
 from .storage.atomic import atomic_path
 from .toml.reading import load

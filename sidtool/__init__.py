@@ -38,38 +38,38 @@ if all(
     __path__.append(_CLONE)
 
 if TYPE_CHECKING:
-    from sidtool.formats.errors import InputError as InputError
-    from sidtool.formats.errors import ValidityWarning as ValidityWarning
-    from sidtool.formats.sid import SID as SID
-    from sidtool.solver.errors import SimulationError as SimulationError
+    from sidtool.formats.base.errors import InputError as InputError
+    from sidtool.formats.base.errors import ValidityWarning as ValidityWarning
+    from sidtool.formats.base.sid import SID as SID
     from sidtool.solver.functions.callables import Timed as Timed
-    from sidtool.solver.functions.laws import Law as Law
+    from sidtool.solver.functions.control_laws import Law as Law
+    from sidtool.solver.system.errors import SimulationError as SimulationError
 
-    from .afterwards import outputs as outputs
-    from .analysing import inverse_dynamics as inverse_dynamics
-    from .analysing import linearise as linearise
-    from .analysing import static_equilibrium as static_equilibrium
-    from .api import compare as compare
-    from .api import convert as convert
-    from .api import repair as repair
-    from .api import simulate as simulate
-    from .api import validate as validate
-    from .api import write as write
-    from .compiled import CompiledScene as CompiledScene
-    from .conversion.building import sid_from_blocks as sid_from_blocks
-    from .conversion.building import sid_from_shapes as sid_from_shapes
-    from .interrupting import Interrupted as Interrupted
-    from .kinds import read as read
-    from .results import Result as Result
-    from .scenes import Model as Model
-    from .scenes import Scene as Scene
-    from .study.asked import study as study
-    from .sweep.asked import sweep as sweep
-    from .view.animating import animate as animate
-    from .view.peaks import peak_stresses as peak_stresses
-    from .vocabulary import *  # noqa: F403
+    from .api.analyses import inverse_dynamics as inverse_dynamics
+    from .api.analyses import linearise as linearise
+    from .api.analyses import static_equilibrium as static_equilibrium
+    from .api.compiled_scene import CompiledScene as CompiledScene
+    from .api.interrupts import Interrupted as Interrupted
+    from .api.operations import compare as compare
+    from .api.operations import convert as convert
+    from .api.operations import repair as repair
+    from .api.operations import simulate as simulate
+    from .api.operations import validate as validate
+    from .api.result import Result as Result
+    from .api.scene import Model as Model
+    from .api.scene import Scene as Scene
+    from .api.scene import read as read
+    from .api.study import study as study
+    from .api.sweep import sweep as sweep
+    from .api.tables import *  # noqa: F403
+    from .pipeline.extra_outputs import outputs as outputs
+    from .pipeline.files import write as write
+    from .pipeline.sid_from_arrays import sid_from_blocks as sid_from_blocks
+    from .pipeline.sid_from_arrays import sid_from_shapes as sid_from_shapes
+    from .view.animation import animate as animate
+    from .view.body_fields import peak_stresses as peak_stresses
 
-#: Tables of scenes and models; see `vocabulary`.
+#: Tables of scenes and models; see `sidtool.api.tables`.
 _TABLES = """
     Accuracy Actuator AttachmentReduction BeamDiscretisation BeamGeometry
     Box BuckensFrame Bushing Characteristic ChordFrame Coincident Constant Coupling
@@ -86,35 +86,35 @@ _TABLES = """
     TangentFrame Tie Time Universal UserReduction VolumeGeometry
 """.split()  # noqa: SIM905
 _HOME = {
-    **dict.fromkeys(_TABLES, "sidtool.vocabulary"),
-    "CompiledScene": "sidtool.compiled",
-    "InputError": "sidtool.formats.errors",
-    "ValidityWarning": "sidtool.formats.errors",
-    "Interrupted": "sidtool.interrupting",
-    "Model": "sidtool.scenes",
-    "Result": "sidtool.results",
-    "SID": "sidtool.formats.sid",
-    "Scene": "sidtool.scenes",
-    "SimulationError": "sidtool.solver.errors",
-    "Law": "sidtool.solver.functions.laws",
+    **dict.fromkeys(_TABLES, "sidtool.api.tables"),
+    "CompiledScene": "sidtool.api.compiled_scene",
+    "InputError": "sidtool.formats.base.errors",
+    "ValidityWarning": "sidtool.formats.base.errors",
+    "Interrupted": "sidtool.api.interrupts",
+    "Model": "sidtool.api.scene",
+    "Result": "sidtool.api.result",
+    "SID": "sidtool.formats.base.sid",
+    "Scene": "sidtool.api.scene",
+    "SimulationError": "sidtool.solver.system.errors",
+    "Law": "sidtool.solver.functions.control_laws",
     "Timed": "sidtool.solver.functions.callables",
-    "animate": "sidtool.view.animating",
-    "compare": "sidtool.api",
-    "convert": "sidtool.api",
-    "inverse_dynamics": "sidtool.analysing",
-    "linearise": "sidtool.analysing",
-    "outputs": "sidtool.afterwards",
-    "peak_stresses": "sidtool.view.peaks",
-    "read": "sidtool.kinds",
-    "repair": "sidtool.api",
-    "sid_from_blocks": "sidtool.conversion.building",
-    "sid_from_shapes": "sidtool.conversion.building",
-    "simulate": "sidtool.api",
-    "static_equilibrium": "sidtool.analysing",
-    "study": "sidtool.study.asked",
-    "sweep": "sidtool.sweep.asked",
-    "validate": "sidtool.api",
-    "write": "sidtool.api",
+    "animate": "sidtool.view.animation",
+    "compare": "sidtool.api.operations",
+    "convert": "sidtool.api.operations",
+    "inverse_dynamics": "sidtool.api.analyses",
+    "linearise": "sidtool.api.analyses",
+    "outputs": "sidtool.pipeline.extra_outputs",
+    "peak_stresses": "sidtool.view.body_fields",
+    "read": "sidtool.api.scene",
+    "repair": "sidtool.api.operations",
+    "sid_from_blocks": "sidtool.pipeline.sid_from_arrays",
+    "sid_from_shapes": "sidtool.pipeline.sid_from_arrays",
+    "simulate": "sidtool.api.operations",
+    "static_equilibrium": "sidtool.api.analyses",
+    "study": "sidtool.api.study",
+    "sweep": "sidtool.api.sweep",
+    "validate": "sidtool.api.operations",
+    "write": "sidtool.pipeline.files",
 }
 
 __version__ = "0.1.0"
@@ -129,7 +129,11 @@ def __getattr__(name: str) -> Any:
 
 
 def _unknown(name: str) -> str:
-    """With `name` given, Python adds no suggestion of its own, as few places do."""
+    """Describe an unknown name with the nearest known one.
+
+    Python adds no suggestion of its own if `name` is given to the error, as few places
+    do.
+    """
     from difflib import get_close_matches
 
     folded = {known.lower(): known for known in __all__}

@@ -1,23 +1,26 @@
-"""What moves SIDs: the floating-frame integrator, in the order of docs/theory.md.
+"""Floating-frame multibody solver for bodies given as SIDs.
 
-Rooms, from the lowest to the highest; each imports from those above it in this list:
+The equation numbers in the docstrings are those of ``docs/theory.md``. Packages, from
+the lowest to the highest; each one imports only from those listed before it:
 
-    compiler/     from a function in Python to a kernel: values, records, machine code
-    space/        plane and space: their algebra, coordinates, the arrays of kernels
-    linear/       the linear systems, eq. (17): accelerations, projections, Newton
-    equations/    motion of frames and markers, eq. (4) to (7); M and f of every body,
-                  eq. (10) and (11); constraints, eq. (14); forces, eq. (16)
-    functions/    functions of time: drives, tables, callables
-    system/       from a scene and its SIDs to the tables that kernels read
-    integrators/  eq. (3) in time, eq. (18) to (22)
-    start/        consistent initial conditions: assembly, redundant constraints
-    recording/    outputs, forces, energies and events of a run
-    advice/       what a run says of its scene, and why it stopped
-    analyses/     equilibrium, natural modes, inverse dynamics
-    run           a run: start, integrate, record, tell
+- `compiler`: compiles Python functions (kernels) to machine code and caches them
+- `spatial`: algebra of plane and space, coordinates, the arrays of the kernels
+- `linear`: linear systems: accelerations, projections, Newton matrices, eq. (17)
+- `dynamics`: kinematics, eq. (4)-(7); equations of bodies, eq. (10)-(12); constraints,
+  eq. (14); forces, eq. (16)
+- `functions`: functions of time, tables, callables and control laws
+- `system`: from a scene and its SIDs to the arrays that the kernels read
+- `integrators`: step loops, eq. (18)-(22)
+- `initial_state`: consistent initial conditions, redundant constraints
+- `output`: output quantities, energies, dense output and events
+- `diagnostics`: notes and warnings on a scene and on a run, causes of failure
+- `analyses`: static equilibrium, natural modes, inverse dynamics
+- `simulation`: one run from the initial state to the result
 
-Source: A. Held, A. Hildebrandt, "Flexible Multibody Simulations with Global Shape
-Functions Obtained from Isogeometric Finite Element Models".
+References
+----------
+A. Held, A. Hildebrandt: Flexible Multibody Simulations with Global Shape Functions
+Obtained from Isogeometric Finite Element Models.
 """
 
 from __future__ import annotations
@@ -29,18 +32,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from sidtool.formats.base.sid import SID
     from sidtool.formats.scene import SceneFile
-    from sidtool.formats.sid import SID
 
-    from .advice.description import describe as describe
-    from .analyses.inverse import inverse_dynamics as inverse_dynamics
-    from .analyses.linear import linearise as linearise
-    from .analyses.static import static_equilibrium as static_equilibrium
+    from .analyses.inverse_dynamics import inverse_dynamics as inverse_dynamics
+    from .analyses.linearisation import linearise as linearise
+    from .analyses.static_equilibrium import static_equilibrium as static_equilibrium
+    from .diagnostics.run_summary import describe as describe
     from .functions.callables import Derivatives
     from .functions.callables import Timed as Timed
-    from .functions.laws import Law as Law
-    from .run import simulate as simulate
-    from .system.scene import System
+    from .functions.control_laws import Law as Law
+    from .simulation.simulate import simulate as simulate
+    from .system.system import System
 
 
 def compile_scene(
@@ -57,45 +60,53 @@ def compile_scene(
 
     Parameters
     ----------
-    base_folder : paths of SID files in the scene are relative to it
-    sids : SIDs that replace the files of the bodies with these names
-    accept_defects : take SIDs whose coupled mass matrix is indefinite, and joints and
-        forces on nodes where all shape functions vanish
-    drives : callables that replace the functions of the drives with these names:
-        f(t), or a tuple of f and its first, or first two, derivatives, or one of these
-        as `Timed(f, times=..., shortest=...)`: a feature that lasts less than 1/4096 of
+    base_folder
+        Paths of SID files in the scene are relative to it.
+    sids
+        SIDs that replace the files of the bodies with these names.
+    accept_defects
+        Take SIDs whose coupled mass matrix is indefinite, and joints and forces on
+        nodes where all shape functions vanish.
+    drives
+        Callables that replace the functions of the drives with these names: f(t), or a
+        tuple of f and its first, or first two, derivatives, or one of these as
+        `Timed(f, times=..., shortest=...)`: a feature that lasts less than 1/4096 of
         the run may be missed unless that says where or how short it is. A `Law` gives
-        what a drive with `of = "acceleration"` prescribes
-    keep_joints : keep all joints as constraints, whose forces are then known, also
-        those that prescribe a frame
-    forces : callables f(t) that scale the forces, or are the actuators, with these
-        names; their value must be continuous, their rate may jump. A `Law` sees
-        outputs of the motion as well
-    before : a system of this scene with other numbers, made with the same other
-        arguments, whose SIDs are taken where the files have the same names, and what it
-        was made of where that is the same objects
+        what a drive with `of = "acceleration"` prescribes.
+    keep_joints
+        Keep all joints as constraints, whose forces are then known, also those that
+        prescribe a frame.
+    forces
+        Callables f(t) that scale the forces, or are the actuators, with these names;
+        their value must be continuous, their rate may jump. A `Law` sees outputs of the
+        motion as well.
+    before
+        A system of this scene with other numbers, made with the same other arguments,
+        whose SIDs are taken where the files have the same names, and what it was made
+        of where that is the same objects.
 
     Raises
     ------
-    InputError : a SID cannot be read or describes an impossible body, a marker does
-        not exist, an output asks for what there is not, or a scene that is to start in
-        its static equilibrium has none.
+    InputError
+        A SID cannot be read or describes an impossible body, a marker does not exist,
+        an output asks for what there is not, or a scene that is to start in its static
+        equilibrium has none.
     """
-    from .advice.checks import (
+    from .diagnostics.checks import (
         check_attachments,
         check_masses,
         check_outputs,
-        check_replaced,
+        check_replaced_sids,
         check_same_sids,
         check_started,
     )
-    from .system.bodies.data import read_sids
-    from .system.building import build_system
-    from .system.renumbered import renumbered
+    from .system.body_data import read_sids
+    from .system.build import build_system
+    from .system.update import updated_system
 
     def checked(scene: SceneFile, keep_joints: bool) -> System:
         if before is not None and not (drives or forces or keep_joints):
-            system = renumbered(before, scene, known)
+            system = updated_system(before, scene, known)
             if system is not None:
                 if not accept_defects:
                     check_masses(system)
@@ -108,25 +119,27 @@ def compile_scene(
         return system
 
     check_started(scene)
-    check_replaced(scene, sids or {})
+    check_replaced_sids(scene, sids or {})
     if before is not None:
         sids = _same_files(before, scene) | dict(sids or {})
     known = read_sids(scene, Path(base_folder), sids or {})
     check_same_sids(scene, known)
     if scene.initial.state != "static":
         return checked(scene, keep_joints)
-    from .analyses.resting import resting
-    from .analyses.spinning import spinning
+    from .analyses.initial_equilibrium import (
+        start_in_equilibrium,
+        start_in_steady_rotation,
+    )
     from .analyses.steady_rotation import steady_rotation
 
     system = checked(scene, True)
     rotating, unsteady = steady_rotation(system)
     if rotating is not None:
         return checked(rotating, keep_joints)
-    rested, states, told = resting(system)
-    spun, more = spinning(checked(rested, True))
+    rested, states, told = start_in_equilibrium(system)
+    spun, more = start_in_steady_rotation(checked(rested, True))
     made = checked(spun, keep_joints).with_states(states)
-    return replace(made, told=(*unsteady, *told, *more))
+    return replace(made, notes=(*unsteady, *told, *more))
 
 
 def _same_files(before: System, scene: SceneFile) -> dict[str, SID]:
@@ -140,12 +153,12 @@ def _same_files(before: System, scene: SceneFile) -> dict[str, SID]:
 
 
 _ELSEWHERE = {
-    "simulate": "sidtool.solver.run",
-    "describe": "sidtool.solver.advice.description",
-    "static_equilibrium": "sidtool.solver.analyses.static",
-    "linearise": "sidtool.solver.analyses.linear",
-    "inverse_dynamics": "sidtool.solver.analyses.inverse",
-    "Law": "sidtool.solver.functions.laws",
+    "simulate": "sidtool.solver.simulation.simulate",
+    "describe": "sidtool.solver.diagnostics.run_summary",
+    "static_equilibrium": "sidtool.solver.analyses.static_equilibrium",
+    "linearise": "sidtool.solver.analyses.linearisation",
+    "inverse_dynamics": "sidtool.solver.analyses.inverse_dynamics",
+    "Law": "sidtool.solver.functions.control_laws",
     "Timed": "sidtool.solver.functions.callables",
 }
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.sid import (
+from sidtool.formats.base.sid import (
     J_INDICES,
     OE_INDICES,
     SID,

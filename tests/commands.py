@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from sidtool.cli import run
-from sidtool.kinds import read
+from sidtool.api.scene import read
+from sidtool.cli.main import run
 from tests.places import ROOT
 
 #: The exit status that a page promises for the commands that follow it.

@@ -144,7 +144,7 @@ class Machine:
                     self._load(module)
                 else:
                     self._unload(module)
-        factors = sys.modules.get("sidtool.reduction.factors")
+        factors = sys.modules.get("sidtool.eigensolvers.factorisation")
         if factors is not None:
             factors.reason_unavailable.cache_clear()
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.conversion.rereference import rereferenced
-from sidtool.convert import sid_from_model
+from sidtool.conversion.frame_change import change_frame
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID, Taylor
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 TANGENT, CHORD, MEAN = FRAMES = ("tangent:1", "chord:1,2", "buckens")
 
@@ -55,7 +55,7 @@ def steel_bar(**described: Any) -> SID:
     """The SID of `bar_data`; it may be stout, of which a conversion warns."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return sid_from_model(validated(bar_data(**described), ModelFile))
+        return sid_from_model(validate_data(bar_data(**described), ModelFile))
 
 
 @cache
@@ -64,4 +64,4 @@ def slender_bar(modes: int, frame: str, stiffened: bool = True) -> SID:
     tables = {"stiffening": {}} if stiffened else {}
     sid = steel_bar(width=0.03, elements=24, modes=modes, **tables)
     undamped = replace(sid, De=Taylor(np.zeros((modes, modes))))
-    return rereferenced(undamped, frame)
+    return change_frame(undamped, frame)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import re
 import shutil
@@ -44,6 +45,36 @@ def generate() -> ModuleType:
 def test_every_block_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     run_page(page, tmp_path)
+
+
+LINK = re.compile(r"\[`([\w.]+)`\]\s*\((\.\./[^)#]+\.py)\)")
+
+
+def defined(tree: ast.AST) -> dict[str, ast.AST]:
+    """Functions, classes and assigned names of a module or class, by name."""
+    found: dict[str, ast.AST] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found[node.name] = node
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        if isinstance(node, ast.AnnAssign):
+            targets = [node.target]
+        found |= {t.id: node for t in targets if isinstance(t, ast.Name)}
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_links_into_the_source_name_what_is_there(page: Path) -> None:
+    for name, target in LINK.findall(page.read_text(encoding="utf-8")):
+        node: ast.AST = ast.parse((page.parent / target).read_text(encoding="utf-8"))
+        for part in name.split("."):
+            assert part in defined(node), f"{name} in {target}"
+            node = defined(node)[part]
+
+
+def test_the_pages_on_the_flow_of_a_run_and_a_conversion_have_links() -> None:
+    for name in ("how_a_simulation_runs", "how_a_model_becomes_a_sid"):
+        assert len(LINK.findall((DOCS / f"{name}.md").read_text("utf-8"))) > 15
 
 
 def test_every_key_of_the_formats_has_an_example(generate: ModuleType) -> None:

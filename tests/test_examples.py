@@ -13,8 +13,8 @@ from scipy.linalg import eigh
 
 import sidtool
 from sidtool.formats.result import Result
-from sidtool.kinds import kind_of
-from sidtool.starting import STARTS
+from sidtool.pipeline.examples import EXAMPLE_TITLES
+from sidtool.pipeline.files import kind_of
 from tests.places import EXAMPLES
 
 from .commands import blocks, run_page
@@ -69,7 +69,7 @@ def test_every_folder_explains_itself(name: str) -> None:
     assert languages[0] == "" and languages[1:].count("sh") >= 2
     assert all(f"\n{step}. " in text for step in range(1, languages.count("sh") + 1))
     assert f"({name})" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
-    assert name in STARTS or name == "rod_in_space"
+    assert name in EXAMPLE_TITLES or name == "rod_in_space"
 
 
 @pytest.mark.parametrize(

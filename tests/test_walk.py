@@ -18,11 +18,11 @@ import pytest
 
 import sidtool
 from sidtool import formats, solver
-from sidtool.formats.storage.kept import kept
-from sidtool.solver.running import Run
-from sidtool.solver.system.scene import System
+from sidtool.formats.storage.cache import cached_by_identity
+from sidtool.solver.simulation.run_loop import Run
+from sidtool.solver.system.system import System
 
-from .sidtool.test_compiled import ARM, FOUNDING
+from .sidtool.api.test_compiled import ARM, FOUNDING
 
 OURS = tuple(
     str(Path(str(room.__file__)).resolve().parent) + os.sep
@@ -30,9 +30,9 @@ OURS = tuple(
 )
 #: They call what they are given, once, and keep what it finds.
 PASSING_ON = {
-    kept(len).__code__,  # type: ignore[attr-defined]
-    System.once.__code__,
-    System.lasting.__code__,
+    cached_by_identity(len).__code__,  # type: ignore[attr-defined]
+    System.cached.__code__,
+    System.cached_by_topology.__code__,
 }
 
 
@@ -73,7 +73,7 @@ def walk(scene: sidtool.Scene, monkeypatch: pytest.MonkeyPatch) -> tuple[int, se
     def first_step(run: Run) -> int:
         raise FirstStep
 
-    monkeypatch.setattr(Run, "_steps", first_step)
+    monkeypatch.setattr(Run, "_make_steps", first_step)
     sys.setprofile(look)
     try:
         with pytest.raises(FirstStep):

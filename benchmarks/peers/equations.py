@@ -11,19 +11,18 @@ import time
 
 import numpy as np
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import output_times
-from sidtool.formats.sid import Array
-from sidtool.solver.equations.pointers import kernels
+from sidtool.solver.dynamics.equations_of_motion import kernel_pointers
+from sidtool.solver.initial_state import assembly
 from sidtool.solver.linear.accelerations import solve_accelerations
-from sidtool.solver.recording import outputs
-from sidtool.solver.recording.sampling import Sampler
-from sidtool.solver.space.coordinates import rate
-from sidtool.solver.start import assembly
-from sidtool.solver.system.kernel_calls import evaluate
-from sidtool.solver.system.scene import System
-from sidtool.solver.system.sizes import row_sizes
-from sidtool.solver.system.storage import new_memory, new_work
+from sidtool.solver.output import columns
+from sidtool.solver.output.samples import StateSampler
+from sidtool.solver.spatial.coordinates import rate
+from sidtool.solver.system.characteristic_sizes import constraint_sizes
+from sidtool.solver.system.system import System
+from sidtool.solver.system.work_arrays import evaluate, new_memory, new_work_arrays
 
 
 class Equations:
@@ -37,12 +36,17 @@ class Equations:
 
     def __init__(self, system: System) -> None:
         self.system, begin = assembly.assemble(system)
-        self.work, self.memory = new_work(self.system), new_memory(self.system, 0)
-        self.kernels = kernels(self.system.planar)
+        self.work, self.memory = (
+            new_work_arrays(self.system),
+            new_memory(self.system, 0),
+        )
+        self.kernels = kernel_pointers(self.system.planar)
         self.start: Array = np.concatenate([begin.z, begin.v])
         self.times = output_times(system.scene)
         duration = system.scene.time.end - system.scene.time.start
-        self._closed = np.outer(row_sizes(self.system), [1e-11, 1e-11 / duration])
+        self._closed = np.outer(
+            constraint_sizes(self.system), [1e-11, 1e-11 / duration]
+        )
         self._edges = np.array([system.scene.time.start, *self.system.breaks])
         self._n = self.system.n_positions
 
@@ -52,7 +56,7 @@ class Equations:
 
     def enter(self, begin: float, end: float) -> None:
         """Evaluates drives as in the smooth piece from begin to end."""
-        self.work.clock[0] = 0.5 * (begin + end)
+        self.work.interval_time[0] = 0.5 * (begin + end)
 
     def __call__(self, t: float, y: Array) -> Array:
         """y', (n,), a new array."""
@@ -90,8 +94,8 @@ class Equations:
 
     def values(self, states: Array) -> dict[str, Array]:
         """The outputs of the scene at states (nt, n) of the output times."""
-        recorded = outputs.record(
-            Sampler(self.system, self._closed),
+        recorded = columns.evaluate_outputs(
+            StateSampler(self.system, self._closed),
             self.times,
             np.ascontiguousarray(states[:, : self._n]),
             np.ascontiguousarray(states[:, self._n :]),

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.sid import OE_INDICES, SID, Array, by_mode, symmetric_3x3
+from sidtool.formats.base.sid import OE_INDICES, SID, Array, by_mode, symmetric_3x3
 
 
 def exudyn() -> Any:

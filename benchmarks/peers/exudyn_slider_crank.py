@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.sid import SID, Array
+from sidtool.formats.base.sid import SID, Array
 
 from .exudyn_body import add_body, exudyn
 

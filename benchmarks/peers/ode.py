@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 
 from .equations import Equations
 

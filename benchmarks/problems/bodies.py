@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 
 import sidtool
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.model import ModelFile
 from sidtool.formats.reference import read_reference
-from sidtool.formats.sid import SID, Array
-from sidtool.formats.toml.reading import validated
-from sidtool.starting import example_folder
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.examples import example_folder
 from tests.references import slender, test_interface_beam, test_rotor
 from tests.references import test_tight_string as strings
 from tests.references import test_tower as towers
 from tests.sidtool.conversion import test_beam_stiffening as cantilever
-from tests.sidtool.frontends.test_frontend_patches import FV32, hertz, membrane
+from tests.sidtool.elements.test_frontend_patches import FV32, hertz, membrane
 
 from . import Problem, Row
 
@@ -173,9 +173,9 @@ def _tight_string() -> Iterator[Row]:
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        limp = strings.tight(strings.LIMP, False, "consistent")
-        stiff = strings.tight(strings.ROUND, False, "consistent")
-        longer = strings.tight(strings.LIMP, True, "lumped")
+        limp = strings.tight_run(strings.LIMP, False, "consistent")
+        stiff = strings.tight_run(strings.ROUND, False, "consistent")
+        longer = strings.tight_run(strings.LIMP, True, "lumped")
     for name, source, values, found in (
         ("string", "exact: string", strings.STRING, limp),
         (
@@ -236,7 +236,9 @@ def _derivatives() -> Iterator[Row]:
         value, found = table[key], []
         for share in (-1e-4, 0.0, 1e-4):
             table[key] = value * (1 + share)
-            found.append(_measured(name, sidtool.convert(validated(data, ModelFile))))
+            found.append(
+                _measured(name, sidtool.convert(validate_data(data, ModelFile)))
+            )
         table[key] = value
         slope = (found[2] - found[0]) / (2e-4 * found[1])
         yield Row(name, "exact", exact, slope)

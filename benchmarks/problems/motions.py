@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 import sidtool
-from sidtool.demo import KNOWN
+from sidtool.cli.demo_run import PUBLISHED_MOTION
 from sidtool.formats.scene import read_scene
+from sidtool.pipeline.examples import example_folder
 from sidtool.solver import compile_scene, simulate
-from sidtool.starting import example_folder
 from tests.references import spin_up
 from tests.references import test_andrews as andrews
 from tests.references import test_bricard as bricard
@@ -31,7 +31,7 @@ def _founding_motion() -> Iterator[Row]:
     """
     scene = example_folder("slider_crank") / "slider_crank.toml"
     result = sidtool.simulate(scene, rtol=1e-10)
-    for (name, at), value in KNOWN.items():
+    for (name, at), value in PUBLISHED_MOTION.items():
         found = result[name][np.searchsorted(result.t, at - 1e-9)]
         yield Row(f"{name} at {at} s", "computed", value, float(found))
 

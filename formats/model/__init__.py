@@ -12,8 +12,7 @@ from typing import Any, ClassVar, Literal, Self
 from numpy.typing import ArrayLike
 from pydantic import model_validator
 
-from ..damping import RayleighDamping
-from ..errors import InputError
+from ..base.errors import InputError
 from ..toml.constructor_types import (
     Entries,
     Field,
@@ -23,9 +22,8 @@ from ..toml.constructor_types import (
     Takes,
 )
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
-from ..toml.files import File, relocate
+from ..toml.files import File, relocate_paths
 from ..toml.tables import Table
-from .base import Fraction, Point3, Positive
 from .beams import BeamGeometry
 from .checks import check_name, check_node_numbers
 from .discretisation import FITTING, Discretisation, IgaDiscretisation, Q4Discretisation
@@ -42,6 +40,7 @@ from .reduction import (
     Tie,
     check_reduction,
 )
+from .tables import Fraction, Point3, Positive, RayleighDamping
 
 __all__ = [
     "BuckensFrame",
@@ -143,7 +142,7 @@ class ModelFile(File):
     def _read(cls, data: dict[str, Any], path: Path) -> Self:
         """The files that it names are found from the working folder."""
         for place in cls.paths:
-            relocate(data, place, path.parent, Path("."))
+            relocate_paths(data, place, path.parent, Path("."))
         return super()._read(data, path)
 
     @property
@@ -152,7 +151,7 @@ class ModelFile(File):
         return Path(".")
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _tables_are_consistent(self) -> Self:
         kind, fitting = self.discretisation.type, FITTING[self.geometry.type]
         if kind not in fitting:
             raise InputError(
@@ -173,7 +172,7 @@ class ModelFile(File):
         return self.geometry.type == "matrices" or engine is not None
 
     @model_validator(mode="after")
-    def _stress_is_known(self) -> Self:
+    def _stress_is_available(self) -> Self:
         """Stress and stiffening need elements that know their stress."""
         beam, stiffening = self.geometry.type == "beam", self.stiffening
         matrices = self.comes_as_matrices
@@ -185,8 +184,8 @@ class ModelFile(File):
             and prestress is not None
             and prestress.stress is not None,
         }
-        for place, asked in unknown.items():
-            if asked:
+        for place, requested in unknown.items():
+            if requested:
                 raise InputError(
                     "there is no stress in beams and in bodies that came as matrices",
                     place=place,

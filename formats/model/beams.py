@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from ..toml.constructor_types import Field, Number, Takes
 from ..toml.tables import Table
-from .base import NonNegative, Point3, Positive
+from .tables import NonNegative, Point3, Positive
 
 Stations = Annotated[tuple[Positive, ...], Field(min_length=1)]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from ..errors import InputError
+from ..base.errors import InputError
 
 
 def check_knots(knots: Sequence[float], degree: int, count: int, place: str) -> None:

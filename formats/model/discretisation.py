@@ -1,4 +1,4 @@
-"""How a geometry becomes degrees of freedom."""
+"""Discretisations of a model file: from a geometry to degrees of freedom."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import model_validator
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..toml.constructor_types import Field
 from ..toml.tables import Table
-from .base import Count
+from .tables import Count
 
 Formulation = Literal["full_integration", "incompatible_modes"]
 Counts = tuple[Count, Count] | tuple[Count, Count, Count]

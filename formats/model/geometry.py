@@ -11,12 +11,12 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import model_validator
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..toml.constructor_types import Field, Takes, Texts
 from ..toml.tables import Table
-from .base import Count, NonNegative, Point3, Positive
 from .beams import BeamGeometry
 from .checks import check_grid, check_knots
+from .tables import Count, NonNegative, Point3, Positive
 
 Point2 = tuple[float, float]
 Knots = tuple[float, ...]
@@ -89,7 +89,7 @@ class NurbsGeometry(Table):
         return self
 
     @model_validator(mode="after")
-    def _sides_keep_their_names(self) -> Self:
+    def _edge_names_are_distinct(self) -> Self:
         _check_new_names(self.edges, SIDES)
         return self
 
@@ -150,7 +150,7 @@ class PatchesGeometry(Table):
     `convert` says; sides that touch otherwise and patches that overlap are refused.
 
     The file is a patch file of ours, a geomdl JSON file or a G+Smo XML file; see
-    `sidtool.importers.patches`. The sides of patch NAME are called NAME.left and so
+    `sidtool.importers`. The sides of patch NAME are called NAME.left and so
     on; `edges` gives names to one or several of them.
 
     Attributes

@@ -1,4 +1,4 @@
-"""The tables of a model file that choose shape functions and their frame."""
+"""Tables of a model file that define shape functions and the body frame."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from numpy.typing import ArrayLike
 
-from ..stress import FIRST_PEAK_NODE
+from ..base.stress import FIRST_PEAK_NODE
 from ..toml.constructor_types import (
     Field,
     Integer,
@@ -18,8 +18,8 @@ from ..toml.constructor_types import (
     TwoTexts,
 )
 from ..toml.tables import Table
-from .base import Count, Names, NonNegative, several
 from .checks import check_name
+from .tables import Count, Names, NonNegative, as_tuple
 
 Modes = Annotated[int, Field(ge=0, description="the number of modes, 0 or more")]
 
@@ -41,7 +41,7 @@ class TangentFrame(Table):
     @property
     def clamped_edges(self) -> tuple[str, ...]:
         """The names of the edges that do not deform in this frame."""
-        return several(self.clamp)
+        return as_tuple(self.clamp)
 
     @property
     def marker_names(self) -> tuple[str, ...]:
@@ -115,7 +115,7 @@ class ReductionPart(Table):
     @property
     def fixed_names(self) -> tuple[str, ...]:
         """The names in `fix`."""
-        return several(self.fix)
+        return as_tuple(self.fix)
 
     @property
     def interface_names(self) -> tuple[str, ...]:
@@ -246,7 +246,7 @@ class Tie(Table):
     @property
     def names(self) -> tuple[str, ...]:
         """The names in `to`."""
-        return several(self.to)
+        return as_tuple(self.to)
 
 
 Vector = tuple[float, ...]

@@ -1,4 +1,4 @@
-"""A model on a finer mesh, and with more shape functions."""
+"""Refinement of a model: finer meshes, more shape functions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .discretisation import (
 from .reduction import AttachmentReduction, ModalReduction
 
 
-def refined(model: ModelFile, level: int) -> ModelFile | None:
+def refine_model(model: ModelFile, level: int) -> ModelFile | None:
     """The model with elements of 1/2^level of the size in each direction.
 
     Negative levels make larger elements, one in each direction at least.
@@ -29,15 +29,15 @@ def refined(model: ModelFile, level: int) -> ModelFile | None:
     found, times = model.discretisation, 2.0**level
     if isinstance(found, Q4Discretisation | SolidDiscretisation):
         changes: dict[str, Any] = {
-            "elements": tuple(_times(n, times) for n in found.elements)
+            "elements": tuple(_scaled_counts(n, times) for n in found.elements)
         }
     elif isinstance(found, BeamDiscretisation):
-        changes = {"elements": _times(found.elements, times)}
+        changes = {"elements": _scaled_counts(found.elements, times)}
     elif isinstance(found, IgaDiscretisation) and found.knots is not None and level < 0:
         return None
     elif isinstance(found, IgaDiscretisation):
         knots = getattr(model.geometry, "knots", ())
-        changes = _of_patches(
+        changes = _refined_knots(
             found, times, knots, getattr(model.geometry, "degrees", ())
         )
     else:
@@ -76,13 +76,13 @@ def with_static_shapes(model: ModelFile, nodes: Collection[int]) -> ModelFile | 
     return model.model_copy(update={"reduction": reduction})
 
 
-def modes_of(model: ModelFile) -> int | None:
+def requested_modes(model: ModelFile) -> int | None:
     """How many normal modes a model asks for; None where the method counts none."""
     found = getattr(model.reduction, "modes", None)
     return found if isinstance(found, int) else None
 
 
-def _of_patches(
+def _refined_knots(
     found: IgaDiscretisation,
     times: float,
     knots: tuple[tuple[float, ...], ...],
@@ -93,7 +93,7 @@ def _of_patches(
     knots, degrees : of the geometry, if there is one patch
     """
     if found.elements is not None:
-        return {"elements": tuple(_times(n, times) for n in found.elements)}
+        return {"elements": tuple(_scaled_counts(n, times) for n in found.elements)}
     if found.functions is not None:
         repeated = [0] * len(found.functions)
         for i, (row, own) in enumerate(zip(knots, degrees, strict=True)):
@@ -103,19 +103,19 @@ def _of_patches(
         triples = zip(found.functions, found.degrees, repeated, strict=True)
         return {
             "functions": tuple(
-                _times(max(n - p - r, 1), times) + p + r for n, p, r in triples
+                _scaled_counts(max(n - p - r, 1), times) + p + r for n, p, r in triples
             )
         }
     assert found.knots is not None
-    return {"knots": tuple(_cut(row, round(times)) for row in found.knots)}
+    return {"knots": tuple(_insert_knots(row, round(times)) for row in found.knots)}
 
 
-def _times(elements: int, times: float) -> int:
+def _scaled_counts(elements: int, times: float) -> int:
     """So many times as many, rounded up."""
     return math.ceil(elements * times)
 
 
-def _cut(knots: tuple[float, ...], times: int) -> tuple[float, ...]:
+def _insert_knots(knots: tuple[float, ...], times: int) -> tuple[float, ...]:
     finer: list[float] = []
     for a, b in zip(knots, knots[1:], strict=False):
         finer.append(a)

@@ -26,15 +26,16 @@ name belong together; their `mode` is the number of the frequency, counted from 
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from ..errors import InputError
-from ..sid import BLOCK_SHAPES, NODE_SHAPES
-from ..toml.reading import load, validated
-from .csv import read_rows
+from ..base.errors import InputError
+from ..base.sid import BLOCK_SHAPES, NODE_SHAPES
+from ..storage.unreadable import unreadable_error
+from ..toml.reading import load, validate_data
 
 _SHARED = ("source", "tolerance")
 
@@ -150,9 +151,9 @@ def _read_csv(path: Path) -> ReferenceFile:
     frequencies: dict[str, dict[str, Any]] = {}
     for line, entry in read_rows(path):
         try:
-            _sort_in(entry, blocks, frequencies)
+            _add_entry(entry, blocks, frequencies)
         except InputError as error:
-            raise _at(error, line).located(path) from None
+            raise _with_line(error, line).located(path) from None
     data = {
         "format": "sidtool reference",
         "version": 1,
@@ -160,10 +161,10 @@ def _read_csv(path: Path) -> ReferenceFile:
         "frequencies": list(frequencies.values()),
         "blocks": blocks,
     }
-    return validated(data, ReferenceFile, source=path)
+    return validate_data(data, ReferenceFile, source=path)
 
 
-def _sort_in(
+def _add_entry(
     entry: dict[str, Any],
     blocks: list[dict[str, Any]],
     frequencies: dict[str, dict[str, Any]],
@@ -171,7 +172,7 @@ def _sort_in(
     quantity = entry.pop("quantity")
     if quantity != "frequency":
         data = {"block": quantity, **entry}
-        validated(data, BlockValue)
+        validate_data(data, BlockValue)
         blocks.append(data)
         return
     if "mode" not in entry:
@@ -184,6 +185,106 @@ def _sort_in(
     row["modes"].append(entry["mode"])
 
 
-def _at(error: InputError, line: int) -> InputError:
+def _with_line(error: InputError, line: int) -> InputError:
     place = f"line {line}" + (f", {error.place}" if error.place else "")
     return InputError(error.problem, place=place, expected=error.expected)
+
+
+_COLUMNS = (
+    "quantity",
+    "value",
+    "mode",
+    "row",
+    "column",
+    "node",
+    "tolerance",
+    "name",
+    "source",
+)
+_NUMBER, _WHOLE = (float, "a number"), (int, "a whole number")
+_KINDS: dict[str, tuple[type, str]] = {
+    "value": _NUMBER,
+    "tolerance": _NUMBER,
+    "mode": _WHOLE,
+    "row": _WHOLE,
+    "column": _WHOLE,
+}
+
+
+def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
+    """Line number and filled cells of each row; numbers are converted.
+
+    Empty lines and lines that start with # are skipped.
+
+    Raises
+    ------
+    InputError : no such file, no text, an unknown column, or a cell that does not fit.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise unreadable_error(path, "a CSV table", error) from None
+    except ValueError as error:
+        raise InputError(
+            f"cannot be read ({error})", source=path, expected="a CSV table"
+        ) from None
+    rows = [
+        (number, line)
+        for number, line in enumerate(lines, 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not rows:
+        raise InputError("is empty", source=path, expected="a CSV table with a header")
+    header = [name.strip() for name in next(csv.reader([rows[0][1]]))]
+    _check_header(header, path, rows[0][0])
+    return [
+        (number, _read_entry(_column_names(line, header, path, number), path, number))
+        for number, line in rows[1:]
+    ]
+
+
+def _check_header(header: list[str], path: Path, line: int) -> None:
+    unknown = [name for name in header if name not in _COLUMNS]
+    missing = [name for name in ("quantity", "value") if name not in header]
+    if unknown or missing or len(set(header)) < len(header):
+        problem = f"the header is {', '.join(header)}"
+        raise InputError(
+            problem,
+            source=path,
+            place=f"line {line}",
+            expected=f"quantity, value and any of {', '.join(_COLUMNS[2:])}, each once",
+        )
+
+
+def _column_names(
+    line: str, header: list[str], path: Path, number: int
+) -> dict[str, str]:
+    cells = [cell.strip() for cell in next(csv.reader([line]))]
+    if len(cells) != len(header):
+        raise InputError(
+            f"found {len(cells)} cells",
+            source=path,
+            place=f"line {number}",
+            expected=f"{len(header)}, as in the header",
+        )
+    return {name: cell for name, cell in zip(header, cells, strict=True) if cell}
+
+
+def _read_entry(row: dict[str, str], path: Path, line: int) -> dict[str, Any]:
+    missing = [name for name in ("quantity", "value") if name not in row]
+    if missing:
+        raise InputError(f"{missing[0]} is missing", source=path, place=f"line {line}")
+    return {name: _parse_value(cell, name, path, line) for name, cell in row.items()}
+
+
+def _parse_value(cell: str, name: str, path: Path, line: int) -> Any:
+    kind, expected = _KINDS.get(name, (str, "a text"))
+    try:
+        return kind(cell)
+    except ValueError:
+        raise InputError(
+            f"found {cell!r}",
+            source=path,
+            place=f"line {line}, column {name}",
+            expected=expected,
+        ) from None

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from .accuracy import AccuracyReport, BudgetLine, Decision, OutputError
-from .bodies import Excitation, FlexibleBody
+from .accuracy_report import (
+    AccuracyReport,
+    BudgetLine,
+    Decision,
+    Excitation,
+    FlexibleBody,
+    OutputError,
+)
 from .data import Result
 from .events import Event
 from .hdf5 import ResultFile, read_result, write_result
 from .rows import InMemory, Sink
-from .table import TableFile, write_csv
-from .units import units_in
+from .table import TableFile, units_in, write_csv
 
 __all__ = [
     "AccuracyReport",

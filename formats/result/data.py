@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..sid import SID
-from .accuracy import AccuracyReport
-from .bodies import FlexibleBody
+from ..base.errors import InputError
+from ..base.sid import SID
+from .accuracy_report import AccuracyReport, FlexibleBody
 from .events import Event
 
 Array = NDArray[np.float64]
@@ -85,20 +84,25 @@ class Result:
     accuracy: AccuracyReport | None = None
     laws: Mapping[str, Any] = field(default_factory=dict)
 
-    def late(self, find: Callable[[], Mapping[str, Any]], *names: str) -> Self:
-        """The same, of which some fields are found once somebody looks at one of them.
+    def with_lazy_fields(
+        self, find: Callable[[], Mapping[str, Any]], *names: str
+    ) -> Self:
+        """Return the result with some fields computed on first access.
 
-        names : of fields without a default value in the class
+        Parameters
+        ----------
+        find : computes a field by its name, and others that come with it
+        names : fields without a default value in the class
         """
-        made = object.__new__(type(self))
+        result = object.__new__(type(self))
         late = self.__dict__.get("_late", {}) | dict.fromkeys(names, find)
-        made.__dict__.update(self.__dict__, _late=late, _lock=Lock())
+        result.__dict__.update(self.__dict__, _late=late, _lock=Lock())
         for name in names:
-            made.__dict__.pop(name, None)
-        return made
+            result.__dict__.pop(name, None)
+        return result
 
-    def _find(self, name: str) -> None:
-        """Finds a field that is still to be found, and those that come with it."""
+    def _compute_lazy_field(self, name: str) -> None:
+        """Compute a field that is not computed yet, and those that come with it."""
         with self.__dict__.get("_lock", Lock()):
             late = self.__dict__.get("_late", {})
             if name in late:
@@ -110,14 +114,14 @@ class Result:
 
         def __getattr__(self, name: str) -> Any:
             if name in type(self).__dataclass_fields__:
-                self._find(name)
+                self._compute_lazy_field(name)
             if name in self.__dict__:
                 return self.__dict__[name]
             raise AttributeError(f"a result has no {name!r}")
 
     def __getstate__(self) -> dict[str, Any]:
         for name in self.__dict__.get("_late", {}):
-            self._find(name)
+            self._compute_lazy_field(name)
         return {k: v for k, v in self.__dict__.items() if k not in ("_late", "_lock")}
 
     def __post_init__(self) -> None:
@@ -132,8 +136,10 @@ class Result:
 
     @property
     def error(self) -> dict[str, float]:
-        """Estimated error of each output relative to its variation, by name; empty
-        where no accuracy was asked for."""
+        """Estimated error of each output relative to its variation, by name.
+
+        Empty if no accuracy was requested.
+        """
         return {} if self.accuracy is None else self.accuracy.errors()
 
     def keys(self) -> tuple[str, ...]:

@@ -1,42 +1,46 @@
-"""A result in HDF5.
+"""Results in HDF5.
 
 Attributes of the root: format, format_version, title, completed, message. Datasets: t,
 values, positions, velocities, multipliers, the names of the columns of each of the
 latter four in names/values, ...; notes and warnings, lists of texts; scene (JSON text).
 Groups counters, drift, settings and versions hold their entries as attributes; group
-bodies/NAME for each flexible body, see `hdf5_bodies`; group events, see `events`; group
-sids: the SIDs of all bodies that have one, see `hdf5_sids`. Dataset accuracy: an
-`AccuracyReport` as JSON, if there is one.
+bodies/NAME for each flexible body; group events, see `events`; group sids: the SIDs of
+all bodies that have one, equal ones once. Dataset accuracy: an `AccuracyReport` as
+JSON, if there is one.
 Version 1 held all lists as attributes, the names as attribute of each table.
-The file is sealed, see `seal`.
+The file has a check sum, see `storage/hdf5_files.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from ..endings import check_ending
-from ..errors import InputError
+from ..base.errors import InputError
+from ..base.sid import SID
+from ..file_names import check_ending
+from ..geometric_stiffening import LoadStiffening
+from ..sid_hdf5 import SidReader, write_sid_group
 from ..storage.growing import GrowingFile
-from ..storage.hdf5_data import (
+from ..storage.hdf5_files import (
+    SealedFile,
+    check_finite,
     check_own_data,
+    check_seal,
     check_sizes,
     put_texts,
     read_texts,
 )
-from ..storage.seal import SealedFile, check_seal
-from ..storage.unreadable import unreadable
-from .accuracy import AccuracyReport
+from ..storage.unreadable import unreadable_error
+from .accuracy_report import AccuracyReport, Excitation, FlexibleBody
 from .data import TABLES, Result
 from .events import read_events, write_events
-from .hdf5_bodies import read_bodies, write_bodies
-from .hdf5_sids import read_sids, write_sids
-from .rows import BLOCK, Columns, Rows, pass_on
+from .rows import ROWS_PER_BLOCK, Columns, Rows, write_rows
 
 FORMAT = "sidtool result"
 VERSION = 2
@@ -48,9 +52,9 @@ _UNITS = "t: s; other quantities in SI units, angles in radians"
 
 
 class ResultFile:
-    """A result file that is written while a run goes on.
+    """A result file that is written during a run.
 
-    The file is there after `finish`, and not at all after `discard`.
+    The file exists after `finish`, and not after `discard`.
 
     Raises
     ------
@@ -68,7 +72,7 @@ class ResultFile:
 
     def begin(self, columns: Columns, most: int) -> None:
         def fill(file: h5py.File) -> None:
-            rows = min(BLOCK, max(most, 1))
+            rows = min(ROWS_PER_BLOCK, max(most, 1))
             file.create_dataset("t", (0,), float, maxshape=(None,), chunks=(rows,))
             for table, names in columns.items():
                 width = len(names)
@@ -98,7 +102,7 @@ class ResultFile:
 
     def finish(self, result: Result) -> None:
         assert self._sealed is not None
-        self._sealed.put(lambda file: _tell(file, result))
+        self._sealed.put(lambda file: _write_metadata(file, result))
         self._sealed.close()
 
     def discard(self) -> None:
@@ -116,13 +120,13 @@ def write_result(path: str | Path, result: Result) -> None:
     """
     file = ResultFile(path)
     try:
-        pass_on(result, file)
+        write_rows(result, file)
     except BaseException:
         file.discard()
         raise
 
 
-def _tell(file: h5py.File, result: Result) -> None:
+def _write_metadata(file: h5py.File, result: Result) -> None:
     """All but the tables."""
     file.attrs.update(
         format=FORMAT,
@@ -136,7 +140,7 @@ def _tell(file: h5py.File, result: Result) -> None:
     put_texts(file, "warnings", result.warnings)
     file.create_dataset("scene", data=result.scene, dtype=h5py.string_dtype())
     for group in _GROUPS:
-        file.create_group(group).attrs.update(_storable(getattr(result, group)))
+        file.create_group(group).attrs.update(_without_none(getattr(result, group)))
     write_bodies(file.create_group("bodies"), result.bodies)
     write_sids(file.create_group("sids"), result.sids)
     if result.accuracy is not None:
@@ -159,7 +163,7 @@ def read_result(path: str | Path) -> Result:
             _check_format(file, path)
             check_own_data(file)
             check_sizes(file)
-            return _result(file, Path(path))
+            return _read_content(file, Path(path))
     except InputError as error:
         raise error.located(path) from None
     except (
@@ -171,7 +175,7 @@ def read_result(path: str | Path) -> Result:
         RuntimeError,
     ) as error:
         if not Path(path).is_file():
-            raise unreadable(path, "a result file") from None
+            raise unreadable_error(path, "a result file") from None
         raise InputError(
             f"cannot be read ({error})", source=path, expected="a whole result file"
         ) from None
@@ -190,14 +194,14 @@ def _check_format(file: h5py.File, path: str | Path) -> None:
         )
 
 
-def _result(file: h5py.File, path: Path) -> Result:
+def _read_content(file: h5py.File, path: Path) -> Result:
     parts: dict[str, Any] = {"t": np.asarray(file["t"][()], float)}
     for table, names in TABLES.items():
         parts[table] = np.asarray(file[table][()], float)
-        parts[names] = _texts(file, f"names/{table}", file[table], "names")
+        parts[names] = _read_text_list(file, f"names/{table}", file[table], "names")
     for group in _GROUPS:
         entries = file[group].attrs.items()
-        parts[group] = {key: _plain(value) for key, value in entries}
+        parts[group] = {key: _scalar_value(value) for key, value in entries}
     parts["bodies"] = read_bodies(file.get("bodies"))
     parts["events"] = read_events(file.get("events"))
     if "accuracy" in file:
@@ -208,26 +212,132 @@ def _result(file: h5py.File, path: Path) -> Result:
         title=str(file.attrs["title"]),
         completed=bool(file.attrs["completed"]),
         message=str(file.attrs["message"]),
-        notes=_texts(file, "notes", file, "notes"),
-        warnings=_texts(file, "warnings", file, "warnings"),
+        notes=_read_text_list(file, "notes", file, "notes"),
+        warnings=_read_text_list(file, "warnings", file, "warnings"),
         scene=file["scene"].asstr()[()],
         **parts,
     )
 
 
-def _texts(file: h5py.File, place: str, former: Any, name: str) -> tuple[str, ...]:
+def _read_text_list(
+    file: h5py.File, place: str, former: Any, name: str
+) -> tuple[str, ...]:
     """A list of texts; that of version 1 from the attribute `name` of `former`."""
     if place in file:
         return read_texts(file[place])
-    return tuple(map(_plain, former.attrs.get(name, ())))
+    return tuple(map(_scalar_value, former.attrs.get(name, ())))
 
 
-def _storable(entries: Mapping[str, Any]) -> dict[str, Any]:
-    """HDF5 has no None: an entry that says nothing is left out."""
+def _without_none(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries without those that are None, which HDF5 cannot store."""
     return {key: value for key, value in entries.items() if value is not None}
 
 
-def _plain(value: Any) -> Any:
+def _scalar_value(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.decode()
     return value.item() if isinstance(value, np.generic) else value
+
+
+_PARTS = {"excitation": Excitation, "expected": LoadStiffening, "found": LoadStiffening}
+
+
+def write_bodies(group: h5py.Group, bodies: Mapping[str, FlexibleBody]) -> None:
+    """One subgroup per body: its lists are datasets, its other entries attributes."""
+    for name, body in bodies.items():
+        place = group.create_group(name)
+        for key, value in _body_entries(body).items():
+            if isinstance(value, tuple):
+                put_texts(place, key, value)
+            elif isinstance(value, np.ndarray):
+                place[key] = value
+            else:
+                place.attrs[key] = value
+
+
+def read_bodies(group: h5py.Group | None) -> dict[str, FlexibleBody]:
+    """Read flexible bodies; inverse of `write_bodies`.
+
+    Files of earlier versions have no such group, or their lists as attributes.
+    """
+    if group is None:
+        return {}
+    return {
+        name: _body_of_entries(_read_stored(place)) for name, place in group.items()
+    }
+
+
+def _read_stored(place: h5py.Group) -> dict[str, Any]:
+    lists = {
+        key: dataset[()] if dataset.dtype.kind == "f" else read_texts(dataset)
+        for key, dataset in place.items()
+    }
+    return dict(place.attrs) | lists
+
+
+def _body_entries(body: FlexibleBody) -> dict[str, Any]:
+    """Numbers, texts and arrays; those of parts as PART.NAME."""
+    found: dict[str, Any] = {}
+    for entry in fields(body):
+        value = getattr(body, entry.name)
+        if entry.name not in _PARTS:
+            found[entry.name] = value
+        elif value is not None:
+            for part in fields(value):
+                part_value = getattr(value, part.name)
+                if part_value is not None:
+                    found[f"{entry.name}.{part.name}"] = part_value
+    return found
+
+
+def _body_of_entries(entries: dict[str, Any]) -> FlexibleBody:
+    """Make a body of entries; entries that only earlier versions had are ignored."""
+    parts: dict[str, Any] = {}
+    for key, value in entries.items():
+        part, dot, name = key.partition(".")
+        if dot:
+            parts.setdefault(part, {})[name] = _entry_value(value)
+        else:
+            parts[key] = _entry_value(value)
+    for name, kind in _PARTS.items():
+        if name in parts:
+            known = {entry.name for entry in fields(kind)}
+            parts[name] = kind(**{k: v for k, v in parts[name].items() if k in known})
+    return FlexibleBody(**parts)
+
+
+def _entry_value(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist()) if value.dtype.kind == "O" else value
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def write_sids(group: h5py.Group, sids: Mapping[str, SID]) -> None:
+    """Write one subgroup per SID, numbered; `bodies` holds the number for each body."""
+    numbers: dict[int, int] = {}
+    contents = group.create_group("content")
+    for body, sid in sids.items():
+        if id(sid) not in numbers:
+            numbers[id(sid)] = len(numbers)
+            write_sid_group(contents.create_group(str(numbers[id(sid)])), sid)
+        group.create_group(f"bodies/{body}").attrs["content"] = numbers[id(sid)]
+
+
+def read_sids(group: h5py.Group | None, source: str) -> dict[str, SID]:
+    """Read SIDs; inverse of `write_sids`. Files of earlier versions have no such group.
+
+    Parameters
+    ----------
+    source : name of the file
+    """
+    if group is None or "bodies" not in group:
+        return {}
+    reader, known = SidReader(source), dict[int, SID]()
+    for name, content in group["content"].items():
+        sid = reader.sid(content)
+        check_finite(sid)
+        known[int(name)] = sid
+    return {
+        body: known[int(entry.attrs["content"])]
+        for body, entry in group["bodies"].items()
+    }

@@ -1,4 +1,4 @@
-"""Rows of a result on their way: into memory, or into files while a run goes on."""
+"""Rows of a result in transfer: into memory, or into files while a run continues."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 #: Names of columns by table, see `TABLES`.
 Columns = Mapping[str, tuple[str, ...]]
 #: Rows that are written together.
-BLOCK = 4096
+ROWS_PER_BLOCK = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,20 +27,20 @@ class Rows:
 
 
 class Sink(Protocol):
-    """What takes the rows of one run, in the order of time."""
+    """Protocol: takes the rows of one run, in the order of time."""
 
     def begin(self, columns: Columns, most: int) -> None:
-        """Is told of all columns, and how many rows there will be at most."""
+        """Take the names of all columns, and the largest number of rows."""
 
     def add(self, rows: Rows) -> None:
         """Takes more rows; their arrays are used again."""
 
     def finish(self, result: Result) -> None:
-        """Is told all the rest: the tables of this result are empty."""
+        """Take everything else; the tables of this result are empty."""
 
 
 class InMemory:
-    """Keeps the rows of a run as arrays."""
+    """Stores the rows of a run as arrays."""
 
     def begin(self, columns: Columns, most: int) -> None:
         self._count, self._t = 0, np.empty(most)
@@ -54,7 +54,7 @@ class InMemory:
         self._count += len(rows.t)
 
     def finish(self, result: Result) -> None:
-        """The arrays say all."""
+        """Do nothing: the arrays hold everything."""
 
     def arrays(self) -> dict[str, Any]:
         """t and the tables."""
@@ -64,21 +64,21 @@ class InMemory:
         return {name: array[: self._count].copy() for name, array in arrays.items()}
 
 
-def columns_of(result: Result) -> Columns:
+def column_names(result: Result) -> Columns:
     return {table: getattr(result, names) for table, names in TABLES.items()}
 
 
-def rows_of(result: Result) -> Iterator[Rows]:
+def iterate_rows(result: Result) -> Iterator[Rows]:
     """The rows of a result, block by block."""
-    for first in range(0, len(result.t), BLOCK):
-        part = slice(first, first + BLOCK)
+    for first in range(0, len(result.t), ROWS_PER_BLOCK):
+        part = slice(first, first + ROWS_PER_BLOCK)
         tables = {name: getattr(result, name)[part] for name in TABLES}
         yield Rows(result.t[part], tables)
 
 
-def pass_on(result: Result, sink: Sink) -> None:
+def write_rows(result: Result, sink: Sink) -> None:
     """Gives a whole result to a sink."""
-    sink.begin(columns_of(result), len(result.t))
-    for rows in rows_of(result):
+    sink.begin(column_names(result), len(result.t))
+    for rows in iterate_rows(result):
         sink.add(rows)
     sink.finish(result)

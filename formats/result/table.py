@@ -1,24 +1,29 @@
-"""The outputs of a result as a table of text (CSV)."""
+"""Outputs of a result as a table of text (CSV), with their units."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+import json
+from collections.abc import Callable, Iterable
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from ..endings import check_ending
+from ..base.errors import InputError
+from ..file_names import check_ending
+from ..scene import SceneFile, unit_of
 from ..storage.growing import GrowingFile
+from ..toml.reading import validate_data
 from .data import Result
-from .rows import Columns, Rows, pass_on
+from .rows import Columns, Rows, write_rows
 
 
 class TableFile:
-    """A header ``t,NAME,...`` and one row per output time, while a run goes on.
+    """A header ``t,NAME,...`` and one row per output time, written during a run.
 
-    Numbers are written so that reading them gives the same double back. The file is
-    there after `finish`, and not at all after `discard`.
+    Numbers are written so that reading them gives the same double back. The file
+    exists after `finish`, and not after `discard`.
 
     Raises
     ------
@@ -66,7 +71,20 @@ def write_csv(path: str | Path, result: Result) -> None:
     """
     table = TableFile(path)
     try:
-        pass_on(result, table)
+        write_rows(result, table)
     except BaseException:
         table.discard()
         raise
+
+
+def units_in(result: Result) -> Callable[[str], str]:
+    """The unit of an output of this result by its name, see `unit_of`."""
+    return _units_of_scene(result.scene)
+
+
+@lru_cache(maxsize=8)
+def _units_of_scene(text: str) -> Callable[[str], str]:
+    try:
+        return partial(unit_of, scene=validate_data(json.loads(text), SceneFile))
+    except (ValueError, InputError):
+        return unit_of

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from ..toml.expressions import Instruction, Postfix, parse_expression
-from .base import Placement, as_3d, position_3d, rotation
-from .bodies import Body, ElasticInitial, Ground, Initial, Marker, RigidBody, SidBody
-from .damping import (
+from .accuracy import Tolerance, tolerance
+from .base import Placement, as_3d, orientation_matrix, position_3d
+from .bodies import (
+    Body,
     Damping,
+    ElasticInitial,
     FrequencyDamping,
+    Ground,
+    Initial,
+    Marker,
     ModalDamping,
     RayleighDamping,
+    RigidBody,
+    SidBody,
     SidDamping,
 )
 from .drives import Drive, driven_coordinate
-from .events import Event, watched
+from .events import Event, observed_outputs
 from .file import Accuracy, Outputs, SceneFile, Time, read_scene
 from .forces import (
     Actuator,
@@ -37,7 +44,6 @@ from .functions import (
     Sum,
     coefficients,
 )
-from .joint_friction import JointFriction
 from .joints import (
     Coincident,
     Coupling,
@@ -46,6 +52,7 @@ from .joints import (
     Fixed,
     Gear,
     Joint,
+    JointFriction,
     PlanarJoint,
     PointOnLine,
     PointOnPlane,
@@ -73,7 +80,7 @@ from .outputs import (
     coordinate_of,
     is_along_coordinate,
     is_elastic,
-    is_of_joint,
+    is_joint_output,
     is_rate,
     is_stress,
     marker_reference,
@@ -82,13 +89,12 @@ from .outputs import (
 from .shapes import Box, Cylinder, Shape, Sphere, SurfaceMesh
 from .times import OutputTimes, output_times
 from .units import unit_of
-from .wanted import Tolerance, tolerance
 from .wildcards import (
-    expanded,
+    expand_names,
     has_wildcard,
     known_outputs,
-    matching,
-    owners,
+    matching_names,
+    owners_of,
     rarer_outputs,
 )
 
@@ -168,28 +174,28 @@ __all__ = [
     "coordinate_of",
     "coupled_coordinates",
     "driven_coordinate",
-    "expanded",
+    "expand_names",
     "has_wildcard",
     "is_elastic",
     "is_along_coordinate",
-    "is_of_joint",
+    "is_joint_output",
     "is_rate",
     "is_stress",
     "known_outputs",
     "marker_names",
     "marker_reference",
-    "matching",
+    "matching_names",
     "output_times",
-    "owners",
+    "owners_of",
     "parse_expression",
     "parse_output",
     "position_3d",
     "rarer_outputs",
     "read_scene",
-    "rotation",
+    "orientation_matrix",
     "tolerance",
     "unit_of",
-    "watched",
+    "observed_outputs",
     "Box",
     "Cylinder",
     "Shape",

@@ -1,4 +1,4 @@
-"""What every part of a scene file is made of: strict tables, vectors, orientations."""
+"""Base types of a scene file: strict tables, vectors, orientations."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _inertia(value: Any) -> Any:
 
 
 def as_tuples(value: Any) -> Any:
-    """Strict tuples take no lists once a validator has looked at the value."""
+    """Convert lists to tuples: strict tuples accept no lists after a validator."""
     return tuple(map(as_tuples, value)) if isinstance(value, list) else value
 
 
@@ -75,7 +75,7 @@ class Placement(Table):
 
 
 def position_3d(placement: Placement | None) -> NDArray[np.float64]:
-    """Position [m] as (3,), zero where nothing is said."""
+    """Return the position [m] as (3,), zero by default."""
     return as_3d(None if placement is None else placement.position)
 
 
@@ -87,7 +87,7 @@ def as_3d(vector: tuple[float, ...] | None) -> NDArray[np.float64]:
     return result
 
 
-def rotation(placement: Placement | None) -> NDArray[np.float64]:
+def orientation_matrix(placement: Placement | None) -> NDArray[np.float64]:
     """Orientation as a (3, 3) rotation matrix, local to parent components."""
     if placement is None:
         return np.eye(3)

@@ -1,4 +1,4 @@
-"""Bodies of a scene: rigid ones with numbers, flexible ones with a SID file."""
+"""Bodies of a scene: rigid bodies, flexible bodies with a SID, and their damping."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from pydantic import (
     model_validator,
 )
 
-from ..sid import SID
+from ..base.sid import SID
+from ..model.tables import RayleighDamping
 from ..toml.constructor_types import (
     Entries,
     Field,
@@ -23,8 +24,52 @@ from ..toml.constructor_types import (
     Takes,
 )
 from .base import AngularVelocity, Inertia, Placement, Table, Vector
-from .damping import Damping
 from .shapes import Marker, Shape
+
+Values = tuple[Annotated[float, Field(ge=0)], ...]
+
+
+class SidDamping(Table):
+    """The matrix De of the SID."""
+
+    type: Literal["sid"] = "sid"
+
+
+def _numbers(value: Any) -> Any:
+    single = isinstance(value, int | float) and not isinstance(value, bool)
+    if single:
+        return (float(value),)
+    return tuple(value) if isinstance(value, list) else value
+
+
+class ModalDamping(Table):
+    """A share of the critical damping for each natural mode of Me and Ke.
+
+    One value holds for all modes; several are for the modes by growing frequency.
+    """
+
+    type: Literal["modal"] = "modal"
+    ratio: Annotated[
+        Values,
+        BeforeValidator(_numbers, json_schema_input_type=float | Values),
+        Field(min_length=1, description="damping ratio of all or of each mode"),
+    ]
+
+
+class FrequencyDamping(Table):
+    """The default of commercial codes: by the frequency of each natural mode.
+
+    1 % of the critical damping up to 100 Hz, 10 % up to 1000 Hz, critical beyond.
+    """
+
+    type: Literal["frequency"] = "frequency"
+
+
+Damping = Annotated[
+    SidDamping | RayleighDamping | ModalDamping | FrequencyDamping,
+    Field(discriminator="type"),
+]
+
 
 if TYPE_CHECKING:
     from ..model import ModelFile
@@ -152,14 +197,16 @@ class SidBody(Table):
     )
 
     @model_validator(mode="after")
-    def _made_of_something(self) -> SidBody:
+    def _has_sid_or_model(self) -> SidBody:
         if not self.sid and self.model is None:
             raise ValueError("the name of a SID file, or of a model file as `model`")
         return self
 
     @field_validator("shape_functions")
     @classmethod
-    def _each_once(cls, numbers: tuple[int, ...] | None) -> tuple[int, ...] | None:
+    def _numbers_are_distinct(
+        cls, numbers: tuple[int, ...] | None
+    ) -> tuple[int, ...] | None:
         if numbers is not None and len(set(numbers)) < len(numbers):
             raise ValueError("each number once")
         return numbers

@@ -1,14 +1,4 @@
-"""What joints, drives and forces do along the coordinate that they act on.
-
-`force` [N] of a length or displacement and `torque` [N m] of an angle act on the second
-marker in the direction in which the coordinate grows: a strut pushes with a positive
-force, a stretched spring pulls with a negative one. `power` is what the bodies are
-given, force times rate. A force between two markers, or in a joint, has the rate of its
-coordinate as `rate`, a spring its `deflection`, the coordinate less `rest`.
-
-A joint has what acts along its coordinates between its two bodies: its friction, the
-thread of a screw, the rod of a distance, and the drives and forces in this joint.
-"""
+"""Forces, torques and powers along the coordinates of joints, drives and forces."""
 
 from __future__ import annotations
 
@@ -51,7 +41,7 @@ _TORQUES = {
     "planar": (0, 2),
 }
 #: Of a screw the last multiplier, which holds its thread, is a force.
-THREAD = 5
+THREAD_MULTIPLIER = 5
 
 
 def multipliers(name: str, scene: SceneFile) -> int:
@@ -88,7 +78,7 @@ def is_turned(coordinate: str) -> bool:
     return coordinate.startswith("angle") or coordinate == "rotation"
 
 
-def effort_on(coordinate: str) -> str:
+def effort_name(coordinate: str) -> str:
     """The name of what acts on a coordinate: force or torque."""
     return "torque" if is_turned(coordinate) else "force"
 
@@ -105,16 +95,16 @@ def force_coordinate(force: Force, scene: SceneFile) -> str:
 
 def joint_coordinate_of(joint: Joint, quantity: str) -> str:
     """The coordinate of a joint on which its force or torque acts; empty for none."""
-    on = [c for c in joint.coordinates if effort_on(c) == quantity]
+    on = [c for c in joint.coordinates if effort_name(c) == quantity]
     return on[0] if len(on) == 1 else ""
 
 
-def acting_in(
+def actions_on_coordinate(
     joint: str, coordinate: str, scene: SceneFile
 ) -> Iterator[tuple[str, str]]:
     """Table and name of the drives and forces that act on a coordinate of a joint."""
     for other, drive in scene.drives.items():
-        if drive.joint == joint and _drives(drive, coordinate, scene):
+        if drive.joint == joint and _is_driving(drive, coordinate, scene):
             yield "drives", other
     for other, force in scene.forces.items():
         in_joint = getattr(force, "joint", None) == joint
@@ -122,32 +112,32 @@ def acting_in(
             yield "forces", other
 
 
-def _drives(drive: Drive, coordinate: str, scene: SceneFile) -> bool:
+def _is_driving(drive: Drive, coordinate: str, scene: SceneFile) -> bool:
     return driven_coordinate(drive, scene.joints) == coordinate
 
 
 def quantities_of_joint(joint: Joint) -> tuple[str, ...]:
-    """Those of this module that a joint has."""
+    """Return the quantities of this module that a joint has."""
     efforts = tuple(q for q in ("force", "torque") if joint_coordinate_of(joint, q))
     return (*efforts, POWER) if efforts else ()
 
 
 def quantities_of_drive(drive: Drive, scene: SceneFile) -> tuple[str, ...]:
-    """Those of this module that a drive has."""
-    return effort_on(driven_coordinate(drive, scene.joints)), POWER
+    """Return the quantities of this module that a drive has."""
+    return effort_name(driven_coordinate(drive, scene.joints)), POWER
 
 
 def quantities_of_force(force: Force, scene: SceneFile) -> tuple[str, ...]:
-    """Those of this module that a force has."""
+    """Return the quantities of this module that a force has."""
     coordinate = force_coordinate(force, scene)
     if not coordinate:
         return (POWER,)
     length = ("length",) if coordinate == "length" else ()
     deflection = ("deflection",) if hasattr(force, "rest") else ()
-    return (*length, *deflection, "rate", effort_on(coordinate), POWER)
+    return (*length, *deflection, "rate", effort_name(coordinate), POWER)
 
 
-def holder(owner: str, quantity: str, scene: SceneFile) -> str:
+def owner_table(owner: str, quantity: str, scene: SceneFile) -> str:
     """The table of the scene whose part `owner` has a quantity of this module; joints
     first, as forces may have their names. Empty if none has it."""
     joint, drive = scene.joints.get(owner), scene.drives.get(owner)

@@ -1,4 +1,4 @@
-"""Drives: a coordinate of a joint or of a marker as a function of time or by a law."""
+"""Drives: prescribe a coordinate of a joint or marker by a function or a law."""
 
 from __future__ import annotations
 

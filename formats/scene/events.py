@@ -1,4 +1,4 @@
-"""Events: moments at which a quantity passes a value, noted or the end of the run."""
+"""Events: instants at which a quantity crosses a value."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Literal
 
 from ..toml.constructor_types import Field, Number, OptionalInteger
 from .base import Table
-from .checks.failures import fail
 from .outputs import INSTANTANEOUS, SCENE_QUANTITIES, parse_output
+from .values import raise_failure
 
 if TYPE_CHECKING:
     from .file import SceneFile
@@ -38,21 +38,21 @@ class Event(Table):
 
 
 def check_quantity(text: str, place: str) -> None:
-    """What an event looks at is one number that the state at one time decides.
+    """Check that the quantity of an event is one number of the state at one time.
 
     Raises
     ------
     InputError : it is a list of outputs, or an integral over the run.
     """
     if "*" in text:
-        fail(place, f"{text} stands for several outputs", "one of them")
+        raise_failure(place, f"{text} stands for several outputs", "one of them")
     name = parse_output(text)
     if name.owner in SCENE_QUANTITIES and name.quantity not in INSTANTANEOUS:
         listed = ", ".join(f"energy.{quantity}" for quantity in INSTANTANEOUS[:3])
-        fail(place, f"{text} is nothing that an event can look at", listed)
+        raise_failure(place, f"{text} is nothing that an event can look at", listed)
 
 
-def watched(scene: SceneFile) -> tuple[str, ...]:
+def observed_outputs(scene: SceneFile) -> tuple[str, ...]:
     """Outputs that the scene records or its events look at."""
     looked_at = (event.quantity for event in scene.events.values())
     return tuple(dict.fromkeys([*scene.outputs.record, *looked_at]))

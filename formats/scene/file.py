@@ -1,15 +1,20 @@
-"""The scene file: bodies, joints, drives, forces, time, accuracy and outputs."""
+"""Scene file: bodies, joints, drives, forces, time, accuracy and outputs.
+
+`with_numbers` changes numbers of a scene without reading it again: only the parts that
+change are checked, all others stay the same objects. Studies change one number after
+the other; reading a whole scene costs milliseconds.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
 
 from numpy.typing import ArrayLike
 from pydantic import model_validator
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..toml.constructor_types import (
     Entries,
     Field,
@@ -20,17 +25,17 @@ from ..toml.constructor_types import (
     Texts,
 )
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
-from ..toml.files import File
-from .base import Table, Vector
+from ..toml.files import File, key_path
+from ..toml.tables import to_plain
+from .accuracy import Wanted
+from .base import Table, Vector, as_tuples
 from .bodies import Body, ElasticInitial, Ground, Initial, SidBody
-from .checks.scene import check
 from .drives import Drive
 from .events import Event
 from .forces import Force
 from .joints import Joint
 from .laws import Expression
-from .numbers import with_numbers
-from .wanted import Wanted
+from .scene_checks import check_scene
 
 if TYPE_CHECKING:
     from ..result.data import Result
@@ -226,10 +231,10 @@ class SceneFile(File):
         return list(self.sid_bodies)
 
     def with_(self, changes: Mapping[str, Any] | None = None, **more: Any) -> Self:
-        made = with_numbers(self, {**(changes or {}), **more})
-        if made is not None:
+        content = with_numbers(self, {**(changes or {}), **more})
+        if content is not None:
             try:
-                return made._agreeing(self)
+                return content._with_consistent_parts(self)
             except (InputError, ValueError):
                 pass  # the whole scene, read again, says what is wrong
         return super().with_(changes, **more)
@@ -238,15 +243,15 @@ class SceneFile(File):
 
     @model_validator(mode="after")
     def _consistent(self) -> SceneFile:
-        return self._agreeing()
+        return self._with_consistent_parts()
 
-    def _agreeing(self, fitting: SceneFile | None = None) -> Self:
-        """The scene, whose parts are checked against each other; see `check`."""
+    def _with_consistent_parts(self, fitting: SceneFile | None = None) -> Self:
+        """The scene, whose parts are checked against each other; see `check_scene`."""
         for owner in (*self.forces.values(), *self.drives.values()):
             function = getattr(owner, "function", None)
             if isinstance(function, Expression):
                 function.share(self.parameters)
-        check(self, fitting)
+        check_scene(self, fitting)
         return self
 
 
@@ -258,3 +263,61 @@ def read_scene(path: str | Path, changes: Mapping[str, Any] | None = None) -> Sc
     InputError : the file cannot be read or is not a valid scene.
     """
     return SceneFile.load(path, changes)
+
+
+Scene = TypeVar("Scene", bound="SceneFile")
+
+
+def with_numbers(scene: Scene, changes: Mapping[str, Any]) -> Scene | None:
+    """The scene with other numbers in its parts, before it is checked as a whole.
+
+    None where a change is of another kind, or no part of a scene takes it.
+    """
+    named = {table: getattr(scene, table) for table in scene.named}
+    found: dict[str, Any] = {}
+    for key, value in changes.items():
+        value = to_plain(value)
+        if not _holds_numbers(value):
+            return None
+        try:
+            table, *rest = key_path(key, named, type(scene))
+            whole = found.get(str(table), getattr(scene, str(table)))
+            found[str(table)] = _with_number(whole, rest, value)
+        except (InputError, LookupError, TypeError, ValueError):
+            return None
+    return scene.model_copy(update=found)
+
+
+def _with_number(whole: Any, place: list[Any], value: Any) -> Any:
+    """A table of the scene, or a mapping of such tables by name, with another value."""
+    key, *rest = place
+    if not isinstance(whole, Table):
+        return {**whole, key: _with_number(whole[key], rest, value)}
+    fields, set_fields = type(whole).model_fields, whole.model_fields_set
+    data = {
+        fields[name].alias or name: part
+        for name, part in whole
+        if name in set_fields and part is not None
+    }
+    part = data[key] if key in data else getattr(whole, key, None)
+    data[key] = _with_nested_value(part, rest, value)
+    return type(whole).model_validate(data, strict=True)
+
+
+def _with_nested_value(part: Any, place: list[Any], value: Any) -> Any:
+    """Return the content of a table with another value at a place inside."""
+    if not place:
+        return as_tuples(value)
+    if isinstance(part, Table):
+        return _with_number(part, place, value)
+    key, *rest = place
+    inner = _with_nested_value(part[key], rest, value)
+    if isinstance(part, tuple):
+        return (*part[:key], inner, *part[key + 1 :])
+    return {**part, key: inner}
+
+
+def _holds_numbers(value: Any) -> bool:
+    if isinstance(value, list):
+        return all(map(_holds_numbers, value))
+    return type(value) in (int, float)

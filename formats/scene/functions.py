@@ -189,7 +189,9 @@ def coefficients(piece: Piece) -> Values:
 
 @cache
 def _derivatives(at_start: int, at_end: int) -> NDArray[np.float64]:
-    """Of powers 0, 1, ... at 0, then at 1: of order 0, 1, ..., as many as are given."""
+    """Return derivatives of powers 0, 1, ... at 0, then at 1, of as many orders as
+    given.
+    """
     count = at_start + at_end
     matrix = np.zeros((count, count))
     for row in range(at_start):

@@ -1,4 +1,7 @@
-"""Joints of a scene. A new kind is one class and one entry in `Joint`."""
+"""Joints of a scene and their friction.
+
+A new kind of joint is one class and one entry in `Joint`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,48 @@ from ..toml.constructor_types import (
     TwoTexts,
 )
 from .base import Table, Vector
-from .joint_friction import JointFriction
+
+
+class JointFriction(Table):
+    """Dry friction of a joint, from the load that it carries at each instant.
+
+    The load N is the size of the joint's force across its axis. While the joint slides
+    with the speed v, friction is mu(v) N against v, in a revolute joint times `radius`,
+    with mu(v) = coefficient + (static - coefficient) exp(-(v / stribeck_velocity)^2).
+    At rest the joint sticks, without creep, as long as that takes no more than
+    static N (times `radius`); the instants of both are found inside the steps. Where
+    drives prescribe the motion of the joint their force contains its friction, and at
+    rest the drives hold it alone.
+    """
+
+    coefficient: Number = Field(ge=0, description="of sliding (kinetic) friction, mu")
+    static: OptionalNumber = Field(
+        default=None,
+        ge=0,
+        description="coefficient that holds the joint at rest, at least `coefficient`, "
+        "which is the default",
+    )
+    stribeck_velocity: OptionalNumber = Field(
+        default=None,
+        gt=0,
+        description="speed of the surfaces [m/s] over which friction falls from "
+        "`static` to `coefficient`; default at once",
+    )
+    radius: OptionalNumber = Field(
+        default=None, gt=0, description="of the pin of a revolute joint [m]"
+    )
+    length: OptionalNumber = Field(
+        default=None,
+        gt=0,
+        description="of the guide or bearing [m], whose middle is the second marker: "
+        "moments across the axis load its two ends; default only forces count",
+    )
+    viscous: Number = Field(
+        default=0.0,
+        ge=0,
+        description="resistance to the rate of the coordinate [N s/m], [N m s/rad]",
+    )
+
 
 _MARKERS = "two markers, as BODY.MARKER or ground or ground.MARKER"
 
@@ -53,7 +97,7 @@ class _OrientingJoint(_AxialJoint):
     )
 
 
-class _RubbingJoint(_AxialJoint):
+class _JointWithFriction(_AxialJoint):
     friction: Takes[JointFriction | None, JointFriction | Entries | None] = Field(
         default=None, description="dry friction from the load of the joint"
     )
@@ -67,7 +111,7 @@ class Fixed(_Pair):
     type: Literal["fixed"] = "fixed"
 
 
-class Revolute(_RubbingJoint, _OrientingJoint):
+class Revolute(_JointWithFriction, _OrientingJoint):
     """Rotation about `axis`, default z. The coordinate is the angle [rad]."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("angle",)
@@ -76,7 +120,7 @@ class Revolute(_RubbingJoint, _OrientingJoint):
     type: Literal["revolute"] = "revolute"
 
 
-class Prismatic(_RubbingJoint, _OrientingJoint):
+class Prismatic(_JointWithFriction, _OrientingJoint):
     """Translation along `axis`, default x, no rotation; displacement [m]."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("displacement",)
@@ -144,7 +188,7 @@ class PlanarJoint(_OrientingJoint):
     type: Literal["planar"] = "planar"
 
 
-class PointOnLine(_RubbingJoint):
+class PointOnLine(_JointWithFriction):
     """The second marker's origin stays on the first one's `axis`, default x."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("displacement",)

@@ -1,4 +1,4 @@
-"""Laws: what forces and drives make of outputs, as a formula or a controller."""
+"""Control laws of forces and drives: formulas and PID controllers of outputs."""
 
 from __future__ import annotations
 
@@ -128,11 +128,11 @@ ForceFunction = Annotated[
 
 
 def states_of(function: object) -> tuple[str, ...]:
-    """Names of the states that a law of a scene keeps."""
+    """Return the names of the states of a control law of a scene."""
     if isinstance(function, Expression):
         return tuple(function.states)
     if not isinstance(function, Pid):
         return ()
     lagged = function.d != 0.0 and function.filter is not None
-    kept = {"derivative": lagged, "integral": function.i != 0.0}
-    return tuple(name for name, is_kept in kept.items() if is_kept)
+    has_state = {"derivative": lagged, "integral": function.i != 0.0}
+    return tuple(name for name, is_kept in has_state.items() if is_kept)

@@ -42,8 +42,8 @@ import re
 from functools import lru_cache
 from typing import NamedTuple
 
-from ..errors import InputError
-from ..stress import COMPONENTS as STRESS_COMPONENTS
+from ..base.errors import InputError
+from ..base.stress import COMPONENTS as STRESS_COMPONENTS
 from .joints import COORDINATES
 
 POINT_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"])
@@ -81,7 +81,7 @@ FRICTION_QUANTITIES = frozenset(["friction", "normal_force", "sticking"])
 EFFORTS = ("force", "torque")
 POWER = "power"
 MEASURES = ("length", "deflection", "rate")
-#: Quantities of the whole scene, by what stands in the place of a body.
+#: Quantities of the whole scene, by the name in place of a body.
 SCENE_QUANTITIES = {
     "energy": ("kinetic", "elastic", "potential", "dissipated", "supplied", "balance"),
     "constraint": ("position", "velocity"),
@@ -93,7 +93,7 @@ INSTANTANEOUS = ("kinetic", "elastic", "potential", "x", "y", "z")
 #: Names that no part of a scene may have.
 RESERVED = frozenset(["ground", *SCENE_QUANTITIES])
 ELASTIC = re.compile(r"(q|vq)([1-9]\d*|\*)")
-#: An elastic coordinate or its velocity by its kind, see `kinds_of_motion`.
+#: An elastic coordinate or its velocity by its kind, see `motion_kinds`.
 KIND = re.compile(
     r"(v?)((?:bending|axial|torsion|mainly)_[xyz][1-9]\d*"
     r"|mixed_x?y?z?[1-9]\d*|torsion[1-9]\d*)"
@@ -176,7 +176,7 @@ def is_quantity(text: str, *, of_marker: bool = False) -> bool:
     return text in words or bool(pattern)
 
 
-def is_of_joint(quantity: str) -> bool:
+def is_joint_output(quantity: str) -> bool:
     """True for what follows from the constraints of joints and drives: multipliers,
     force, torque and power; all but the first forces have as well."""
     known = quantity in JOINT_QUANTITIES or quantity in (*EFFORTS, POWER)
@@ -199,11 +199,11 @@ def is_stress(quantity: str) -> bool:
 
 
 def marker_reference(text: str) -> tuple[str, str]:
-    """("crank", "pin") of ``crank.pin``; the marker is empty for an origin alone.
+    """Split ``crank.pin`` to ("crank", "pin"); the marker is empty for an origin alone.
 
     Raises
     ------
-    InputError : more than one dot, or nothing beside it.
+    InputError : more than one dot, or an empty part.
     """
     body, dot, marker = text.partition(".")
     if not body or "." in marker or (dot and not marker):

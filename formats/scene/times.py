@@ -1,14 +1,14 @@
-"""When the motion of a scene is recorded."""
+"""Output times of a scene."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .file import SceneFile
 
-MOST_OUTPUTS = 10_000_000
+MAX_OUTPUT_TIMES = 10_000_000
 
 
 class OutputTimes:
@@ -18,7 +18,7 @@ class OutputTimes:
 
     Raises
     ------
-    InputError : there are too many, or the scene says none.
+    InputError : there are too many, or the scene defines none.
     """
 
     def __init__(self, scene: SceneFile) -> None:
@@ -35,12 +35,12 @@ class OutputTimes:
         if step is None:
             return
         steps = self._span / step * (1 + 1e-12) + 1e-9
-        if not steps < MOST_OUTPUTS + 1:
+        if not steps < MAX_OUTPUT_TIMES + 1:
             count = int(steps) if steps < 1e15 else f"{steps:.3g}"
             raise InputError(
                 f"asks for {count} output times",
                 place="time.output_step",
-                expected=f"at most {MOST_OUTPUTS}",
+                expected=f"at most {MAX_OUTPUT_TIMES}",
             )
         self._count = int(steps) + 1
 

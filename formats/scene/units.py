@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .connections import FORCES, THREAD, force_coordinate, is_turned
+from .connections import FORCES, THREAD_MULTIPLIER, force_coordinate, is_turned
 from .drives import Drive, driven_coordinate
 from .forces import Force, PointForce
 from .joints import Coupling, Gear, coupled_coordinates
@@ -38,12 +38,12 @@ _WORDS = {**_MOMENTA, "quaternion": "", "rotation": "rad"}
 
 
 def unit_of(name: str, scene: SceneFile | None = None) -> str:
-    """The unit of an output; empty where it has none, or none that is known.
+    """Return the unit of an output; empty if it has none, or an unknown one.
 
-    None have quaternions, what scales a force, and `sticking`; elastic coordinates are
-    measured in what their SID says, states of formulas in what these make of it, and
-    `constraint` is the largest of lengths and angles. Without their scene multipliers,
-    friction and what laws give are not known either.
+    Quaternions, force scales, and `sticking` have none; elastic coordinates have the
+    unit of their SID, states of formulas what follows from these, and `constraint` is
+    the largest of lengths and angles. Without their scene the units of multipliers,
+    friction and law values are not known either.
 
     Raises
     ------
@@ -60,23 +60,23 @@ def unit_of(name: str, scene: SceneFile | None = None) -> str:
     if "_" in quantity and quantity.rpartition("_")[0] in _WORDS:
         return _WORDS[quantity.rpartition("_")[0]]
     if quantity in FRICTION_QUANTITIES:
-        return _of_friction(parsed, scene)
+        return _friction_unit(parsed, scene)
     if is_stress(quantity):
         return "Pa"
     if is_elastic(quantity):
         return ""
     if MULTIPLIER.fullmatch(quantity):
-        return _of_multiplier(parsed, scene)
+        return _multiplier_unit(parsed, scene)
     if quantity in JOINT_QUANTITIES:
         return "N" if quantity[0] == "f" else "N m"
     if parsed.marker == STATE or quantity == VALUE:
-        return _of_law(parsed, scene)
+        return _law_unit(parsed, scene)
     if quantity in EFFORTS:
         return "N" if quantity == "force" else "N m"
     if quantity == POWER:
         return "W"
     if quantity in MEASURES:
-        return _of_measure(parsed, scene)
+        return _measure_unit(parsed, scene)
     coordinate = coordinate_of(quantity)
     if coordinate:
         unit = "rad" if coordinate.startswith("angle") else "m"
@@ -84,13 +84,13 @@ def unit_of(name: str, scene: SceneFile | None = None) -> str:
     return _KINDS[quantity[0]] if len(quantity) == 2 else "m"
 
 
-def _along(coordinate: str) -> str:
-    """What pushes along a coordinate."""
+def _effort_unit(coordinate: str) -> str:
+    """Return the unit of the force or torque along a coordinate."""
     return "N m" if is_turned(coordinate) else "N"
 
 
-def _of_measure(name: OutputName, scene: SceneFile | None) -> str:
-    """Of a length, a deflection or a rate of a force."""
+def _measure_unit(name: OutputName, scene: SceneFile | None) -> str:
+    """Return the unit of a length, a deflection or a rate of a force."""
     if name.quantity == "length" or scene is None:
         return "m" if name.quantity == "length" else ""
     coordinate = force_coordinate(scene.forces[name.owner], scene)
@@ -98,22 +98,22 @@ def _of_measure(name: OutputName, scene: SceneFile | None) -> str:
     return f"{unit}/s" if name.quantity == "rate" else unit
 
 
-def _of_friction(name: OutputName, scene: SceneFile | None) -> str:
+def _friction_unit(name: OutputName, scene: SceneFile | None) -> str:
     if name.quantity == "normal_force":
         return "N"
     if scene is None or name.quantity == "sticking":
         return ""
-    return _along(scene.joints[name.owner].coordinates[0])
+    return _effort_unit(scene.joints[name.owner].coordinates[0])
 
 
-def _of_law(name: OutputName, scene: SceneFile | None) -> str:
+def _law_unit(name: OutputName, scene: SceneFile | None) -> str:
     if scene is None:
         return ""
     force: Force | Drive | None = scene.forces.get(name.owner)
     drive = scene.drives.get(name.owner)
     if drive is not None and (force is None or drive.has_law):
         if name.quantity in drive.integrated:
-            along = _along(driven_coordinate(drive, scene.joints))
+            along = _effort_unit(driven_coordinate(drive, scene.joints))
             unit = "rad" if along == "N m" else "m"
             return unit if name.quantity == "value" else f"{unit}/s"
         force = drive
@@ -124,7 +124,7 @@ def _of_law(name: OutputName, scene: SceneFile | None) -> str:
         joint, coordinate = (getattr(force, k, None) for k in ("joint", "coordinate"))
         if joint is None:
             return "N"
-        return _along(coordinate or scene.joints[joint].coordinates[0])
+        return _effort_unit(coordinate or scene.joints[joint].coordinates[0])
     if not isinstance(function, Pid):
         return ""
     unit = unit_of(function.measured, scene)
@@ -133,24 +133,26 @@ def _of_law(name: OutputName, scene: SceneFile | None) -> str:
     return unit.removesuffix("/s") if unit.endswith("/s") else f"{unit} s"
 
 
-def _of_multiplier(name: OutputName, scene: SceneFile | None) -> str:
+def _multiplier_unit(name: OutputName, scene: SceneFile | None) -> str:
     """That of fK."""
     if scene is None:
         return ""
     if name.owner in scene.drives:
-        return _along(driven_coordinate(scene.drives[name.owner], scene.joints))
+        return _effort_unit(driven_coordinate(scene.drives[name.owner], scene.joints))
     joint = scene.joints[name.owner]
     if isinstance(joint, Gear | Coupling):
-        return _of_coupling(joint, scene)
+        return _coupling_unit(joint, scene)
     forces = FORCES[joint.type][scene.dimension == "spatial"]
     number = int(name.quantity[1:])
-    is_thread = joint.type == "screw" and number == THREAD
+    is_thread = joint.type == "screw" and number == THREAD_MULTIPLIER
     return "N" if number <= forces or is_thread else "N m"
 
 
-def _of_coupling(joint: Gear | Coupling, scene: SceneFile) -> str:
-    """Of the last coordinate of a gear, whose ratio brings the first to it; of other
-    sums only if all coordinates are of one kind."""
+def _coupling_unit(joint: Gear | Coupling, scene: SceneFile) -> str:
+    """Return the unit of the last coordinate of a gear; its ratio converts the first.
+
+    Of other sums only if all coordinates are of one kind.
+    """
     terms = coupled_coordinates(joint, scene.joints)
-    units = [_along(coordinate) for _, coordinate, _ in terms]
+    units = [_effort_unit(coordinate) for _, coordinate, _ in terms]
     return units[-1] if isinstance(joint, Gear) or len(set(units)) == 1 else ""

@@ -1,18 +1,19 @@
-"""Checks of single parts of a scene: sizes for its dimension, signs, order in time.
+"""Checks of single parts of a scene: dimensions, signs, order in time.
 
-All raise `InputError` with the key of what does not fit.
+All raise `InputError` with the key of the value.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+import difflib
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
+from ..base.errors import InputError
 from .base import Placement
 from .bodies import Initial, RigidBody
-from .checks.failures import fail
 
 if TYPE_CHECKING:
     from .file import Time
@@ -20,23 +21,29 @@ if TYPE_CHECKING:
 
 def check_time(time: Time) -> None:
     if not time.end > time.start:
-        fail("time.end", f"found {time.end}", f"a time after the start, {time.start}")
+        raise_failure(
+            "time.end", f"found {time.end}", f"a time after the start, {time.start}"
+        )
     if time.output_step is not None and time.output_times is not None:
-        fail("time", "both are given", "one of output_step and output_times")
+        raise_failure("time", "both are given", "one of output_step and output_times")
     for earlier, later in zip(
         time.output_times or (), (time.output_times or ())[1:], strict=False
     ):
         if not later > earlier:
-            fail("time.output_times", f"{later} follows {earlier}", "growing times")
+            raise_failure(
+                "time.output_times", f"{later} follows {earlier}", "growing times"
+            )
     for value in time.output_times or ():
         if not time.start <= value <= time.end:
-            fail("time.output_times", f"found {value}", "times from start to end")
+            raise_failure(
+                "time.output_times", f"found {value}", "times from start to end"
+            )
 
 
 def check_length(vector: tuple[float, ...] | None, place: str, dimension: str) -> None:
     wanted = 2 if dimension == "planar" else 3
     if vector is not None and len(vector) != wanted:
-        fail(
+        raise_failure(
             place, f"found {len(vector)} components", f"{wanted} in a {dimension} scene"
         )
 
@@ -49,19 +56,23 @@ def _check_placement(placement: Placement, place: str, dimension: str) -> None:
         if getattr(placement, key) is not None
     ]
     if len(given) > 1:
-        fail(f"{place}.{given[1]}", f"stands beside {given[0]}", "one orientation")
+        raise_failure(
+            f"{place}.{given[1]}", f"stands beside {given[0]}", "one orientation"
+        )
     for key in given:
         if (key == "angle") != (dimension == "planar"):
             wanted = "angle" if dimension == "planar" else "axis_angle or quaternion"
-            fail(f"{place}.{key}", f"is not for a {dimension} scene", wanted)
+            raise_failure(f"{place}.{key}", f"is not for a {dimension} scene", wanted)
     quaternion = placement.quaternion
     if quaternion is not None and abs(np.linalg.norm(quaternion) - 1) > 1e-6:
-        fail(f"{place}.quaternion", "is not a unit quaternion", "length 1")
+        raise_failure(f"{place}.quaternion", "is not a unit quaternion", "length 1")
     if placement.matrix is not None:
         matrix = np.array(placement.matrix)
         proper = np.linalg.det(matrix) > 0
         if not (proper and np.allclose(matrix.T @ matrix, np.eye(3), atol=1e-6)):
-            fail(f"{place}.matrix", "is not a rotation", "orthonormal columns, det 1")
+            raise_failure(
+                f"{place}.matrix", "is not a rotation", "orthonormal columns, det 1"
+            )
 
 
 def check_markers(markers: Mapping[str, Placement], place: str, dimension: str) -> None:
@@ -77,15 +88,15 @@ def check_rigid_body(body: RigidBody, place: str, dimension: str) -> None:
     place = f"{place}.inertia"
     if isinstance(body.inertia, float | int) != (dimension == "planar"):
         wanted = "a number" if dimension == "planar" else "[xx, yy, zz] or 3 x 3"
-        fail(place, f"does not fit a {dimension} scene", wanted)
+        raise_failure(place, f"does not fit a {dimension} scene", wanted)
     inertia = np.array(body.inertia, float)
     principal = inertia
     if inertia.ndim == 2:
         if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0):
-            fail(place, "is not symmetric", "a symmetric 3 x 3 matrix")
+            raise_failure(place, "is not symmetric", "a symmetric 3 x 3 matrix")
         principal = np.linalg.eigvalsh(inertia)
     if principal.min() < -1e-12 * np.abs(inertia).max():
-        fail(place, "is negative", "inertia that is not negative")
+        raise_failure(place, "is negative", "inertia that is not negative")
 
 
 def check_initial(initial: Initial, place: str, dimension: str) -> None:
@@ -95,4 +106,21 @@ def check_initial(initial: Initial, place: str, dimension: str) -> None:
     if spin is not None and isinstance(spin, tuple) == (dimension == "planar"):
         wanted = "a number" if dimension == "planar" else "three numbers"
         place = f"{place}.angular_velocity"
-        fail(place, f"does not fit a {dimension} scene", wanted)
+        raise_failure(place, f"does not fit a {dimension} scene", wanted)
+
+
+def raise_failure(place: str, problem: str, expected: str | None = None) -> NoReturn:
+    """Raise what was found wrong at a key."""
+    raise InputError(problem, place=place, expected=expected)
+
+
+def expected_names(name: str, known: Iterable[str], what: str) -> str:
+    """Return the expectation instead of an unknown name: the nearest one, or
+    the list.
+    """
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    if near:
+        return f"an existing {what}, perhaps {near[0]}"
+    listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+    return f"an existing {what}, one of {listed}" if names else f"an existing {what}"

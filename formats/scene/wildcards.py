@@ -1,4 +1,4 @@
-"""Outputs that a name with wildcards stands for.
+"""Expansion of wildcards in output names.
 
 `*` stands for any letters within one part of a name: `rod.*.ux`, `*.x`, `bearing.*`.
 Velocities in body axes (`vx_body`), orientations as quaternions or rotation vectors,
@@ -12,14 +12,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, NoReturn
 
-from ..errors import InputError
-from ..sid import SID
-from ..stress import stress_nodes
+from ..base.errors import InputError
+from ..base.sid import SID
+from ..base.stress import stress_nodes
 from .bodies import RigidBody, SidBody
-from .checks.failures import known_names
 from .connections import (
-    holder,
     multipliers,
+    owner_table,
     quantities_of_drive,
     quantities_of_force,
     quantities_of_joint,
@@ -41,6 +40,7 @@ from .outputs import (
     VALUE,
     VELOCITIES,
 )
+from .values import expected_names
 
 if TYPE_CHECKING:
     from .file import SceneFile
@@ -63,13 +63,15 @@ _DISPLACEMENT = {"spatial": ("ux", "uy", "uz"), "planar": ("ux", "uy")}
 
 
 def has_wildcard(text: str) -> bool:
-    """Whether a name stands for others; q* and vq* of one owner are names, too."""
+    """Check whether a name stands for others; q* and vq* of one owner are
+    names, too.
+    """
     owner, _, quantity = text.rpartition(".")
     return "*" in owner or ("*" in quantity and not ELASTIC.fullmatch(quantity))
 
 
-def matching(pattern: str, names: Iterable[str]) -> list[str]:
-    """The names that a pattern stands for, part by part."""
+def matching_names(pattern: str, names: Iterable[str]) -> list[str]:
+    """Return the names that match a pattern, part by part."""
     parts = pattern.split(".")
     return [
         name
@@ -79,14 +81,14 @@ def matching(pattern: str, names: Iterable[str]) -> list[str]:
     ]
 
 
-def expanded(
+def expand_names(
     texts: Iterable[str], scene: SceneFile, sids: Mapping[str, SID], place: str = ""
 ) -> tuple[str, ...]:
-    """The names without wildcards, each once.
+    """Return the names without wildcards, each once.
 
     Raises
     ------
-    InputError : a pattern stands for nothing in this scene.
+    InputError : a pattern matches nothing in this scene.
     """
     texts, found = tuple(texts), dict[str, None]()
     known: list[str] = []
@@ -95,24 +97,26 @@ def expanded(
     for text in texts:
         names = [text]
         if "*" in text:
-            names = matching(text, known) or matching(text, rarer_outputs(scene))
+            names = matching_names(text, known) or matching_names(
+                text, rarer_outputs(scene)
+            )
         if not names and has_wildcard(text):
-            _fail(text, [*known, *rarer_outputs(scene)], place)
+            _raise_unknown(text, [*known, *rarer_outputs(scene)], place)
         found |= dict.fromkeys(names)
     return tuple(found)
 
 
-def _fail(pattern: str, known: list[str], place: str) -> NoReturn:
+def _raise_unknown(pattern: str, known: list[str], place: str) -> NoReturn:
     """Raise a pattern that finds nothing: its owner is not there, or has no such."""
     owner, _, quantity = pattern.rpartition(".")
-    fits = matching(owner, owners(known))
+    fits = matching_names(owner, owners_of(known))
     if fits:
         found = f"{fits[0]} has no output {quantity!r}"
         listed = (n.rpartition(".") for n in known)
         expected = "one of " + ", ".join(q for o, _, q in listed if o == fits[0])
     else:
         found = f"nothing in this scene is called {owner!r}"
-        expected = known_names(owner, owners(known), "part")
+        expected = expected_names(owner, owners_of(known), "part")
     raise InputError(
         f"{pattern!r} stands for no output, as {found}",
         place=place or None,
@@ -120,13 +124,13 @@ def _fail(pattern: str, known: list[str], place: str) -> NoReturn:
     )
 
 
-def owners(names: Iterable[str]) -> list[str]:
-    """What stands before the quantities of names, each once."""
+def owners_of(names: Iterable[str]) -> list[str]:
+    """Return the owners before the quantities of names, each once."""
     return list(dict.fromkeys(name.rpartition(".")[0] for name in names))
 
 
 def quantities_of(owner: str, scene: SceneFile) -> list[str]:
-    """What a part of a scene has, as far as that is known without its SIDs."""
+    """Return the quantities of a part of a scene that are known without its SIDs."""
     names = (
         name.rpartition(".")
         for outputs in (known_outputs(scene, {}), rarer_outputs(scene))
@@ -136,80 +140,88 @@ def quantities_of(owner: str, scene: SceneFile) -> list[str]:
 
 
 def rarer_outputs(scene: SceneFile) -> Iterator[str]:
-    """What wildcards find where `known_outputs` has nothing for them."""
+    """Return the outputs for wildcards that match none of `known_outputs`."""
     for name, body in scene.bodies.items():
         point_mass = isinstance(body, RigidBody) and body.inertia is None
         rare = _RARE[scene.dimension]
-        yield from _named(name, [q for q in rare if q in MOMENTA or not point_mass])
+        yield from _qualified_names(
+            name, [q for q in rare if q in MOMENTA or not point_mass]
+        )
         for marker in () if point_mass else body.markers:
-            yield from _named(f"{name}.{marker}", _RARE_OF_MARKER[scene.dimension])
+            yield from _qualified_names(
+                f"{name}.{marker}", _RARE_OF_MARKER[scene.dimension]
+            )
 
 
 def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:
     """The outputs of a scene that wildcards find first; see the top of this module."""
     dimension = scene.dimension
     for name, body in scene.bodies.items():
-        yield from _named(name, (*_POINT[dimension], *_BODY[dimension]))
+        yield from _qualified_names(name, (*_POINT[dimension], *_BODY[dimension]))
         if isinstance(body, SidBody):
-            yield from _flexible(name, body, sids.get(name), dimension)
+            yield from _flexible_outputs(name, body, sids.get(name), dimension)
         else:
             for marker in body.markers:
-                yield from _named(f"{name}.{marker}", _POINT[dimension])
+                yield from _qualified_names(f"{name}.{marker}", _POINT[dimension])
     for name, joint in scene.joints.items():
         for coordinate in joint.coordinates:
-            yield from _named(name, (coordinate, coordinate + RATE))
+            yield from _qualified_names(name, (coordinate, coordinate + RATE))
         if marker_names(joint):
-            yield from _named(name, _WRENCH[dimension])
-        yield from _named(name, quantities_of_joint(joint))
-        yield from _named(name, _multipliers(name, scene))
+            yield from _qualified_names(name, _WRENCH[dimension])
+        yield from _qualified_names(name, quantities_of_joint(joint))
+        yield from _qualified_names(name, _multiplier_outputs(name, scene))
         if getattr(joint, "friction", None) is not None:
-            yield from _named(name, sorted(FRICTION_QUANTITIES))
+            yield from _qualified_names(name, sorted(FRICTION_QUANTITIES))
     for name, drive in scene.drives.items():
         if drive.joint is None or marker_names(scene.joints[drive.joint]):
-            yield from _named(name, _WRENCH[dimension])
-        yield from _named(name, quantities_of_drive(drive, scene))
-        yield from _named(name, _multipliers(name, scene))
-        yield from _named(f"{name}.{STATE}", drive.states)
+            yield from _qualified_names(name, _WRENCH[dimension])
+        yield from _qualified_names(name, quantities_of_drive(drive, scene))
+        yield from _qualified_names(name, _multiplier_outputs(name, scene))
+        yield from _qualified_names(f"{name}.{STATE}", drive.states)
     for name, force in scene.forces.items():
-        yield from _named(name, _WRENCH[dimension])
+        yield from _qualified_names(name, _WRENCH[dimension])
         along = quantities_of_force(force, scene)
-        yield from _named(name, [q for q in along if not _is_of(name, q, scene)])
+        yield from _qualified_names(
+            name, [q for q in along if not _has_quantity(name, q, scene)]
+        )
         function = getattr(force, "function", None)
         if function is not None:
             yield f"{name}.{VALUE}"
-        yield from _named(f"{name}.{STATE}", states_of(function))
+        yield from _qualified_names(f"{name}.{STATE}", states_of(function))
     for owner, quantities in SCENE_QUANTITIES.items():
-        yield from _named(owner, quantities)
+        yield from _qualified_names(owner, quantities)
 
 
-def _flexible(
+def _flexible_outputs(
     name: str, body: SidBody, sid: SID | None, dimension: str
 ) -> Iterator[str]:
     elastic = sid is not None and not body.rigid
     if sid is not None and elastic:
         for prefix in ("q", "vq"):
-            yield from _named(name, (f"{prefix}{k}" for k in body.numbers(sid.nq)))
+            yield from _qualified_names(
+                name, (f"{prefix}{k}" for k in body.numbers(sid.nq))
+            )
     carriers = set(stress_nodes(sid)) if sid is not None and elastic else set()
     if carriers:
         yield f"{name}.{PEAK_STRESS}"
     for marker, node in body.markers.items():
-        yield from _named(f"{name}.{marker}", _POINT[dimension])
+        yield from _qualified_names(f"{name}.{marker}", _POINT[dimension])
         if elastic:
-            yield from _named(f"{name}.{marker}", _DISPLACEMENT[dimension])
+            yield from _qualified_names(f"{name}.{marker}", _DISPLACEMENT[dimension])
         if node in carriers:
-            yield from _named(f"{name}.{marker}", STRESSES)
+            yield from _qualified_names(f"{name}.{marker}", STRESSES)
 
 
-def _multipliers(name: str, scene: SceneFile) -> list[str]:
+def _multiplier_outputs(name: str, scene: SceneFile) -> list[str]:
     return [f"f{k + 1}" for k in range(multipliers(name, scene))]
 
 
-def _is_of(force: str, quantity: str, scene: SceneFile) -> bool:
+def _has_quantity(force: str, quantity: str, scene: SceneFile) -> bool:
     """Whether a joint or drive with the name of a force has this quantity already."""
     joint = scene.joints.get(force)
     is_coordinate = joint is not None and quantity in joint.coordinates
-    return is_coordinate or holder(force, quantity, scene) != "forces"
+    return is_coordinate or owner_table(force, quantity, scene) != "forces"
 
 
-def _named(owner: str, quantities: Iterable[str]) -> Iterator[str]:
+def _qualified_names(owner: str, quantities: Iterable[str]) -> Iterator[str]:
     return (f"{owner}.{quantity}" for quantity in quantities)

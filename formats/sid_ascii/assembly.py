@@ -1,4 +1,4 @@
-"""From a file as it stands to a SID in the one convention held in memory."""
+"""Assemble a SID, in the convention of memory, from the raw contents of a file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..sid import (
+from ..base.sid import (
     BLOCK_SHAPES,
     J_INDICES,
     NODE_SHAPES,
@@ -23,61 +23,61 @@ from .codes import M0
 from .expansion import (
     PRINT_NOISE,
     SYMMETRIC,
-    Reading,
-    declared,
-    free_shape,
-    mean_of_halves,
-    taylor,
+    ReadingContext,
+    dense_expansion,
+    header_value,
+    shape_of_unknown_block,
+    symmetrise,
 )
-from .notes import Notes
-from .raw import RawFile, RawNode, RawTaylor
+from .lines import ReadingNotes
+from .raw_file import RawFile, RawNode, RawTaylor
 from .title import Layout, layout_from_words, split_tag
 
 _REQUIRED_IN_NODE = tuple(name for name in NODE_SHAPES if name != "sigma")
 
 
 def assemble(raw: RawFile, source: str) -> SID:
-    """The SID that a file describes; `SID.dialect` tells what was found on the way.
+    """Make the SID of a raw file; `SID.dialect` holds what was detected.
 
     Raises
     ------
     InputError : a block is missing, or its entries do not fit.
     """
-    notes = Notes()
+    notes = ReadingNotes()
     marked = split_tag(raw.title)
     tag, title = marked.layout, marked.text
     hint = tag or layout_from_words(title)
     nq = raw.reference.nq
     _note_counts(raw, notes)
-    order = layout.m1_index(list(_sized(raw)), nq, hint)
+    order = layout.detect_m1_index(list(_expansion_sizes(raw)), nq, hint)
     if tag:
         order = tag.m1_index
-    to = Reading(source, nq, order, notes)
+    to = ReadingContext(source, nq, order, notes)
     _check_mode_count(raw, to)
     j_raw = _j_is_3x3(raw.blocks.get("J"))
     blocks = _blocks(raw, j_raw, to)
-    gr, ge = _layouts(blocks, tag, hint, notes)
+    gr, ge = _detect_layouts(blocks, tag, hint, notes)
     for name, columns in (("Gr", gr), ("Ge", ge)):
         if columns == "mode":
-            blocks[name] = layout.changed(
+            blocks[name] = layout.rearrange(
                 blocks[name], lambda part: layout.axis_from_mode_major(part, nq)
             )
-    nodes = tuple(_node(node, to) for node in raw.nodes)
+    nodes = tuple(_assemble_node(node, to) for node in raw.nodes)
     extra = {
-        name: taylor(block, free_shape(block, to), name, to)
+        name: dense_expansion(block, shape_of_unknown_block(block, to), name, to)
         for name, block in raw.blocks.items()
         if name not in BLOCK_SHAPES
     }
     _note_oe(blocks["Oe"], notes)
     _note_orientation(nodes, hint, tag, notes)
     dialect = Dialect(
-        writer=_writer(hint, tag, marked.by),
+        writer=_detect_writer(hint, tag, marked.by),
         gr_layout=gr,
         ge_layout=ge,
         m1_index=order,
         j_shape="3x3" if j_raw else "6x1",
         symmetric=_stored_halves(raw),
-        exponent=_exponent(raw),
+        exponent=_exponent_letter(raw),
         name=raw.name,
         notes=notes.texts(),
     )
@@ -95,25 +95,29 @@ def assemble(raw: RawFile, source: str) -> SID:
     )
 
 
-def _check_mode_count(raw: RawFile, to: Reading) -> None:
+def _check_mode_count(raw: RawFile, to: ReadingContext) -> None:
     """All of a file against nelastq: then that is wrong, and not the first block."""
-    told = {declared(block, "nq", 0) for _, block in raw.expansions()} - {0}
-    if len(told) == 1 and told != {to.nq}:
-        (count,) = told
+    declared_counts = {
+        header_value(block, "nq", 0) for _, block in raw.expansions()
+    } - {0}
+    if len(declared_counts) == 1 and declared_counts != {to.nq}:
+        (count,) = declared_counts
         problem = f"nelastq = {to.nq}, but all blocks declare nq = {count}"
         raise to.error(problem, f"nelastq = {count}", raw.reference.nq_line)
 
 
-def _blocks(raw: RawFile, j_is_3x3: bool, to: Reading) -> dict[str, Taylor]:
+def _blocks(raw: RawFile, j_is_3x3: bool, to: ReadingContext) -> dict[str, Taylor]:
     """The eleven blocks as laid out in the file, but J in its six elements."""
     blocks = {}
     for name in BLOCK_SHAPES:
         shape = block_shape(name, to.nq)
         found = raw.blocks.get(name)
         if found is not None and name == "J" and j_is_3x3:
-            blocks[name] = _six_elements(taylor(found, (3, 3), name, to), to.notes)
+            blocks[name] = _six_elements(
+                dense_expansion(found, (3, 3), name, to), to.notes
+            )
         elif found is not None:
-            blocks[name] = taylor(found, shape, name, to)
+            blocks[name] = dense_expansion(found, shape, name, to)
         elif 0 in shape:
             blocks[name] = Taylor(np.zeros(shape))
         else:
@@ -122,7 +126,7 @@ def _blocks(raw: RawFile, j_is_3x3: bool, to: Reading) -> dict[str, Taylor]:
     return blocks
 
 
-def _node(raw: RawNode, to: Reading) -> Node:
+def _assemble_node(raw: RawNode, to: ReadingContext) -> Node:
     entries = {}
     for name in _REQUIRED_IN_NODE:
         if name not in raw.entries and 0 not in block_shape(name, to.nq):
@@ -132,13 +136,13 @@ def _node(raw: RawNode, to: Reading) -> Node:
         shape = block_shape(name, to.nq)
         if name in raw.entries:
             place = f"node {raw.id}, {name}"
-            entries[name] = taylor(raw.entries[name], shape, place, to)
+            entries[name] = dense_expansion(raw.entries[name], shape, place, to)
         elif name != "sigma":
             entries[name] = Taylor(np.zeros(shape))
     return Node(id=raw.id, rframe=raw.rframe, **entries)  # type: ignore[arg-type]
 
 
-def _sized(raw: RawFile) -> Iterator[tuple[RawTaylor, int]]:
+def _expansion_sizes(raw: RawFile) -> Iterator[tuple[RawTaylor, int]]:
     """Every known expansion with the number of its columns."""
     j_columns = 3 if _j_is_3x3(raw.blocks.get("J")) else 1
     for name, expansion in raw.expansions():
@@ -151,33 +155,36 @@ def _sized(raw: RawFile) -> Iterator[tuple[RawTaylor, int]]:
 def _j_is_3x3(raw: RawTaylor | None) -> bool:
     if raw is None:
         return False
-    kinds, rows, columns, _ = raw.codes.unpacked
+    kinds, rows, columns, _ = raw.codes.kinds_and_indices
     widest = int(columns[kinds == M0].max(initial=1))
     tallest = int(rows.max(initial=1))
     guess = 3 if widest > 1 and tallest <= 3 else 1
-    return declared(raw, "ncol", guess) == 3
+    return header_value(raw, "ncol", guess) == 3
 
 
-def _six_elements(j: Taylor, notes: Notes) -> Taylor:
+def _six_elements(j: Taylor, notes: ReadingNotes) -> Taylor:
     """J (3, 3) as (6, 1); an element whose partner is missing counts for both."""
     rows, columns = np.transpose(J_INDICES)
-    return layout.changed(
-        j, lambda part: _mirrored(part, notes)[..., rows, columns, None]
+    return layout.rearrange(
+        j, lambda part: _mirror_tensors(part, notes)[..., rows, columns, None]
     )
 
 
-def _mirrored(tensors: Array, notes: Notes) -> Array:
+def _mirror_tensors(tensors: Array, notes: ReadingNotes) -> Array:
     partners = np.swapaxes(tensors, -1, -2)
     full = np.where(tensors == 0.0, partners, tensors)
     partners = np.swapaxes(full, -1, -2)
     difference = np.abs(full - partners).max(initial=0.0)
     if difference > PRINT_NOISE * np.abs(full).max(initial=0.0):
         notes.add("is not symmetric; the mean of its halves was taken", "J")
-    return mean_of_halves(full)
+    return symmetrise(full)
 
 
-def _layouts(
-    blocks: dict[str, Taylor], tag: Layout | None, hint: Layout | None, notes: Notes
+def _detect_layouts(
+    blocks: dict[str, Taylor],
+    tag: Layout | None,
+    hint: Layout | None,
+    notes: ReadingNotes,
 ) -> tuple[str, str]:
     """The column layouts of Gr and Ge."""
     if tag:
@@ -191,14 +198,14 @@ def _layouts(
     hints = {"Gr": hint.gr if hint else None, "Ge": hint.ge if hint else None}
     found = {}
     for name in errors:
-        found[name], certain = layout.choose(errors[name], hints[name])
+        found[name], certain = layout.choose_layout(errors[name], hints[name])
         if not certain and nq > 1 and blocks[name].m0.any():
             remark = f"no identity proves its column layout; read {found[name]}-major"
             notes.add(remark, name)
     return found["Gr"], found["Ge"]
 
 
-def _writer(hint: Layout | None, tag: Layout | None, by: str) -> str:
+def _detect_writer(hint: Layout | None, tag: Layout | None, by: str) -> str:
     if tag:
         return f"{by} in the layout of {tag.writer}"
     if by:
@@ -208,24 +215,24 @@ def _writer(hint: Layout | None, tag: Layout | None, by: str) -> str:
 
 def _stored_halves(raw: RawFile) -> str:
     """ "lower" if no symmetric matrix of the file has an entry above the diagonal."""
-    seen = False
+    has_entries = False
     for name in ("Me", "Ke", "De"):
         block = raw.blocks.get(name)
-        if block is None or declared(block, "structure", 0) != SYMMETRIC:
+        if block is None or header_value(block, "structure", 0) != SYMMETRIC:
             continue
-        kinds, rows, columns, _ = block.codes.unpacked
+        kinds, rows, columns, _ = block.codes.kinds_and_indices
         if ((kinds == M0) & (rows < columns)).any():
             return "both"
-        seen |= bool(((kinds == M0) & (rows > columns)).any())
-    return "lower" if seen else "both"
+        has_entries |= bool(((kinds == M0) & (rows > columns)).any())
+    return "lower" if has_entries else "both"
 
 
-def _exponent(raw: RawFile) -> str:
+def _exponent_letter(raw: RawFile) -> str:
     letters = [block.letter for _, block in raw.expansions() if len(block.codes)]
     return Counter(letters).most_common(1)[0][0] if letters else "D"
 
 
-def _note_counts(raw: RawFile, notes: Notes) -> None:
+def _note_counts(raw: RawFile, notes: ReadingNotes) -> None:
     found = (len(raw.nodes), raw.reference.nq)
     if raw.counts not in (None, found):
         nodes, modes = raw.counts or found
@@ -238,7 +245,7 @@ def _note_counts(raw: RawFile, notes: Notes) -> None:
         notes.add(f"{count} of {found[1]} elastic coordinates have no label")
 
 
-def _note_oe(oe: Taylor, notes: Notes) -> None:
+def _note_oe(oe: Taylor, notes: ReadingNotes) -> None:
     """Oe1 must be symmetric in its two mode indices; PY_SID leaves xy, yz, xz out."""
     if oe.m1 is None:
         return
@@ -249,7 +256,10 @@ def _note_oe(oe: Taylor, notes: Notes) -> None:
 
 
 def _note_orientation(
-    nodes: tuple[Node, ...], hint: Layout | None, tag: Layout | None, notes: Notes
+    nodes: tuple[Node, ...],
+    hint: Layout | None,
+    tag: Layout | None,
+    notes: ReadingNotes,
 ) -> None:
     if tag or hint is None or hint.writer != "FEMBeam":
         return

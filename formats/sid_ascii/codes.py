@@ -36,7 +36,7 @@ def entry_code(key: str) -> int:
     return (((kind << _BITS | row) << _BITS) | second) << _BITS | third
 
 
-class Codes:
+class IndexCodes:
     """The packed indices of entries, (n,); expansions with the same keys share one.
 
     What follows from the indices alone is found once for all of them.
@@ -50,7 +50,7 @@ class Codes:
         return len(self.packed)
 
     @cached_property
-    def unpacked(self) -> tuple[NDArray[np.int64], ...]:
+    def kinds_and_indices(self) -> tuple[NDArray[np.int64], ...]:
         """Kind and the three indices, as written, (n,) each."""
         codes = self.packed
         return (
@@ -66,18 +66,18 @@ class Codes:
 
     @cached_property
     def _kinds(self) -> frozenset[int]:
-        return frozenset(np.unique(self.unpacked[0]).tolist())
+        return frozenset(np.unique(self.kinds_and_indices[0]).tolist())
 
     @cached_property
     def largest(self) -> tuple[int, int]:
         """The largest second and third index of first-order entries, 0 for none."""
-        kinds, _, second, third = self.unpacked
+        kinds, _, second, third = self.kinds_and_indices
         higher = kinds == M1
         return int(second[higher].max(initial=0)), int(third[higher].max(initial=0))
 
     @cached_property
     def repeated(self) -> int | None:
-        """The first entry whose indices stand before it already."""
+        """Return the first entry whose indices occur before."""
         codes, firsts = np.unique(self.packed, return_index=True)
         if len(codes) == len(self.packed):
             return None
@@ -92,7 +92,7 @@ class Codes:
         """
         key = (kind, shape, m1_index)
         if key not in self._places:
-            kinds, rows, second, third = self.unpacked
+            kinds, rows, second, third = self.kinds_and_indices
             if kind != M0 and m1_index == "rcl":
                 second, third = third, second
             indices = (rows, second) if kind == M0 else (second, rows, third)

@@ -1,4 +1,4 @@
-"""Entries into matrices: the meaning of the headers of a Taylor expansion."""
+"""Dense matrices from the headers and entries of a Taylor expansion."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..sid import Array, Taylor
+from ..base.errors import InputError
+from ..base.sid import Array, Taylor
 from .codes import M0, M1, MN
-from .notes import Notes
-from .raw import RawTaylor
+from .lines import ReadingNotes
+from .raw_file import RawTaylor
 
 ZERO, DIAGONAL, SYMMETRIC, GENERAL, IDENTITY = range(5)
 
 #: Halves of a symmetric matrix that differ less than this differ in print only.
 PRINT_NOISE = 1e-9
 #: Numbers in one block of unknown shape, or of order 2; more is a damaged file.
-MOST_NUMBERS = 20_000_000
+MAX_NUMBERS = 20_000_000
 #: Numbers of all unknown blocks together beyond so many for each that the file holds.
-MOST_UNKNOWN, MOST_EMPTY = 1_000_000, 50
+MAX_UNKNOWN, MAX_EMPTY = 1_000_000, 50
 
 
 @dataclass(frozen=True)
-class Reading:
-    """What is known about the file while its expansions are filled."""
+class ReadingContext:
+    """Known properties of the file while its expansions are filled."""
 
     source: str
     nq: int
     m1_index: str
-    notes: Notes
+    notes: ReadingNotes
     unknown: list[int] = field(default_factory=list)
 
     def error(self, problem: str, expected: str, line: int) -> InputError:
@@ -40,12 +40,14 @@ class Reading:
         return InputError(problem, source=self.source, place=place, expected=expected)
 
 
-def declared(raw: RawTaylor, item: str, default: int) -> int:
+def header_value(raw: RawTaylor, item: str, default: int) -> int:
     """The value of a header item, or its default where a writer omits it."""
     return raw.header.get(item, (default, 0))[0]
 
 
-def taylor(raw: RawTaylor, shape: tuple[int, int], place: str, to: Reading) -> Taylor:
+def dense_expansion(
+    raw: RawTaylor, shape: tuple[int, int], place: str, to: ReadingContext
+) -> Taylor:
     """The dense expansion of the given shape.
 
     Raises
@@ -59,44 +61,44 @@ def taylor(raw: RawTaylor, shape: tuple[int, int], place: str, to: Reading) -> T
     if raw.codes.has(M1):
         m1 = _scatter(raw, M1, (to.nq, *shape), to)
     if raw.codes.has(MN):
-        kinds, _, second, third = raw.codes.unpacked
+        kinds, _, second, third = raw.codes.kinds_and_indices
         modes = third if to.m1_index == "rcl" else second
-        count = declared(raw, "nqn", 0) or int(modes[kinds == MN].max())
+        count = header_value(raw, "nqn", 0) or int(modes[kinds == MN].max())
         _check_size(raw, count * shape[0] * shape[1], to)
         mn = _scatter(raw, MN, (count, *shape), to)
-    order = declared(raw, "order", 1 if m1 is not None else 0)
+    order = header_value(raw, "order", 1 if m1 is not None else 0)
     if order == 0 and m1 is not None:
         to.notes.add("has first-order terms although it declares order 0", place)
     return Taylor(m0, m1, mn, order)
 
 
-def free_shape(raw: RawTaylor, to: Reading) -> tuple[int, int]:
+def shape_of_unknown_block(raw: RawTaylor, to: ReadingContext) -> tuple[int, int]:
     """The shape of a block that this project does not know."""
-    kinds, rows, second, third = raw.codes.unpacked
+    kinds, rows, second, third = raw.codes.kinds_and_indices
     columns = np.where((kinds == M0) | (to.m1_index == "rcl"), second, third)
     shape = (
-        declared(raw, "nrow", int(rows.max(initial=0))),
-        declared(raw, "ncol", int(columns.max(initial=0))),
+        header_value(raw, "nrow", int(rows.max(initial=0))),
+        header_value(raw, "ncol", int(columns.max(initial=0))),
     )
     factor = to.nq + 1 if (kinds == M1).any() else 1
     numbers = shape[0] * shape[1] * factor
-    to.unknown.append(numbers - MOST_EMPTY * len(raw.codes))
-    if sum(to.unknown) > MOST_UNKNOWN:
+    to.unknown.append(numbers - MAX_EMPTY * len(raw.codes))
+    if sum(to.unknown) > MAX_UNKNOWN:
         problem = f"{raw.name} and the unknown blocks before it declare many zeros"
-        expected = f"at most {MOST_UNKNOWN} numbers that do not stand in the file"
+        expected = f"at most {MAX_UNKNOWN} numbers that do not stand in the file"
         raise to.error(problem, expected, raw.line)
     _check_size(raw, numbers, to)
     return shape
 
 
-def mean_of_halves(matrices: Array) -> Array:
+def symmetrise(matrices: Array) -> Array:
     """Symmetric (..., n, n); elements that agree stay as they are, however large."""
     partners = np.swapaxes(matrices, -1, -2)
     mean = matrices / 2 + partners / 2
     return np.where(matrices == partners, matrices, mean)
 
 
-def _check_header(raw: RawTaylor, shape: tuple[int, int], to: Reading) -> None:
+def _check_header(raw: RawTaylor, shape: tuple[int, int], to: ReadingContext) -> None:
     wanted = {
         "nrow": (shape[0],),
         "ncol": (shape[1],),
@@ -111,20 +113,22 @@ def _check_header(raw: RawTaylor, shape: tuple[int, int], to: Reading) -> None:
             raise to.error(f"{raw.name} declares {item} = {value}", choices, line)
 
 
-def _check_unique(raw: RawTaylor, to: Reading) -> None:
+def _check_unique(raw: RawTaylor, to: ReadingContext) -> None:
     repeated = raw.codes.repeated
     if repeated is not None:
         line = int(raw.lines[repeated])
         raise to.error(f"an entry of {raw.name} stands here again", "each once", line)
 
 
-def _check_size(raw: RawTaylor, numbers: int, to: Reading) -> None:
-    if numbers > MOST_NUMBERS:
+def _check_size(raw: RawTaylor, numbers: int, to: ReadingContext) -> None:
+    if numbers > MAX_NUMBERS:
         problem = f"{raw.name} would have {numbers} numbers"
-        raise to.error(problem, f"at most {MOST_NUMBERS}", raw.line)
+        raise to.error(problem, f"at most {MAX_NUMBERS}", raw.line)
 
 
-def _scatter(raw: RawTaylor, kind: int, shape: tuple[int, ...], to: Reading) -> Array:
+def _scatter(
+    raw: RawTaylor, kind: int, shape: tuple[int, ...], to: ReadingContext
+) -> Array:
     """The entries of a kind in a zero array; indices start at 1."""
     chosen, places = raw.codes.places(kind, shape, to.m1_index)
     if (places < 0).any():
@@ -142,10 +146,12 @@ def _scatter(raw: RawTaylor, kind: int, shape: tuple[int, ...], to: Reading) -> 
     return dense.reshape(shape)
 
 
-def _m0(raw: RawTaylor, shape: tuple[int, int], place: str, to: Reading) -> Array:
+def _m0(
+    raw: RawTaylor, shape: tuple[int, int], place: str, to: ReadingContext
+) -> Array:
     """m0 from entries and declared structure; where they disagree, entries win."""
     dense = _scatter(raw, M0, shape, to)
-    structure = declared(raw, "structure", GENERAL)
+    structure = header_value(raw, "structure", GENERAL)
     square = shape[0] == shape[1]
     if structure == IDENTITY and square:
         identity = np.eye(shape[0])
@@ -154,15 +160,15 @@ def _m0(raw: RawTaylor, shape: tuple[int, int], place: str, to: Reading) -> Arra
     if structure == SYMMETRIC and square:
         present = np.zeros(math.prod(shape), dtype=bool)
         present[raw.codes.places(M0, shape, to.m1_index)[1]] = True
-        return _symmetric(dense, present.reshape(shape), place, to)
-    if not _agrees(dense, structure):
+        return _mirror_halves(dense, present.reshape(shape), place, to)
+    if not _is_consistent(dense, structure):
         names = ("zero", "diagonal", "symmetric", "general", "the identity")
         remark = f"has other entries than its declared structure ({names[structure]})"
         to.notes.add(remark, place)
     return dense
 
 
-def _agrees(dense: Array, structure: int) -> bool:
+def _is_consistent(dense: Array, structure: int) -> bool:
     if structure == ZERO:
         return not dense.any()
     if structure == DIAGONAL:
@@ -171,8 +177,8 @@ def _agrees(dense: Array, structure: int) -> bool:
     return structure == GENERAL
 
 
-def _symmetric(
-    dense: Array, present: NDArray[np.bool_], place: str, to: Reading
+def _mirror_halves(
+    dense: Array, present: NDArray[np.bool_], place: str, to: ReadingContext
 ) -> Array:
     """Both halves from what is stored: a missing partner is mirrored."""
     full = np.where(present, dense, np.where(present.T, dense.T, 0.0))
@@ -180,6 +186,6 @@ def _symmetric(
         return full
     difference = np.abs(full - full.T).max()
     if difference <= PRINT_NOISE * np.abs(full).max():
-        return mean_of_halves(full)
+        return symmetrise(full)
     to.notes.add("is declared symmetric, but its halves differ", place)
     return full

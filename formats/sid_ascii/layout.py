@@ -1,8 +1,4 @@
-"""Which index order and column layout a file uses, found from the numbers.
-
-Writers disagree; the identities Gr_l + Gr_l^T = 2 J1_l and Ge_l = Cr1_l - Cr1_l^T (or
-2 Cr1_l, as most writers have it) tell the layouts apart. See theory, section 4.
-"""
+"""Detection of the index order and column layout of a file from its numbers."""
 
 from __future__ import annotations
 
@@ -10,15 +6,15 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from ..sid import Array, Taylor, by_mode, symmetric_3x3
-from .raw import RawTaylor
+from ..base.sid import Array, Taylor, by_mode, symmetric_3x3
+from .raw_file import RawTaylor
 from .title import Layout
 
-CONFIDENT = 1e-3
-CLEARLY_WORSE = 10.0
+CERTAIN_ERROR = 1e-3
+WORSE_RATIO = 10.0
 
 
-def m1_index(
+def detect_m1_index(
     expansions: Iterable[tuple[RawTaylor, int]], nq: int, hint: Layout | None
 ) -> str:
     """The index order of m1, "rlc" or "rcl".
@@ -39,7 +35,7 @@ def m1_index(
     return "rlc" if hint is None else hint.m1_index
 
 
-def changed(block: Taylor, change: Callable[[Array], Array]) -> Taylor:
+def rearrange(block: Taylor, change: Callable[[Array], Array]) -> Taylor:
     """The expansion with m0, m1 and mn rearranged alike."""
     m1 = None if block.m1 is None else change(block.m1)
     mn = None if block.mn is None else change(block.mn)
@@ -66,9 +62,9 @@ def axis_from_mode_major(columns: Array, nq: int) -> Array:
 
 
 def gr_errors(gr: Array, j1: Array) -> dict[str, float] | None:
-    """How far Gr (3, 3 nq) is from the identity with J1 (nq, 6, 1) in each layout.
+    """Return the deviations of Gr (3, 3 nq) from the identity with J1, in each layout.
 
-    None when nothing can be told: one mode, or a block without entries.
+    None if they cannot be determined: one mode, or a block without entries.
     """
     nq = len(j1)
     if nq < 2 or not gr.any() or not j1.any():
@@ -76,7 +72,7 @@ def gr_errors(gr: Array, j1: Array) -> dict[str, float] | None:
     twice = 2 * symmetric_3x3(j1[:, :, 0])
     parts = {name: by_mode_in(gr, nq, name) for name in ("axis", "mode")}
     return {
-        name: _relative(part + np.swapaxes(part, 1, 2) - twice, gr)
+        name: _relative_error(part + np.swapaxes(part, 1, 2) - twice, gr)
         for name, part in parts.items()
     }
 
@@ -89,27 +85,29 @@ def ge_errors(ge: Array, cr1: Array) -> dict[str, float] | None:
     candidates = (2 * cr1, cr1 - np.swapaxes(cr1, 0, 1))
     parts = {name: by_mode_in(ge, nq, name) for name in ("axis", "mode")}
     return {
-        name: min(_relative(part - candidate, ge) for candidate in candidates)
+        name: min(_relative_error(part - candidate, ge) for candidate in candidates)
         for name, part in parts.items()
     }
 
 
-def confident(errors: dict[str, float] | None) -> str | None:
+def certain_layout(errors: dict[str, float] | None) -> str | None:
     """The layout that the identity proves, None if it proves neither."""
     if errors is None:
         return None
     best, other = sorted(errors, key=lambda name: errors[name])
-    clear = errors[best] < CONFIDENT and errors[other] > CLEARLY_WORSE * errors[best]
+    clear = errors[best] < CERTAIN_ERROR and errors[other] > WORSE_RATIO * errors[best]
     return best if clear else None
 
 
-def choose(errors: dict[str, float] | None, hint: str | None) -> tuple[str, bool]:
+def choose_layout(
+    errors: dict[str, float] | None, hint: str | None
+) -> tuple[str, bool]:
     """The layout to read, and whether it is certain.
 
     The identity decides; then the title; then the smaller deviation; then axis-major,
     which is what most writers use.
     """
-    proven = confident(errors)
+    proven = certain_layout(errors)
     if proven:
         return proven, True
     if hint or errors is None:
@@ -117,5 +115,5 @@ def choose(errors: dict[str, float] | None, hint: str | None) -> tuple[str, bool
     return min(errors, key=lambda name: errors[name]), False
 
 
-def _relative(deviation: Array, reference: Array) -> float:
+def _relative_error(deviation: Array, reference: Array) -> float:
     return float(np.abs(deviation).max() / np.abs(reference).max())

@@ -1,25 +1,28 @@
-"""The lines of a SID file, numbered, stripped and without the blank ones."""
+"""Lines of a SID file, the numbers on them, and notes on what the reader assumed."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TextIO
 
-from ..errors import InputError
+import numpy as np
+
+from ..base.errors import InputError
+from ..base.sid import Array
 
 CHUNK = 1 << 18
-LONGEST_TITLE = 100_000
-LONGEST_LINE = 4_096
+MAX_TITLE_LENGTH = 100_000
+MAX_LINE_LENGTH = 4_096
 #: Texts of `ahead` that nobody skips before the file is read line by line.
-_PATIENCE = 100
+_MAX_UNUSED_READS = 100
 
 _NOT_TEXT = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 _NOT_TEXT_BYTES = bytes([*range(9), *range(14, 32), 127])
 _BYTE_ORDER_MARK = "\xef\xbb\xbf"
 
 
-class Lines:
+class LineReader:
     """Iterates over the non-blank lines of a stream; knows the current line number.
 
     The stream is read in pieces, so that memory does not grow with the file.
@@ -42,14 +45,14 @@ class Lines:
         """The next line; the end of the file is an error here."""
         for line in self._lines:
             return line
-        raise self.cut_off(inside, expected)
+        raise self.truncation_error(inside, expected)
 
-    def ahead(self) -> str:
+    def complete_lines_ahead(self) -> str:
         """The whole lines before the next "end", as far as they are read.
 
         `skip` passes them. Where that was done too seldom, nothing is given.
         """
-        if self._in_vain >= _PATIENCE:
+        if self._in_vain >= _MAX_UNUSED_READS:
             return ""
         text, at = self._text, self._at
         end = text.find("end", at)
@@ -60,7 +63,7 @@ class Lines:
         return ahead
 
     def skip(self, text: str) -> None:
-        """Pass lines that `ahead` gave."""
+        """Pass lines that `complete_lines_ahead` gave."""
         self._in_vain -= 1
         self._at += len(text)
         self.number += text.count("\n")
@@ -72,12 +75,12 @@ class Lines:
         place = f"line {number or self.number or 1}"
         return InputError(problem, source=self.source, place=place, expected=expected)
 
-    def cut_off(self, inside: str, expected: str) -> InputError:
+    def truncation_error(self, inside: str, expected: str) -> InputError:
         """The error of a file that ends too early."""
         return self.error(f"the file ends inside {inside}", expected)
 
     def _read(self, stream: TextIO) -> Iterator[str]:
-        blank, longest = 0, LONGEST_TITLE
+        blank, longest = 0, MAX_TITLE_LENGTH
         self._text = stream.read(len(_BYTE_ORDER_MARK)).removeprefix(_BYTE_ORDER_MARK)
         self._check_text(self._text, 1)
         while chunk := stream.read(CHUNK):
@@ -87,7 +90,7 @@ class Lines:
                 line, self._at = self._text[self._at : end], end + 1
                 if len(line) > longest:
                     raise self._too_long(self.number + blank + 1, longest)
-                longest = LONGEST_LINE
+                longest = MAX_LINE_LENGTH
                 text = line.strip()
                 if not text:
                     blank += 1
@@ -121,3 +124,95 @@ class Lines:
             "one keyword or one 'key = value' a line",
             number,
         )
+
+
+_NUMBER = re.compile(
+    r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]([+-]?\d+)|([+-]\d+))?", re.ASCII
+)
+_INTEGER = re.compile(r"[+-]?\d{1,9}", re.ASCII)
+
+REAL_EXPECTED = "a finite number such as 1.5, -7.065D+02 or 1.0-100"
+
+
+def parse_reals(
+    texts: Sequence[str], numbers: Sequence[int], lines: LineReader
+) -> Array:
+    """Many numbers at once, (n,); `numbers` are their line numbers.
+
+    Raises
+    ------
+    InputError : one of them is not a finite number; names its line.
+    """
+    joined = "\n".join(texts).replace("D", "e").replace("d", "e")
+    plain = "_" not in joined
+    try:
+        values = np.array([float(text) for text in joined.split("\n")] if texts else [])
+    except ValueError:
+        plain = False
+    if plain and np.isfinite(values).all():
+        return values
+    pairs = zip(texts, numbers, strict=True)
+    return np.array([parse_real(text, lines, number) for text, number in pairs])
+
+
+def parse_real(text: str, lines: LineReader, number: int | None = None) -> float:
+    """One number; the exponent letter may be D, E or missing (Fortran's 1.0-100).
+
+    Raises
+    ------
+    InputError : it is not a number, or not finite.
+    """
+    match = _NUMBER.fullmatch(text.strip())
+    if match is None:
+        problem = f"'{shorten(text)}' is not a number"
+        raise lines.error(problem, REAL_EXPECTED, number)
+    value = float(f"{match[1]}e{match[2] or match[3] or 0}")
+    if not np.isfinite(value):
+        problem = f"{shorten(text)} is too large for a floating-point number"
+        raise lines.error(problem, REAL_EXPECTED, number)
+    return value
+
+
+def parse_integer(text: str, name: str, lines: LineReader) -> int:
+    """One integer that is not negative.
+
+    Raises
+    ------
+    InputError : it is something else.
+    """
+    value = int(text) if _INTEGER.fullmatch(text) else -1
+    if value < 0:
+        raise lines.error(
+            f"{name} = '{shorten(text)}'", "a small integer, not negative"
+        )
+    return value
+
+
+def shorten(text: str) -> str:
+    """A text cut to fit into a message."""
+    text = " ".join(text.split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+class ReadingNotes:
+    """Notes by kind, each with its first location and its count."""
+
+    def __init__(self) -> None:
+        self._places: dict[str, list[str]] = {}
+
+    def add(self, remark: str, place: str = "") -> None:
+        """Note a remark, and where it applies."""
+        self._places.setdefault(remark, []).append(place)
+
+    def texts(self) -> tuple[str, ...]:
+        """One text per remark."""
+        return tuple(
+            _note_text(remark, places) for remark, places in self._places.items()
+        )
+
+
+def _note_text(remark: str, places: list[str]) -> str:
+    if not places[0]:
+        return remark
+    more = f" and {len(places) - 1} more" if len(places) > 1 else ""
+    return f"{places[0]}{more}: {remark}"

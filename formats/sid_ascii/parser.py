@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import re
 
-from ..errors import InputError
-from ..sid import BLOCK_SHAPES, NODE_SHAPES
-from .entries import Entries
-from .lines import Lines
-from .raw import RawFile, RawNode, RawReference, RawTaylor
+from ..base.errors import InputError
+from ..base.sid import BLOCK_SHAPES, NODE_SHAPES
+from .lines import LineReader, parse_integer, parse_real, shorten
+from .raw_file import ExpansionEntries, RawFile, RawNode, RawReference, RawTaylor
 from .title import split_title
-from .values import integer, real, short
 
 #: More would be a damaged file, and its matrices would not fit into memory.
-MOST_MODES = 2000
+MAX_MODES = 2000
 
 _BLOCKS = {name.lower(): name for name in BLOCK_SHAPES} | {"mcm": "mdCM", "mmi": "J"}
 _NODE_ENTRIES = {name.lower(): name for name in NODE_SHAPES}
@@ -22,30 +20,30 @@ _LABEL = re.compile(r"ielastq\s*\(\s*(\d{1,6})\s*\)", re.ASCII)
 _BLOCK_NAME = re.compile(r"[A-Za-z]\w{0,39}", re.ASCII)
 
 
-def parse(lines: Lines) -> RawFile:
+def parse_sid(lines: LineReader) -> RawFile:
     """A whole file; the entries are not interpreted.
 
     Raises
     ------
     InputError : the file does not follow the grammar; names the line.
     """
-    counts, title, text = _title(lines)
+    counts, title, text = _parse_title(lines)
     closings, name = [], ""
-    if _keyword(text) == "part":
+    if _normalise_keyword(text) == "part":
         closings.append("end part")
         text = lines.next("part", "'new modal'")
     key, _, value = text.partition("=")
-    if _keyword(key) == "new modal":
+    if _normalise_keyword(key) == "new modal":
         closings.append("end modal")
         name = " ".join(value.split())
         text = lines.next("new modal", "'refmod'")
-    _must_be(lines, text, "refmod")
-    reference = _refmod(lines)
+    _expect_line(lines, text, "refmod")
+    reference = _parse_refmod(lines)
     text = lines.next("the body", "'frame'")
-    if _keyword(text) != "new frame":
-        _must_be(lines, text, "frame")
-    nodes = _frame(lines)
-    blocks = _blocks(lines, closings)
+    if _normalise_keyword(text) != "new frame":
+        _expect_line(lines, text, "frame")
+    nodes = _parse_frame(lines)
+    blocks = _parse_blocks(lines, closings)
     for text in lines:
         raise _unexpected(lines, text, "nothing after the end of the body")
     return RawFile(
@@ -53,23 +51,23 @@ def parse(lines: Lines) -> RawFile:
     )
 
 
-def _title(lines: Lines) -> tuple[tuple[int, int] | None, str, str]:
+def _parse_title(lines: LineReader) -> tuple[tuple[int, int] | None, str, str]:
     """Counts, text of the title, and the first line behind it."""
     first = next(iter(lines), None)
     if first is None:
         raise lines.error("the file is empty", "a SID file in ASCII or HDF5")
-    if _keyword(first) in ("part", "new modal", "refmod"):
+    if _normalise_keyword(first) in ("part", "new modal", "refmod"):
         return None, "", first
     title = split_title(first)
     if title is None:
         raise lines.error(
-            f"'{short(first)}' does not begin a SID file",
+            f"'{shorten(first)}' does not begin a SID file",
             "a title with the numbers of nodes and modes, or 'part'",
         )
     return *title, lines.next("the title", "'part'")
 
 
-def _refmod(lines: Lines) -> RawReference:
+def _parse_refmod(lines: LineReader) -> RawReference:
     mass: float | None = None
     nq: int | None = None
     nq_line = 0
@@ -77,20 +75,20 @@ def _refmod(lines: Lines) -> RawReference:
     for text in lines:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not equals:
-            _must_be(lines, text, "end refmod")
+            _expect_line(lines, text, "end refmod")
             break
         label = _LABEL.fullmatch(key.lower())
         if key.lower() == "mass" and mass is None:
-            mass = real(value, lines)
+            mass = parse_real(value, lines)
         elif key.lower() == "nelastq" and nq is None:
             nq, nq_line = _mode_count(value, lines), lines.number
         elif label and int(label[1]) not in labels:
             labels[int(label[1])] = (" ".join(value.split("\t")), lines.number)
         else:
-            problem = f"'{short(key)}' is unknown or given twice"
+            problem = f"'{shorten(key)}' is unknown or given twice"
             raise lines.error(problem, "mass, nelastq, ielastq(n) or 'end refmod'")
     else:
-        raise lines.cut_off("refmod", "'end refmod'")
+        raise lines.truncation_error("refmod", "'end refmod'")
     if mass is None or nq is None:
         what = "mass" if mass is None else "nelastq"
         raise lines.error(f"refmod has no {what}", f"'{what} = ...'")
@@ -102,62 +100,60 @@ def _refmod(lines: Lines) -> RawReference:
     return RawReference(mass, nq, texts, nq - len(labels), nq_line)
 
 
-def _mode_count(text: str, lines: Lines) -> int:
-    nq = integer(text, "nelastq", lines)
-    if nq > MOST_MODES:
-        raise lines.error(
-            f"nelastq = {nq}", f"at most {MOST_MODES} elastic coordinates"
-        )
+def _mode_count(text: str, lines: LineReader) -> int:
+    nq = parse_integer(text, "nelastq", lines)
+    if nq > MAX_MODES:
+        raise lines.error(f"nelastq = {nq}", f"at most {MAX_MODES} elastic coordinates")
     return nq
 
 
-def _frame(lines: Lines) -> tuple[RawNode, ...]:
+def _parse_frame(lines: LineReader) -> tuple[RawNode, ...]:
     nodes: list[RawNode] = []
     known: dict[str, int] = {}
     for text in lines:
         key, equals, value = text.partition("=")
         if not equals:
-            _must_be(lines, text, "end frame", " or 'new node = ...'")
+            _expect_line(lines, text, "end frame", " or 'new node = ...'")
             return tuple(nodes)
         name = " ".join(value.split())
-        if _keyword(key) != "new node" or not name:
+        if _normalise_keyword(key) != "new node" or not name:
             raise _unexpected(lines, text, "'new node = <id>' or 'end frame'")
         if name in known:
-            problem = f"node {short(name)} stands in line {known[name]} already"
+            problem = f"node {shorten(name)} stands in line {known[name]} already"
             raise lines.error(problem, "one node per id")
         known[name] = lines.number
-        nodes.append(_node(lines, name))
-    raise lines.cut_off("frame", "'end frame'")
+        nodes.append(_parse_node(lines, name))
+    raise lines.truncation_error("frame", "'end frame'")
 
 
-def _node(lines: Lines, name: str) -> RawNode:
+def _parse_node(lines: LineReader, name: str) -> RawNode:
     start, rframe = lines.number, ""
     entries: dict[str, RawTaylor] = {}
-    inside = f"node {short(name)}"
+    inside = f"node {shorten(name)}"
     expected = ", ".join(NODE_SHAPES)
     for text in lines:
         key, equals, value = text.partition("=")
         if equals and key.strip().lower() == "rframe" and not rframe:
             rframe = " ".join(value.split())
             continue
-        word = _keyword(text)
+        word = _normalise_keyword(text)
         if word == "end node":
             break
         entry = _NODE_ENTRIES.get(word)
         if entry is None or entry in entries:
-            problem = f"'{short(text)}' is unknown or given twice in {inside}"
+            problem = f"'{shorten(text)}' is unknown or given twice in {inside}"
             raise lines.error(problem, f"rframe, {expected} or 'end node'")
-        entries[entry] = _taylor(lines, text)
+        entries[entry] = _parse_expansion(lines, text)
     else:
-        raise lines.cut_off(inside, "'end node'")
+        raise lines.truncation_error(inside, "'end node'")
     return RawNode(name, start, rframe or "body ref", entries)
 
 
-def _blocks(lines: Lines, closings: list[str]) -> dict[str, RawTaylor]:
+def _parse_blocks(lines: LineReader, closings: list[str]) -> dict[str, RawTaylor]:
     blocks: dict[str, RawTaylor] = {}
     expected = "a block such as mdCM, J, Ct" + (" or 'end modal'" if closings else "")
     for text in lines:
-        word = _keyword(text)
+        word = _normalise_keyword(text)
         if closings and word == closings[-1]:
             closings.pop()
             break
@@ -167,35 +163,35 @@ def _blocks(lines: Lines, closings: list[str]) -> dict[str, RawTaylor]:
         if name in blocks:
             problem = f"block {name} stands in line {blocks[name].line} already"
             raise lines.error(problem, "each block once")
-        blocks[name] = _taylor(lines, text)
+        blocks[name] = _parse_expansion(lines, text)
     for closing in reversed(closings):
-        _must_be(lines, lines.next("the body", f"'{closing}'"), closing)
+        _expect_line(lines, lines.next("the body", f"'{closing}'"), closing)
     return blocks
 
 
-def _taylor(lines: Lines, name: str) -> RawTaylor:
+def _parse_expansion(lines: LineReader, name: str) -> RawTaylor:
     """One expansion, from behind its name to its end."""
-    entries = Entries(name, lines)
+    entries = ExpansionEntries(name, lines)
     entries.add_ahead()
     for text in lines:
         key, equals, value = text.partition("=")
         if not equals:
-            _must_be(lines, text, f"end {name}", " or an entry 'm0(...) = ...'")
+            _expect_line(lines, text, f"end {name}", " or an entry 'm0(...) = ...'")
             return entries.finish()
         entries.add(key, value)
         entries.add_ahead()
-    raise lines.cut_off(name, f"'end {name}'")
+    raise lines.truncation_error(name, f"'end {name}'")
 
 
-def _keyword(text: str) -> str:
+def _normalise_keyword(text: str) -> str:
     """A line in small letters and with single blanks."""
     return " ".join(text.split()).lower()
 
 
-def _must_be(lines: Lines, text: str, keyword: str, or_else: str = "") -> None:
-    if _keyword(text) != keyword.lower():
+def _expect_line(lines: LineReader, text: str, keyword: str, or_else: str = "") -> None:
+    if _normalise_keyword(text) != keyword.lower():
         raise _unexpected(lines, text, f"'{keyword}'{or_else}")
 
 
-def _unexpected(lines: Lines, text: str, expected: str) -> InputError:
-    return lines.error(f"'{short(text)}' cannot stand here", expected)
+def _unexpected(lines: LineReader, text: str, expected: str) -> InputError:
+    return lines.error(f"'{shorten(text)}' cannot stand here", expected)

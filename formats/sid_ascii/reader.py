@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from ..sid import SID
-from ..storage.unreadable import unreadable
+from ..base.errors import InputError
+from ..base.sid import SID
+from ..storage.unreadable import unreadable_error
 from .assembly import assemble
-from .lines import Lines
-from .parser import parse
+from .lines import LineReader
+from .parser import parse_sid
 
 
 def read_ascii(path: str | os.PathLike[str]) -> SID:
-    """The SID in an ASCII file; `SID.dialect` tells how it was written.
+    """Read the SID in an ASCII file; `SID.dialect` states how it was written.
 
-    Numbers are kept as they stand, also where the body is physically impossible.
+    Numbers are not changed, even if the body is physically impossible.
     Symmetric matrices that the file stores twice are averaged where the two halves
     differ by print noise.
 
@@ -29,9 +29,9 @@ def read_ascii(path: str | os.PathLike[str]) -> SID:
     source = os.fspath(path)
     try:
         with Path(path).open(encoding="latin-1") as stream:
-            raw = parse(Lines(stream, source))
+            raw = parse_sid(LineReader(stream, source))
     except OSError as error:
-        raise unreadable(source, "a SID file", error) from error
+        raise unreadable_error(source, "a SID file", error) from error
     try:
         # identities among numbers near the largest float may overflow harmlessly
         with np.errstate(over="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""The first line of a SID file and what it tells about the writer."""
+"""Title line of a SID file, and what it states about the writer."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
-from ..carried import Carried, carried_from_text
-from ..storage.versions import written_by
+from ..base.compliance_shares import ComplianceShares, parse_compliance_shares
+from ..storage.hdf5_files import written_by
 
-LONGEST = 400
+MAX_LENGTH = 400
 PREFIX = ":No. nodes, No. modes:"
-#: Room that is needed to tell what shape functions carry.
-LEAST = 30
+#: Smallest length that is needed for the compliance shares.
+MIN_SHARES_LENGTH = 30
 
 _PLAIN = re.compile(r"(\d+)\s+(\d+)\s*(.*)", re.ASCII)
-_GLUED = re.compile(r"\d+\s*(?=:)()()(.*)", re.ASCII)
+_WITHOUT_BLANK = re.compile(r"\d+\s*(?=:)()()(.*)", re.ASCII)
 _FEMBEAM = re.compile(
     r"(\d+)\s*nodes?\s*,\s*(\d+)\s*(?:modes?|coordinates?)\b\s*,?\s*(.*)",
     re.IGNORECASE | re.ASCII,
@@ -52,21 +52,21 @@ class Layout:
 
 @dataclass(frozen=True)
 class Title:
-    """What the text of a title tells.
+    """Contents of a title.
 
     Attributes
     ----------
-    text : without the marks that our own writer leaves
-    layout : the marked one, if it is not the canonical one beyond doubt
+    text : without the marks of our own writer
+    layout : the marked one, if it is not certainly the canonical one
     by : our own program, "" if there is no mark
-    carried : what the shape functions carry, if it is told
+    carried : compliance shares, if they are stated
     from_matrices : the body came as matrices
     """
 
     text: str
     layout: Layout | None = None
     by: str = ""
-    carried: Carried | None = None
+    carried: ComplianceShares | None = None
     from_matrices: bool = False
 
 
@@ -83,7 +83,7 @@ def split_title(line: str) -> tuple[tuple[int, int] | None, str] | None:
 
     The text is never searched for keywords: real titles contain them.
     """
-    for pattern in (_FEMBEAM, _PLAIN, _GLUED):
+    for pattern in (_FEMBEAM, _PLAIN, _WITHOUT_BLANK):
         match = pattern.match(line)
         if match:
             counts = (int(match[1][:9]), int(match[2][:9])) if match[1] else None
@@ -102,7 +102,7 @@ def split_tag(text: str) -> Title:
         text, by = text[: match.start()], "sidtool"
     if match := _OWN.search(text):
         text, by = text[: match.start()], match["by"]
-        carried = carried_from_text(match["carried"] or "")
+        carried = parse_compliance_shares(match["carried"] or "")
         from_matrices = bool(match["matrices"])
     return Title(text, layout, by, carried, from_matrices)
 
@@ -127,7 +127,7 @@ def title_line(
     counts: tuple[int, int],
     fembeam: bool,
     tag: Layout | None,
-    carried: Carried | None = None,
+    carried: ComplianceShares | None = None,
     from_matrices: bool = False,
 ) -> str:
     """The first line of a file: 7-bit ASCII, at most 400 characters.
@@ -147,16 +147,16 @@ def title_line(
     layout = "" if tag is None else f" [layout {tag.token}]"
     matrices = "; matrices" if from_matrices else ""
     begin, end = f" [{written_by()}{matrices}", f"]{layout}"
-    room = LONGEST - len(start) - len(begin) - len(end)
-    told = ascii_text(text)[:room].rstrip()
-    room -= len(told) + len("; ")
-    if carried is not None and room >= LEAST:
+    room = MAX_LENGTH - len(start) - len(begin) - len(end)
+    title = ascii_text(text)[:room].rstrip()
+    room -= len(title) + len("; ")
+    if carried is not None and room >= MIN_SHARES_LENGTH:
         begin += f"; {carried.text(room)}"
-    return f"{start}{told}{begin}{end}"
+    return f"{start}{title}{begin}{end}"
 
 
 def ascii_text(text: str) -> str:
     """One line of printable 7-bit ASCII; accents are dropped, the rest becomes "?"."""
     plain = unicodedata.normalize("NFKD", re.sub(r"\s", " ", text).strip())
-    kept = (char for char in plain if not unicodedata.combining(char))
-    return "".join(char if " " <= char <= "~" else "?" for char in kept)
+    base_characters = (char for char in plain if not unicodedata.combining(char))
+    return "".join(char if " " <= char <= "~" else "?" for char in base_characters)

@@ -1,24 +1,35 @@
-"""Writing an ASCII SID file: the canonical dialect (FEMBS) and three others."""
+"""Write ASCII SID files: the canonical dialect (FEMBS) and three others.
+
+`STYLES` states how each dialect prints numbers and stores matrices.
+"""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
-from ..sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Node, Taylor, symmetric_3x3
+from ..base.errors import InputError
+from ..base.sid import (
+    BLOCK_SHAPES,
+    NODE_SHAPES,
+    SID,
+    Array,
+    Node,
+    Taylor,
+    symmetric_3x3,
+)
 from ..storage.atomic import atomic_path
-from ..storage.finite import check_finite
+from ..storage.hdf5_files import check_finite
 from . import layout
-from .expansion import mean_of_halves
-from .styles import STYLES, Style
+from .expansion import symmetrise
 from .title import LAYOUTS, Layout, ascii_text, layout_from_words, title_line
 
 #: Smaller numbers are written as zero: their exponent would need three digits.
-SMALLEST = 1e-99
+SMALLEST_NUMBER = 1e-99
 #: Halves of a matrix this close (relative) are one symmetric matrix plus rounding.
 ROUNDING = 1e-12
 
@@ -51,7 +62,7 @@ def write_ascii(path: str | os.PathLike[str], sid: SID, dialect: str = "fembs") 
         atomic_path(path) as temporary,
         temporary.open("w", encoding="ascii", newline="\n") as stream,
     ):
-        for block in _file(sid, style):
+        for block in _file_text(sid, style):
             stream.write(block)
 
 
@@ -69,44 +80,46 @@ def _check_names(sid: SID) -> None:
             raise InputError(problem, expected="a word that is no block of the format")
 
 
-def _file(sid: SID, style: Style) -> Iterator[str]:
+def _file_text(sid: SID, style: Style) -> Iterator[str]:
     """The file in pieces of whole lines."""
     counts = (len(sid.nodes), sid.nq)
     fembeam = style.layout is LAYOUTS["fembeam"]
-    tag, known = _tag(sid, style), (sid.carried, sid.from_matrices)
+    tag, known = _layout_tag(sid, style), (sid.carried, sid.from_matrices)
     yield title_line(sid.title, counts, fembeam, tag, *known) + "\n"
-    yield _line(1, "part")
-    yield _line(6, "new modal", "")
-    yield _line(11, "refmod")
-    yield _line(16, "mass", _real(sid.mass, style))
-    yield _line(16, "nelastq", f"{sid.nq:5d}")
+    yield _entry_line(1, "part")
+    yield _entry_line(6, "new modal", "")
+    yield _entry_line(11, "refmod")
+    yield _entry_line(16, "mass", _format_real(sid.mass, style))
+    yield _entry_line(16, "nelastq", f"{sid.nq:5d}")
     for index, label in enumerate(sid.labels, start=1):
-        yield _line(16, f"ielastq ({index:4d})", f" {ascii_text(label)}".rstrip())
-    yield _line(11, "end refmod")
-    yield _line(11, "frame")
+        yield _entry_line(16, f"ielastq ({index:4d})", f" {ascii_text(label)}".rstrip())
+    yield _entry_line(11, "end refmod")
+    yield _entry_line(11, "frame")
     for node in sid.nodes:
-        yield from _node(node, sid.nq, style)
-    yield _line(11, "end frame")
+        yield from _node_text(node, sid.nq, style)
+    yield _entry_line(11, "end frame")
     names = style.names or {}
     for name, block in (sid.blocks | dict(sid.extra)).items():
-        shown = _arranged(name, block, sid.nq, style)
+        shown = _arrange_block(name, block, sid.nq, style)
         symmetric = name in ("Me", "Ke", "De") or (name == "J" and style.j_is_3x3)
-        yield _taylor(names.get(name, name), shown, sid.nq, style, 11, symmetric)
-    yield _line(6, "end modal")
-    yield _line(1, "end part")
+        yield _expansion_text(
+            names.get(name, name), shown, sid.nq, style, 11, symmetric
+        )
+    yield _entry_line(6, "end modal")
+    yield _entry_line(1, "end part")
 
 
-def _node(node: Node, nq: int, style: Style) -> Iterator[str]:
-    yield _line(16, "new node", f"{node.id:>9}")
-    yield _line(21, "rframe", f" {ascii_text(node.rframe)}".rstrip())
+def _node_text(node: Node, nq: int, style: Style) -> Iterator[str]:
+    yield _entry_line(16, "new node", f"{node.id:>9}")
+    yield _entry_line(21, "rframe", f" {ascii_text(node.rframe)}".rstrip())
     for name in NODE_SHAPES:
         entry = getattr(node, name)
         if entry is not None:
-            yield _taylor(name, entry, nq, style, 21)
-    yield _line(16, "end node")
+            yield _expansion_text(name, entry, nq, style, 21)
+    yield _entry_line(16, "end node")
 
 
-def _taylor(
+def _expansion_text(
     name: str,
     block: Taylor,
     nq: int,
@@ -115,7 +128,7 @@ def _taylor(
     symmetric: bool = False,
 ) -> str:
     """One expansion as text: header, m0 by rows, m1 by columns."""
-    m0, structure = _stored(block.m0, style, symmetric)
+    m0, structure = _stored_entries(block.m0, style, symmetric)
     nqn = 0 if block.mn is None else len(block.mn)
     header = {
         "order": block.order,
@@ -125,31 +138,33 @@ def _taylor(
         "nqn": nqn,
         "structure": structure if m0.any() or not block.is_zero else 0,
     }
-    lines = [_line(indent, name)]
-    lines += [_line(26, item, f"{value:5d}") for item, value in header.items()]
-    rows, columns = np.nonzero(np.abs(m0) >= SMALLEST)
+    lines = [_entry_line(indent, name)]
+    lines += [_entry_line(26, item, f"{value:5d}") for item, value in header.items()]
+    rows, columns = np.nonzero(np.abs(m0) >= SMALLEST_NUMBER)
     pairs = zip(rows + 1, columns + 1, strict=True)
     keys = [f"m0({row:2d},{column:2d})" for row, column in pairs]
     values = m0[rows, columns]
     for kind, part in (("m1", block.m1), ("mn", block.mn)):
         if part is not None:
-            more, numbers = _higher(kind, part, style)
+            more, numbers = _higher_order_entries(kind, part, style)
             keys += more
             values = np.concatenate([values, numbers])
-    numbers_text = _reals(values, style)
+    numbers_text = _format_reals(values, style)
     margin = 26 * " "
     lines += [
         f"{margin}{key:<22}={value}\n"
         for key, value in zip(keys, numbers_text, strict=True)
     ]
-    lines.append(_line(indent, f"end {name}"))
+    lines.append(_entry_line(indent, f"end {name}"))
     return "".join(lines)
 
 
-def _higher(kind: str, part: Array, style: Style) -> tuple[list[str], Array]:
+def _higher_order_entries(
+    kind: str, part: Array, style: Style
+) -> tuple[list[str], Array]:
     """Keys and values of m1 or mn: column outermost, then row, mode fastest."""
     by_column = part.transpose(2, 1, 0)
-    columns, rows, modes = np.nonzero(np.abs(by_column) >= SMALLEST)
+    columns, rows, modes = np.nonzero(np.abs(by_column) >= SMALLEST_NUMBER)
     values = by_column[columns, rows, modes]
     second, third = modes, columns
     if style.layout.m1_index == "rcl":
@@ -159,29 +174,29 @@ def _higher(kind: str, part: Array, style: Style) -> tuple[list[str], Array]:
     return keys, values
 
 
-def _stored(m0: Array, style: Style, symmetric: bool) -> tuple[Array, int]:
-    """What a dialect stores of m0, and the structure it declares."""
+def _stored_entries(m0: Array, style: Style, symmetric: bool) -> tuple[Array, int]:
+    """Return the entries of m0 that a dialect stores, and the structure it declares."""
     size = np.abs(m0).max(initial=0.0)
     if not symmetric or np.abs(m0 - m0.T).max(initial=0.0) > ROUNDING * size:
         return m0, 3
-    mean = mean_of_halves(m0)
+    mean = symmetrise(m0)
     if style.stored == "diagonal":
         off_diagonal = mean - np.diag(np.diag(mean))
         return (mean, 3) if off_diagonal.any() else (mean, 1)
     return (np.tril(mean), 2) if style.stored == "lower" else (mean, 2)
 
 
-def _arranged(name: str, block: Taylor, nq: int, style: Style) -> Taylor:
+def _arrange_block(name: str, block: Taylor, nq: int, style: Style) -> Taylor:
     """A body block in the columns and the shape of the dialect."""
     columns = {"Gr": style.layout.gr, "Ge": style.layout.ge}.get(name)
     if columns == "mode":
-        return layout.changed(block, lambda part: layout.mode_major(part, nq))
+        return layout.rearrange(block, lambda part: layout.mode_major(part, nq))
     if name == "J" and style.j_is_3x3:
-        return layout.changed(block, lambda part: symmetric_3x3(part[..., 0]))
+        return layout.rearrange(block, lambda part: symmetric_3x3(part[..., 0]))
     return block
 
 
-def _tag(sid: SID, style: Style) -> Layout | None:
+def _layout_tag(sid: SID, style: Style) -> Layout | None:
     """The layout to mark in the title: always, unless readers find the canonical one.
 
     They do when the identities prove it and the title names no other writer.
@@ -196,23 +211,62 @@ def _tag(sid: SID, style: Style) -> Layout | None:
         (sid.Ge.m0, layout.ge_errors(sid.Ge.m0, cr1)),
     )
     proven = all(
-        sid.nq < 2 or not columns.any() or layout.confident(errors) == "axis"
+        sid.nq < 2 or not columns.any() or layout.certain_layout(errors) == "axis"
         for columns, errors in proofs
     )
     return style.layout if misleading or not proven else None
 
 
-def _line(indent: int, key: str, value: str | None = None) -> str:
+def _entry_line(indent: int, key: str, value: str | None = None) -> str:
     left = " " * indent + key
     return f"{left}\n" if value is None else f"{left:<{_EQUALS}}={value}\n"
 
 
-def _real(value: float, style: Style) -> str:
-    return _reals(np.array([value]), style)[0]
+def _format_real(value: float, style: Style) -> str:
+    return _format_reals(np.array([value]), style)[0]
 
 
-def _reals(values: Array, style: Style) -> list[str]:
+def _format_reals(values: Array, style: Style) -> list[str]:
     if not len(values):
         return []
     text = "\n".join([style.number] * len(values)) % tuple(values.tolist())
     return text.replace("E", style.letter).split("\n")
+
+
+@dataclass(frozen=True)
+class Style:
+    """How one dialect prints what its `Layout` arranges.
+
+    Attributes
+    ----------
+    layout : arrangement of columns and indices
+    number : printf format of a real number
+    letter : exponent letter
+    stored : of a symmetric matrix, "both" halves, the "lower" one or "diagonal"
+    j_is_3x3 : J as a matrix instead of its six elements
+    names : blocks that this dialect calls differently
+    """
+
+    layout: Layout
+    number: str = "% .11E"
+    letter: str = "D"
+    stored: str = "both"
+    j_is_3x3: bool = False
+    names: Mapping[str, str] | None = None
+
+
+#: FEMBeam itself prints "%f" and loses small numbers; "%.12g" reads the same and
+#: keeps 12 digits, with an exponent where a number is small or large.
+STYLES = {
+    "fembs": Style(LAYOUTS["fembs"]),
+    "pysid": Style(LAYOUTS["pysid"], stored="diagonal"),
+    "matmorembs": Style(
+        LAYOUTS["matmorembs"],
+        letter="E",
+        stored="lower",
+        names={"mdCM": "mCM", "J": "mmi"},
+    ),
+    "fembeam": Style(
+        LAYOUTS["fembeam"], number="%.12g", letter="e", stored="lower", j_is_3x3=True
+    ),
+}

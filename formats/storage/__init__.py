@@ -1,1 +1,1 @@
-"""Writing files, whole or not at all and piece by piece; keeping what was found."""
+"""Storage: atomic and incremental writing, HDF5 files, caches, operating systems."""

@@ -1,9 +1,4 @@
-"""Writing a file wholly or not at all.
-
-What is being written has a name that tells the machine and the process. A process that
-is killed leaves its file; whoever writes into the same folder next removes it. A file
-that is whole is not given up: where its name cannot be had, it gets one beside it.
-"""
+"""Write a file completely or not at all."""
 
 from __future__ import annotations
 
@@ -20,7 +15,7 @@ from functools import cache
 from itertools import count
 from pathlib import Path
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .operating_system import (
     PRIVATE,
     USUAL,
@@ -29,28 +24,32 @@ from .operating_system import (
     extended_path,
     flush_to_disk,
     has_ended,
-    is_open_elsewhere,
+    is_open_in_other_program,
     is_own_folder,
     path_problem,
     process_list,
     replace_file,
     set_mode,
 )
-from .unreadable import reason_of
+from .unreadable import failure_reason
 
 #: Bytes of a target's name that its temporary file takes over.
-LONGEST = 120
-PART = ".part"
-#: Names of temporary files and folders, see `_new`.
-REST = re.compile(r"\..*\.(?P<machine>[0-9a-f]{8})-(?P<process>\d+)-\w+\.part", re.S)
+MAX_NAME_LENGTH = 120
+TEMPORARY_PREFIX = ".part"
+#: Names of temporary files and folders, see `_new_temporary`.
+LEFTOVER_PATTERN = re.compile(
+    r"\..*\.(?P<machine>[0-9a-f]{8})-(?P<process>\d+)-\w+\.part", re.S
+)
 
 #: Temporary files of this process that are being written.
 _living: set[Path] = set()
 _lock = threading.Lock()
 
 
-class KeptBeside(OSError):
-    """A whole file could not replace another one and has a name beside it."""
+class StoredUnderOtherName(OSError):
+    """Raised when a complete file could not replace another one and is stored beside
+    it.
+    """
 
 
 @contextmanager
@@ -59,14 +58,14 @@ def atomic_path(
 ) -> Iterator[Path]:
     """Yield a temporary path beside `target`; it replaces `target` only on success.
 
-    A killed or failing run leaves whatever stood at `target` untouched. A symbolic link
-    stays one: what it points to is replaced. An existing file keeps its mode. Devices
+    A killed or failing run leaves the file at `target` unchanged. A symbolic link
+    remains one: its target is replaced. An existing file keeps its mode. Devices
     and pipes are not replaced but written to.
 
     Parameters
     ----------
-    target : the file
-    keep_beside : keep a whole file under another name where it cannot replace `target`,
+    target : the file keep_beside : store a complete file under another name if it
+    cannot replace `target`,
         as on Windows while another program has that open; else it is removed
     mode : permissions of the file, less the umask, instead of the usual ones or those
         of the file that it replaces
@@ -75,13 +74,13 @@ def atomic_path(
     ------
     InputError : the folder does not exist or cannot be written to, or a file cannot
         have this name.
-    KeptBeside : it cannot replace `target`; says where it is instead.
-    OSError : the file cannot be written whole, as on a full disk; it names `target`.
+    KeptBeside : it cannot replace `target`; states where it is instead. OSError : the
+    file cannot be written completely, as on a full disk; it names `target`.
     """
     named = target = Path(target)
     if problem := path_problem(target):
         raise InputError(problem, source=target, expected="another name")
-    found = _mode(target)
+    found = _file_mode(target)
     stream = found is not None and not stat.S_ISREG(found)
     if not stream:
         target = extended_path(Path(os.path.realpath(target)))
@@ -95,16 +94,16 @@ def atomic_path(
         with temporary_folder(Path(tempfile.gettempdir()) / target.name) as folder:
             temporary = create_file(folder, "", "")
             yield temporary
-            _pour(temporary, target)
+            _copy_into_device(temporary, target)
         return
-    temporary = _beside(target, mode)
+    temporary = _create_temporary(target, mode)
     try:
         yield temporary
         flush_to_disk(temporary)
         if found is not None:
             set_mode(temporary, found)
-        _give_name(temporary, target, named if keep_beside else None)
-    except KeptBeside:
+        _move_into_place(temporary, target, named if keep_beside else None)
+    except StoredUnderOtherName:
         raise
     except OSError as error:
         if error.errno is None:
@@ -117,16 +116,18 @@ def atomic_path(
 
 @contextmanager
 def temporary_folder(target: Path) -> Iterator[Path]:
-    """Yield a new folder beside `target` that nobody else may enter.
+    """Yield a new folder beside `target` that only this user may enter.
 
-    It is removed at the end with the files in it; that of a killed process by whoever
-    writes into the same folder next.
+    It is removed at the end with the files in it; that of a killed process by the next
+    process that writes into the same folder.
 
     Raises
     ------
     InputError : nothing can be created there.
     """
-    folder = _new(target, lambda prefix: create_folder(target.parent, prefix, PART))
+    folder = _new_temporary(
+        target, lambda prefix: create_folder(target.parent, prefix, TEMPORARY_PREFIX)
+    )
     try:
         yield folder
     finally:
@@ -134,8 +135,8 @@ def temporary_folder(target: Path) -> Iterator[Path]:
         _living.discard(folder)
 
 
-def _give_name(temporary: Path, target: Path, named: Path | None) -> None:
-    """Replaces the target, or keeps the file beside it where that is named."""
+def _move_into_place(temporary: Path, target: Path, named: Path | None) -> None:
+    """Replace the target, or store the file beside it if `named` is set."""
     try:
         replace_file(temporary, target)
     except OSError as error:
@@ -143,11 +144,11 @@ def _give_name(temporary: Path, target: Path, named: Path | None) -> None:
             raise
         other = _free_name(target)
         replace_file(temporary, other)
-        problem = f"cannot be replaced ({reason_of(error)})"
-        if is_open_elsewhere(target):
+        problem = f"cannot be replaced ({failure_reason(error)})"
+        if is_open_in_other_program(target):
             problem = "is open in another program"
         text = f"{problem}: it is as before, and what was to replace it is {other.name}"
-        raise KeptBeside(error.errno, text, os.fspath(named)) from error
+        raise StoredUnderOtherName(error.errno, text, os.fspath(named)) from error
 
 
 def _free_name(target: Path) -> Path:
@@ -155,48 +156,55 @@ def _free_name(target: Path) -> Path:
     return next(p for p in map(target.with_name, names) if not p.exists())
 
 
-def _mode(target: Path) -> int | None:
+def _file_mode(target: Path) -> int | None:
     try:
         return target.stat().st_mode
     except OSError:
         return None
 
 
-def _beside(target: Path, mode: int) -> Path:
+def _create_temporary(target: Path, mode: int) -> Path:
     """A new temporary file in the folder of `target`, and no rests of killed runs."""
-    return _new(target, lambda prefix: create_file(target.parent, prefix, PART, mode))
+    return _new_temporary(
+        target,
+        lambda prefix: create_file(target.parent, prefix, TEMPORARY_PREFIX, mode),
+    )
 
 
-def _new(target: Path, create: Callable[[str], Path]) -> Path:
-    """What is created with the prefix of a temporary file, and no rests beside it."""
+def _new_temporary(target: Path, create: Callable[[str], Path]) -> Path:
+    """Create a temporary file or folder, after removal of leftovers beside it."""
     # whole characters, as Windows and macOS have no names with parts of one
-    short = target.name.encode("utf-8", "ignore")[:LONGEST].decode("utf-8", "ignore")
-    prefix = f".{short}.{_machine()}-{os.getpid()}-"
+    short = target.name.encode("utf-8", "ignore")[:MAX_NAME_LENGTH].decode(
+        "utf-8", "ignore"
+    )
+    prefix = f".{short}.{_machine_name()}-{os.getpid()}-"
     with _lock:
         try:
             path = create(prefix)
         except OSError as error:
             raise InputError(
-                f"cannot write here ({reason_of(error)})",
+                f"cannot write here ({failure_reason(error)})",
                 source=target,
                 expected="an existing folder with permission to write",
             ) from error
         _living.add(path)
-        _remove_rests(target.parent)
+        _remove_leftovers(target.parent)
     return path
 
 
 @cache
-def _machine() -> str:
-    """Tells those who count the same processes: a machine, or a container on it."""
+def _machine_name() -> str:
+    """Return a name of the machine or container whose process numbers are ours."""
     return f"{zlib.crc32(process_list().encode()):08x}"
 
 
-def _remove_rests(folder: Path) -> None:
-    """Removes what processes left that are gone; what cannot be removed stays."""
+def _remove_leftovers(folder: Path) -> None:
+    """Remove temporary files of processes that have ended, as far as possible."""
     with suppress(OSError), os.scandir(folder) as entries:
-        for path in [Path(e.path) for e in entries if e.name.endswith(PART)]:
-            if _is_rest(path):
+        for path in [
+            Path(e.path) for e in entries if e.name.endswith(TEMPORARY_PREFIX)
+        ]:
+            if _is_leftover(path):
                 with suppress(OSError):
                     _remove(path)
 
@@ -211,9 +219,9 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _is_rest(path: Path) -> bool:
-    found = REST.fullmatch(path.name)
-    if found is None or found["machine"] != _machine():
+def _is_leftover(path: Path) -> bool:
+    found = LEFTOVER_PATTERN.fullmatch(path.name)
+    if found is None or found["machine"] != _machine_name():
         return False
     process = int(found["process"])
     if process == os.getpid():
@@ -221,7 +229,7 @@ def _is_rest(path: Path) -> bool:
     return has_ended(process)
 
 
-def _pour(source: Path, target: Path) -> None:
+def _copy_into_device(source: Path, target: Path) -> None:
     """Writes a file into a device or a pipe."""
     with source.open("rb") as reader, target.open("wb", buffering=0) as writer:
         shutil.copyfileobj(reader, writer)

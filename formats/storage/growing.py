@@ -1,8 +1,4 @@
-"""A file that is written piece by piece and takes its place at the end.
-
-libhdf5 may end the process when a disk is full. To it this file never fails: pieces
-that find no place are kept in memory until it is closed, and the owner is told.
-"""
+"""Files that are written piece by piece and replace their target when complete."""
 
 from __future__ import annotations
 
@@ -16,7 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .atomic import atomic_path
 from .operating_system import (
     ENDING_SIGNALS,
@@ -25,27 +21,29 @@ from .operating_system import (
     present_signals,
     signal_handler,
 )
-from .unreadable import reason_of
+from .unreadable import failure_reason
 
-#: Bytes that are kept in memory together.
+#: Bytes that are held in memory together.
 PAGE = 4096
 
 
 class Discarded(Exception):
-    """What was written is not wanted."""
+    """Raised to discard what was written."""
 
 
 class GrowingFile:
-    """Stands beside `target` until `close`; `discard` leaves no trace.
+    """A file beside `target` until `close`; `discard` removes it.
 
-    elsewhere : when there is no place left, go on in a new folder for temporary files,
-        which nobody else may enter
+    Parameters
+    ----------
+    elsewhere : when the disk is full, continue in a new folder for temporary files,
+        which only this user may enter
 
     Attributes
     ----------
-    target : where the file will stand, another folder after it had to move
-    moved : why it had to move
-    error : why the file is not whole
+    target : path of the file when closed, another folder after it had to move
+    moved : reason why it had to move
+    error : reason why the file is incomplete
 
     Raises
     ------
@@ -57,7 +55,7 @@ class GrowingFile:
         self.moved: OSError | None = None
         self.error: OSError | None = None
         self._at = self._size = 0
-        self._lost: dict[int, bytearray] = {}
+        self._unwritten_pages: dict[int, bytearray] = {}
         self._stack, self._file = _opened(self.target)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
@@ -84,8 +82,8 @@ class GrowingFile:
         view = view[: max(0, self._size - self._at)]
         view[:] = self._stored(self._at, len(view))
         for page, inner, outer in _pages(self._at, len(view)):
-            if page in self._lost:
-                view[outer] = self._lost[page][inner]
+            if page in self._unwritten_pages:
+                view[outer] = self._unwritten_pages[page][inner]
         self._at += len(view)
         return len(view)
 
@@ -99,7 +97,7 @@ class GrowingFile:
     def truncate(self, size: int) -> int:
         """The file grows by itself."""
         self._size = size
-        if not self._lost and os.fstat(self._file.fileno()).st_size > size:
+        if not self._unwritten_pages and os.fstat(self._file.fileno()).st_size > size:
             self._file.truncate(size)
         return size
 
@@ -112,11 +110,11 @@ class GrowingFile:
             raise self.error
 
     def close(self) -> None:
-        """The file takes its place.
+        """Move the file to its target.
 
         Raises
         ------
-        OSError : it is not whole, or cannot stand there; nothing is left.
+        OSError : it is incomplete, or cannot be moved; nothing is left.
         """
         if self.error is not None:
             self.discard()
@@ -143,14 +141,14 @@ class GrowingFile:
                 return
         if self.error is None:
             name = os.fspath(self.target)
-            self.error = OSError(error.errno, reason_of(error), name)
+            self.error = OSError(error.errno, failure_reason(error), name)
         for page, inner, outer in _pages(self._at, len(piece)):
-            if page not in self._lost:
-                self._lost[page] = self._stored(page * PAGE, PAGE)
-            self._lost[page][inner] = piece[outer]
+            if page not in self._unwritten_pages:
+                self._unwritten_pages[page] = self._stored(page * PAGE, PAGE)
+            self._unwritten_pages[page][inner] = piece[outer]
 
     def _stored(self, begin: int, count: int) -> bytearray:
-        """What stands on the disk, zeros where nothing does."""
+        """Return the content on the disk, zeros beyond it."""
         found = bytearray(count)
         view = memoryview(found)
         self._file.seek(begin)
@@ -159,7 +157,9 @@ class GrowingFile:
         return found
 
     def _move(self) -> bool:
-        """Goes on in a new folder for temporary files, unless it stands there."""
+        """Continue in a new folder for temporary files, unless the file is there
+        already.
+        """
         parent = Path(tempfile.gettempdir())
         if parent.resolve() == self.target.parent.resolve():
             return False

@@ -1,8 +1,4 @@
-"""Everything that differs between Linux, macOS and Windows.
-
-Files and folders, processes and their ends, signals, processors. No other module calls
-the functions behind these: `tests/test_operating_system.py` looks for them.
-"""
+"""Differences between Linux, macOS and Windows."""
 
 from __future__ import annotations
 
@@ -77,7 +73,7 @@ def create_file(folder: Path, prefix: str, suffix: str, mode: int = PRIVATE) -> 
 
 
 def create_folder(parent: Path, prefix: str, suffix: str = "") -> Path:
-    """A new folder that nobody else may enter, of a name that nobody can foresee.
+    """Create a new folder with an unpredictable name that only this user may enter.
 
     Raises
     ------
@@ -93,14 +89,14 @@ def create_folder(parent: Path, prefix: str, suffix: str = "") -> Path:
 
 
 def read_trusted(path: Path, like: Path | None = None) -> bytes:
-    """The content of a file that only this user or the administrator can have written.
+    """Read a file that only this user or the administrator can have written.
 
     File and folder must belong to one of them and not be writable by others, as
-    OpenSSH asks of its files. The lists of access of Windows are not looked at.
+    OpenSSH asks of its files. The access control lists of Windows are not examined.
 
     Parameters
     ----------
-    like : a folder that is trusted as it is: who owns it or may write to it is trusted
+    like : a folder that is trusted as it is: its owner and its writers are trusted
 
     Raises
     ------
@@ -142,7 +138,7 @@ def make_trusted_folder(folder: Path, like: Path | None = None) -> None:
 
 
 def _check_trusted_folder(found: os.stat_result, path: Path, like: Path | None) -> None:
-    """Check a folder, and the link that may stand for it."""
+    """Check a folder, and the link that may refer to it."""
     _check_trusted(found, path, like)
     link = path.lstat()
     if stat.S_ISLNK(link.st_mode):
@@ -197,17 +193,17 @@ def replace_file(source: Path, target: Path) -> None:
         try:
             return os.replace(source, target)
         except OSError as error:
-            if not _is_held(error) or time.monotonic() > deadline:
+            if not _is_locked(error) or time.monotonic() > deadline:
                 raise
         time.sleep(PAUSE)
 
 
-def _is_held(error: OSError) -> bool:
+def _is_locked(error: OSError) -> bool:
     held = _SHARING_VIOLATION, _LOCK_VIOLATION, _ACCESS_DENIED
     return getattr(error, "winerror", None) in held
 
 
-def is_open_elsewhere(path: Path) -> bool:
+def is_open_in_other_program(path: Path) -> bool:
     """Whether a file cannot be replaced now, as another program has it open.
 
     Only Windows refuses that. To give a file its own name changes nothing there, and
@@ -218,7 +214,7 @@ def is_open_elsewhere(path: Path) -> bool:
     try:
         os.rename(path, path)
     except OSError as error:
-        return _is_held(error)
+        return _is_locked(error)
     return False
 
 
@@ -233,7 +229,7 @@ def is_read_only(path: Path) -> bool:
 
 
 def is_writable_folder(folder: Path) -> bool:
-    """Whether files can be made there. Windows tells by trying only."""
+    """Check whether files can be created in a folder; on Windows by trying."""
     if not folder.is_dir():
         return False
     if not WINDOWS:
@@ -256,7 +252,7 @@ def extended_path(path: Path) -> Path:
 
 
 def path_from(folder: Path, path: Path) -> str:
-    """A path as seen from a folder, or whole where it is on another drive."""
+    """Return a path relative to a folder, or absolute if it is on another drive."""
     try:
         return os.path.relpath(path, folder)
     except ValueError:  # of Windows: no path leads from C: to D:
@@ -294,14 +290,14 @@ def windows_path_problem(path: str) -> str:
 
 
 def cache_folder() -> Path | None:
-    """Where sidtool may keep what can be computed anew, for this user.
+    """Return the cache folder of this user.
 
     XDG_CACHE_HOME decides on all systems. Else it is ~/.cache on Linux,
     ~/Library/Caches on macOS, and LOCALAPPDATA on Windows.
 
     Returns
     -------
-    the folder, or None where the user has no home
+    the folder, or None if the user has no home
     """
     chosen = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if chosen.is_absolute():
@@ -316,12 +312,12 @@ def cache_folder() -> Path | None:
     return home / ("Library/Caches" if MACOS else ".cache") / "sidtool"
 
 
-#: What writes to the standard output where a file is asked for; Windows has nothing.
+#: Path of the standard output as a file; Windows has none.
 STANDARD_OUTPUT = None if WINDOWS else "/dev/stdout"
 
 
 def is_closed_pipe(error: OSError) -> bool:
-    """Whether the reader of the output has gone; Windows calls that invalid."""
+    """Check whether the reader of the output has ended; Windows calls that invalid."""
     if isinstance(error, BrokenPipeError):
         return True
     return WINDOWS and error.errno == errno.EINVAL and error.filename is None
@@ -339,11 +335,14 @@ def processors() -> int:
 
 @cache
 def busy_seconds(passed: float, busy: float) -> float:
-    """Of a time that passed [s], that in which a processor worked for this program.
+    """Return the part of an elapsed time [s] in which a processor worked for this
+    program.
 
+    Parameters
+    ----------
     busy : difference of two readings of `time.thread_time` or `time.process_time`,
-        which Windows brings up to date 64 times a second only; shorter than some such
-        steps, all of the time counts
+        which Windows updates 64 times a second only; an interval shorter than some such
+        steps counts fully
     """
     step = 1.0 / 64.0 if WINDOWS else 0.0
     return passed if passed < 10.0 * step else min(busy, passed)
@@ -372,7 +371,7 @@ def has_ended(process: int) -> bool:
     return False
 
 
-def end_with(parent: int) -> None:
+def end_with_parent(parent: int) -> None:
     """End this process as soon as `parent`, which started it, has ended."""
 
     def watch() -> None:
@@ -436,18 +435,18 @@ INTERRUPT = signal.SIGINT
 
 
 def present_signals(names: Any) -> list[signal.Signals]:
-    """Those of some signals, given by name, that this system has."""
+    """Return those of the named signals that this system has."""
     return [getattr(signal, name) for name in names if hasattr(signal, name)]
 
 
 def signal_name(number: int) -> str:
-    """What users know a signal by."""
+    """Return the usual name of a signal."""
     name = signal.Signals(number).name
     return ENDING_SIGNALS.get(name, name)
 
 
 def signal_handler(number: int) -> Handler:
-    """What answers a signal now."""
+    """Return the current handler of a signal."""
     return signal.getsignal(number)
 
 
@@ -457,11 +456,11 @@ def handle_signal(number: int, handler: Handler) -> Handler:
 
 
 def is_usual_interrupt(handler: Handler) -> bool:
-    """Whether Ctrl-C is answered by Python or the system, as nobody changed it."""
+    """Check whether Ctrl-C has the default handler of Python or the system."""
     return handler in (signal.default_int_handler, signal.SIG_DFL)
 
 
-def outlive_console() -> None:
+def handle_console_close() -> None:
     """Answer the end of a console as SIGBREAK, and use the seconds that are left.
 
     Windows ends a program when its handler returns, and after five seconds at latest.

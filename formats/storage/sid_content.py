@@ -1,4 +1,4 @@
-"""What a SID says of its body: to name, compare and digest its numbers."""
+"""Contents of a SID as named numbers: to compare two SIDs and to compute a digest."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..sid import NODE_SHAPES, SID, Array, Taylor
+from ..base.sid import NODE_SHAPES, SID, Array, Taylor
 
 
-def numbers(sid: SID) -> Iterator[tuple[str, Array]]:
+def numbers_by_entry(sid: SID) -> Iterator[tuple[str, Array]]:
     """All numbers of a SID by their places in it, such as "Ke m0" and "node 3 phi m1".
 
     Titles, labels, the dialect of the file and what wrote it are no part of the body.
     """
     yield "mass", np.array(sid.mass)
     for name, block in (sid.blocks | dict(sid.extra)).items():
-        yield from _parts(name, block)
+        yield from _expansion_parts(name, block)
     for node in sid.nodes:
         for name in NODE_SHAPES:
             entry = getattr(node, name)
             if entry is not None:
-                yield from _parts(f"node {node.id} {name}", entry)
+                yield from _expansion_parts(f"node {node.id} {name}", entry)
 
 
 def content_digest(sid: SID) -> str:
     """Equal for SIDs of the same numbers."""
     digest = hashlib.sha256()
-    for place, values in numbers(sid):
+    for place, values in numbers_by_entry(sid):
         digest.update(f"{place} {values.shape}".encode())
         digest.update(np.ascontiguousarray(values, float).tobytes())
     return digest.hexdigest()
 
 
-def differing_places(one: SID, other: SID) -> list[str]:
+def differing_entries(one: SID, other: SID) -> list[str]:
     """Places whose numbers differ, or that only one of two SIDs has."""
-    left, right = dict(numbers(one)), dict(numbers(other))
+    left, right = dict(numbers_by_entry(one)), dict(numbers_by_entry(other))
     return [
         place
         for place in dict.fromkeys([*left, *right])
@@ -46,7 +46,7 @@ def differing_places(one: SID, other: SID) -> list[str]:
     ]
 
 
-def _parts(name: str, block: Taylor) -> Iterator[tuple[str, Array]]:
+def _expansion_parts(name: str, block: Taylor) -> Iterator[tuple[str, Array]]:
     for part in ("m0", "m1", "mn"):
         values = getattr(block, part)
         if values is not None:

@@ -1,4 +1,4 @@
-"""Why a file cannot be read, in the same words on all systems."""
+"""Messages about files that cannot be read, the same on all systems."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import re
 from pathlib import Path
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .operating_system import length_problem
 
 #: Control characters that a backslash and a letter make in TOML and JSON.
@@ -15,12 +15,12 @@ _ESCAPED = {"\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}
 QUOTES = "paths with backslashes in 'single quotes', or with slashes"
 
 
-def reason_of(error: OSError) -> str:
+def failure_reason(error: OSError) -> str:
     """Why the system, or a library that has no error number, could not do something."""
     return error.strerror or str(error) or type(error).__name__
 
 
-def unreadable(
+def unreadable_error(
     path: str | os.PathLike[str],
     expected: str | None = None,
     error: OSError | None = None,
@@ -42,5 +42,5 @@ def unreadable(
     if error is None or isinstance(error, FileNotFoundError):
         problem = length_problem(path) or "there is no such file"
     else:
-        problem = f"cannot be read ({reason_of(error)})"
+        problem = f"cannot be read ({failure_reason(error)})"
     return InputError(problem, source=path, expected=expected)

@@ -1,1 +1,1 @@
-"""Files in TOML: read, checked against their classes, written."""
+"""TOML files: reading, validation by classes, writing."""

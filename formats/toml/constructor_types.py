@@ -26,7 +26,9 @@ if TYPE_CHECKING:
         def __set__(self, instance: object, value: Taken) -> None: ...
 
     def Field(default: Any = ..., **more: Any) -> Any:
-        """What pydantic's `Field` is, for a default of the type that is held."""
+        """Return the `Field` of pydantic, for a default of the type that the field
+        holds.
+        """
 
 else:
     Field = pydantic.Field

@@ -1,9 +1,4 @@
-"""Formulas such as "2*pi*n" wherever a file has a number, before it is validated.
-
-The schema says where numbers stand: a text there is a formula of numbers, pi and the
-table [parameters], in the grammar of `expressions`. Where a text may stand as well, as
-in the name of an output, it stays one.
-"""
+"""Evaluation of formulas such as "2*pi*n" in place of numbers, before validation."""
 
 from __future__ import annotations
 
@@ -13,9 +8,9 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
-from ..errors import InputError
-from .expressions import check_names, in_words, number_of
-from .schema_errors import alternatives, dotted, shortened, type_in_words
+from ..base.errors import InputError
+from .expressions import check_names, evaluate_number, quoted_formula
+from .messages import dotted_key, shorten_value, type_in_words, union_members
 
 Place = tuple[str | int, ...]
 Formulas = dict[Place, str]
@@ -26,19 +21,19 @@ PARAMETERS_MEAN = (
 )
 
 
-def evaluated(
+def evaluate_formulas(
     data: Mapping[str, Any], model: type[BaseModel]
 ) -> tuple[dict[str, Any], Formulas]:
-    """The data with numbers for formulas, and the formulas by their places.
+    """Replace formulas in data by numbers; return also the formulas by their keys.
 
     Parameters may use those above them.
 
     Raises
     ------
-    InputError : a formula has another form, reads what is no parameter, or has no
-        finite value; a key that says what kind of table this is is missing.
+    InputError : a formula is invalid, reads what is no parameter, or has no
+        finite value; a key that selects the kind of a table is missing.
     """
-    walk = _Walk()
+    walk = _FormulaEvaluation()
     given = data.get(PARAMETERS)
     if PARAMETERS in model.model_fields and isinstance(given, Mapping):
         for name, value in given.items():
@@ -50,8 +45,10 @@ def evaluated(
 
 
 @lru_cache(maxsize=1024)
-def tags(model: type[BaseModel]) -> dict[str, Any]:
-    """Keys with one possible value, such as `type`, which files have to say."""
+def required_keys(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the keys with one possible value, such as `type`, which files must
+    contain.
+    """
     found = {}
     for name, info in model.model_fields.items():
         values = get_args(info.annotation)
@@ -60,9 +57,11 @@ def tags(model: type[BaseModel]) -> dict[str, Any]:
     return found
 
 
-class _Walk:
-    """Walks data and schema side by side; `kinds` are the types that may stand there,
-    without unions and annotations."""
+class _FormulaEvaluation:
+    """Evaluates data along its schema; `kinds` are the allowed types.
+
+    Unions and annotations are resolved.
+    """
 
     def __init__(self) -> None:
         self.parameters: dict[str, float] = {}
@@ -82,20 +81,20 @@ class _Walk:
         if all(type(part) in (int, float) for part in data):
             return data
         lists = [k for k in kinds if get_origin(k) in (tuple, list)]
-        inner = _flat(a for k in lists for a in get_args(k) if a is not ...)
+        inner = _flat_types(a for k in lists for a in get_args(k) if a is not ...)
         return [self.value(part, inner, (*place, i)) for i, part in enumerate(data)]
 
     def _table(
         self, data: Mapping[str, Any], kinds: list[Any], place: Place
     ) -> dict[str, Any]:
-        models = [k for k in kinds if _is_model(k) and _fits(k, data)]
+        models = [k for k in kinds if _is_model(k) and _can_be(k, data)]
         if len(models) == 1:
             _check_tags(models[0], data, place)
         entries = [get_args(k)[1] for k in kinds if get_origin(k) in (dict, _MAPPING)]
-        others = _flat(entries)
+        others = _flat_types(entries)
         found = {}
         for key, part in data.items():
-            fields = [kind for m in models for kind in _fields(m, key)]
+            fields = [kind for m in models for kind in _types_of_key(m, key)]
             found[key] = self.value(part, [*others, *fields], (*place, key))
         return found
 
@@ -107,20 +106,20 @@ class _Walk:
         try:
             check_names(self.unchecked)
             self.unchecked.clear()
-            value = number_of(text, self.parameters)
+            value = evaluate_number(text, self.parameters)
         except InputError as error:
-            why = error.problem.removeprefix(f"{in_words(text)} ")
+            why = error.problem.removeprefix(f"{quoted_formula(text)} ")
             why += f", not {error.expected}" if error.expected else ""
             raise InputError(
-                f"found {shortened(text)}",
-                place=dotted(place),
+                f"found {shorten_value(text)}",
+                place=dotted_key(place),
                 expected=f"a number, or a formula (this one {why})",
             ) from None
         if float not in numbers:
             if not value.is_integer():
                 raise InputError(
-                    f"{in_words(text)} gives {value:g}",
-                    place=dotted(place),
+                    f"{quoted_formula(text)} gives {value:g}",
+                    place=dotted_key(place),
                     expected="a whole number",
                 )
             value = int(value)
@@ -131,16 +130,16 @@ class _Walk:
 _MAPPING = get_origin(Mapping[str, Any])
 
 
-def _flat(annotations: Any) -> list[Any]:
-    return [kind for a in annotations for kind in alternatives(a)]
+def _flat_types(annotations: Any) -> list[Any]:
+    return [kind for a in annotations for kind in union_members(a)]
 
 
 def _is_model(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, BaseModel)
 
 
-def _fits(model: type[BaseModel], data: Mapping[str, Any]) -> bool:
-    """Whether no key of one value, or of a few, says that it is another table."""
+def _can_be(model: type[BaseModel], data: Mapping[str, Any]) -> bool:
+    """Check that no key with one or a few allowed values contradicts a model."""
     return all(
         data.get(name) in get_args(info.annotation)
         for name, info in model.model_fields.items()
@@ -149,8 +148,8 @@ def _fits(model: type[BaseModel], data: Mapping[str, Any]) -> bool:
 
 
 @lru_cache(maxsize=1024)
-def _fields(model: type[BaseModel], key: str) -> tuple[Any, ...]:
-    """Types that may stand under a key."""
+def _types_of_key(model: type[BaseModel], key: str) -> tuple[Any, ...]:
+    """Return the types allowed for a key."""
     annotations = [
         Annotated[(info.annotation, *info.metadata)]
         if info.metadata
@@ -158,14 +157,14 @@ def _fields(model: type[BaseModel], key: str) -> tuple[Any, ...]:
         for name, info in model.model_fields.items()
         if key in (name, info.alias)
     ]
-    return tuple(_flat(annotations))
+    return tuple(_flat_types(annotations))
 
 
 def _check_tags(model: type[BaseModel], data: Mapping[str, Any], place: Place) -> None:
-    for name in tags(model):
+    for name in required_keys(model):
         if name not in data:
             raise InputError(
                 "is missing",
-                place=dotted((*place, name)),
+                place=dotted_key((*place, name)),
                 expected=type_in_words(model.model_fields[name]),
             )

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable, Mapping
 from itertools import islice
 from typing import Any, NamedTuple
 
-from ..errors import InputError
+from ..base.errors import InputError
 
 #: Functions with the number of their arguments; `min` and `max` take two or more.
 FUNCTIONS: Mapping[str, int] = {
@@ -58,13 +58,15 @@ Postfix = tuple[Instruction, ...]
 
 
 def parse_expression(text: str, parameters: Mapping[str, float]) -> Postfix:
-    """The instructions of a formula.
+    """Parse a formula to instructions.
 
+    Parameters
+    ----------
     parameters : numbers by name
 
     Raises
     ------
-    InputError : says where the formula has another form.
+    InputError : states where the formula is invalid.
     """
     check_names(parameters)
     return _Parser(text, parameters).whole()
@@ -85,8 +87,8 @@ def check_names(parameters: Iterable[str]) -> None:
             )
 
 
-def in_words(text: str) -> str:
-    """What messages call a formula, cut to a readable length."""
+def quoted_formula(text: str) -> str:
+    """Return a formula for messages, cut to a readable length."""
     return f"the formula {shortened_text(text)}"
 
 
@@ -95,12 +97,12 @@ def shortened_text(text: str) -> str:
     return repr(text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "...")
 
 
-def names_of(postfix: Postfix) -> tuple[str, ...]:
+def output_names(postfix: Postfix) -> tuple[str, ...]:
     """Outputs that a formula reads, each once."""
     return tuple(dict.fromkeys(str(i.value) for i in postfix if i.kind == "name"))
 
 
-def number_of(text: str, parameters: Mapping[str, float]) -> float:
+def evaluate_number(text: str, parameters: Mapping[str, float]) -> float:
     """The value of a formula of numbers and parameters alone.
 
     parameters : numbers by names that `check_names` accepts
@@ -115,7 +117,7 @@ def number_of(text: str, parameters: Mapping[str, float]) -> float:
             known = ", ".join(islice(parameters, _NAMES)) or "none"
             known += ", ..." if len(parameters) > _NAMES else ""
             raise InputError(
-                f"{in_words(text)} reads {shortened_text(str(value or 't'))}",
+                f"{quoted_formula(text)} reads {shortened_text(str(value or 't'))}",
                 expected=f"numbers, pi and parameters (here {known})",
             )
         if kind == "number":
@@ -124,17 +126,17 @@ def number_of(text: str, parameters: Mapping[str, float]) -> float:
         operation = _OPERATIONS.get(kind) or getattr(math, kind)
         count = 2 if kind in _OF_TWO else 1
         operands = [stack.pop() for _ in range(count)][::-1]
-        stack.append(_applied(operation, operands, text))
+        stack.append(_apply(operation, operands, text))
     return stack[0]
 
 
-def _applied(operation: Callable[..., Any], operands: list[float], text: str) -> float:
+def _apply(operation: Callable[..., Any], operands: list[float], text: str) -> float:
     try:
         found = float(operation(*operands))
     except (ArithmeticError, ValueError, TypeError):  # a complex power: TypeError
         found = math.nan
     if not math.isfinite(found):
-        raise InputError(f"{in_words(text)} has no finite value")
+        raise InputError(f"{quoted_formula(text)} has no finite value")
     return found
 
 
@@ -158,7 +160,7 @@ class _Parser:
 
     def __init__(self, text: str, parameters: Mapping[str, float]) -> None:
         self.text, self.parameters = text, parameters
-        self.tokens = _tokens(text)
+        self.tokens = _tokenise(text)
         self.next, self.depth = 0, 0
         self.found: list[Instruction] = []
 
@@ -269,10 +271,10 @@ class _Parser:
         at = len(self.text)
         if self.next < len(self.tokens):
             at = self.tokens[self.next][2]
-        _fail(self.text, at, expected)
+        _raise_syntax_error(self.text, at, expected)
 
 
-def _tokens(text: str) -> list[tuple[str, str, int]]:
+def _tokenise(text: str) -> list[tuple[str, str, int]]:
     """Kind, text and place of each word."""
     found, at, end = [], 0, len(text.rstrip())
     while at < end:
@@ -280,7 +282,7 @@ def _tokens(text: str) -> list[tuple[str, str, int]]:
         if match is None:
             while text[at].isspace():
                 at += 1
-            _fail(text, at, "numbers, names, + - * / ** and parentheses")
+            _raise_syntax_error(text, at, "numbers, names, + - * / ** and parentheses")
         assert match is not None and match.lastgroup is not None
         kind = match.lastgroup
         word = match.group(kind)
@@ -289,7 +291,7 @@ def _tokens(text: str) -> list[tuple[str, str, int]]:
     return found
 
 
-def _fail(text: str, at: int, expected: str) -> None:
+def _raise_syntax_error(text: str, at: int, expected: str) -> None:
     rest = text[at : at + 12] + ("..." if len(text) > at + 12 else "")
     where = f"{rest!r} at character {at + 1}" if rest else "its end"
-    raise InputError(f"{in_words(text)} has {where}", expected=expected)
+    raise InputError(f"{quoted_formula(text)} has {where}", expected=expected)

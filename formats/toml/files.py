@@ -1,4 +1,4 @@
-"""Scenes and models: tables that are whole files, with formulas, folder and changes."""
+"""Scenes and models as files: tables with formulas, a folder, and changes by key."""
 
 from __future__ import annotations
 
@@ -12,22 +12,21 @@ from typing import Any, ClassVar, Self
 
 from pydantic import PrivateAttr
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..storage.atomic import atomic_path
 from ..storage.operating_system import path_from
 from .evaluation import PARAMETERS, Formulas
-from .expressions import number_of
+from .expressions import evaluate_number
+from .messages import nearest_key
 from .objects import named_object
 from .reading import read_data, with_formulas
-from .schema_errors import nearest
-from .tables import Table, plain
-from .writer import toml_text
+from .tables import Table, to_plain, toml_text
 
 _PART = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
 
 
 class File(Table):
-    """What a file of TOML or JSON holds. `said` and `save` keep its formulas."""
+    """Content of a TOML or JSON file; `said` and `save` retain its formulas."""
 
     is_file: ClassVar[bool] = True
     #: tables whose entries may be named alone in changes: `crank.mass`
@@ -44,7 +43,7 @@ class File(Table):
 
     @property
     def folder(self) -> Path:
-        """Where relative paths in it begin: that of its file, or the working folder."""
+        """Folder of relative paths: that of the file, or the working folder."""
         return Path(".") if self._source is None else self._source.parent
 
     @property
@@ -65,47 +64,49 @@ class File(Table):
         path = Path(path)
         data = read_data(path)
         try:
-            data = changed(data, changes or {}, cls)
+            data = with_changes(data, changes or {}, cls)
         except InputError as error:
             raise error.located(path) from None
         return cls._read(data, path)
 
     @classmethod
     def _read(cls, data: dict[str, Any], path: Path) -> Self:
-        made = cls.checked(data, path)
-        made._source = path
-        return made
+        content = cls.checked(data, path)
+        content._source = path
+        return content
 
     @classmethod
     def checked(cls, data: Mapping[str, Any], source: str | os.PathLike[str]) -> Self:
-        made, formulas = with_formulas(data, cls, os.fspath(source))
-        made._formulas = formulas
-        return made
+        content, formulas = with_formulas(data, cls, os.fspath(source))
+        content._formulas = formulas
+        return content
 
     def with_(self, changes: Mapping[str, Any] | None = None, **more: Any) -> Self:
-        """The same with other values, checked anew.
+        """Return the content with other values, checked again.
 
         Keys are those of the file with dots between them; entries of tables with names
-        can be told by these alone: `scene.with_({"crank.mass": 0.4, "time.end": 1.0})`,
-        `scene.with_({"parameters.n": 8})`. Formulas follow the parameters.
+        can be given by these alone: `scene.with_({"crank.mass": 0.4, "time.end":
+        1.0})`, `scene.with_({"parameters.n": 8})`. Formulas follow the parameters.
 
         Raises
         ------
         InputError : there is no such key, or the value does not fit.
         """
-        data = changed(self.said(), {**(changes or {}), **more}, type(self))
-        made = self.checked(data, type(self).__name__)
-        made._source = self._source
-        return made
+        data = with_changes(self.said(), {**(changes or {}), **more}, type(self))
+        content = self.checked(data, type(self).__name__)
+        content._source = self._source
+        return content
 
     def said(self) -> dict[str, Any]:
-        """What was said, as the file holds it, with its formulas where they hold."""
+        """Return the explicit content as in the file, with formulas that are still
+        valid.
+        """
         data = super().said()
         numbers = dict(data.get(PARAMETERS, {}))
         for place, text in self._formulas.items():
             try:
-                table: Any = _at(data, place[:-1])
-                value = number_of(text, numbers)
+                table: Any = _value_at(data, place[:-1])
+                value = evaluate_number(text, numbers)
                 holds = table[place[-1]] in (value, [value])
             except (InputError, LookupError, TypeError):
                 continue  # somebody has changed what it stood for
@@ -126,13 +127,13 @@ class File(Table):
         data = self.said()
         _refuse_objects(data, "")
         for place in self.paths:
-            relocate(data, place, self.folder, path.parent)
+            relocate_paths(data, place, self.folder, path.parent)
         with atomic_path(path) as temporary:
             temporary.write_text(toml_text(data), encoding="utf-8")
 
 
 def _refuse_objects(data: Any, place: str) -> None:
-    """Raise a text that stands for an object of a program."""
+    """Refuse a text that refers to a Python object."""
     parts: Iterable[tuple[Any, Any]] = ()
     if isinstance(data, dict):
         parts = data.items()
@@ -149,7 +150,7 @@ def _refuse_objects(data: Any, place: str) -> None:
 
 
 @contextmanager
-def located(content: File) -> Iterator[None]:
+def locate_errors(content: File) -> Iterator[None]:
     """Input errors inside name the file that a scene or model came from."""
     try:
         yield
@@ -159,7 +160,7 @@ def located(content: File) -> Iterator[None]:
         raise error.located(content.source) from None
 
 
-def settings(texts: Iterable[str], option: str = "--set") -> dict[str, Any]:
+def parse_settings(texts: Iterable[str], option: str = "--set") -> dict[str, Any]:
     """The changes that KEY=VALUE on the command line ask for, values as in TOML; what
     is none is a text, as a formula or a name.
 
@@ -181,28 +182,28 @@ def settings(texts: Iterable[str], option: str = "--set") -> dict[str, Any]:
     return found
 
 
-def changed(
+def with_changes(
     data: Mapping[str, Any], changes: Mapping[str, Any], file: type[File]
 ) -> dict[str, Any]:
     """The data of a file with other values at dotted keys, see `File.with_`."""
-    data = plain(data)
+    data = to_plain(data)
     for key, value in changes.items():
-        place = place_of(key, data, file)
-        put(data, place, value, key)
-        for other in _said_otherwise(file, place):
-            if not any(place_of(k, data, file) == other for k in changes):
-                _at(data, other[:-1]).pop(other[-1], None)
+        place = key_path(key, data, file)
+        set_at(data, place, value, key)
+        for other in _equivalent_keys(file, place):
+            if not any(key_path(k, data, file) == other for k in changes):
+                _value_at(data, other[:-1]).pop(other[-1], None)
     return dict(data)
 
 
-def _said_otherwise(file: type[File], place: list[str | int]) -> list[list[str | int]]:
-    """Places of keys that say the same in another way."""
+def _equivalent_keys(file: type[File], place: list[str | int]) -> list[list[str | int]]:
+    """Return the places of keys that are equivalent to a key."""
     *above, last = place
     pairs = [pair for pair in file.either if last in pair]
     return [[*above, other] for pair in pairs for other in pair if other != last]
 
 
-def put(table: Any, place: list[str | int], value: Any, key: str) -> None:
+def set_at(table: Any, place: list[str | int], value: Any, key: str) -> None:
     """Puts a value at a place in tables and lists.
 
     Raises
@@ -211,12 +212,12 @@ def put(table: Any, place: list[str | int], value: Any, key: str) -> None:
     """
     *above, last = place
     for part in above:
-        table = _entered(table, part, key)
-    _entered(table, last, key)
-    table[last] = plain(value)
+        table = _enter(table, part, key)
+    _enter(table, last, key)
+    table[last] = to_plain(value)
 
 
-def place_of(key: str, data: Mapping[str, Any], file: type[File]) -> list[str | int]:
+def key_path(key: str, data: Mapping[str, Any], file: type[File]) -> list[str | int]:
     """The parts of a key, from the top of the file.
 
     data : of the file, at least the names in its tables with names
@@ -249,11 +250,13 @@ def place_of(key: str, data: Mapping[str, Any], file: type[File]) -> list[str | 
         *(n for table in file.named for n in data.get(table, {})),
     ]
     raise InputError(
-        f"there is nothing named {first!r}", place=key, expected=nearest(first, known)
+        f"there is nothing named {first!r}",
+        place=key,
+        expected=nearest_key(first, known),
     )
 
 
-def _entered(table: Any, part: str | int, key: str) -> Any:
+def _enter(table: Any, part: str | int, key: str) -> Any:
     if isinstance(table, dict) and isinstance(part, str):
         return table.setdefault(part, {})
     if isinstance(table, list) and isinstance(part, int) and part < len(table):
@@ -261,13 +264,13 @@ def _entered(table: Any, part: str | int, key: str) -> Any:
     raise InputError("is not there", place=key, expected="a key of the file")
 
 
-def _at(data: Any, place: Iterable[str | int]) -> Any:
+def _value_at(data: Any, place: Iterable[str | int]) -> Any:
     for part in place:
         data = data[part]
     return data
 
 
-def relocate(data: Any, place: tuple[str, ...], old: Path, new: Path) -> None:
+def relocate_paths(data: Any, place: tuple[str, ...], old: Path, new: Path) -> None:
     """Rewrites relative paths at a place, `*` for any key, so that they name the same
     files from another folder."""
     first, *rest = place
@@ -275,7 +278,7 @@ def relocate(data: Any, place: tuple[str, ...], old: Path, new: Path) -> None:
         return
     for key in data if first == "*" else [first] if first in data else []:
         if rest:
-            relocate(data[key], tuple(rest), old, new)
+            relocate_paths(data[key], tuple(rest), old, new)
         elif isinstance(data[key], str):
             there = old / data[key]
             stays = there.is_absolute() or new == Path(".")

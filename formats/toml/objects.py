@@ -1,8 +1,4 @@
-"""Objects that a program gives where files name other files.
-
-`SidBody(sid=SID)` and `SidBody(model=Model)` hold a text that stands for the object in
-this process, so that scenes stay what a file may hold.
-"""
+"""Python objects in places where files name other files."""
 
 from __future__ import annotations
 
@@ -13,7 +9,7 @@ _OBJECTS: dict[str, Any] = {}
 
 
 def name_object(value: Any) -> str:
-    """The text that stands for an object, the same one each time."""
+    """Return the text that refers to an object, the same one each time."""
     for text, known in _OBJECTS.items():
         if known is value:
             return text
@@ -23,5 +19,5 @@ def name_object(value: Any) -> str:
 
 
 def named_object(text: str | None) -> Any:
-    """The object that a text stands for; None for a name of a file."""
+    """Return the object that a text refers to; None for the name of a file."""
     return None if text is None else _OBJECTS.get(text)

@@ -1,8 +1,4 @@
-"""TOML and JSON files that people write, validated by a pydantic model.
-
-Whatever is wrong ends in one `InputError` that names the file, the dotted key, what
-was found there and what was expected.
-"""
+"""Read TOML and JSON files and validate them by a pydantic model."""
 
 from __future__ import annotations
 
@@ -16,11 +12,11 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ..errors import InputError
-from ..storage.unreadable import QUOTES, unreadable
-from .evaluation import Formulas, evaluated
+from ..base.errors import InputError
+from ..storage.unreadable import QUOTES, unreadable_error
+from .evaluation import Formulas, evaluate_formulas
 from .expressions import shortened_text
-from .schema_errors import dotted, input_error
+from .messages import dotted_key, input_error
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -48,10 +44,10 @@ def load(path: str | Path, model: type[Model]) -> Model:
     ------
     InputError : the file cannot be read or parsed, or does not fit the model.
     """
-    return validated(read_data(path), model, source=path)
+    return validate_data(read_data(path), model, source=path)
 
 
-def validated(
+def validate_data(
     data: Mapping[str, Any], model: type[Model], *, source: str | Path | None = None
 ) -> Model:
     """The model of data as TOML or JSON hold them (tables, lists, plain values).
@@ -69,7 +65,7 @@ def with_formulas(
     """The same, and the formulas in the data by their places."""
     formulas: Formulas = {}
     try:
-        data, formulas = evaluated(data, model)
+        data, formulas = evaluate_formulas(data, model)
         text = json.dumps(data, default=str)
         return model.model_validate_json(text, strict=True), formulas
     except ValidationError as error:
@@ -82,7 +78,7 @@ def with_formulas(
     except InputError as error:
         found = error
     for place, text in formulas.items():
-        if dotted(place) == found.place:
+        if dotted_key(place) == found.place:
             found.problem += f", which is {shortened_text(text)}"
     raise found.located(source or "input") from None
 
@@ -129,7 +125,7 @@ def _read_text(path: Path) -> str:
             f"byte {error.start} is not text", source=path, expected="a UTF-8 text file"
         ) from None
     except OSError as error:
-        raise unreadable(path, "a TOML or JSON file", error) from None
+        raise unreadable_error(path, "a TOML or JSON file", error) from None
     except ValueError as error:
         raise InputError(f"cannot be read ({error})", source=path) from None
 
@@ -147,12 +143,14 @@ def _parse_toml(text: str) -> Any:
 
 
 def _check_values(data: Any) -> None:
-    """What no reader, number or text beyond can hold, by its key."""
+    """Refuse numbers and texts that other readers cannot hold, with their key."""
     waiting: list[tuple[tuple[str | int, ...], Any]] = [((), data)]
     while waiting:
         place, value = waiting.pop()
         if len(place) > DEEPEST:
-            raise InputError("is nested too deeply", place=dotted(place[:3]) + "...")
+            raise InputError(
+                "is nested too deeply", place=dotted_key(place[:3]) + "..."
+            )
         if isinstance(value, dict):
             for key in value:
                 _check_text(key, place)
@@ -164,7 +162,7 @@ def _check_values(data: Any) -> None:
         elif isinstance(value, int) and abs(value) >= _LARGEST:
             raise InputError(
                 "found an integer of more than 64 bits",
-                place=dotted(place),
+                place=dotted_key(place),
                 expected="a smaller number",
             )
 
@@ -178,7 +176,7 @@ def _check_text(text: str, place: tuple[str | int, ...]) -> None:
     else:
         return
     raise InputError(
-        f"{text[:40]!r} {problem}", place=dotted(place) or None, expected=expected
+        f"{text[:40]!r} {problem}", place=dotted_key(place) or None, expected=expected
     )
 
 

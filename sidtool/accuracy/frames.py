@@ -1,4 +1,4 @@
-"""The frames of bodies: which are used, and what small deformations leave out.
+"""Body frames of a run, and the terms that linear theory neglects in them.
 
 The elastic coordinates are the same in every body frame, and so is the motion, but for
 what the theory of small deformations leaves out: terms of second order in them, of
@@ -8,58 +8,56 @@ frame in which it deforms most differently from its own. Bodies without geometri
 stiffening are put in the frame in which they deform least where that changes more than
 a small part of what is allowed, and not so much that the request could not be kept
 against their own frames; theory, section 16.
+
+Outputs in other frames: joints, drives and forces act at nodes of flexible bodies,
+which stay where they are. The former position of a frame is a node that no shape
+function moves in the old frame: outputs of the frame become those of this node.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Array, Node, Taylor
+from sidtool.formats.geometric_stiffening import has_second_order_field
 from sidtool.formats.result import Result
-from sidtool.formats.scene import expanded, parse_output
-from sidtool.formats.sid import SID, Array
-from sidtool.formats.stiffening import has_second_order_field
-
-from ..conversion.rereference import FrameChange
-from .candidates import loaded_nodes
-from .elsewhere import (
-    RELATIVE,
-    by_matrices,
-    change_to,
-    depends_on_frame,
-    in_frame,
-    in_frames,
-    is_free,
-    is_told_there,
-    named_there,
-    node_of,
-    with_damping,
-    with_node,
+from sidtool.formats.scene import SceneFile, expand_names, is_elastic, parse_output
+from sidtool.formats.scene.outputs import (
+    BODY_QUANTITIES,
+    MARKER_QUANTITIES,
+    MOMENTA,
+    PEAK_STRESS,
 )
-from .outside import elastic_coordinates
-from .reference import Reference, make_reference
-from .runs import Runs, apart
-from .wanted import Request
+from sidtool.solver.system.body_damping import sid_with_damping
 
-#: How many times what is left out may change an output, relative to its variation, and
-#: from which share of what is allowed on that is looked at.
-FACTOR, LOOKED_AT = 100.0, 0.05
-#: Frames are the same if they move by less than this part of what the body deforms.
-SAME = 1e-6
-#: Of what is allowed: from which share on another frame is used, and up to which.
-CHOSEN, TOO_MUCH = 0.1, 0.5
-#: A frame is better in which bodies deform by less than this part of what they do.
-BETTER = 0.8
-#: Over the difference of two frames, what may be left out in the better one, and in one
-#: that is not known to be better; measured were 1.3 and 2.1 at most.
-SAFETY, UNKNOWN = 2.0, 3.0
+from ..conversion.frame_change import FrameChange, apply_frame_change, frame_change
+from ..measurement.candidates import loaded_nodes
+from ..measurement.request import Request
+from ..measurement.runs import Runs, max_difference
+from ..measurement.validity import elastic_coordinates
+from .reference_run import Reference, make_reference
+
+#: Factor of the neglected terms in an output, relative to its variation, and the share
+#: of the allowed error from which on they are examined.
+NEGLECT_FACTOR, MIN_NEGLECT_SHARE = 100.0, 0.05
+#: Frames are equal if they differ by less than this part of the deformation.
+SAME_FRAME_TOLERANCE = 1e-6
+#: Shares of the allowed error: from which on another frame is used, and up to which.
+MIN_CHANGE_SHARE, MAX_CHANGE_SHARE = 0.1, 0.5
+#: A frame is better if bodies deform in it by less than this factor.
+BETTER_FRAME_RATIO = 0.8
+#: Factor on the difference of two frames for the neglected terms in the better one, and
+#: in one that is not known to be better; measured were 1.3 and 2.1 at most.
+NEGLECT_SAFETY, NEGLECT_SAFETY_UNKNOWN = 2.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Other:
+class AlternativeFrame:
     """A body in another frame, in words and as `rereferenced` takes it.
 
     share : how far the body deforms there, of how far it does in its own frame
@@ -69,20 +67,24 @@ class Other:
     words: str
     frame: str
     share: float
-    bare: bool
+    lacks_second_order: bool
 
     @property
     def better(self) -> bool:
-        """Whether less is left out there; with terms of second order none is better."""
-        return self.bare and self.share < BETTER
+        """Check that this frame neglects less; with second-order terms no frame is
+        better.
+        """
+        return self.lacks_second_order and self.share < BETTER_FRAME_RATIO
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
-    """The search in the frames that are used.
+class FrameSelection:
+    """Result of the search for body frames.
 
-    theory : (n,) what small deformations leave out, zero where that was not measured
-    chosen : other frames that bodies were put in
+    Attributes
+    ----------
+    theory : (n,) terms neglected by linear theory, zero where they were not measured
+    chosen : frames of bodies that were put in other frames
     sentences : reasons
     """
 
@@ -93,74 +95,91 @@ class Frames:
     sentences: tuple[str, ...] = ()
 
 
-def with_frames(
+def select_frames(
     runs: Runs, reference: Reference, request: Request, *, fixed: bool = False
-) -> Frames:
+) -> FrameSelection:
     """The richest model in the frames in which its bodies leave least out.
 
     Parameters
     ----------
     fixed : True where bodies must stay in their own frames
     """
-    as_is = Frames(runs, reference, np.zeros(len(runs.names)))
+    as_is = FrameSelection(runs, reference, np.zeros(len(runs.names)))
     bodies = [n for n, kept in reference.choice.kept if kept]
     if not bodies:
         return as_is
-    expected = {n: left_out(n, reference.result) for n in bodies}
+    expected = {n: neglected_order(n, reference.result) for n in bodies}
     worst = max(expected, key=expected.__getitem__)
     least = float((reference.allowed / np.maximum(reference.variation, 1e-300)).min())
-    if FACTOR * expected[worst] < LOOKED_AT * least:
+    if NEGLECT_FACTOR * expected[worst] < MIN_NEGLECT_SHARE * least:
         told = f"{worst} deforms so little that others change {expected[worst]:.0e}"
-        return _told(as_is, f"their own, not searched, as {told} of the outputs")
-    others = dict(_others(runs, reference, bodies))
+        return _neglect_notes(
+            as_is, f"their own, not searched, as {told} of the outputs"
+        )
+    others = dict(_alternative_frames(runs, reference, bodies))
     missing = ", ".join(n for n in bodies if n not in others)
     more = f"; those of {missing} belong to what the scene says" if missing else ""
     if not others:
-        return _told(as_is, f"not judged{more}")
-    errors = _changes(runs, reference, others)
+        return _neglect_notes(as_is, f"not judged{more}")
+    errors = _changes_by_frames(runs, reference, others)
     if not np.isfinite(errors[np.isfinite(reference.allowed)]).all():
-        return _told(as_is, f"not judged, as the scene does not run in others{more}")
+        return _neglect_notes(
+            as_is, f"not judged, as the scene does not run in others{more}"
+        )
     better = {n: o.frame for n, o in others.items() if o.better}
-    pinned = [n for n in _of_frames(runs) if parse_output(n).owner in better]
-    use, seen = reference.use(errors), _seen(errors, runs, reference)
-    if better and not (fixed or pinned) and CHOSEN < use <= TOO_MUCH:
+    pinned = [
+        n for n in _frame_dependent_outputs(runs) if parse_output(n).owner in better
+    ]
+    use, affected = (
+        reference.use(errors),
+        _most_affected_output(errors, runs, reference),
+    )
+    if better and not (fixed or pinned) and MIN_CHANGE_SHARE < use <= MAX_CHANGE_SHARE:
         words = " and ".join(f"{others[n].words} of {n}" for n in better)
-        found = _moved(runs, reference, request, better, errors)
-        told = f"{words}, in which bodies deform least; that changes {seen}; places "
+        found = _search_in_frames(runs, reference, request, better, errors)
+        told = (
+            f"{words}, in which bodies deform least; that changes {affected}; places "
+        )
         told += (
             "and displacements of these bodies that are not recorded are those there"
         )
-        return replace(_told(found, f"{told}{more}"), theory=SAFETY * errors)
-    unknown = any(o.better or not o.bare for o in others.values())
-    found = replace(as_is, theory=(UNKNOWN if unknown else SAFETY) * errors)
+        return replace(
+            _neglect_notes(found, f"{told}{more}"), theory=NEGLECT_SAFETY * errors
+        )
+    unknown = any(o.better or not o.lacks_second_order for o in others.values())
+    found = replace(
+        as_is, theory=(NEGLECT_SAFETY_UNKNOWN if unknown else NEGLECT_SAFETY) * errors
+    )
     words = " and ".join(f"{o.words} of {n}" for n, o in others.items())
     means = f" and what {pinned[0]} means" if pinned else ""
-    remedy = _remedy(others) if reference.use(found.theory) > 1.0 else ""
-    return _told(found, f"their own; {words} would change {seen}{means}{remedy}{more}")
+    remedy = _suggested_remedy(others) if reference.use(found.theory) > 1.0 else ""
+    return _neglect_notes(
+        found, f"their own; {words} would change {affected}{means}{remedy}{more}"
+    )
 
 
-def left_out(name: str, result: Result) -> float:
-    """What small deformations leave out of what deformations do: its order."""
+def neglected_order(name: str, result: Result) -> float:
+    """Return the order of magnitude of the terms that linear theory neglects."""
     sid = result.sids[name]
     body = result.bodies[name]
     size = max(body.deflection, body.rotation)
     return float(size ** (2 if has_second_order_field(sid) else 1))
 
 
-def _told(found: Frames, text: str) -> Frames:
+def _neglect_notes(found: FrameSelection, text: str) -> FrameSelection:
     return replace(found, sentences=(f"frames: {text}",))
 
 
-def _seen(errors: Array, runs: Runs, reference: Reference) -> str:
+def _most_affected_output(errors: Array, runs: Runs, reference: Reference) -> str:
     """The output that sees most of it."""
     row = reference.worst(errors)
-    seen = f"{errors[row]:.1e} {reference.units[row]}".rstrip()
-    return f"{seen} in {runs.names[row]}"
+    amount = f"{errors[row]:.1e} {reference.units[row]}".rstrip()
+    return f"{amount} in {runs.names[row]}"
 
 
-def _remedy(others: dict[str, Other]) -> str:
-    """What to do where small deformations leave out more than was asked for."""
-    bare = [n for n, other in others.items() if other.bare]
+def _suggested_remedy(others: dict[str, AlternativeFrame]) -> str:
+    """Suggest a remedy if the neglected terms exceed the request."""
+    bare = [n for n, other in others.items() if other.lacks_second_order]
     less = "bodies cut into several by joints of type fixed leave"
     if bare:
         less = f"a SID of {', '.join(bare)} with geometric stiffening leaves"
@@ -172,13 +191,19 @@ def _remedy(others: dict[str, Other]) -> str:
     )
 
 
-def _changes(runs: Runs, reference: Reference, others: dict[str, Other]) -> Array:
-    """What other frames of these bodies change (n,); infinite where there is no run."""
-    nodes = {n: node_of(runs.sids[n]) for n in others}
-    own = with_damping(runs.scene, runs.sids, others)
-    sids = {n: in_frame(with_node(own[n]), o.frame) for n, o in others.items()}
-    names = named_there(runs.names, nodes)
-    again = runs.elsewhere(sids, names, by_matrices(runs.scene, others))
+def _changes_by_frames(
+    runs: Runs, reference: Reference, others: dict[str, AlternativeFrame]
+) -> Array:
+    """Return the changes (n,) by other frames of these bodies; infinite
+    without a run.
+    """
+    nodes = {n: frame_node_name(runs.sids[n]) for n in others}
+    own = with_damping_of_scene(runs.scene, runs.sids, others)
+    sids = {
+        n: sid_in_frame(with_frame_node(own[n]), o.frame) for n, o in others.items()
+    }
+    names = renamed_outputs(runs.names, nodes)
+    again = runs.with_other_sids(sids, names, with_matrix_damping(runs.scene, others))
     choice, setting = reference.choice, reference.setting
     one, other = runs.attempt(choice, setting), again.attempt(choice, setting)
     if one is None or other is None:
@@ -186,10 +211,10 @@ def _changes(runs: Runs, reference: Reference, others: dict[str, Other]) -> Arra
     a, b = runs.columns(choice, one), again.columns(choice, other)
     for row, name in enumerate(runs.names):
         body, marker, quantity = parse_output(name)
-        if body in others and quantity in RELATIVE:
+        if body in others and quantity in RELATIVE_QUANTITIES:
             a[:, row] = _displacement(runs, body, marker, quantity, one)
             b[:, row] = _displacement(runs, body, marker, quantity, other)
-    return apart((one.t, a), (other.t, b))
+    return max_difference((one.t, a), (other.t, b))
 
 
 def _displacement(
@@ -199,47 +224,51 @@ def _displacement(
     in any."""
     node = runs.sids[body].node(runs.scene.sid_bodies[body].markers.get(marker, marker))
     q = elastic_coordinates(body, result)
-    return np.asarray(q @ node.phi.m0[RELATIVE.index(quantity)])
+    return np.asarray(q @ node.phi.m0[RELATIVE_QUANTITIES.index(quantity)])
 
 
-def _moved(
+def _search_in_frames(
     runs: Runs,
     reference: Reference,
     request: Request,
     frames: Mapping[str, str],
     errors: Array,
-) -> Frames:
-    """The search with bodies in other frames; what was seen before stays known."""
-    sids = in_frames(runs.scene, runs.sids, frames)
-    again = runs.elsewhere(sids, runs.names, by_matrices(runs.scene, frames))
+) -> FrameSelection:
+    """Repeat the search with bodies in other frames; earlier runs are reused."""
+    sids = sids_in_frames(runs.scene, runs.sids, frames)
+    again = runs.with_other_sids(
+        sids, runs.names, with_matrix_damping(runs.scene, frames)
+    )
     found = make_reference(again, reference.choice, request)
     found = replace(
         found, meshes=reference.meshes, digits=reference.digits, frames=errors
     )
-    return Frames(again, found, errors, frames)
+    return FrameSelection(again, found, errors, frames)
 
 
-def _of_frames(runs: Runs) -> list[str]:
-    """Outputs, recorded or asked for, that mean something else in other frames."""
+def _frame_dependent_outputs(runs: Runs) -> list[str]:
+    """Return the outputs, recorded or requested, whose meaning depends on the frame."""
     scene = runs.scene
-    names = expanded(scene.outputs.record, scene, runs.sids, "outputs.record")
+    names = expand_names(scene.outputs.record, scene, runs.sids, "outputs.record")
     both = dict.fromkeys([*names, *runs.names])
     known = scene.sid_bodies
     return [n for n in both if parse_output(n).owner in known and depends_on_frame(n)]
 
 
-def _others(
+def _alternative_frames(
     runs: Runs, reference: Reference, bodies: list[str]
-) -> Iterator[tuple[str, Other]]:
+) -> Iterator[tuple[str, AlternativeFrame]]:
     """Each body in the frame in which it deforms most differently from its own."""
     for name in bodies:
-        if is_free(runs.scene, name) and is_told_there(name, runs.names):
-            found = list(other_frames(name, runs, reference.result))
+        if can_change_frame(runs.scene, name) and is_known_at_node(name, runs.names):
+            found = list(alternative_frames(name, runs, reference.result))
             if found:
                 yield name, max(found, key=lambda other: abs(np.log(other.share)))
 
 
-def other_frames(name: str, runs: Runs, result: Result) -> Iterator[Other]:
+def alternative_frames(
+    name: str, runs: Runs, result: Result
+) -> Iterator[AlternativeFrame]:
     """The body in each frame that moves against its own and starts where that does."""
     sid, q = runs.sids[name], elastic_coordinates(name, result)
     nodes = list(dict.fromkeys(loaded_nodes(runs.scene, name).values()))
@@ -251,19 +280,19 @@ def other_frames(name: str, runs: Runs, result: Result) -> Iterator[Other]:
             f"chord:{nodes[0]},{nodes[1]}"
         )
     none = FrameChange(np.zeros(3), np.zeros((sid.nq, 3)), np.zeros((sid.nq, 3)))
-    own, bare = _deforms(sid, none, q), not has_second_order_field(sid)
-    for told, frame in words.items():
+    own, bare = _max_displacement(sid, none, q), not has_second_order_field(sid)
+    for words_of_frame, frame in words.items():
         try:
-            change = change_to(sid, frame)
+            change = frame_change_to(sid, frame)
         except InputError:
             continue
         moves = np.abs(change.at(np.zeros(3))).max() + np.abs(change.turn).max()
-        share = _deforms(sid, change, q) / own if own else 0.0
-        if moves > SAME * max(sid.largest_shapes) and share > 0.0:
-            yield Other(told, frame, share, bare)
+        share = _max_displacement(sid, change, q) / own if own else 0.0
+        if moves > SAME_FRAME_TOLERANCE * max(sid.largest_shapes) and share > 0.0:
+            yield AlternativeFrame(words_of_frame, frame, share, bare)
 
 
-def _deforms(sid: SID, change: FrameChange, q: Array) -> float:
+def _max_displacement(sid: SID, change: FrameChange, q: Array) -> float:
     """The largest displacement of a node [m] where one of the coordinates is so."""
     phi, _ = sid.shapes
     q = q[np.unique(np.abs(q).argmax(axis=0))]
@@ -271,3 +300,117 @@ def _deforms(sid: SID, change: FrameChange, q: Array) -> float:
     turned = np.cross(change.turn[None], places[:, None, :])
     phi = phi - np.moveaxis(change.shift[None] + turned, 1, 2)
     return float(np.linalg.norm(phi @ q.T, axis=1).max(initial=0.0))
+
+
+#: The node where the frame was; letters are added until no other has this name.
+FRAME_NODE_NAME = "frame"
+#: Displacements from the body frame, in its axes.
+RELATIVE_QUANTITIES = ("ux", "uy", "uz")
+#: Quantities of a body that do not depend on where its frame is.
+BODY_QUANTITIES_OF_FRAME = (*MOMENTA, PEAK_STRESS)
+
+
+def frame_change_to(sid: SID, frame: str) -> FrameChange:
+    """The change to a frame, see `rereferenced`, that starts where the own one does."""
+    return replace(frame_change(sid, frame), origin=np.zeros(3))
+
+
+def sid_in_frame(sid: SID, frame: str) -> SID:
+    """A SID in another frame, see `rereferenced`."""
+    return apply_frame_change(sid, frame_change_to(sid, frame))
+
+
+def with_frame_node(sid: SID) -> SID:
+    """A SID with a node that stays where its frame is."""
+    zero = Taylor(np.zeros((3, sid.nq)))
+    place = Taylor(np.zeros((3, 1)), np.zeros((sid.nq, 3, 1)))
+    turned = Taylor(np.eye(3), np.zeros((sid.nq, 3, 3)))
+    node = Node(id=frame_node_name(sid), origin=place, phi=zero, psi=zero, AP=turned)
+    return replace(sid, nodes=(*sid.nodes, node))
+
+
+def frame_node_name(sid: SID) -> str:
+    """Return the name of the node at the former position of the frame."""
+    name, known = FRAME_NODE_NAME, {node.id for node in sid.nodes}
+    while name in known:
+        name += "_"
+    return name
+
+
+def sids_in_frames(
+    scene: SceneFile, sids: Mapping[str, SID], frames: Mapping[str, str]
+) -> dict[str, SID]:
+    """The SIDs with these bodies in other frames, for a scene `with_matrix_damping`."""
+    own = with_damping_of_scene(scene, sids, frames)
+    return {**own, **{name: sid_in_frame(own[name], f) for name, f in frames.items()}}
+
+
+def with_damping_of_scene(
+    scene: SceneFile, sids: Mapping[str, SID], names: Iterable[str]
+) -> dict[str, SID]:
+    """The SIDs with the damping matrices that a scene means for some bodies.
+
+    Its laws hold in the frames of the SIDs: mass matrices and natural modes are others
+    in other frames, the damping is not.
+    """
+    bodies = scene.sid_bodies
+    return {
+        **sids,
+        **{n: sid_with_damping(sids[n], bodies[n].damping, n) for n in names},
+    }
+
+
+def with_matrix_damping(scene: SceneFile, names: Iterable[str]) -> SceneFile:
+    """The scene with the damping of some bodies as their SIDs have it."""
+    bodies = scene.sid_bodies
+    plain = {n: bodies[n].model_copy(update={"damping": None}) for n in names}
+    return scene.model_copy(update={"bodies": {**scene.bodies, **plain}})
+
+
+def renamed_outputs(names: Iterable[str], nodes: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the names of outputs after the frames of these bodies became nodes."""
+    found = []
+    for name in names:
+        owner, _, quantity = parse_output(name)
+        there = (
+            owner in nodes and is_frame_output(name) and quantity in MARKER_QUANTITIES
+        )
+        found.append(f"{owner}.{nodes[owner]}.{quantity}" if there else name)
+    return tuple(found)
+
+
+def is_known_at_node(body: str, names: Iterable[str]) -> bool:
+    """Whether outputs of the frame of a body are those of a node, too."""
+    parsed = [parse_output(n) for n in names if is_frame_output(n)]
+    return all(p.quantity in MARKER_QUANTITIES for p in parsed if p.owner == body)
+
+
+def is_frame_output(name: str) -> bool:
+    """Whether an output of a flexible body is one of its frame."""
+    _, marker, quantity = parse_output(name)
+    return (
+        not marker
+        and not is_elastic(quantity)
+        and quantity not in BODY_QUANTITIES_OF_FRAME
+    )
+
+
+def depends_on_frame(name: str) -> bool:
+    """Whether an output of a flexible body means something else in another frame."""
+    return is_frame_output(name) or parse_output(name).quantity in RELATIVE_QUANTITIES
+
+
+def can_change_frame(scene: SceneFile, name: str) -> bool:
+    """Check that a body can be put in another frame without a change of the scene.
+
+    Its frame must not be constrained, it must not start deformed, and no law and no
+    event may depend on the frame.
+    """
+    body = scene.sid_bodies[name]
+    start = body.initial.elastic, body.initial.elastic_velocity
+    parts = scene.model_dump_json(include={"forces", "drives", "events"})
+    relative, own = "|".join(RELATIVE_QUANTITIES), "|".join(BODY_QUANTITIES)
+    pattern = rf"\b{re.escape(name)}\.([\w-]+\.({relative})|{own})\b(?!\.)"
+    return (
+        body.frame != "held" and start == (None, None) and not re.search(pattern, parts)
+    )

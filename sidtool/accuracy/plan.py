@@ -1,4 +1,4 @@
-"""From a scene and a wanted accuracy to the scene that is simulated."""
+"""From a scene and a requested accuracy to the scene that is simulated."""
 
 from __future__ import annotations
 
@@ -7,46 +7,54 @@ from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field, replace
 from typing import TypeVar
 
-from sidtool.formats.progress import Course, along
+from sidtool.formats.base.progress import NamedStages, count_within
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
 from sidtool.formats.result.rows import Columns, Rows
-from sidtool.formats.scene import SceneFile, expanded, unit_of
-from sidtool.formats.scene.wanted import told
-from sidtool.formats.sid import SID, Array
+from sidtool.formats.scene import SceneFile, expand_names, unit_of
+from sidtool.formats.scene.accuracy import request_texts
 
-from ..made import Fineness, Source
-from ..rigid import told_left_out, told_rigid
-from . import cached
-from .bounds import bounds
-from .budget import budget
-from .candidates import Choice, as_scene, finest, recording, stiffened
-from .choose import Chosen, choose
-from .digits import with_digits
-from .elsewhere import by_matrices, in_frames
-from .frames import with_frames
-from .long import Proven, chosen_in_part
-from .meshes import Meshes, as_made, refined_meshes
-from .outside import check_inside
-from .reference import Reference, make_reference
-from .runs import Compile, Runs, Setting, expected_runs
-from .sentences import decisions, remarks, told_bounds, told_theory
-from .wanted import Request, Wanted, requested
+from ..measurement import cache
+from ..measurement.candidates import (
+    Choice,
+    bodies_with_stiffening,
+    finest_model,
+    scene_of_model,
+    with_recorded_outputs,
+)
+from ..measurement.request import Request, Wanted, requested
+from ..measurement.runs import Compile, Runs, Setting, expected_runs
+from ..measurement.validity import check_validity
+from ..pipeline.model_cache import BodyModel, Refinement
+from ..pipeline.scene_changes import reduced_body_notes, rigid_body_notes
+from .error_bounds import error_bounds
+from .error_budget import error_budget
+from .frames import select_frames, sids_in_frames, with_matrix_damping
+from .long_run_part import select_in_initial_interval
+from .long_run_reference import VerifiedChoice
+from .mesh_choice import RefinedBodies, bodies_from_cache, refine_bodies
+from .reference_run import Reference, make_reference
+from .report import accuracy_notes, bound_notes, decision_list, theory_notes
+from .selection import SelectedModel, select_model
+from .sid_rounding import with_rounding_error
 
 Kind = TypeVar("Kind", bound=Result)
 
 #: How long the search of meshes for one body takes beside that of all else, about.
-MESHES = 1.0
+MESH_SEARCH_DURATION = 1.0
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is simulated: the scene with its integrator, and what it came to.
+    """The scene that is simulated, with its integrator, and the accuracy report.
 
-    choice, setting : what was chosen
-    sids : of all bodies that have one
-    frames : that bodies were put in, of those whose SIDs are not in their own
-    ran : the run of it whose errors the search has seen; None where there is none that
-        recorded all that the scene asks for
+    Attributes
+    ----------
+    choice, setting : selected model and integration
+    sids : SIDs of all bodies that have one
+    frames : frames of bodies whose SIDs are in another frame
+    ran : run of the search whose errors are known; None if none recorded all outputs of
+        the scene
     """
 
     scene: SceneFile
@@ -55,25 +63,27 @@ class Plan:
     setting: Setting
     sids: Mapping[str, SID]
     frames: Mapping[str, str] = field(default_factory=dict)
-    ran: Result | None = None
+    evaluated_run: Result | None = None
 
     @property
     def told(self) -> list[str]:
         """Sentences for the notes of the result."""
-        theory = told_theory(self.report)
-        return [*told_rigid(self.scene), *told_left_out(self.scene), *theory]
+        theory = theory_notes(self.report)
+        return [*rigid_body_notes(self.scene), *reduced_body_notes(self.scene), *theory]
 
-    def delivered(self, told: Iterable[str]) -> Result | None:
-        """What the search has run, as another run of its scene would be.
+    def known_result(self, notes_of_run: Iterable[str]) -> Result | None:
+        """Return a run of the search as a run of this scene would be.
 
-        told : sentences for the notes, behind those of the compiled scene
+        Parameters
+        ----------
+        notes_of_run : notes after those of the compiled scene
         """
-        if self.ran is None:
+        if self.evaluated_run is None:
             return None
-        notes = tuple(dict.fromkeys((*told, *self.ran.notes)))
-        return self.certified(replace(self.ran, notes=notes))
+        notes = tuple(dict.fromkeys((*notes_of_run, *self.evaluated_run.notes)))
+        return self.with_errors(replace(self.evaluated_run, notes=notes))
 
-    def certified(self, result: Kind) -> Kind:
+    def with_errors(self, result: Kind) -> Kind:
         """The result of the run with its errors."""
         return replace(result, accuracy=self.report)
 
@@ -91,59 +101,63 @@ class Certified:
         self._sink.add(rows)
 
     def finish(self, result: Result) -> None:
-        self._sink.finish(self._plan.certified(result))
+        self._sink.finish(self._plan.with_errors(result))
 
 
-def planned(
+def make_accuracy_plan(
     scene: SceneFile,
     sids: Mapping[str, SID],
     wanted: Wanted,
     compile_: Compile,
     *,
-    models: Mapping[str, Source] | None = None,
+    models: Mapping[str, BodyModel] | None = None,
     keep: bool = True,
     frames: bool = True,
 ) -> Plan:
-    """The cheapest model and integration whose errors are within what is wanted.
+    """Find the fastest model and integration whose errors are within the request.
 
-    The second time nothing is searched.
+    A repeated request is answered from the cache.
 
     Parameters
     ----------
-    scene : with whatever it leaves out itself; its rtol and integrator do not count
-    sids : of all bodies that have one
+    scene : the scene with its own reductions; its rtol and integrator do not count
+    sids : SIDs of all bodies that have one
     wanted : see `[accuracy] wanted`
     compile_ : makes a system of a scene and SIDs
-    models : of bodies that are made of them, whose meshes are refined as needed
-    keep : False where the scene is not all that is simulated, as with callables
-    frames : False where bodies must stay in the frames that their SIDs have
+    models : models of bodies, whose meshes are refined as needed
+    keep : False if the scene is not all that is simulated, as with callables
+    frames : False if bodies must stay in the frames of their SIDs
 
     Raises
     ------
-    OutsideTheory : a body leaves what its SID describes.
-    InputError : an output cannot be predicted as exactly as that, or the scene cannot
+    OutsideTheory : a body leaves the range of its SID.
+    InputError : an output cannot be predicted with this accuracy, or the scene cannot
         be simulated.
     SimulationError : the finest model cannot be run to its end.
     """
     models = models or {}
-    key = cached.key_of(scene, sids, (wanted, frames), models) if keep else ""
-    kept = cached.read(key) if keep else None
-    before = None if kept is None else _as_kept(kept, scene, sids, models)
+    key = cache.cache_key(scene, sids, (wanted, frames), models) if keep else ""
+    entry = cache.read_entry(key) if keep else None
+    before = None if entry is None else _plan_from_cache(entry, scene, sids, models)
     if before is not None:
         return before
     began = time.perf_counter()
     request = requested(scene, sids, wanted)
-    with along(Course({"meshes": MESHES * len(models), "choices": 1.0})) as parts:
+    with count_within(
+        NamedStages({"meshes": MESH_SEARCH_DURATION * len(models), "choices": 1.0})
+    ) as parts:
         parts.enter("meshes")
-        meshes = refined_meshes(scene, sids, models, request, compile_)
+        meshes = refine_bodies(scene, sids, models, request, compile_)
         scene, sids = meshes.scene(scene), meshes.sids(sids)
         parts.enter("choices")
-        plan = _chosen(scene, sids, request, meshes, compile_, frames)
+        plan = _search_model(scene, sids, request, meshes, compile_, frames)
     seconds = time.perf_counter() - began
-    report = plan.report.model_copy(update={"wanted": told(wanted), "seconds": seconds})
+    report = plan.report.model_copy(
+        update={"wanted": request_texts(wanted), "seconds": seconds}
+    )
     if keep:
-        levels = {n: astuple(f)[:3] for n, f in meshes.finenesses.items()}
-        kept = cached.Kept(
+        levels = {n: astuple(f)[:3] for n, f in meshes.refinements.items()}
+        entry = cache.CacheEntry(
             key=key,
             choice=plan.choice,
             setting=plan.setting,
@@ -151,64 +165,70 @@ def planned(
             models=levels,
             frames=dict(plan.frames),
         )
-        cached.write(kept)
+        cache.write_entry(entry)
     return replace(plan, report=report)
 
 
-def _as_kept(
-    kept: cached.Kept,
+def _plan_from_cache(
+    entry: cache.CacheEntry,
     scene: SceneFile,
     sids: Mapping[str, SID],
-    models: Mapping[str, Source],
+    models: Mapping[str, BodyModel],
 ) -> Plan | None:
-    """The plan for a scene by a choice that was kept; None where it does not fit."""
-    if not (kept.models.keys() == models.keys() and kept.frames.keys() <= sids.keys()):
+    """Make the plan of a cached choice; None if it does not fit the scene."""
+    if not (
+        entry.models.keys() == models.keys() and entry.frames.keys() <= sids.keys()
+    ):
         return None
-    meshes = as_made(models, {n: Fineness(*kept.models[n]) for n in models})
+    meshes = bodies_from_cache(
+        models, {n: Refinement(*entry.models[n]) for n in models}
+    )
     scene = meshes.scene(scene)
-    there = in_frames(scene, meshes.sids(sids), kept.frames)
-    scene = by_matrices(scene, kept.frames)
-    if not kept.choice.is_part_of(finest(scene, there)):
+    there = sids_in_frames(scene, meshes.sids(sids), entry.frames)
+    scene = with_matrix_damping(scene, entry.frames)
+    if not entry.choice.is_part_of(finest_model(scene, there)):
         return None
-    model = chosen_scene(scene, there, kept.choice, kept.setting)
-    report = kept.report.model_copy(update={"searched": False})
-    return Plan(model, report, kept.choice, kept.setting, there, kept.frames)
+    model = scene_of_choice(scene, there, entry.choice, entry.setting)
+    report = entry.report.model_copy(update={"searched": False})
+    return Plan(model, report, entry.choice, entry.setting, there, entry.frames)
 
 
-def _chosen(
+def _search_model(
     scene: SceneFile,
     sids: Mapping[str, SID],
     request: Request,
-    meshes: Meshes,
+    meshes: RefinedBodies,
     compile_: Compile,
     free: bool,
 ) -> Plan:
     """The search among what the SIDs have, in other frames if these are `free`."""
-    whole = finest(scene, sids)
+    whole = finest_model(scene, sids)
     expected = expected_runs(whole, scene.dimension)
     runs = Runs(scene, sids, compile_, request.names, expected)
-    with along(runs.parts):
+    with count_within(runs.parts):
         runs.begin("reference")
-        found = chosen_in_part(runs, whole, request, meshes.errors)
-        found = found or _of_whole_runs(runs, whole, request, meshes, free)
+        found = select_in_initial_interval(runs, whole, request, meshes.errors)
+        found = found or _select_by_full_runs(runs, whole, request, meshes, free)
     reference, chosen = found.reference, found.chosen
-    terms = stiffened(scene, sids, chosen.choice.flat)
-    made = decisions(request, found.decided, chosen)
+    terms = bodies_with_stiffening(scene, sids, chosen.choice.flat)
+    decided = decision_list(request, found.decision_reference, chosen)
     sentences = (
         *meshes.sentences,
-        *(decision.sentence for decision in made),
-        *remarks(
+        *(decision.sentence for decision in decided),
+        *accuracy_notes(
             scene, request, reference, sids, terms, meshes.made, meshes.unstiffened
         ),
         *found.sentences,
-        *told_bounds(found.bounds, scene),
-        *_not_recorded(scene, sids, chosen),
+        *bound_notes(found.bounds, scene),
+        *_unrecorded_output_notes(scene, sids, chosen),
     )
     report = AccuracyReport(
         wanted={},
-        outputs=_outputs(request, reference, chosen, found.bounds, found.theory, scene),
+        outputs=_output_errors(
+            request, reference, chosen, found.bounds, found.theory, scene
+        ),
         budget=found.lines,
-        decisions=made,
+        decisions=decided,
         sentences=sentences,
         runs=found.runs.count,
         seconds=0.0,
@@ -216,69 +236,71 @@ def _chosen(
     )
     runs, choice = found.runs, chosen.choice
     setting = chosen.found.setting
-    model = chosen_scene(runs.scene, runs.sids, choice, setting)
-    as_asked = model.outputs.record == tuple(filter(choice.knows, runs.names))
+    model = scene_of_choice(runs.scene, runs.sids, choice, setting)
+    as_asked = model.outputs.record == tuple(filter(choice.has_output, runs.names))
     ran = runs.attempt(choice, setting) if as_asked else None
     return Plan(model, report, choice, setting, runs.sids, found.frames, ran)
 
 
-def _of_whole_runs(
-    runs: Runs, whole: Choice, request: Request, meshes: Meshes, free: bool
-) -> Proven:
-    """What is chosen by runs of all of the time."""
+def _select_by_full_runs(
+    runs: Runs, whole: Choice, request: Request, meshes: RefinedBodies, free: bool
+) -> VerifiedChoice:
+    """Select a model by runs over the full interval."""
     reference = make_reference(runs, whole, request)
-    check_inside(reference.result)
-    reference = reference.with_meshes(meshes.errors)
-    reference, digits = with_digits(runs, reference)
-    frames = with_frames(runs, reference, request, fixed=not free)
+    check_validity(reference.result)
+    reference = reference.with_mesh_errors(meshes.errors)
+    reference, digits = with_rounding_error(runs, reference)
+    frames = select_frames(runs, reference, request, fixed=not free)
     runs, reference = frames.runs, frames.reference
-    chosen = choose(runs, reference)
+    chosen = select_model(runs, reference)
     runs.begin("errors")
-    proven = bounds(runs, reference.choice, chosen.choice, chosen.found.setting)
-    lines = budget(runs, reference, chosen, frames.theory)
-    told = (*digits, *frames.sentences)
-    return Proven(
+    proven = error_bounds(runs, reference.choice, chosen.choice, chosen.found.setting)
+    lines = error_budget(runs, reference, chosen, frames.theory)
+    sentences = (*digits, *frames.sentences)
+    return VerifiedChoice(
         runs,
         reference,
         chosen,
         reference,
         frames.theory,
         lines,
-        told,
+        sentences,
         proven,
         frames.chosen,
     )
 
 
-def chosen_scene(
+def scene_of_choice(
     scene: SceneFile, sids: Mapping[str, SID], choice: Choice, setting: Setting
 ) -> SceneFile:
     """The scene of the chosen model, that records what of its outputs there is."""
-    found = as_scene(scene, choice, sids)
-    known = tuple(filter(choice.knows, _recorded(scene, sids)))
+    found = scene_of_model(scene, choice, sids)
+    known = tuple(filter(choice.has_output, _recorded_outputs(scene, sids)))
     accuracy = found.accuracy.model_copy(
         update={"integrator": setting.integrator, "rtol": setting.rtol}
     )
-    return recording(found.model_copy(update={"accuracy": accuracy}), known)
+    return with_recorded_outputs(found.model_copy(update={"accuracy": accuracy}), known)
 
 
-def _not_recorded(
-    scene: SceneFile, sids: Mapping[str, SID], chosen: Chosen
+def _unrecorded_output_notes(
+    scene: SceneFile, sids: Mapping[str, SID], chosen: SelectedModel
 ) -> tuple[str, ...]:
     """A sentence about outputs that the chosen model does not have."""
-    names = [n for n in _recorded(scene, sids) if not chosen.choice.knows(n)]
+    names = [
+        n for n in _recorded_outputs(scene, sids) if not chosen.choice.has_output(n)
+    ]
     return (f"not recorded, as left out: {', '.join(names)}",) if names else ()
 
 
-def _recorded(scene: SceneFile, sids: Mapping[str, SID]) -> tuple[str, ...]:
-    """Recorded outputs, with wildcards expanded; q* stands as it is."""
-    return expanded(scene.outputs.record, scene, sids, "outputs.record")
+def _recorded_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> tuple[str, ...]:
+    """Return the recorded outputs with expanded wildcards; q* stays as it is."""
+    return expand_names(scene.outputs.record, scene, sids, "outputs.record")
 
 
-def _outputs(
+def _output_errors(
     request: Request,
     reference: Reference,
-    chosen: Chosen,
+    chosen: SelectedModel,
     proven: Mapping[str, float],
     theory: Array,
     scene: SceneFile,

@@ -1,4 +1,4 @@
-"""``sidtool analyse``: what a scene says without integrating its motion."""
+"""``sidtool analyse``: analyses of a scene without integration of its motion."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import click
 
 from .common import (
     Target,
-    changes,
+    changes_option,
     check_targets,
-    existing,
-    files_of,
-    force,
-    read_changed,
+    existing_file,
+    force_option,
+    input_files,
+    output_path,
+    print_notes,
+    print_result,
+    read_scene_with_changes,
     result_target,
-    target,
-    tell,
-    tell_notes,
 )
 
-_ACCEPT = click.option(
+_ACCEPT_DEFECTS_OPTION = click.option(
     "--accept-defects",
     is_flag=True,
     help="Use what is refused otherwise: impossible mass matrices, and joints or "
@@ -47,11 +47,11 @@ def analyse() -> None:
 
 
 @analyse.command()
-@click.argument("scene", metavar="SCENE", type=existing)
-@click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
-@changes
-@force
-@_ACCEPT
+@click.argument("scene", metavar="SCENE", type=existing_file)
+@click.option("-o", "--output", type=output_path, help="Result to write (.h5 or .csv).")
+@changes_option
+@force_option
+@_ACCEPT_DEFECTS_OPTION
 def static(
     scene: Path,
     output: Path | None,
@@ -72,19 +72,21 @@ def static(
     Exit status: 0 found, 1 there is none (a body can fall), or a body deforms by more
     than its own size, 2 the input is wrong.
     """
-    from ..analysing import static_equilibrium
-    from ..report.analysis import describe_equilibrium
-    from ..report.data import equilibrium_data
+    from ..api.analyses import static_equilibrium
+    from ..report.json_data import equilibrium_data
+    from ..report.result import describe_equilibrium
 
-    check_targets([result_target(output)], files_of(scene), force)
-    found = _attempt(static_equilibrium, scene, changes, accept_defects=accept_defects)
+    check_targets([result_target(output)], input_files(scene), force)
+    found = _run_analysis(
+        static_equilibrium, scene, changes, accept_defects=accept_defects
+    )
     _write_result(output, found.result())
-    tell_notes(found, warn=False)
-    tell(describe_equilibrium(found), lambda: equilibrium_data(found))
+    print_notes(found, warn=False)
+    print_result(describe_equilibrium(found), lambda: equilibrium_data(found))
 
 
 @analyse.command()
-@click.argument("scene", metavar="SCENE", type=existing)
+@click.argument("scene", metavar="SCENE", type=existing_file)
 @click.option(
     "--about",
     type=click.Choice(["static", "start"]),
@@ -98,10 +100,12 @@ def static(
     help="Show the values of one instant where there are no modes: where the equations "
     "of small motions change as bodies turn, or the start is no steady motion.",
 )
-@click.option("-o", "--output", type=target, help="Modes with their shapes (JSON).")
-@changes
-@force
-@_ACCEPT
+@click.option(
+    "-o", "--output", type=output_path, help="Modes with their shapes (JSON)."
+)
+@changes_option
+@force_option
+@_ACCEPT_DEFECTS_OPTION
 def modes(
     scene: Path,
     about: str,
@@ -128,11 +132,11 @@ def modes(
     configuration, no inertia, no steady motion, equations that change in time), 2 the
     input is wrong.
     """
-    from ..analysing import linearise
-    from ..report.analysis import describe_modes, modes_as_data
+    from ..api.analyses import linearise
+    from ..report.result import describe_modes, modes_as_data
 
-    check_targets([Target("-o", output, "modes")], files_of(scene), force)
-    found = _attempt(
+    check_targets([Target("-o", output, "modes")], input_files(scene), force)
+    found = _run_analysis(
         linearise,
         scene,
         changes,
@@ -148,22 +152,22 @@ def modes(
                 json.dumps(modes_as_data(found), indent=1) + "\n", encoding="utf-8"
             )
         click.echo(f"{output} written")
-    tell_notes(found, warn=False)
-    tell(describe_modes(found), lambda: modes_as_data(found))
+    print_notes(found, warn=False)
+    print_result(describe_modes(found), lambda: modes_as_data(found))
 
 
 @analyse.command()
-@click.argument("scene", metavar="SCENE", type=existing)
+@click.argument("scene", metavar="SCENE", type=existing_file)
 @click.option(
     "--quasi-static",
     is_flag=True,
     help="Flexible bodies deform without vibrating: at each time they are in "
     "equilibrium with the inertia, gravity and joint forces of the motion.",
 )
-@click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
-@changes
-@force
-@_ACCEPT
+@click.option("-o", "--output", type=output_path, help="Result to write (.h5 or .csv).")
+@changes_option
+@force_option
+@_ACCEPT_DEFECTS_OPTION
 def inverse(
     scene: Path,
     quasi_static: bool,
@@ -190,12 +194,12 @@ def inverse(
     Exit status: 0 done, 1 the motion is impossible or leads to a singular
     configuration (the file holds what comes before), 2 the input is wrong.
     """
-    from ..analysing import inverse_dynamics
-    from ..report.analysis import describe_inverse
-    from ..report.data import result_data
+    from ..api.analyses import inverse_dynamics
+    from ..report.json_data import result_data
+    from ..report.result import describe_inverse
 
-    check_targets([result_target(output)], files_of(scene), force)
-    result = _attempt(
+    check_targets([result_target(output)], input_files(scene), force)
+    result = _run_analysis(
         inverse_dynamics,
         scene,
         changes,
@@ -204,25 +208,26 @@ def inverse(
         accept_defects=accept_defects,
     )
     _write_result(output, result)
-    tell_notes(result, warn=False)
-    tell(describe_inverse(result), lambda: result_data(result))
+    print_notes(result, warn=False)
+    print_result(describe_inverse(result), lambda: result_data(result))
 
 
-def _attempt(
+def _run_analysis(
     analysis: Any,
     scene: Path,
     changes: tuple[str, ...],
     output: Path | None = None,
     **settings: Any,
 ) -> Any:
-    """Runs an analysis; one line and status 1 when physics does not allow it.
+    """Run an analysis; print one line and exit with status 1 if physics does not allow
+    it.
 
-    What there is of a result goes to `output` then.
+    The incomplete result is then written to `output`.
     """
-    from sidtool.solver.errors import SimulationError
+    from sidtool.solver.system.errors import SimulationError
 
     try:
-        return analysis(read_changed(scene, changes), **settings)
+        return analysis(read_scene_with_changes(scene, changes), **settings)
     except SimulationError as error:
         click.echo(f"sidtool: {scene}: {error}", err=True)
         if error.result is not None:
@@ -231,7 +236,7 @@ def _attempt(
 
 
 def _write_result(output: Path | None, result: Any) -> None:
-    from ..api import write
+    from ..pipeline.files import write
 
     if output is not None:
         write(output, result)

@@ -1,25 +1,39 @@
-"""``sidtool animate``: the motion of a result, to look at."""
+"""``sidtool animate`` and ``sidtool export``: the motion of a result."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from sidtool.formats.endings import kind_by_ending
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.file_names import kind_by_ending
 
-from .body_files import files_by_body, full_fields
-from .common import Target, check_targets, existing, force, target, tell_remarks
+from .common import (
+    Target,
+    check_targets,
+    existing_file,
+    files_by_body,
+    force_option,
+    full_fields,
+    json_stream,
+    output_path,
+    print_remarks,
+)
+
+if TYPE_CHECKING:
+    from ..view.body_fields import StressPeak
 
 
 @click.command()
-@click.argument("result", metavar="RESULT", type=existing)
+@click.argument("result", metavar="RESULT", type=existing_file)
 @click.option(
     "-o",
     "--output",
     required=True,
-    type=target,
+    type=output_path,
     help="Page (.html) or film (.gif, or .mp4 where ffmpeg is installed) to write.",
 )
 @full_fields
@@ -43,7 +57,7 @@ from .common import Target, check_targets, existing, force, target, tell_remarks
     metavar="FACTOR",
     help="Magnification of elastic deformations; default one that shows them.",
 )
-@force
+@force_option
 def animate(
     result: Path,
     output: Path,
@@ -71,8 +85,9 @@ def animate(
       sidtool animate result.h5 -o motion.html --field rod=rod.field.h5 --scale 1
       sidtool animate result.h5 -o motion.gif
     """
-    from ..kinds import expect_kind, read
-    from ..view.animating import animate as animated
+    from ..api.scene import read
+    from ..pipeline.files import expect_kind
+    from ..view.animation import animate as animated
 
     expect_kind(result, "result")
     kind = kind_by_ending(output, "page", "film")
@@ -82,7 +97,7 @@ def animate(
         expected = "a number of at least 0; 1 shows deformations as they are"
         raise InputError(f"found {scale}", place="--scale", expected=expected)
     try:
-        told = animated(
+        notes = animated(
             read(result),
             output,
             fields=given,
@@ -93,5 +108,101 @@ def animate(
         )
     except InputError as error:
         raise error.located(result) from None
-    tell_remarks(told)
+    print_remarks(notes)
     click.echo(f"{output} written: {output.stat().st_size / 1e6:.2f} MB")
+
+
+@click.command()
+@click.argument("result", metavar="RESULT", type=existing_file)
+@click.option(
+    "-o",
+    "--output",
+    type=output_path,
+    help="File to write: .vtkhdf, or .pvd with a folder of .vtu beside it.",
+)
+@full_fields
+@click.option("--peak", is_flag=True, help="Tell the peak stress of flexible bodies.")
+@click.option("--json", "as_json", is_flag=True, help="Print the peaks as JSON.")
+@force_option
+def export(
+    result: Path,
+    output: Path | None,
+    fields: tuple[str, ...],
+    peak: bool,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Write the bodies of a RESULT in motion for ParaView and VTK.
+
+    Of every point: elastic displacement and velocity in inertial axes, and of flexible
+    bodies with a full field (see `sidtool convert --field`) all stress components in
+    the axes of the body and von Mises; elsewhere these are NaN. Cell data `body` is
+    the number of the body. Bodies without a full field are drawn as by `sidtool
+    animate`. Springs, dampers, actuators and distance rods between markers are lines,
+    numbered behind the bodies; /bodies of a .vtkhdf has all names.
+
+    --peak tells the largest von Mises stress of each body over all points of its field
+    and over time, with its place in the body frame and its instant. Stresses of the
+    field are means of the elements that meet at a node; BODY.peak_von_mises is that of
+    the markers and of `peak_points` of the model, chosen from such nodes and from
+    points inside elements, which have more beside sharp corners of coarse meshes.
+
+    \b
+    Examples:
+      sidtool export result.h5 -o motion.vtkhdf
+      sidtool export result.h5 -o motion.pvd --field rod=rod.field.h5
+      sidtool export result.h5 --peak --json
+    """
+    from ..api.scene import read
+    from ..pipeline.files import expect_kind
+
+    expect_kind(result, "result")
+    given = files_by_body("--field", fields)
+    check_targets([Target("-o", output, "export")], [result, *given.values()], force)
+    if output is None and not (peak or as_json):
+        raise InputError(
+            "there is nothing to do", place="-o", expected="-o FILE, --peak or both"
+        )
+    from ..view.body_fields import peak_stresses
+    from ..view.export import export_mesh, write_export
+
+    content, folder = read(result), result.parent
+    try:
+        if output is not None:
+            mesh = export_mesh(content, given, folder)
+            write_export(output, mesh)
+            print_remarks(mesh.told, err=as_json)
+            click.echo(
+                f"{output} written: {len(mesh.t)} times, {mesh.n_points} points",
+                err=as_json,
+            )
+        if peak or as_json:
+            _print_peaks(peak_stresses(content, given, folder), as_json)
+    except InputError as error:
+        raise error.located(result) from None
+
+
+def _print_peaks(peaks: dict[str, StressPeak], as_json: bool) -> None:
+    from ..report.tables import text_table
+
+    if as_json:
+        click.echo(
+            json.dumps(
+                {
+                    name: {
+                        "von_mises": peak.stress,
+                        "time": peak.time,
+                        "place": peak.place.tolist(),
+                        "stress": peak.components.tolist(),
+                    }
+                    for name, peak in peaks.items()
+                }
+            ),
+            file=json_stream(),
+        )
+        return
+    rows = [
+        [name, f"{p.stress:.6g}", f"{p.time:.6g}", *(f"{x:.6g}" for x in p.place)]
+        for name, p in peaks.items()
+    ]
+    click.echo(text_table(["body", "von Mises Pa", "t s", "x m", "y m", "z m"], rows))

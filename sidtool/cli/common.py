@@ -1,9 +1,12 @@
-"""What several commands share: checks of targets, --quiet and --json."""
+"""Options, targets, inputs and output that several commands share."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import stat
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
@@ -12,38 +15,38 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from sidtool.formats.endings import WRITTEN, check_ending, kind_by_ending
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.file_names import OUTPUT_KINDS, check_ending, kind_by_ending
 from sidtool.formats.storage.operating_system import (
     STANDARD_OUTPUT,
-    is_open_elsewhere,
+    is_open_in_other_program,
     is_read_only,
     is_writable_folder,
     path_problem,
 )
 
 if TYPE_CHECKING:
-    from ..report.result import Noted
-    from ..scenes import Scene
+    from ..api.scene import Scene
+    from ..report.result import WithNotes
 
-existing = click.Path(path_type=Path)
-target = click.Path(path_type=Path)
+existing_file = click.Path(path_type=Path)
+output_path = click.Path(path_type=Path)
 
 
 #: What files of these kinds have near their beginning.
-_STARTS = {
+_FILE_BEGINNINGS = {
     "page": (b'name="generator" content="sidtool',),
     "film": (b"GIF8", b"ftyp"),
     "export": (b"VTKHDF", b'<VTKFile type="Collection"'),
     "picture": (b"\x89PNG", b"<svg", b"%PDF"),
 }
-force = click.option(
+force_option = click.option(
     "--force",
     is_flag=True,
     help="Replace an output file even if it is not one that sidtool writes there.",
 )
 
-changes = click.option(
+changes_option = click.option(
     "--set",
     "changes",
     metavar="KEY=VALUE",
@@ -55,7 +58,7 @@ changes = click.option(
 
 @dataclass(frozen=True)
 class Target:
-    """A file that a command is to write: its option, path and kind, see `WRITTEN`."""
+    """A file that a command writes: its option, path and kind, see `OUTPUT_KINDS`."""
 
     option: str
     path: Path | None
@@ -63,27 +66,29 @@ class Target:
 
 
 def result_target(path: Path | None) -> Target:
-    """Of an option -o that takes a result or, by its ending, a table."""
+    """Return the target of an option -o that takes a result or, by its ending,
+    a table.
+    """
     return Target("-o", path, kind_by_ending(path, "result", "table"))
 
 
-def read_changed(path: Path, changes: Sequence[str]) -> Scene:
+def read_scene_with_changes(path: Path, changes: Sequence[str]) -> Scene:
     """A scene with the values of `--set`.
 
     Raises
     ------
     InputError : it is no scene, or a value or key does not fit.
     """
-    from sidtool.formats.toml.files import settings
+    from sidtool.formats.toml.files import parse_settings
 
-    from ..kinds import expect_kind
-    from ..scenes import Scene
+    from ..api.scene import Scene
+    from ..pipeline.files import expect_kind
 
     expect_kind(path, "scene")
-    return Scene.load(path, settings(changes))
+    return Scene.load(path, parse_settings(changes))
 
 
-def files_of(path: Path) -> list[Path]:
+def input_files(path: Path) -> list[Path]:
     """A file that people write, and the files that it names."""
     if path.suffix not in (".toml", ".json") or not path.is_file():
         return [path]
@@ -112,15 +117,17 @@ def _is_file(path: Path, text: str) -> bool:
 def check_targets(
     targets: Sequence[Target], inputs: Sequence[str | Path], force: bool
 ) -> None:
-    """Refuse files that must not or cannot be written, before any work is done.
+    """Refuse targets that must not or cannot be written, before any work is done.
 
+    Parameters
+    ----------
     inputs : files that the command reads
 
     Raises
     ------
     InputError : a target is an input or another target, also through a link; it is a
-        folder or in none; its ending belongs to another kind of file; or a file of
-        another kind stands there and `force` is not given.
+        folder or its folder does not exist; its ending belongs to another kind of file;
+        or a file of another kind exists and `force_option` is not set.
     """
     wanted = [(t, t.path) for t in targets if t.path is not None]
     for i, (target, path) in enumerate(wanted):
@@ -132,9 +139,9 @@ def check_targets(
                 place=target.option,
                 expected="a file" + (stdout if STANDARD_OUTPUT else ""),
             )
-        _check_place(path)
+        _check_folder(path)
         for other in map(Path, inputs):
-            if _same(path, other):
+            if _is_same_file(path, other):
                 raise InputError(
                     "is read by this command and would be replaced",
                     source=path,
@@ -142,7 +149,7 @@ def check_targets(
                     expected="another name",
                 )
         for earlier, name in wanted[:i]:
-            if _same(path, name):
+            if _is_same_file(path, name):
                 raise InputError(
                     f"is what {earlier.option} writes, too",
                     source=path,
@@ -151,17 +158,17 @@ def check_targets(
                 )
         check_ending(path, target.kind, target.option)
         if not force:
-            _check_present(target, path)
+            _check_existing(target, path)
 
 
-def _same(one: Path, other: Path) -> bool:
+def _is_same_file(one: Path, other: Path) -> bool:
     try:
         return one.samefile(other)
     except OSError:
         return os.path.realpath(one) == os.path.realpath(other)
 
 
-def _check_place(path: Path) -> None:
+def _check_folder(path: Path) -> None:
     if problem := path_problem(path):
         raise InputError(problem, source=path, expected="another name")
     if path.is_dir():
@@ -173,7 +180,7 @@ def _check_place(path: Path) -> None:
         raise InputError(
             "is read-only", source=path, expected="a file that may be replaced"
         )
-    if is_open_elsewhere(path):
+    if is_open_in_other_program(path):
         raise InputError(
             "is open in another program and cannot be replaced",
             source=path,
@@ -187,13 +194,13 @@ def _check_place(path: Path) -> None:
         )
 
 
-def _check_present(target: Target, path: Path) -> None:
-    """A file of another kind is not replaced without being told to."""
+def _check_existing(target: Target, path: Path) -> None:
+    """Refuse to replace a file of another kind without `force_option`."""
     if not path.is_file() or path.stat().st_size == 0:
         return
     if not _is_of_kind(path, target.kind):
         raise InputError(
-            f"is there and is not {WRITTEN[target.kind].name} of sidtool's",
+            f"is there and is not {OUTPUT_KINDS[target.kind].name} of sidtool's",
             source=path,
             place=target.option,
             expected="another name, or --force",
@@ -203,12 +210,12 @@ def _check_present(target: Target, path: Path) -> None:
 def _is_of_kind(path: Path, kind: str) -> bool:
     from sidtool.formats.sid_ascii.title import is_own
 
-    from ..kinds import kind_of
+    from ..pipeline.files import kind_of
 
-    if kind in _STARTS:
+    if kind in _FILE_BEGINNINGS:
         with path.open("rb") as stream:
             start = stream.read(2048)
-        return any(mark in start for mark in _STARTS[kind])
+        return any(mark in start for mark in _FILE_BEGINNINGS[kind])
     if kind == "table":
         with path.open("rb") as stream:
             return stream.read(2) in (b"t,", b"t\n")
@@ -229,8 +236,8 @@ def _is_of_kind(path: Path, kind: str) -> bool:
     return found == kind
 
 
-def hush(ctx: click.Context, _: click.Parameter, value: bool) -> None:
-    """Of --quiet: what a command says on its standard output goes nowhere."""
+def set_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+    """Discard the standard output (option --quiet)."""
     if value:
         ctx.meta[_QUIET] = sys.stdout  # which --json may want
         nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
@@ -238,8 +245,8 @@ def hush(ctx: click.Context, _: click.Parameter, value: bool) -> None:
         ctx.with_resource(redirect_stdout(nowhere))
 
 
-def as_data(ctx: click.Context, _: click.Parameter, value: bool) -> None:
-    """Of --json: `tell` alone writes to the standard output."""
+def set_json(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+    """Reserve the standard output for `print_result` (option --json)."""
     if value:
         ctx.meta[_JSON] = ctx.meta.get(_QUIET, sys.stdout)
         if _QUIET not in ctx.meta:
@@ -250,14 +257,14 @@ QUIET = click.Option(
     ["--quiet"],
     is_flag=True,
     expose_value=False,
-    callback=hush,
+    callback=set_quiet,
     help="Say nothing but notes and errors, and the numbers of --json.",
 )
 JSON = click.Option(
     ["--json"],
     is_flag=True,
     expose_value=False,
-    callback=as_data,
+    callback=set_json,
     help="Print the numbers as JSON; all else goes to the standard error.",
 )
 _QUIET, _JSON = "sidtool.quiet", "sidtool.json"
@@ -269,13 +276,13 @@ def is_quiet() -> bool:
     return ctx is not None and _QUIET in ctx.meta
 
 
-def for_json() -> TextIO | None:
-    """Where --json writes that a command has of its own: --quiet does not hide it."""
+def json_stream() -> TextIO | None:
+    """Return the stream of a command's own JSON, which --quiet does not discard."""
     ctx = click.get_current_context(silent=True)
     return None if ctx is None else ctx.meta.get(_QUIET)
 
 
-def tell_notes(found: Noted, warn: bool = True) -> None:
+def print_notes(found: WithNotes, warn: bool = True) -> None:
     """Writes the warnings of what was found to the standard error, and its other notes
     where nothing else shows them, with --quiet.
 
@@ -289,20 +296,94 @@ def tell_notes(found: Noted, warn: bool = True) -> None:
                 click.echo(f"note: {text}", err=True)
 
 
-def tell_remarks(sentences: Iterable[str], err: bool = False) -> None:
-    """Notes beside what a command says on its standard output, or with `err` and with
-    --quiet on the standard error."""
+def print_remarks(sentences: Iterable[str], err: bool = False) -> None:
+    """Print notes on the standard output, or on the standard error with `err` or
+    --quiet.
+    """
     for sentence in sentences:
         click.echo(f"note: {sentence}", err=err or is_quiet())
 
 
-def tell(text: str, data: Callable[[], Any]) -> None:
-    """What a command found: the text, or with --json the data."""
+def print_result(text: str, data: Callable[[], Any]) -> None:
+    """Print the result of a command: the text, or with --json the data."""
     ctx = click.get_current_context(silent=True)
     stream = None if ctx is None else ctx.meta.get(_JSON)
     if stream is None:
         click.echo(text)
     else:
-        from ..report.data import as_json
+        from ..report.json_data import to_json_text
 
-        click.echo(as_json(data()), file=stream)
+        click.echo(to_json_text(data()), file=stream)
+
+
+class PipedPath(click.Path):
+    """Parameter type: the path of a file, or of a copy of the content of a pipe or
+    device.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Path:
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if ctx is None or not _is_pipe(path):
+            return path
+        folder = Path(tempfile.mkdtemp(prefix="sidtool-"))
+        ctx.call_on_close(lambda: shutil.rmtree(folder, ignore_errors=True))
+        copy = folder / path.name
+        with path.open("rb") as source, copy.open("wb") as target:
+            shutil.copyfileobj(source, target)
+        return copy
+
+
+def _is_pipe(path: Path) -> bool:
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISSOCK(mode)
+
+
+piped_path = PipedPath()
+
+
+full_fields = click.option(
+    "--field",
+    "fields",
+    metavar="BODY=FILE",
+    multiple=True,
+    help="Full field of a flexible body, from `convert --field`; may be given several "
+    "times. NAME.field.h5 beside the SID of a scene is found by itself.",
+)
+
+
+def files_by_body(
+    option: str, texts: Iterable[str], bodies: Iterable[str] | None = None
+) -> dict[str, str]:
+    """Files by body, of an option that may be given several times.
+
+    bodies : that may be named, where they are known
+
+    Raises
+    ------
+    InputError : one has another form, or names no such body or one twice.
+    """
+    known = None if bodies is None else tuple(bodies)
+    expected = "BODY=FILE" + (
+        f" with a BODY out of {', '.join(known)}" if known else ", as in rod=rod.h5"
+    )
+    found: dict[str, str] = {}
+    for text in texts:
+        body, _, file = text.partition("=")
+        if not body or not file or (known is not None and body not in known):
+            raise InputError(f"found {text!r}", place=option, expected=expected)
+        if body in found:
+            raise InputError(
+                f"{body} has two files, {found[body]} and {file}",
+                place=option,
+                expected="one file for each body",
+            )
+        found[body] = file
+    return found

@@ -12,15 +12,15 @@ import click
 
 from .common import (
     Target,
-    changes,
+    changes_option,
     check_targets,
-    files_of,
-    force,
-    target,
-    tell,
+    force_option,
+    input_files,
+    output_path,
+    piped_path,
+    print_result,
 )
-from .inputs import piped
-from .progress import Stages
+from .progress import StageLines
 
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
 SIGMAS = ("stress", "section force")
@@ -30,14 +30,18 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
 @click.command()
-@click.argument("source", metavar="MODEL_OR_SID", type=piped)
+@click.argument("source", metavar="MODEL_OR_SID", type=piped_path)
 @click.option(
-    "-o", "--output", required=True, type=target, help="SID to write; .h5 gives HDF5."
+    "-o",
+    "--output",
+    required=True,
+    type=output_path,
+    help="SID to write; .h5 gives HDF5.",
 )
 @click.option(
     "--field",
     "field",
-    type=target,
+    type=output_path,
     help="Write the full field of a model, too: mesh, surface, shape functions and "
     "stresses at all nodes, for pictures and exports (HDF5).",
 )
@@ -80,8 +84,8 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
     help="Make De anew from Me and Ke: none, rayleigh:ALPHA,BETA, modal:RATIO[,...] "
     "or frequency.",
 )
-@changes
-@force
+@changes_option
+@force_option
 def convert(
     source: Path,
     output: Path,
@@ -121,19 +125,19 @@ def convert(
     with _processes(engine) as processes:
         targets = [Target("-o", output, "sid"), Target("--field", field, "field")]
         named = [text.partition("=")[2] for text in changes]
-        check_targets(targets, [*files_of(source), *named], force)
+        check_targets(targets, [*input_files(source), *named], force)
         _check_field(field, source, units, frame)
-        sid, whole = _sid(
+        sid, whole = _read_or_convert(
             source, changes, engine, processes.rank == 0, field is not None
         )
         processes.go_on()
         if processes.rank > 0:
             return
-        sid = _repaired(sid) if repair else sid
-        sid = _rescaled(sid, units, sigma) if units else sid
-        sid = _rereferenced(sid, frame) if frame else sid
-        sid = _damped(sid, damping) if damping else sid
-        _written(output, sid, dialect)
+        sid = _repair_sid(sid) if repair else sid
+        sid = _rescale_sid(sid, units, sigma) if units else sid
+        sid = _in_frame(sid, frame) if frame else sid
+        sid = _with_damping(sid, damping) if damping else sid
+        _write_sid(output, sid, dialect)
         if field is not None:
             _write_field(field, whole)
 
@@ -142,9 +146,9 @@ def _check_field(
     field: Path | None, source: Path, units: str | None, frame: str | None
 ) -> None:
     """A field is written with the SID that it belongs to."""
-    from sidtool.formats.errors import InputError
+    from sidtool.formats.base.errors import InputError
 
-    from ..kinds import expect_kind
+    from ..pipeline.files import expect_kind
 
     if field is None:
         return
@@ -175,26 +179,26 @@ def _write_field(path: Path, field: Any) -> None:
     )
 
 
-def _written(output: Path, sid: Any, dialect: str) -> None:
+def _write_sid(output: Path, sid: Any, dialect: str) -> None:
     from sidtool.formats.sid_files import write_sid
 
     write_sid(output, sid, dialect)
-    tell(f"{output}: {_summary(sid)}", lambda: _data(sid))
+    print_result(f"{output}: {_print_summary(sid)}", lambda: _sid_data(sid))
 
 
-def _data(sid: Any) -> Any:
-    from ..report.data import sid_data
+def _sid_data(sid: Any) -> Any:
+    from ..report.json_data import sid_data
 
     return sid_data(sid)
 
 
-class _Alone:
+class _SingleProcess:
     """The only process."""
 
     rank = 0
 
     def go_on(self) -> None:
-        """There is nobody to wait for."""
+        """Do nothing: there are no other processes."""
 
 
 @contextmanager
@@ -205,22 +209,22 @@ def _processes(engine: str | None) -> Iterator[Any]:
     ------
     InputError : the engine is not there, or mpirun started one that works alone.
     """
-    asked = engine or os.environ.get("SIDTOOL_FACTORS")
-    if asked != "slepc":
+    requested = engine or os.environ.get("SIDTOOL_FACTORS")
+    if requested != "slepc":
         _refuse_mpirun()
-        yield _Alone()
+        yield _SingleProcess()
         return
-    from ..reduction.slepc import PartnerFailed, together
+    from ..eigensolvers.slepc import PartnerFailed, parallel_run
 
     try:
-        with together() as processes:
+        with parallel_run() as processes:
             yield processes
     except PartnerFailed:
         click.get_current_context().exit(1)
 
 
 def _refuse_mpirun() -> None:
-    from sidtool.formats.errors import InputError
+    from sidtool.formats.base.errors import InputError
 
     count = next((os.environ[name] for name in _MPI_SIZES if name in os.environ), "1")
     if count != "1":
@@ -231,19 +235,20 @@ def _refuse_mpirun() -> None:
         )
 
 
-def _sid(
+def _read_or_convert(
     source: Path,
     changes: tuple[str, ...],
     engine: str | None,
     leading: bool,
     with_field: bool,
 ) -> tuple[Any, Any]:
-    """The SID and, if it is wanted, the full field."""
-    from sidtool.formats.errors import InputError
+    """Return the SID and, on request, the full field."""
+    from sidtool.formats.base.errors import InputError
     from sidtool.formats.model import read_model
-    from sidtool.formats.toml.files import settings
+    from sidtool.formats.toml.files import parse_settings
 
-    from ..kinds import expect_kind, read
+    from ..api.scene import read
+    from ..pipeline.files import expect_kind
 
     if expect_kind(source, "model", "sid") == "sid":
         if changes:
@@ -251,37 +256,37 @@ def _sid(
                 "is a SID", source=source, place="--set", expected="it with a model"
             )
         return read(source), None
-    from ..convert import field_from_model, sid_from_model
-    from ..reduction.factors import engine_name
-    from ..reduction.running import running
+    from ..eigensolvers.factorisation import engine_name
+    from ..eigensolvers.slepc import use_engine
+    from ..pipeline.model_to_sid import field_from_model, sid_from_model
 
-    with running(engine):
+    with use_engine(engine):
         engine_name()
-    model = read_model(source, settings(changes))
-    tell = Stages() if leading else None
+    model = read_model(source, parse_settings(changes))
+    tell = StageLines() if leading else None
     if with_field:
         return field_from_model(model, tell, engine)
     return sid_from_model(model, tell, engine), None
 
 
-def _rereferenced(sid: Any, frame: str) -> Any:
-    from ..conversion.rereference import rereferenced
+def _in_frame(sid: Any, frame: str) -> Any:
+    from ..conversion.frame_change import change_frame
 
-    with _option("--frame"):
-        return rereferenced(sid, frame)
+    with _name_option("--frame"):
+        return change_frame(sid, frame)
 
 
-def _damped(sid: Any, law: str) -> Any:
-    from ..conversion.damping_law import damped_by
+def _with_damping(sid: Any, law: str) -> Any:
+    from ..conversion.damping import with_damping_law
 
-    with _option("--damping"):
-        return damped_by(sid, law)
+    with _name_option("--damping"):
+        return with_damping_law(sid, law)
 
 
 @contextmanager
-def _option(name: str) -> Iterator[None]:
+def _name_option(name: str) -> Iterator[None]:
     """Errors inside name this option."""
-    from sidtool.formats.errors import InputError
+    from sidtool.formats.base.errors import InputError
 
     try:
         yield
@@ -289,18 +294,18 @@ def _option(name: str) -> Iterator[None]:
         raise InputError(error.problem, place=name, expected=error.expected) from None
 
 
-def _summary(sid: Any) -> str:
-    from ..report.sid import modes_of
-    from ..report.tables import plural
+def _print_summary(sid: Any) -> str:
+    from ..report.sid import natural_modes
+    from ..report.tables import counted_noun
 
-    text = f"{plural(len(sid.nodes), 'node')}, {plural(sid.nq, 'mode')}"
-    frequencies = [f"{mode.frequency:.4f}" for mode in modes_of(sid)[:5]]
+    text = f"{counted_noun(len(sid.nodes), 'node')}, {counted_noun(sid.nq, 'mode')}"
+    frequencies = [f"{mode.frequency:.4f}" for mode in natural_modes(sid)[:5]]
     more = ", ..." if sid.nq > 5 else ""
     return f"{text}; {', '.join(frequencies)}{more} Hz" if frequencies else text
 
 
-def _repaired(sid: Any) -> Any:
-    from ..report.tables import plural, table
+def _repair_sid(sid: Any) -> Any:
+    from ..report.tables import counted_noun, text_table
     from ..validate import repair
 
     better, changes = repair(sid)
@@ -309,13 +314,13 @@ def _repaired(sid: Any) -> Any:
             [c.block, c.entry, f"{c.before:.11e}", f"{c.after:.11e}", c.reason]
             for c in changes
         ]
-        click.echo(table(["block", "entry", "before", "after", "because"], rows))
-    click.echo(f"repair: {plural(len(changes), 'number')} changed")
+        click.echo(text_table(["block", "entry", "before", "after", "because"], rows))
+    click.echo(f"repair: {counted_noun(len(changes), 'number')} changed")
     return better
 
 
-def _rescaled(sid: Any, units: str, sigma: Any) -> Any:
-    from sidtool.formats.errors import InputError
+def _rescale_sid(sid: Any, units: str, sigma: Any) -> Any:
+    from sidtool.formats.base.errors import InputError
 
     from ..validate import convert_units
 

@@ -1,101 +1,122 @@
-"""The files that a run fills while it goes on."""
+"""``sidtool outputs``: outputs of a result that its run did not record."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
 
 import click
 
-from sidtool.formats.result import ResultFile, TableFile
-from sidtool.formats.storage.atomic import KeptBeside
-from sidtool.formats.storage.unreadable import reason_of
+from .common import (
+    check_targets,
+    existing_file,
+    force_option,
+    json_stream,
+    output_path,
+    result_target,
+)
 
-if TYPE_CHECKING:
-    from sidtool.formats.result import Result
-    from sidtool.formats.result.rows import Columns, Rows
 
-File = ResultFile | TableFile
+@click.command()
+@click.argument("result", metavar="RESULT", type=existing_file)
+@click.option(
+    "--add",
+    "names",
+    metavar="NAMES",
+    multiple=True,
+    help="Outputs to evaluate, with commas between them; `*` for any letters.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=output_path,
+    help="Write what was recorded and what was added (.h5 or .csv).",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the columns as JSON.")
+@force_option
+def outputs(
+    result: Path,
+    names: tuple[str, ...],
+    output: Path | None,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Evaluate outputs of a RESULT that its run did not record.
 
+    A result holds its scene with all SIDs, and the states at all output times, so
+    that every output of the scene follows without a new run. Only energies that are
+    integrals along the run (dissipated, supplied, balance) have to be recorded in it.
+    Without --add the names of all outputs are listed; those recorded have a *. With -o
+    or --json the recorded outputs are written or printed, --add or not.
 
-class Outputs:
-    """A result, a table, both or nothing; what cannot be written ends that file only.
-    A whole file that cannot replace another one is kept beside it.
-
-    A block: files that are not whole at its end leave no trace.
-
-    Attributes
-    ----------
-    span : first and last output time [s] and how many there were
-    failed : a file is not where it was wanted, or not at all
+    \b
+    Examples:
+      sidtool outputs result.h5
+      sidtool outputs result.h5 --add rod.piston_pin.vx,rod.q*
+      sidtool outputs result.h5 --add "*.vx,bearing.f*" -o more.h5
+      sidtool outputs result.h5 --add "rod.*.ux" -o tip.csv
+      sidtool outputs result.h5 -o recorded.csv
     """
+    from sidtool.formats.base.errors import InputError
+    from sidtool.formats.result import units_in
 
-    def __init__(self, result: Path | None, table: Path | None) -> None:
-        self._open: dict[Path, File] = {}
-        if table is not None:
-            self._open[table] = TableFile(table, elsewhere=True)
-        if result is not None:
-            self._open[result] = ResultFile(result, elsewhere=True)
-        self._told: list[str] = []
-        self.span: tuple[float, float, int] = (0.0, 0.0, 0)
-        self.failed = False
+    from ..api.scene import read
+    from ..pipeline.extra_outputs import outputs as evaluated
+    from ..pipeline.extra_outputs import with_outputs
+    from ..pipeline.files import expect_kind, write
+    from ..report.result import output_ranges
 
-    def __enter__(self) -> Self:
-        return self
+    expect_kind(result, "result")
+    check_targets([result_target(output)], [result], force)
+    content = read(result)
+    if not names and output is None and not as_json:
+        click.echo(_output_names_text(content))
+        return
+    try:
+        if names:
+            found = evaluated(content, ",".join(names))
+            if not found:
+                raise InputError("names no output", place="--add", expected="names")
+        else:
+            found = dict(zip(content.names, content.values.T, strict=True))
+    except InputError as error:
+        raise error.located(result) from None
+    if as_json:
+        columns = {"t": content.t, **found}
+        numbers = {name: c.tolist() for name, c in columns.items()}
+        click.echo(json.dumps(numbers), file=json_stream())
+    else:
+        click.echo(output_ranges(found, units_in(content)))
+    if output is None:
+        return
+    write(output, with_outputs(content, found))
+    click.echo(f"{output} written", err=as_json)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        for file in self._open.values():
-            file.discard()
 
-    def begin(self, columns: Columns, most: int) -> None:
-        self._each(lambda file: file.begin(columns, most))
+def _output_names_text(content: object) -> str:
+    """Names of all outputs, a line for each owner."""
+    from sidtool.formats.result import Result
+    from sidtool.formats.scene import known_outputs, owners_of, rarer_outputs
+    from sidtool.solver.simulation.replay import scene_of
 
-    def add(self, rows: Rows) -> None:
-        if len(rows.t):
-            first, _, count = self.span
-            first = first if count else float(rows.t[0])
-            self.span = first, float(rows.t[-1]), count + len(rows.t)
-        self._each(lambda file: file.add(rows))
+    from ..report.tables import named_values
 
-    def finish(self, result: Result) -> None:
-        self._each(lambda file: file.finish(result))
-        for path, file in self._open.items():
-            assert file.file is not None
-            moved = file.file.moved
-            if moved is None:
-                self._told.append(f"{path} written")
-                continue
-            self._fail(path, moved)
-            self._told.append(f"sidtool: {file.file.target} written instead")
-        self._open = {}
-
-    def tell(self, err: bool) -> None:
-        """Says what became of the files."""
-        for text in self._told:
-            click.echo(text, err=err or text.startswith("sidtool:"))
-
-    def _each(self, act: Callable[[File], None]) -> None:
-        """Raises what ends the last file."""
-        for path, file in list(self._open.items()):
-            try:
-                act(file)
-            except OSError as error:
-                file.discard()
-                del self._open[path]
-                self._fail(path, error)
-                if not self._open and not isinstance(error, KeptBeside):
-                    self._told.append(
-                        "sidtool: nothing was kept: run again with another -o"
-                    )
-                    raise
-
-    def _fail(self, path: Path, error: OSError) -> None:
-        self.failed = True
-        self._told.append(f"sidtool: {path}: {reason_of(error)}")
+    assert isinstance(content, Result)
+    scene = scene_of(content)
+    known = dict.fromkeys([*content.names, *known_outputs(scene, content.sids)])
+    lines = []
+    for owner in owners_of(known):
+        quantities = [
+            n.rpartition(".")[2] for n in known if n.rpartition(".")[0] == owner
+        ]
+        marks = ["*" if f"{owner}.{q}" in content.names else "" for q in quantities]
+        pairs = zip(quantities, marks, strict=True)
+        lines.append((owner, " ".join(q + mark for q, mark in pairs)))
+    rare: dict[str, list[str]] = {"BODY": [], "BODY.MARKER": []}
+    for name in rarer_outputs(scene):
+        owner, _, quantity = name.rpartition(".")
+        kind = rare["BODY.MARKER" if "." in owner else "BODY"]
+        if quantity not in kind:
+            kind.append(quantity)
+    also = [(f"each {kind}", " ".join(names)) for kind, names in rare.items() if names]
+    return named_values([*lines, *also])

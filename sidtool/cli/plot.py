@@ -1,4 +1,4 @@
-"""``sidtool plot``: a picture of any file."""
+"""``sidtool plot`` and ``sidtool report``: pictures of files, a run as a page."""
 
 from __future__ import annotations
 
@@ -7,18 +7,27 @@ from typing import Any
 
 import click
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 
-from .common import Target, check_targets, existing, force, target, tell_remarks
+from .common import (
+    Target,
+    check_targets,
+    existing_file,
+    files_by_body,
+    force_option,
+    full_fields,
+    output_path,
+    print_remarks,
+)
 
 
 @click.command()
-@click.argument("file", metavar="FILE", type=existing)
+@click.argument("file", metavar="FILE", type=existing_file)
 @click.option(
     "-o",
     "--output",
     required=True,
-    type=target,
+    type=output_path,
     help="Picture to write: .png, .svg or .pdf.",
 )
 @click.option(
@@ -35,11 +44,11 @@ from .common import Target, check_targets, existing, force, target, tell_remarks
 )
 @click.option(
     "--field",
-    type=existing,
+    type=existing_file,
     help="Of a SID: its full field, from `convert --field`. NAME.field.h5 beside it "
     "is found by itself.",
 )
-@force
+@force_option
 def plot(
     file: Path,
     output: Path,
@@ -69,7 +78,8 @@ def plot(
       sidtool plot result.h5 -o motion.pdf --outputs "rod.q*,*.vx"
       sidtool plot result.h5 -o spectrum.png --kind spectrum
     """
-    from ..kinds import expect_kind, read
+    from ..api.scene import read
+    from ..pipeline.files import expect_kind
 
     found = expect_kind(file, "sid", "model", "field", "result", "study")
     _check_options(found, outputs, kind, field)
@@ -77,19 +87,19 @@ def plot(
         [Target("-o", output, "picture")], [file, *([field] if field else [])], force
     )
     try:
-        told = _drawn(
+        notes = _plot_content(
             found, read(file), output, outputs, kind or "outputs", field, file
         )
     except InputError as error:
         raise error.located(file) from None
-    tell_remarks(told)
+    print_remarks(notes)
     click.echo(f"{output} written")
 
 
 def _check_options(
     found: str, outputs: str | None, kind: str | None, field: Path | None
 ) -> None:
-    """Options that say nothing of this kind of file are refused."""
+    """Refuse options that do not apply to this kind of file."""
     given = {"--outputs": outputs, "--kind": kind, "--field": field}
     meant = {"--outputs": "result", "--kind": "result", "--field": "sid"}
     for option, value in given.items():
@@ -106,7 +116,7 @@ def _check_options(
         )
 
 
-def _drawn(
+def _plot_content(
     found: str,
     content: Any,
     output: Path,
@@ -132,9 +142,45 @@ def _drawn(
         return plot_field(output, content)
     from sidtool.formats.field import read_field
 
-    from ..view.companions import ENDING
+    from ..view.body_fields import FIELD_ENDING
 
-    beside = file.with_suffix(ENDING)
+    beside = file.with_suffix(FIELD_ENDING)
     if field is None and beside.is_file() and beside != file:
         field = beside
     return plot_sid(output, content, None if field is None else read_field(field))
+
+
+@click.command()
+@click.argument("result", metavar="RESULT", type=existing_file)
+@click.option(
+    "-o", "--output", required=True, type=output_path, help="Page to write (.html)."
+)
+@full_fields
+@force_option
+def report(result: Path, output: Path, fields: tuple[str, ...], force: bool) -> None:
+    """Write what an engineer files of a RESULT, as one page (HTML).
+
+    Scene and bodies, what was modelled and what was left out, accuracy and cost,
+    events, outputs as tables and curves, pictures of the mechanism, versions. The page
+    needs nothing beside it and prints on A4 or to PDF.
+
+    \b
+    Examples:
+      sidtool report result.h5 -o report.html
+      chromium --headless --print-to-pdf=report.pdf report.html
+    """
+    from ..api.scene import read
+    from ..pipeline.files import expect_kind
+    from ..view.html_report import write_report
+
+    expect_kind(result, "result")
+    given = files_by_body("--field", fields)
+    check_targets(
+        [Target("-o", output, "page")], [result, *map(str, given.values())], force
+    )
+    try:
+        notes = write_report(output, read(result), given, result.parent)
+    except InputError as error:
+        raise error.located(result) from None
+    print_remarks(notes)
+    click.echo(f"{output} written")

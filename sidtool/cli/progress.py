@@ -1,4 +1,4 @@
-"""What a terminal shows of long work: what is done, how much, how long it will take."""
+"""Progress of long computations on a terminal: stage, share, expected time."""
 
 from __future__ import annotations
 
@@ -11,40 +11,41 @@ from typing import Any
 
 import click
 
-from sidtool.formats.progress import Pace, is_heard, listening
+from sidtool.formats.base.progress import TimeEstimate, has_listener, use_listener
 
 from .common import is_quiet
 
 #: Work that takes less shows nothing [s].
-PATIENCE = 1.0
+MIN_DURATION = 1.0
 
 
 @contextmanager
-def progress_shown() -> Iterator[None]:
+def show_progress() -> Iterator[None]:
     """Shows what is reached inside, on a terminal and unless --quiet is given."""
     if not sys.stderr.isatty():
         yield
         return
-    bar = Bar()
+    bar = ProgressBar()
     try:
-        with listening(bar):
+        with use_listener(bar):
             yield
     finally:
         bar.close()
 
 
-class Bar:
-    """A line below all others, once work has lasted longer than `PATIENCE`, even where
-    it tells nothing on its way, as one factorisation.
+class ProgressBar:
+    """Progress line below all others, shown once work has lasted longer than
+    `MIN_DURATION`.
 
-    A share that is known is a bar with the time left; else there is the time passed.
-    Where the share falls other work has begun.
+    It appears also for work that reports nothing, as one factorisation. A known share
+    is a bar with the remaining time; otherwise the line shows the elapsed time. A share
+    that falls marks the begin of other work.
     """
 
     def __init__(self) -> None:
         self._begin: float | None = None
         self._share: float | None = None
-        self._pace = Pace()
+        self._pace = TimeEstimate()
         self._progress: Any = None
         self._told: dict[str, Any] = {}
         self._lock, self._closed = threading.Lock(), False
@@ -56,19 +57,19 @@ class Bar:
         anew = share is None or self._share is None or share < self._share
         self._share = share
         if anew:
-            self._pace = Pace()
+            self._pace = TimeEstimate()
         if share is not None:
             self._pace.at(now, share)
         self._told = {
             "description": text,
             "total": None if share is None else 1.0,
             "completed": share or 0.0,
-            "left": _clock(self._pace.left()),
+            "left": _format_duration(self._pace.left()),
         }
         if is_quiet():
             return
         if self._timer is None:
-            self._timer = threading.Timer(PATIENCE, self._open)
+            self._timer = threading.Timer(MIN_DURATION, self._open)
             self._timer.daemon = True
             self._timer.start()
         with self._lock:
@@ -115,7 +116,7 @@ class Bar:
             self._progress = progress
 
 
-def _clock(seconds: float | None) -> str:
+def _format_duration(seconds: float | None) -> str:
     """Hours, minutes and seconds, as of the time passed."""
     if seconds is None:
         return "-:--:--"
@@ -123,7 +124,7 @@ def _clock(seconds: float | None) -> str:
     return f"{minutes // 60}:{minutes % 60:02}:{rest:02}"
 
 
-class Stages:
+class StageLines:
     """A line for each stage, with its time, where no progress is shown."""
 
     def __init__(self) -> None:
@@ -137,11 +138,11 @@ class Stages:
         if text.startswith("basis: ") and not is_quiet():
             click.echo(text, err=True)
             return
-        if is_quiet() or is_heard():
+        if is_quiet() or has_listener():
             return
         seconds = time.monotonic() - self._begin
         self._waiting.append(f"{seconds:6.1f} s  {text}")
-        if seconds < PATIENCE:
+        if seconds < MIN_DURATION:
             return
         for line in self._waiting:
             click.echo(line, err=True)

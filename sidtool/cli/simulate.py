@@ -1,4 +1,4 @@
-"""``sidtool simulate``: the motion of a scene."""
+"""``sidtool simulate``: the motion of a scene, and the files that a run fills."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.progress import reached
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.progress import report_stage
 from sidtool.formats.storage.operating_system import ENDING_SIGNALS
 
-from ..interrupting import Ending, ending
-from .body_files import files_by_body
+from ..api.interrupts import StopRequest, stop_on_signals
 from .common import (
     Target,
-    changes,
+    changes_option,
     check_targets,
-    existing,
-    files_of,
-    force,
-    read_changed,
+    existing_file,
+    files_by_body,
+    force_option,
+    input_files,
+    output_path,
+    print_notes,
+    print_result,
+    read_scene_with_changes,
     result_target,
-    target,
-    tell,
-    tell_notes,
 )
 
 if TYPE_CHECKING:
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("scene", metavar="SCENE", type=existing)
+@click.argument("scene", metavar="SCENE", type=existing_file)
 @click.option(
     "-o",
     "--output",
     "outputs",
-    type=target,
+    type=output_path,
     multiple=True,
     help="Result to write (.h5), or recorded outputs as a table (.csv); may be given "
     "once for each.",
@@ -90,8 +90,8 @@ if TYPE_CHECKING:
     "options: an unfinished one, or with a later time.end a complete one; from the "
     "start if there is no such file.",
 )
-@changes
-@force
+@changes_option
+@force_option
 @click.option(
     "--accept-defects",
     is_flag=True,
@@ -155,25 +155,27 @@ def simulate(
     what there is); 130 or 143 a signal ended it (likewise); 2 the input is wrong, and
     nothing is written.
     """
-    from sidtool.solver.errors import SimulationError
+    from sidtool.solver.system.errors import SimulationError
 
     targets = [result_target(path) for path in outputs]
     named = [text.partition("=")[2] for text in (*swaps, *changes)]
-    check_targets(targets, [*files_of(scene), *named], force)
-    output, csv = _one(targets, "result"), _one(targets, "table")
+    check_targets(targets, [*input_files(scene), *named], force)
+    output, csv = _single_target(targets, "result"), _single_target(targets, "table")
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     _check_numbers(rtol, step, spectral_radius)
-    from ..accuracy import from_texts
-    from .outputs import Outputs
+    from ..accuracy import parse_accuracy_options
+    from .result_files import OutputFiles
 
-    unfinished = _unfinished(output) if goes_on else None
-    asked = Ending()
-    with Outputs(output, csv) as files:
+    unfinished = _read_unfinished(output) if goes_on else None
+    stop = StopRequest()
+    with OutputFiles(output, csv) as files:
         try:
-            ends = {"stop": asked, "unfinished": unfinished}
-            model = Model(swaps, rigid, from_texts(accuracy), accept_defects)
-            content = read_changed(scene, changes)
+            ends = {"stop": stop, "unfinished": unfinished}
+            model = ModelOptions(
+                swaps, rigid, parse_accuracy_options(accuracy), accept_defects
+            )
+            content = read_scene_with_changes(scene, changes)
             if unfinished is not None and _is_done(unfinished, content):
                 click.echo(f"{output}: is complete to t = {unfinished.t[-1]:.9g} s")
                 return
@@ -181,11 +183,11 @@ def simulate(
         except SimulationError as error:
             click.echo(f"sidtool: {scene}: {error}", err=True)
             if error.result is not None:
-                _tell_all_notes(error.result, str(error))
+                _print_failure_notes(error.result, str(error))
             files.tell(err=True)
-            if asked.number and output is not None and not files.failed:
+            if stop.number and output is not None and not files.failed:
                 click.echo("note: the same command with --continue goes on", err=True)
-            status = 128 + asked.number if asked.number else 1
+            status = 128 + stop.number if stop.number else 1
             raise click.exceptions.Exit(status) from None
         except OSError:
             files.tell(err=True)
@@ -195,27 +197,29 @@ def simulate(
     files.tell(err=False)
     if files.failed:
         raise click.exceptions.Exit(1)
-    from ..report.data import result_data
-    from ..report.result import summary
+    from ..report.json_data import result_data
+    from ..report.result import run_summary
 
-    tell_notes(result)
-    text = summary(result, files.span, warned=True)
-    tell(text, lambda: result_data(result, files.span))
+    print_notes(result)
+    text = run_summary(result, files.span, warned=True)
+    print_result(text, lambda: result_data(result, files.span))
     if output is None and csv is None:
         click.echo("nothing written: -o FILE.h5 keeps the result, .csv its outputs")
 
 
-def _tell_all_notes(result: Result, told: str) -> None:
-    """Notes of a run that failed, which has no summary.
+def _print_failure_notes(result: Result, printed: str) -> None:
+    """Print the notes of a failed run, which has no summary.
 
-    told : what was said of it before
+    Parameters
+    ----------
+    printed : text that was printed before
     """
-    for text in (text for text in result.notes if text not in told):
+    for text in (text for text in result.notes if text not in printed):
         kind = "warning" if text in result.warnings else "note"
         click.echo(f"{kind}: {text}", err=True)
 
 
-def _one(targets: list[Target], kind: str) -> Path | None:
+def _single_target(targets: list[Target], kind: str) -> Path | None:
     paths = [target.path for target in targets if target.kind == kind]
     if len(paths) > 1:
         found = f"{' and '.join(map(str, paths))} would be the same twice"
@@ -223,7 +227,7 @@ def _one(targets: list[Target], kind: str) -> Path | None:
     return paths[0] if paths else None
 
 
-def _unfinished(output: Path | None) -> Result | None:
+def _read_unfinished(output: Path | None) -> Result | None:
     """The run to go on with; none if there is no file yet."""
     from sidtool.formats.result import read_result
 
@@ -236,7 +240,7 @@ def _unfinished(output: Path | None) -> Result | None:
 
 def _is_done(result: Result, scene: SceneFile) -> bool:
     """Whether a run is complete and the scene does not ask for a later end."""
-    from sidtool.solver.recording.resuming import ended_by_event
+    from sidtool.solver.output.resume import ended_by_event
 
     if not result.completed:
         return False
@@ -259,8 +263,8 @@ def _check_numbers(
 
 
 @dataclass(frozen=True)
-class Model:
-    """What the command says of the model."""
+class ModelOptions:
+    """Options of the command that change the model."""
 
     swaps: tuple[str, ...]
     rigid: tuple[str, ...]
@@ -270,24 +274,24 @@ class Model:
 
 def _run(
     scene: SceneFile,
-    model: Model,
+    model: ModelOptions,
     settings: dict[str, Any],
     files: Any,
     ends: dict[str, Any],
 ) -> Any:
-    from sidtool.formats.result.rows import pass_on
-    from sidtool.formats.toml.files import located
+    from sidtool.formats.result.rows import write_rows
+    from sidtool.formats.toml.files import locate_errors
     from sidtool.solver import compile_scene
     from sidtool.solver import simulate as run
-    from sidtool.solver.run import announced
+    from sidtool.solver.simulation.simulate import initial_notes
 
     from ..accuracy import Certified, plan_for
-    from ..chosen import chosen
+    from ..pipeline.scene_changes import apply_changes
 
     folder, defects = scene.folder, model.accept_defects
     swapped = files_by_body("--sid", model.swaps, scene.flexible)
-    with located(scene):
-        scene, sids, told = chosen(scene, folder, swapped, model.rigid)
+    with locate_errors(scene):
+        scene, sids, notes = apply_changes(scene, folder, swapped, model.rigid)
         plan = plan_for(
             scene,
             folder,
@@ -297,42 +301,49 @@ def _run(
             accept_defects=defects,
         )
         if plan is not None:
-            scene, told, files = plan.scene, [*told, *plan.told], Certified(files, plan)
+            scene, notes, files = (
+                plan.scene,
+                [*notes, *plan.told],
+                Certified(files, plan),
+            )
             sids = dict(plan.sids)
         system = compile_scene(scene, folder, sids=sids, accept_defects=defects)
-        said: dict[str, Any] = {"foresee": _foresee, "tell": _tell}
+        callbacks: dict[str, Any] = {
+            "foresee": _print_expected_bodies,
+            "tell": _print_message,
+        }
         if plan is not None and ends["unfinished"] is None:
-            known = plan.delivered((*system.told, *told))
+            known = plan.known_result((*system.notes, *notes))
             if known is not None:
-                announced(system, **said)
-                pass_on(known, files)
+                initial_notes(system, **callbacks)
+                write_rows(known, files)
                 return known
-        with ending(*ENDING_SIGNALS, asked=ends["stop"]):
+        with stop_on_signals(*ENDING_SIGNALS, stop=ends["stop"]):
             result = run(
                 system,
-                progress=_share(scene.time),
-                told=told,
+                progress=_time_fraction(scene.time),
+                told=notes,
                 into=files,
-                **said,
+                **callbacks,
                 **settings,
                 **ends,
             )
-        return result if plan is None else plan.certified(result)
+        return result if plan is None else plan.with_errors(result)
 
 
-def _tell(text: str) -> None:
+def _print_message(text: str) -> None:
     click.echo(f"before the run: {text}")
 
 
-def _foresee(bodies: Any) -> None:
-    """Says before a run what its flexible bodies have to expect."""
+def _print_expected_bodies(bodies: Any) -> None:
+    """Print, before a run, the expected behaviour of its flexible bodies."""
     if bodies:
-        from ..report.result import foreseen
+        from ..report.result import expected_body_lines
 
-        click.echo(foreseen(bodies))
+        click.echo(expected_body_lines(bodies))
 
 
-def _share(time: Any) -> Callable[[float], None]:
+def _time_fraction(time: Any) -> Callable[[float], None]:
     """From simulated seconds to the share of the time span that is done."""
     length = time.end - time.start
-    return lambda t: reached("simulating", (t - time.start) / length)
+    return lambda t: report_stage("simulating", (t - time.start) / length)

@@ -10,43 +10,43 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sidtool.formats.endings import check_ending, kind_by_ending
-from sidtool.formats.errors import InputError, printable
-from sidtool.formats.progress import is_heard, reached
+from sidtool.formats.base.errors import InputError, printable
+from sidtool.formats.base.progress import has_listener, report_stage
+from sidtool.formats.file_names import check_ending, kind_by_ending
 from sidtool.formats.storage.operating_system import (
     ENDING_SIGNALS,
     is_writable_folder,
     processors,
 )
 
-from ..interrupting import ending
+from ..api.interrupts import stop_on_signals
 from .common import (
     Target,
-    changes,
+    changes_option,
     check_targets,
-    existing,
-    files_of,
-    force,
+    existing_file,
+    force_option,
+    input_files,
     is_quiet,
-    read_changed,
-    target,
-    tell,
-    tell_notes,
+    output_path,
+    print_notes,
+    print_result,
+    read_scene_with_changes,
 )
 
 if TYPE_CHECKING:
     from ..study import Study
 
 #: Lines of progress where there is no terminal come this often at most [s].
-PATIENCE = 10.0
+LINE_INTERVAL = 10.0
 #: What is said of before the points, each of which has its own words.
 STAGES = ("converting bodies", "reference")
 #: Behind the name of a table or picture: the folder of its finished runs.
-POINTS = ".points"
+RUNS_FOLDER_SUFFIX = ".points"
 
 
 @click.command()
-@click.argument("scene", metavar="SCENE", type=existing)
+@click.argument("scene", metavar="SCENE", type=existing_file)
 @click.option(
     "--over",
     "over",
@@ -65,7 +65,7 @@ POINTS = ".points"
 @click.option(
     "-o",
     "--output",
-    type=target,
+    type=output_path,
     help="Folder for tables (text, CSV), pictures (PNG, SVG), the study for `sidtool "
     "plot`, and the finished points, with which the next study goes on.",
 )
@@ -111,7 +111,7 @@ POINTS = ".points"
     help="Compute on the cluster of this Dask scheduler, such as tcp://host:8786; "
     "needs the packages dask and distributed.",
 )
-@changes
+@changes_option
 def study(
     scene: Path,
     over: tuple[str, ...],
@@ -167,20 +167,20 @@ def study(
     its reference could not be run to the end; 129, 130 or 143 a signal ended it
     (finished points are kept with -o); 2 the input is wrong.
     """
-    from ..study import Ended, StoppedEarly
-    from ..study.asked import study as asked_study
+    from ..api.study import study as asked_study
+    from ..study import StoppedEarly, StudyInterrupted
 
     _check_wanted(wanted)
     if output is not None:
         _check_folder(output)
-    content = read_changed(scene, changes)
-    with ending(*ENDING_SIGNALS) as asked:
+    content = read_scene_with_changes(scene, changes)
+    with stop_on_signals(*ENDING_SIGNALS) as stop:
         try:
-            with progress_told() as say:
+            with print_progress() as say:
                 result = asked_study(
                     content,
                     over,
-                    models=_by_body(models),
+                    models=_models_by_body(models),
                     integrators=integrators,
                     rtol=tolerances,
                     step=steps,
@@ -190,18 +190,18 @@ def study(
                     jobs=jobs or processors(),
                     dask=dask,
                     title=content.title or printable(scene.stem),
-                    stop=asked,
+                    stop=stop,
                     progress=say,
                 )
         except StoppedEarly as error:
             click.echo(f"sidtool: {error}", err=True)
             raise click.exceptions.Exit(1) from None
-        except Ended as why:
+        except StudyInterrupted as why:
             points = None if output is None else output / "points"
             rest = _kept_text("point", output, points)
             click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
-            raise click.exceptions.Exit(128 + asked.number) from None
-    _tell(result, wanted, output)
+            raise click.exceptions.Exit(128 + stop.number) from None
+    _print_study(result, wanted, output)
 
 
 def _kept_text(kind: str, folder: Path | None, finished: Path | None) -> str:
@@ -218,7 +218,7 @@ def _kept_text(kind: str, folder: Path | None, finished: Path | None) -> str:
     return f"finished {kind}s are in {folder}; the same command goes on"
 
 
-def _by_body(texts: tuple[str, ...]) -> dict[str, list[str]]:
+def _models_by_body(texts: tuple[str, ...]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for text in texts:
         body, _, file = text.partition("=")
@@ -251,53 +251,56 @@ def _check_folder(folder: Path) -> None:
 
 
 @contextmanager
-def progress_told() -> Iterator[Callable[[str, int, int, float | None], None]]:
-    """Where nobody listens to what is reached, a line from time to time."""
+def print_progress() -> Iterator[Callable[[str, int, int, float | None], None]]:
+    """Print a line from time to time if there is no listener for progress."""
     if is_quiet():
         yield lambda *_: None
         return
-    if is_heard():
+    if has_listener():
 
         def listened(text: str, done: int, count: int, left: float | None) -> None:
             stage = text if text in STAGES else "measuring points"
-            reached(stage, done / max(count, 1))
+            report_stage(stage, done / max(count, 1))
 
         yield listened
         return
-    last = -PATIENCE
+    last = -LINE_INTERVAL
 
     def say(text: str, done: int, count: int, left: float | None) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last < PATIENCE and done < count:
+        if now - last < LINE_INTERVAL and done < count:
             return
         last = now
-        rest = "" if left is None or done == count else f", {_duration(left)} left"
+        rest = (
+            "" if left is None or done == count else f", {_format_seconds(left)} left"
+        )
         click.echo(f"{done} of {count}{rest}: {text}", err=True)
 
     yield say
 
 
-def _duration(seconds: float) -> str:
+def _format_seconds(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _tell(result: Study, wanted: tuple[float, ...], folder: Path | None) -> None:
-    from ..study.outcome import WANTED
-    from ..study.tables import study_file, write_all
+def _print_study(result: Study, wanted: tuple[float, ...], folder: Path | None) -> None:
+    from ..study.study_result import RECOMMENDED_ERRORS, study_file, write_all
 
-    wanted = wanted or WANTED
-    tell_notes(result, warn=False)
-    tell(result.report(wanted), lambda: study_file(result).model_dump(mode="json"))
+    wanted = wanted or RECOMMENDED_ERRORS
+    print_notes(result, warn=False)
+    print_result(
+        result.report(wanted), lambda: study_file(result).model_dump(mode="json")
+    )
     if folder is not None:
         names = write_all(folder, result, wanted)
         click.echo(f"{', '.join(names)} written to {folder}")
 
 
 @click.command()
-@click.argument("scene", metavar="SCENE", type=existing)
+@click.argument("scene", metavar="SCENE", type=existing_file)
 @click.option(
     "--over",
     "over",
@@ -320,7 +323,7 @@ def _tell(result: Study, wanted: tuple[float, ...], folder: Path | None) -> None
     "-o",
     "--output",
     "outputs",
-    type=target,
+    type=output_path,
     multiple=True,
     help="Table (.csv) or picture (.png, .svg, .pdf); may be given for each. Finished "
     "runs are kept beside the first one, in NAME.points.",
@@ -336,8 +339,8 @@ def _tell(result: Study, wanted: tuple[float, ...], folder: Path | None) -> None
     help="Compute on the cluster of this Dask scheduler, such as tcp://host:8786; "
     "needs the packages dask and distributed.",
 )
-@changes
-@force
+@changes_option
+@force_option
 def sweep(
     scene: Path,
     over: tuple[str, ...],
@@ -385,21 +388,21 @@ def sweep(
     Exit status: 0 done; 1 some runs failed, and their rows say why; 129, 130 or 143 a
     signal ended it (finished runs are kept with -o); 2 the input is wrong.
     """
-    from ..study import Ended
-    from ..sweep import sweep as asked_sweep
+    from ..api.sweep import sweep as asked_sweep
+    from ..study import StudyInterrupted
 
     targets = [
         Target("-o", path, kind_by_ending(path, "sweep", "picture")) for path in outputs
     ]
     named = [text.partition("=")[2] for text in (*over, *changes)]
-    check_targets(targets, [*files_of(scene), *named], force)
-    folder = outputs[0].with_suffix(POINTS) if outputs else None
+    check_targets(targets, [*input_files(scene), *named], force)
+    folder = outputs[0].with_suffix(RUNS_FOLDER_SUFFIX) if outputs else None
     if folder is not None and folder.exists() and not folder.is_dir():
         raise InputError("is not a folder", source=folder, expected="another -o")
-    content = read_changed(scene, changes)
-    with ending(*ENDING_SIGNALS) as asked:
+    content = read_scene_with_changes(scene, changes)
+    with stop_on_signals(*ENDING_SIGNALS) as stop:
         try:
-            with progress_told() as say:
+            with print_progress() as say:
                 found = asked_sweep(
                     content,
                     over,
@@ -408,14 +411,14 @@ def sweep(
                     jobs=jobs or processors(),
                     dask=dask,
                     title=content.title or printable(scene.stem),
-                    stop=asked,
+                    stop=stop,
                     progress=say,
                 )
-        except Ended as why:
+        except StudyInterrupted as why:
             rest = _kept_text("run", folder, folder)
             click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
-            raise click.exceptions.Exit(128 + asked.number) from None
-    tell(found.report(), found.data)
+            raise click.exceptions.Exit(128 + stop.number) from None
+    print_result(found.report(), found.data)
     if found.failed:
         count = f"{len(found.failed)} of {len(found.points)} runs failed"
         click.echo(f"sidtool: {scene}: {count}", err=True)

@@ -1,4 +1,4 @@
-"""``sidtool validate``: the judgement of a SID."""
+"""``sidtool validate`` and ``sidtool trim``: check a SID, reduce it for a scene."""
 
 from __future__ import annotations
 
@@ -8,23 +8,35 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 
-from .common import existing, for_json, is_quiet, tell_remarks
-from .inputs import piped
+from .common import (
+    Target,
+    check_targets,
+    existing_file,
+    force_option,
+    input_files,
+    is_quiet,
+    json_stream,
+    output_path,
+    piped_path,
+    print_notes,
+    print_remarks,
+    print_result,
+)
 
 if TYPE_CHECKING:
-    from sidtool.formats.sid import SID
+    from sidtool.formats.base.sid import SID
 
 #: What the body is called that a SID or a model describes.
-_ALONE = ""
+_SINGLE_BODY = ""
 
 
 @click.command()
-@click.argument("file", metavar="FILE", type=piped)
+@click.argument("file", metavar="FILE", type=piped_path)
 @click.option(
     "--reference",
-    type=existing,
+    type=existing_file,
     help="Compare with another SID, or a TOML or CSV table of frequencies and blocks.",
 )
 @click.option(
@@ -61,46 +73,103 @@ def validate(
     Exit status: 0 good; 1 an error was found or the reference is missed; 2 the file
     cannot be read.
     """
-    from ..report.judgement import judge, judgement_as_json, judgement_as_text
+    from ..report.validation import judge_sid, judgement_as_json, judgement_as_text
 
-    sids = _sids(file)
+    sids = _sids_of_file(file)
     if reference is not None and len(sids) != 1:
         raise InputError(
             "belongs to one body",
             place="--reference",
             expected=f"one body, where {file.name} has {', '.join(sids) or 'none'}",
         )
-    judged = {n: judge(s, reference, tolerance=tolerance) for n, s in sids.items()}
+    judged = {n: judge_sid(s, reference, tolerance=tolerance) for n, s in sids.items()}
     good = all(judgement.good(strict=strict) for judgement in judged.values())
     as_written = judgement_as_json if json else judgement_as_text
     if is_quiet():
         for judgement in judged.values():
-            tell_remarks(judgement.remarks)
+            print_remarks(judgement.remarks)
     texts = {n: as_written(j, strict=strict) for n, j in judged.items()}
-    if tuple(texts) == (_ALONE,):
-        click.echo(texts[_ALONE], file=for_json() if json else None)
+    if tuple(texts) == (_SINGLE_BODY,):
+        click.echo(texts[_SINGLE_BODY], file=json_stream() if json else None)
     elif json:
         bodies = {name: loads(text) for name, text in texts.items()}
-        click.echo(dumps({"passed": good, "bodies": bodies}, indent=1), file=for_json())
+        click.echo(
+            dumps({"passed": good, "bodies": bodies}, indent=1), file=json_stream()
+        )
     else:
         click.echo("\n\n".join(f"body {n}\n\n{text}" for n, text in texts.items()))
     raise click.exceptions.Exit(0 if good else 1)
 
 
-def _sids(path: Path) -> dict[str, SID]:
+def _sids_of_file(path: Path) -> dict[str, SID]:
     """SIDs by the bodies of a scene, or the one of a SID or a model."""
-    from sidtool.formats.toml.files import located
-    from sidtool.solver.system.bodies.data import read_sids
+    from sidtool.formats.toml.files import locate_errors
+    from sidtool.solver.system.body_data import read_sids
 
-    from ..kinds import expect_kind, read
-    from ..made import Fineness, Source, converted
+    from ..api.scene import read
+    from ..pipeline.files import expect_kind
+    from ..pipeline.model_cache import BodyModel, Refinement, convert_bodies
 
     kind = expect_kind(path, "sid", "model", "scene")
     if kind == "model":
-        return {_ALONE: Source(path, path.parent).sid(Fineness()).sid}
+        return {_SINGLE_BODY: BodyModel(path, path.parent).sid(Refinement()).sid}
     content = read(path)
     if kind == "sid":
-        return {_ALONE: content}
-    with located(content):
-        scene, made, _ = converted(content, content.folder)
-        return read_sids(scene, content.folder, made)
+        return {_SINGLE_BODY: content}
+    with locate_errors(content):
+        scene, model_sids, _ = convert_bodies(content, content.folder)
+        return read_sids(scene, content.folder, model_sids)
+
+
+@click.command()
+@click.argument("sid", metavar="SID", type=existing_file)
+@click.argument("scene", metavar="SCENE", type=existing_file)
+@click.option(
+    "-o", "--output", type=output_path, required=True, help="SID file to write."
+)
+@click.option(
+    "--accuracy",
+    metavar="ERROR",
+    multiple=True,
+    help="As in `sidtool simulate`; default what the scene asks for, else 1e-3.",
+)
+@force_option
+def trim(
+    sid: Path, scene: Path, output: Path, accuracy: tuple[str, ...], force: bool
+) -> None:
+    """Take out of a SID the shape functions and nodes that a SCENE does not need.
+
+    The search is that of `sidtool simulate --accuracy`. The bodies of the scene that
+    have this SID say which of its shape functions are kept, those that one of them
+    needs, and which nodes: those that it names. What is kept is copied as it is. Told
+    is what was taken out, what it costs the outputs of the scene, and how the elastic
+    coordinates are numbered now. Exit status 2: wrong input, nothing is written.
+
+    \b
+    Examples:
+      sidtool trim rod.SID_FEM slider_crank.toml -o small.SID_FEM
+      sidtool trim rod.SID_FEM slider_crank.toml --accuracy piston.x=1e-5 -o small.h5
+    """
+    from sidtool.formats.scene import read_scene
+    from sidtool.formats.sid_files import write_sid
+    from sidtool.solver.system.errors import SimulationError
+
+    from ..accuracy import parse_accuracy_options
+    from ..accuracy.trimmed_sid import trim_sid
+    from ..pipeline.files import expect_kind
+
+    check_targets([Target("-o", output, "sid")], [sid, *input_files(scene)], force)
+    expect_kind(sid, "sid")
+    expect_kind(scene, "scene")
+    wanted = parse_accuracy_options(accuracy)
+    try:
+        found = trim_sid(sid, read_scene(scene), scene.parent, wanted)
+    except InputError as error:
+        raise error.located(scene) from None
+    except SimulationError as error:
+        click.echo(f"sidtool: {scene}: the finest model {error}", err=True)
+        raise click.exceptions.Exit(1) from None
+    write_sid(output, found.sid)
+    print_notes(found)
+    print_result("\n".join(found.sentences), found.data)
+    click.echo(f"{output} written")

@@ -1,4 +1,4 @@
-"""A body that is stressed before it deforms: ksigma, and what of it Ke holds."""
+"""Initial stress of the undeformed body: ksigma, and its share in Ke."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model.reduction import FrameSettings, Prestress, Stiffening
 
-from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
-from ..reduction.basis import ReducedBasis, hertz, oriented
-from ..reduction.frames import Frame
-from ..reduction.space import admissible
-from .marker_motion import excess_of_rows
-from .stiffening import (
-    balanced,
-    contracted,
+from ..discretisation.marker_couplings import second_order_rows
+from ..elements.finite_element_model import FiniteElementModel, MarkerRows
+from ..reduction.admissible_space import constrained_space
+from ..reduction.body_frames import Frame
+from ..reduction.reduced_basis import ReducedBasis, orient_shapes, to_hertz
+from .geometric_stiffness import (
+    balanced_loads,
+    contract_stress,
     piece_stiffness,
     projected_stiffness,
-    quadrature,
+    quadrature_parts,
     stiffening_markers,
 )
 
 Array = NDArray[np.float64]
 
 #: Loads are in balance if their resultant is below this share of them.
-_BALANCED = 1e-6
+_BALANCE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +60,11 @@ def check_prestress(
         prestress.
     """
     if settings.prestress is not None:
-        prestress = _supported(body, settings.prestress, frame)
-        _uniform(prestress, body.dimension)
+        prestress = _with_reactions(body, settings.prestress, frame)
+        _uniform_stress(prestress, body.dimension)
 
 
-def prestressed(
+def add_prestress(
     body: FiniteElementModel,
     frame: Frame,
     basis: ReducedBasis,
@@ -72,26 +72,26 @@ def prestressed(
     settings: Stiffening,
     chosen: FrameSettings,
 ) -> InitialStress:
-    """Adds the geometric stiffness of an initial stress to Ke, in natural modes.
+    """Add the geometric stiffness of an initial stress to Ke, in natural modes.
 
-    A simulation applies the loads of the prestress as well. What they bring by the
-    first-order terms of their markers is left out of Ke, so that it counts once. A
-    uniform stress needs loads, too, but for what of it the unloaded body keeps.
+    A simulation applies the loads of the prestress as well. Their contribution by the
+    first-order terms of their markers is not added to Ke, so that it counts once. A
+    uniform stress needs loads, too, except for its self-equilibrated part.
 
     Raises
     ------
-    InputError : numbers do not fit the dimension, nothing holds the loads, or the body
-        buckles.
+    InputError : numbers do not fit the dimension, nothing supports the loads, or the
+        body buckles.
     """
-    prestress = _supported(body, prestress, chosen)
-    uniform, shapes = _uniform(prestress, body.dimension), basis.shapes
-    holding = _holding(body, uniform)
+    prestress = _with_reactions(body, prestress, chosen)
+    uniform, shapes = _uniform_stress(prestress, body.dimension), basis.shapes
+    holding = _equilibrating_loads(body, uniform)
     marked = {marker.name for marker in stiffening_markers(body, settings)}
-    loads, excess = _prescribed(body, shapes, prestress)
-    felt, excess_felt = _prescribed(body, shapes, prestress, marked)
+    loads, excess = _marker_loads(body, shapes, prestress)
+    felt, excess_felt = _marker_loads(body, shapes, prestress, marked)
     if marked:
         felt = felt + holding
-    states, stiffness = _under(body, frame, shapes, np.hstack([loads, felt]))
+    states, stiffness = _solve_loads(body, frame, shapes, np.hstack([loads, felt]))
     extra = stiffness[0] + excess + _stiffness_of(body, uniform, shapes)
     _refuse_buckling(basis.stiffness + extra, "under its prestress")
     extra -= stiffness[1] + excess_felt
@@ -99,10 +99,10 @@ def prestressed(
     state = states[:, :1]
     generalised = shapes.T @ (body.stiffness @ state + holding)[:, 0]
     values, mixing = np.linalg.eigh(basis.stiffness + extra)
-    shapes = oriented(basis.shapes @ mixing, body)
+    shapes = orient_shapes(basis.shapes @ mixing, body)
     labels = tuple(
         re.sub(r":\s*[\d.]+ Hz.*", f":{f:13.3f} Hz", label)
-        for label, f in zip(basis.labels, hertz(values), strict=True)
+        for label, f in zip(basis.labels, to_hertz(values), strict=True)
     )
     shares = {
         kind: np.einsum("ij,ij,i->j", mixing, mixing, share)
@@ -113,19 +113,19 @@ def prestressed(
     return InitialStress(new, signs * (mixing.T @ generalised), state, uniform)
 
 
-def _supported(
+def _with_reactions(
     body: FiniteElementModel, prestress: Prestress, chosen: FrameSettings
 ) -> Prestress:
-    """With the reactions at its support among the forces and moments.
+    """Add the reactions at its support to the forces and moments of a prestress.
 
-    Reactions of a frame that no joint holds would depend on the frame: only those of a
+    Reactions of a frame without a joint would depend on the frame: only those of a
     tangent frame are taken for those of a joint.
     """
     d = body.dimension
-    force, moment, size = _resultant(body, prestress)
-    balance = np.abs(np.append(force, moment / _extent(body)))
+    force, moment, size = _load_resultant(body, prestress)
+    balance = np.abs(np.append(force, moment / _largest_extent(body)))
     if prestress.support is None:
-        if chosen.type != "tangent" and balance.max() > _BALANCED * size:
+        if chosen.type != "tangent" and balance.max() > _BALANCE_TOLERANCE * size:
             raise InputError(
                 "the forces and moments are not in balance",
                 place="stiffening.prestress",
@@ -139,7 +139,7 @@ def _supported(
     own = np.array(forces.get(at.name, np.zeros(d)))
     forces[at.name] = tuple(own - force[:d])
     turning = moment if d == 3 else moment[2:]
-    if np.abs(turning).max() > _BALANCED * size * _extent(body):
+    if np.abs(turning).max() > _BALANCE_TOLERANCE * size * _largest_extent(body):
         if not at.rotation.nnz:
             raise InputError(
                 f"marker {at.name} has no rotation, which a moment could hold",
@@ -151,7 +151,7 @@ def _supported(
     return prestress.model_copy(update={"forces": forces, "moments": moments})
 
 
-def _resultant(
+def _load_resultant(
     body: FiniteElementModel, prestress: Prestress
 ) -> tuple[Array, Array, float]:
     """Sum of the loads, their moment about the origin (3,) each, and their size [N]."""
@@ -159,17 +159,17 @@ def _resultant(
     for kind, given in (("forces", prestress.forces), ("moments", prestress.moments)):
         for name, values in given.items():
             marker = body.marker(name)
-            load = _load(marker, values, body.dimension, kind)
+            load = _load_vector(marker, values, body.dimension, kind)
             if kind == "forces":
                 force, size = force + load, size + float(np.abs(load).sum())
                 moment = moment + np.cross(marker.position, load)
             else:
                 moment = moment + load
-                size += float(np.abs(load).sum()) / _extent(body)
+                size += float(np.abs(load).sum()) / _largest_extent(body)
     return force, moment, size
 
 
-def _extent(body: FiniteElementModel) -> float:
+def _largest_extent(body: FiniteElementModel) -> float:
     """The largest extent of the body [m]."""
     return float(np.ptp(body.positions, axis=0).max())
 
@@ -183,29 +183,29 @@ def _refuse_buckling(stiffness: Array, when: str) -> None:
         )
 
 
-def _under(
+def _solve_loads(
     body: FiniteElementModel, frame: Frame, shapes: Array, loads: Array
 ) -> tuple[Array, Array]:
     """Displacements (ndof, n) under loads, and the stiffness (n, nq, nq) they bring."""
     if not loads.any():
         return np.zeros_like(loads), np.zeros((loads.shape[1], *(shapes.shape[1],) * 2))
-    loads = balanced(body, frame, loads)
-    states = admissible(body, frame).static(loads)
+    loads = balanced_loads(body, frame, loads)
+    states = constrained_space(body, frame).static(loads)
     stiffness = projected_stiffness(body, states, shapes)
     return states, stiffness + piece_stiffness(body, loads, states, shapes)
 
 
-def _holding(body: FiniteElementModel, uniform: Array) -> Array:
+def _equilibrating_loads(body: FiniteElementModel, uniform: Array) -> Array:
     """Loads (ndof, 1) under which a stress is in equilibrium."""
     loads = np.zeros((body.ndof, 1))
     if uniform.any():
-        for part in quadrature(body):
+        for part in quadrature_parts(body):
             forces = np.einsum("p,pmb,cb->pmc", part.weights, part.slopes, uniform)
             np.add.at(loads[:, 0], part.table[part.nodes], forces)
     return loads
 
 
-def _prescribed(
+def _marker_loads(
     body: FiniteElementModel,
     shapes: Array,
     settings: Prestress,
@@ -219,8 +219,8 @@ def _prescribed(
             if names is not None and name not in names:
                 continue
             marker = body.marker(name)
-            load = _load(marker, values, body.dimension, kind)
-            of_forces, of_moments = excess_of_rows(body, marker, shapes)
+            load = _load_vector(marker, values, body.dimension, kind)
+            of_forces, of_moments = second_order_rows(body, marker, shapes)
             if kind == "forces":
                 loads[:, 0] += marker.displacement.T @ load
                 excess += np.tensordot(load, of_forces, 1)
@@ -234,13 +234,13 @@ def _stiffness_of(body: FiniteElementModel, uniform: Array, shapes: Array) -> Ar
     """Geometric stiffness (nq, nq) of a uniform stress."""
     stiffness = np.zeros((1, *(shapes.shape[1],) * 2))
     if uniform.any():
-        for part in quadrature(body):
+        for part in quadrature_parts(body):
             stress = uniform * part.weights[:, None, None, None]
-            stiffness += contracted(stress, part.gradients(shapes))
+            stiffness += contract_stress(stress, part.gradients(shapes))
     return np.asarray((stiffness[0] + stiffness[0].T) / 2)
 
 
-def _uniform(settings: Prestress, d: int) -> Array:
+def _uniform_stress(settings: Prestress, d: int) -> Array:
     if settings.stress is None:
         return np.zeros((d, d))
     place, count = "stiffening.prestress.stress", 3 if d == 2 else 6
@@ -254,7 +254,9 @@ def _uniform(settings: Prestress, d: int) -> Array:
     return tensor
 
 
-def _load(marker: MarkerRows, values: tuple[float, ...], d: int, kind: str) -> Array:
+def _load_vector(
+    marker: MarkerRows, values: tuple[float, ...], d: int, kind: str
+) -> Array:
     """(3,) force or moment on a marker."""
     place = f"stiffening.prestress.{kind}.{marker.name}"
     count = 1 if (d, kind) == (2, "moments") else d

@@ -1,4 +1,4 @@
-"""The quadrature points of a body's elements: displacements and gradients there."""
+"""Quadrature points of a body: displacements and gradients there."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.progress import reached
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.progress import report_stage
 
-from ..frontends.elements.continuum import Continuum
-from ..frontends.elements.solid import ElementBatch, internal_amplitudes
-from ..frontends.finite_element_model import FiniteElementModel
+from ..elements.finite_element_model import FiniteElementModel
+from ..elements.material_points import Continuum
+from ..elements.solid_elements import ElementBatch, internal_amplitudes
 
 Array = NDArray[np.float64]
 
-_ELEMENTS = "going through the elements"
+_PROGRESS_TEXT = "going through the elements"
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +79,12 @@ class QuadraturePart:
     def gradients(self, fields: Array) -> Array:
         """(p, n, d, d) displacement gradients [c, b] = du_c/dx_b of (ndof, n)."""
         at_nodes = fields[self.table][self.nodes]
-        result = _by_slopes(self.slopes, at_nodes)
+        result = _gradients_of_functions(self.slopes, at_nodes)
         if self.internal is None:
             return result
-        return result + _by_slopes(self.internal, self._amplitudes(at_nodes))
+        return result + _gradients_of_functions(
+            self.internal, self._amplitudes(at_nodes)
+        )
 
     def displacements(self, fields: Array) -> Array:
         """(p, d, n) displacements of (ndof, n)."""
@@ -101,14 +103,14 @@ class QuadraturePart:
         return np.asarray(own.reshape(p, -1, d, n), float)
 
 
-def _by_slopes(slopes: Array, amplitudes: Array) -> Array:
+def _gradients_of_functions(slopes: Array, amplitudes: Array) -> Array:
     """(p, n, d, d) gradients of functions, amplitudes (p, m, d, n)."""
     p, m, d, n = amplitudes.shape
     products = np.swapaxes(slopes, 1, 2) @ amplitudes.reshape(p, m, d * n)
     return np.asarray(products.reshape(p, d, d, n).transpose(0, 3, 2, 1))
 
 
-def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
+def quadrature_parts(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
     """The quadrature points of all elements, at most about `points` at a time.
 
     Raises
@@ -128,15 +130,15 @@ def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
             step = max(1, points // ng)
             values = np.broadcast_to(batch.values, (ne, *batch.values.shape[1:]))
             for start in range(0, ne, step):
-                reached(_ELEMENTS, (number + start / ne) / len(body.continua))
+                report_stage(_PROGRESS_TEXT, (number + start / ne) / len(body.continua))
                 cut = slice(start, start + step)
-                inner = _internal(batch, continuum.law, cut)
+                inner = _internal_mode_data(batch, continuum.law, cut)
                 yield QuadraturePart(
                     nodes=np.repeat(batch.nodes[cut], ng, axis=0),
                     values=values[cut].reshape(-1, values.shape[2]),
                     slopes=batch.gradients[cut].reshape(-1, values.shape[2], d),
                     weights=batch.measures[cut].ravel() * continuum.thickness,
-                    law=_law(batch, continuum, cut),
+                    law=_elasticity_at_points(batch, continuum, cut),
                     transverse=continuum.transverse,
                     table=body.table[:, :d],
                     per_element=ng,
@@ -145,14 +147,18 @@ def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
                 )
 
 
-def _law(batch: ElementBatch, continuum: Continuum, cut: slice) -> Array:
+def _elasticity_at_points(
+    batch: ElementBatch, continuum: Continuum, cut: slice
+) -> Array:
     if batch.laws is None:
         return continuum.law
     return batch.laws[cut].reshape(-1, *batch.laws.shape[2:])
 
 
-def _internal(batch: ElementBatch, law: Array, cut: slice) -> dict[str, Any]:
-    """What a part knows of the internal modes of some elements of a batch."""
+def _internal_mode_data(batch: ElementBatch, law: Array, cut: slice) -> dict[str, Any]:
+    """Return the internal modes at the quadrature points of some elements of a
+    batch.
+    """
     if batch.internal is None or batch.directions is None:
         return {}
     some = replace(

@@ -1,5 +1,8 @@
-"""The full field of a body: where its points are and how they move, for pictures.
+"""Full displacement and stress field of a body, and its surface for pictures.
 
-`body_field` asks the discretised body; `mesh_field`, `patch_field` and `beam_field`
-know one kind of body each and give a `Sampled`, linear in the degrees of freedom.
+sampled_points   points of a discretised body and their motion
+mesh_field       fields of meshes and NURBS patches
+body_field       field of a reduced body
+surface          surfaces of plane bodies and of bodies without a known surface
+body_surfaces    surfaces of all bodies of a scene
 """

@@ -1,22 +1,20 @@
-"""The full field of a reduced body."""
+"""Full field of a reduced body."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.sid import SID
 from sidtool.formats.field import Field, field_of
-from sidtool.formats.sid import SID
 
 from ..conversion.prestress import InitialStress
-from ..frontends.elements.continuum import stress_six
-from ..frontends.finite_element_model import FiniteElementModel
-from ..reduction.basis import ReducedBasis
-from ..reduction.frames import Frame
-from .beam_field import beam_field
-from .mesh_field import mesh_field
-from .patch_field import patch_field
-from .sampled import Sampled, together
+from ..elements.finite_element_model import FiniteElementModel
+from ..elements.material_points import stress_components
+from ..reduction.body_frames import Frame
+from ..reduction.reduced_basis import ReducedBasis
+from .mesh_field import mesh_field, patch_field
+from .sampled_points import SampledPoints, beam_field, concatenate_points
 
 Array = NDArray[np.float64]
 
@@ -40,7 +38,7 @@ def body_field(
         stress = sampled.stress(basis.shapes)
     if sampled.stress is not None and initial is not None:
         still = sampled.stress(initial.displacement)[..., 0]
-        still = still + stress_six(initial.uniform)
+        still = still + stress_components(initial.uniform)
         if body.dimension == 2:
             still[:, 2] += sampled.transverse * np.trace(initial.uniform)
     content = Field(
@@ -56,22 +54,24 @@ def body_field(
     return field_of(sid, content)
 
 
-def sample_body(body: FiniteElementModel) -> Sampled:
-    """Where the points of a body are, and how they move.
+def sample_body(body: FiniteElementModel) -> SampledPoints:
+    """Return the points of a body and the rows of their motion.
 
     A body that came as matrices has points and no surface.
     """
     if body.patches:
         parts = zip(body.patches, body.continua, strict=True)
-        return together(patch_field(body, *p, continuum) for p, continuum in parts)
+        return concatenate_points(
+            patch_field(body, *p, continuum) for p, continuum in parts
+        )
     mesh = body.drawn if body.solids is None else body.solids.mesh
     if mesh is not None:
         return mesh_field(body, mesh)
     if body.outlines:
-        return together(map(beam_field, body.outlines))
+        return concatenate_points(map(beam_field, body.outlines))
     there = body.place_table[:, :3].max(axis=1) >= 0
     places = np.pad(body.positions, ((0, 0), (0, 3 - body.dimension)))[there]
-    return Sampled(
+    return SampledPoints(
         positions=places,
         triangles=np.zeros((0, 3), np.int64),
         displacement=lambda fields: body.by_node(fields)[there, :3],

@@ -1,26 +1,34 @@
-"""The field of a mesh: its nodes, its outer faces, stresses from quadrature points."""
+"""Fields of meshes and NURBS patches: points, outer faces, stresses."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conversion.nodal import NodalMeans
-from ..conversion.quadrature import quadrature
-from ..frontends.elements.continuum import stress_from_gradient, stress_six
-from ..frontends.elements.reference import all_edges, faces
-from ..frontends.finite_element_model import FiniteElementModel
-from ..frontends.mesh.data import ElementBlock, Mesh
-from .sampled import Sampled
+from ..conversion.nodal_averages import NodalAverages
+from ..conversion.quadrature import quadrature_parts
+from ..elements.finite_element_model import FiniteElementModel
+from ..elements.material_points import (
+    Continuum,
+    stress_components,
+    stress_from_gradient,
+)
+from ..geometry.bspline import breakpoints
+from ..geometry.nurbs_patch import NurbsPatch
+from ..isogeometric.iga import sampled_batch
+from ..isogeometric.sampled_patch import box_corners, grid_quadrilaterals
+from ..mesh.mesh import ElementBlock, Mesh
+from ..mesh.reference_elements import element_edges, element_faces
+from .sampled_points import SampledPoints
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-def mesh_field(body: FiniteElementModel, mesh: Mesh) -> Sampled:
+def mesh_field(body: FiniteElementModel, mesh: Mesh) -> SampledPoints:
     """The nodes of a mesh; at the border of two materials, one for each.
 
-    Stresses are those of `NodalMeans`.
+    Stresses are those of `NodalAverages`.
     """
     names = list(dict.fromkeys(block.material for block in mesh.blocks))
     n = len(mesh.positions)
@@ -41,14 +49,16 @@ def mesh_field(body: FiniteElementModel, mesh: Mesh) -> Sampled:
         return padded[table]
 
     plane = mesh.dimension == 2
-    return Sampled(
+    return SampledPoints(
         positions=np.pad(mesh.positions, ((0, 0), (0, 3 - mesh.dimension)))[node],
-        triangles=surface(list(zip(kinds, local, strict=True)), node, plane),
+        triangles=surface_triangles(list(zip(kinds, local, strict=True)), node, plane),
         displacement=displacement,
-        cells=_cells(mesh.blocks, local),
+        cells=_output_cells(mesh.blocks, local),
         thickness=_thickness(body, mesh) if plane else 0.0,
-        stress=(lambda fields: _stress(body, mesh, fields)) if body.continua else None,
-        transverse=_transverse(body, used // n, names, mesh),
+        stress=(lambda fields: _stress_at_nodes(body, mesh, fields))
+        if body.continua
+        else None,
+        transverse=_transverse_flags(body, used // n, names, mesh),
     )
 
 
@@ -59,7 +69,7 @@ def _thickness(body: FiniteElementModel, mesh: Mesh) -> float:
     return body.continua[0].thickness if body.continua else 0.0
 
 
-def _transverse(
+def _transverse_flags(
     body: FiniteElementModel, materials: Indices, names: list[str | None], mesh: Mesh
 ) -> Array:
     values = np.zeros(len(names))
@@ -68,7 +78,7 @@ def _transverse(
     return values[materials]
 
 
-def _cells(
+def _output_cells(
     blocks: tuple[ElementBlock, ...], local: list[Indices]
 ) -> dict[str, Indices]:
     found: dict[str, list[Indices]] = {}
@@ -77,7 +87,9 @@ def _cells(
     return {kind: np.concatenate(parts) for kind, parts in found.items()}
 
 
-def surface(cells: list[tuple[str, Indices]], node: Indices, plane: bool) -> Indices:
+def surface_triangles(
+    cells: list[tuple[str, Indices]], node: Indices, plane: bool
+) -> Indices:
     """Triangles of the faces that belong to one element; in the plane of all.
 
     cells : kinds of elements, and their points
@@ -85,7 +97,7 @@ def surface(cells: list[tuple[str, Indices]], node: Indices, plane: bool) -> Ind
     """
     rings, keys = [], []
     for kind, points in cells:
-        for ring, corners in _rings(kind, plane):
+        for ring, corners in _face_outlines(kind, plane):
             rings.append((points[:, ring], corners))
             key = np.full((len(points), 4), -1, np.int64)
             key[:, :corners] = np.sort(node[points[:, ring[:corners]]], axis=1)
@@ -96,19 +108,19 @@ def surface(cells: list[tuple[str, Indices]], node: Indices, plane: bool) -> Ind
     outer = np.ones(len(inverse), bool) if plane else (counts == 1)[inverse.ravel()]
     ends = np.cumsum([len(key) for key in keys])[:-1]
     found = [
-        _triangles(ring[kept], corners)
+        _split_outline(ring[kept], corners)
         for (ring, corners), kept in zip(rings, np.split(outer, ends), strict=True)
     ]
     return np.concatenate(found)
 
 
-def _rings(kind: str, plane: bool) -> list[tuple[list[int], int]]:
+def _face_outlines(kind: str, plane: bool) -> list[tuple[list[int], int]]:
     """Faces of an element: corners, then the middles of the edges between them."""
-    middles = {frozenset((a, b)): m for a, b, m in all_edges(kind) if m >= 0}
+    middles = {frozenset((a, b)): m for a, b, m in element_edges(kind) if m >= 0}
     if plane:
         corners = [tuple(range(3 if kind.startswith("tri") else 4))]
     else:
-        corners = [*faces(kind, 3), *faces(kind, 4)]
+        corners = [*element_faces(kind, 3), *element_faces(kind, 4)]
     found = []
     for face in corners:
         pairs = zip(face, (*face[1:], face[0]), strict=True)
@@ -117,7 +129,7 @@ def _rings(kind: str, plane: bool) -> list[tuple[list[int], int]]:
     return found
 
 
-def _triangles(ring: Indices, corners: int) -> Indices:
+def _split_outline(ring: Indices, corners: int) -> Indices:
     """(k, corners [+ middles]) as triangles."""
     if ring.shape[1] == corners:
         fans = [(0, i, i + 1) for i in range(1, corners - 1)]
@@ -130,12 +142,80 @@ def _triangles(ring: Indices, corners: int) -> Indices:
     return np.concatenate([ring[:, list(fan)] for fan in fans])
 
 
-def _stress(body: FiniteElementModel, mesh: Mesh, fields: Array) -> Array:
+def _stress_at_nodes(body: FiniteElementModel, mesh: Mesh, fields: Array) -> Array:
     """(points, 6, k)."""
     k = fields.shape[1]
-    means = NodalMeans(body, mesh, 6 * k)
-    for part in quadrature(body):
+    means = NodalAverages(body, mesh, 6 * k)
+    for part in quadrature_parts(body):
         tensor = stress_from_gradient(part.gradients(fields), part.law)
-        six = stress_six(tensor, part.transverse)
+        six = stress_components(tensor, part.transverse)
         means.add(part, np.swapaxes(six, 1, 2).reshape(len(six), 6 * k))
     return means.values().reshape(-1, 6, k)
+
+
+#: Points of one patch at most.
+_MAX_POINTS = 200_000
+#: Slopes are taken this far inside the patch, where degenerate edges have some.
+_DISTANCE_FROM_BORDER = 1e-7
+
+
+def patch_field(
+    body: FiniteElementModel, patch: NurbsPatch, numbers: Indices, continuum: Continuum
+) -> SampledPoints:
+    """One patch of a body.
+
+    numbers : (n,) nodes of the body that its control points are
+    """
+    axes = _parameter_grid(patch)
+    shape = tuple(len(axis) for axis in axes)
+    inner = tuple(
+        np.clip(axis, _DISTANCE_FROM_BORDER, 1 - _DISTANCE_FROM_BORDER) for axis in axes
+    )
+    nodes, values, slopes = sampled_batch(patch, axes, inner)
+    table = body.table[numbers[nodes], : len(shape)]
+    points = np.einsum("pm,pmd->pd", values, patch.points[nodes])
+
+    def displacement(fields: Array) -> Array:
+        moved = np.einsum("pm,pmdk->pdk", values, fields[table], optimize=True)
+        return np.pad(moved, ((0, 0), (0, 3 - len(shape)), (0, 0)))
+
+    def stress(fields: Array) -> Array:
+        gradient = np.einsum("pmb,pmck->pkcb", slopes, fields[table], optimize=True)
+        tensor = stress_from_gradient(gradient, continuum.law)
+        return np.moveaxis(stress_components(tensor, continuum.transverse), 1, 2)
+
+    plane = len(shape) == 2
+    cells = grid_quadrilaterals(shape) if plane else _grid_boxes(*shape)
+    kind = "quad4" if plane else "hex8"
+    return SampledPoints(
+        positions=np.pad(points, ((0, 0), (0, 3 - len(shape)))),
+        triangles=surface_triangles([(kind, cells)], np.arange(len(points)), plane),
+        displacement=displacement,
+        cells={kind: cells},
+        thickness=continuum.thickness if plane else 0.0,
+        stress=stress,
+        transverse=np.full(len(points), continuum.transverse),
+    )
+
+
+def _parameter_grid(patch: NurbsPatch) -> tuple[Array, ...]:
+    """Parameters: as many to a knot span as its degree, fewer of large patches."""
+    counts = list(patch.degrees)
+    while True:
+        axes = tuple(
+            _equal_steps(breakpoints(knots), count)
+            for knots, count in zip(patch.knots, counts, strict=True)
+        )
+        if np.prod([len(axis) for axis in axes]) <= _MAX_POINTS or max(counts) == 1:
+            return axes
+        counts = [max(1, count - 1) for count in counts]
+
+
+def _equal_steps(ends: Array, count: int) -> Array:
+    shares = np.arange(count) / count
+    inner = (ends[:-1, None] + np.diff(ends)[:, None] * shares).ravel()
+    return np.append(inner, ends[-1])
+
+
+def _grid_boxes(i: int, j: int, k: int) -> Indices:
+    return box_corners((i - 1, j - 1, k - 1))

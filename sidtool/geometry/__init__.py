@@ -1,1 +1,9 @@
-"""The shape of a part as an exact NURBS patch."""
+"""B-splines and NURBS patches.
+
+bspline            B-spline bases of one parametric direction
+nurbs_patch        NURBS patches, degree elevation, knot insertion
+multipatch         patches joined along matching sides
+patch_contact      patches that meet without a seam
+patch_evaluation   inverse mapping, volume and centre of a patch
+cylinder_fit       circle or cylinder through points
+"""

@@ -66,7 +66,9 @@ def collocation(knots: Array, degree: int, points: ArrayLike) -> sp.csr_matrix:
 
 
 def local_basis_from_left(knots: Array, degree: int, points: ArrayLike) -> LocalBasis:
-    """As `local_basis`; at a knot, the limit from the span to its left."""
+    """Return the basis as `local_basis`; at a knot, the limit from the span to its
+    left.
+    """
     total = knots[0] + knots[-1]
     mirrored = local_basis(total - knots[::-1], degree, total - np.asarray(points))
     count = len(knots) - degree - 1

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 
-from .patch import NurbsPatch
+from .nurbs_patch import NurbsPatch
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -33,7 +33,7 @@ SIDE_NAMES = {
     (2, 1): "front",
 }
 #: Distance at which points of refined patches are the same, relative to the part.
-_SAME = 1e-9
+_SAME_POINT_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Side:
 
     @property
     def name(self) -> str:
-        """As in the model file: PATCH.SIDE."""
+        """Name as in the model file: PATCH.SIDE."""
         return f"{self.patch}.{SIDE_NAMES[self.direction, self.end]}"
 
 
@@ -56,11 +56,11 @@ class Seam:
 
     first: Side
     second: Side
-    turn: Turn
+    turn: DirectionMap
 
 
 @dataclass(frozen=True)
-class Turn:
+class DirectionMap:
     """Another order and sense of the directions of a net of control points."""
 
     order: tuple[int, ...]
@@ -84,11 +84,11 @@ class Topology:
     """
 
     seams: tuple[Seam, ...]
-    collapsed: tuple[Collapse, ...]
+    collapsed: tuple[CollapsedSide, ...]
 
 
 @dataclass(frozen=True)
-class Collapse:
+class CollapsedSide:
     """A side or an edge of a patch whose points do not depend on one direction.
 
     Attributes
@@ -111,7 +111,7 @@ class Collapse:
 
 
 @dataclass(frozen=True, eq=False)
-class Joined:
+class CommonNumbering:
     """A common numbering of the control points of several patches.
 
     Attributes
@@ -139,20 +139,22 @@ def side_net(patch: NurbsPatch, side: Side, values: NDArray[Any]) -> NDArray[Any
     return np.take(grid, -side.end, axis=side.direction)
 
 
-def size_of(patches: Mapping[str, NurbsPatch]) -> float:
+def largest_extent(patches: Mapping[str, NurbsPatch]) -> float:
     """The largest extension of the control points."""
     points = np.concatenate([p.points for p in patches.values()])
     return float(np.ptp(points, axis=0).max())
 
 
-def topology(patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9) -> Topology:
+def find_topology(
+    patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9
+) -> Topology:
     """How the patches of a file hang together.
 
     Parameters
     ----------
     tolerance : distance at which control points are the same, relative to the part
     """
-    size, sides = size_of(patches), sides_of(patches)
+    size, sides = largest_extent(patches), sides_of(patches)
     nets = {s: side_net(patches[s.patch], s, patches[s.patch].points) for s in sides}
     weights = {
         s: side_net(patches[s.patch], s, patches[s.patch].weights.ravel())
@@ -160,24 +162,24 @@ def topology(patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9) -> Topo
     }
     seams = []
     for a, b in combinations(sides, 2):
-        for turn in _turns(nets[a].ndim - 1):
-            if _equal(nets[a], turn.of(nets[b]), tolerance * size) and _proportional(
-                weights[a], turn.of(weights[b])
-            ):
+        for turn in _direction_maps(nets[a].ndim - 1):
+            if _are_equal_nets(
+                nets[a], turn.of(nets[b]), tolerance * size
+            ) and _are_proportional(weights[a], turn.of(weights[b])):
                 seams.append(Seam(a, b, turn))
                 break
     collapsed = [
         part
-        for part in _parts_of(patches)
+        for part in _sides_and_edges(patches)
         if np.ptp(
             part.lines(patches[part.patch], patches[part.patch].points), axis=0
         ).max()
-        <= _SAME * size
+        <= _SAME_POINT_TOLERANCE * size
     ]
     return Topology(tuple(seams), tuple(collapsed))
 
 
-def _parts_of(patches: Mapping[str, NurbsPatch]) -> Iterator[Collapse]:
+def _sides_and_edges(patches: Mapping[str, NurbsPatch]) -> Iterator[CollapsedSide]:
     """All sides and edges with each of their directions."""
     for name, patch in patches.items():
         k = len(patch.degrees)
@@ -186,14 +188,14 @@ def _parts_of(patches: Mapping[str, NurbsPatch]) -> Iterator[Collapse]:
                 for ends in product((0, 1), repeat=count):
                     fixed = tuple(zip(directions, ends, strict=True))
                     for axis in set(range(k)) - set(directions):
-                        yield Collapse(name, fixed, axis)
+                        yield CollapsedSide(name, fixed, axis)
 
 
-def closed_up(
+def close_gaps(
     patches: Mapping[str, NurbsPatch], found: Topology, tolerance: float
 ) -> dict[str, NurbsPatch]:
     """The patches with the control points of their seams in the middle of the gap."""
-    numbering = joined(patches, found, tolerance)
+    numbering = number_control_points(patches, found, tolerance)
     d = next(iter(patches.values())).points.shape[1]
     total, count = np.zeros((numbering.count, d)), np.zeros(numbering.count)
     for name, patch in patches.items():
@@ -213,9 +215,11 @@ def closed_up(
     }
 
 
-def joined(
-    patches: Mapping[str, NurbsPatch], found: Topology, tolerance: float = _SAME
-) -> Joined:
+def number_control_points(
+    patches: Mapping[str, NurbsPatch],
+    found: Topology,
+    tolerance: float = _SAME_POINT_TOLERANCE,
+) -> CommonNumbering:
     """A common numbering of patches, refined or not, along their seams.
 
     Parameters
@@ -232,8 +236,8 @@ def joined(
         for name, a, b in zip(patches, ends[:-1], ends[1:], strict=True)
     }
     pairs = [
-        *_along_seams(patches, own, found, tolerance),
-        *_along_collapsed(patches, own, found),
+        *_join_along_seams(patches, own, found, tolerance),
+        *_join_collapsed(patches, own, found),
     ]
     i, j = np.concatenate([np.zeros((2, 0), np.int64), *map(np.array, pairs)], axis=1)
     total = int(ends[-1])
@@ -243,25 +247,25 @@ def joined(
     rank = np.empty(len(first), np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
     numbers = rank[inverse]
-    return Joined({name: numbers[n] for name, n in own.items()}, len(first))
+    return CommonNumbering({name: numbers[n] for name, n in own.items()}, len(first))
 
 
-def _along_seams(
+def _join_along_seams(
     patches: Mapping[str, NurbsPatch],
     own: Mapping[str, Indices],
     found: Topology,
     tolerance: float,
 ) -> Iterator[tuple[Indices, Indices]]:
-    size = size_of(patches)
+    size = largest_extent(patches)
     for seam in found.seams:
-        p, v, m = _nets(patches, own, seam.first)
-        q, w, n = (seam.turn.of(net) for net in _nets(patches, own, seam.second))
-        if not (_equal(p, q, tolerance * size) and _proportional(v, w)):
-            raise unlike(seam.first, seam.second)
+        p, v, m = _side_data(patches, own, seam.first)
+        q, w, n = (seam.turn.of(net) for net in _side_data(patches, own, seam.second))
+        if not (_are_equal_nets(p, q, tolerance * size) and _are_proportional(v, w)):
+            raise incompatible_sides(seam.first, seam.second)
         yield m.ravel(), n.ravel()
 
 
-def _nets(
+def _side_data(
     patches: Mapping[str, NurbsPatch], own: Mapping[str, Indices], side: Side
 ) -> list[NDArray[Any]]:
     """Points, weights and numbers of a side."""
@@ -270,7 +274,7 @@ def _nets(
     return [side_net(patch, side, value) for value in values]
 
 
-def unlike(first: Side, second: Side) -> InputError:
+def incompatible_sides(first: Side, second: Side) -> InputError:
     """Two sides lie on each other but are not the same."""
     return InputError(
         f"the sides {first.name} and {second.name} share their corners but not their "
@@ -280,7 +284,7 @@ def unlike(first: Side, second: Side) -> InputError:
     )
 
 
-def _along_collapsed(
+def _join_collapsed(
     patches: Mapping[str, NurbsPatch], own: Mapping[str, Indices], found: Topology
 ) -> Iterator[tuple[Indices, Indices]]:
     for part in found.collapsed:
@@ -289,20 +293,20 @@ def _along_collapsed(
         yield np.tile(lines[0].ravel(), len(rest)), rest.ravel()
 
 
-def _turns(k: int) -> list[Turn]:
+def _direction_maps(k: int) -> list[DirectionMap]:
     return [
-        Turn(order, flips)
+        DirectionMap(order, flips)
         for order in permutations(range(k))
         for flips in product((False, True), repeat=k)
     ]
 
 
-def _equal(a: Array, b: Array, distance: float) -> bool:
+def _are_equal_nets(a: Array, b: Array, distance: float) -> bool:
     if a.shape != b.shape:
         return False
     return bool(np.linalg.norm(a - b, axis=-1).max() <= distance)
 
 
-def _proportional(a: Array, b: Array) -> bool:
+def _are_proportional(a: Array, b: Array) -> bool:
     ratio = a / b
     return bool(np.ptp(ratio) <= 1e-9 * ratio.max())

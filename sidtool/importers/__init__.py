@@ -1,1 +1,9 @@
-"""Readers of meshes, patches and matrices that other programs wrote."""
+"""Readers of meshes, patches and matrices of other programs.
+
+mesh_files           choice of a reader, parts of a mesh, names in a deck
+abaqus, nastran, ansys   one package for each program
+gmsh, gmsh_binary    Gmsh meshes
+matrices, matrix_market   mass and stiffness matrices
+nurbs_files, gismo   NURBS patches
+calculix_deck, calculix_quadratic, calculix_engine   CalculiX as an engine
+"""

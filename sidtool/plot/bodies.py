@@ -1,4 +1,4 @@
-"""Bodies with their shape functions, meshes with their markers."""
+"""Figures of bodies with their shape functions, and of meshes with their markers."""
 
 from __future__ import annotations
 
@@ -8,43 +8,45 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.field import Field, mismatch
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.field import Field, mismatch_text
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID
 
+from ..discretisation.registry import finite_element_model
 from ..field.body_field import sample_body
-from ..frontends.registry import finite_element_model
-from ..view.drawn_bodies import Drawn, of_field, of_sid
-from ..view.surface import thinned
-from .figure import saved, styled
-from .pictures import Picture, drawn
+from ..field.body_surfaces import BodySurface, surface_of_field, surface_of_sid
+from ..field.surface import decimate
+from .body_pictures import BodyPicture, draw_bodies
+from .figure import figure_style, save_figure
 
 Array = NDArray[np.float64]
 
 #: Largest displacement in a picture, as a share of the body's length.
 _EXAGGERATION = 0.09
 #: Shape functions and triangles that are drawn at most.
-_MOST, _TRIANGLES = 17, 20_000
+_MAX_SHAPES, _MAX_TRIANGLES = 17, 20_000
 #: Nodes of a SID that are marked at most.
-_NODES = 40
+_MAX_MARKED_NODES = 40
 
 
 def plot_sid(path: Path, sid: SID, content: Field | None = None) -> list[str]:
     """Draw a body and its shape functions, exaggerated to the same size.
 
+    Parameters
+    ----------
     content : its full field; without it the hull of the nodes, or bars between them,
-        is drawn, and the picture says so
+        is drawn, with a note in the picture
 
     Returns
     -------
-    sentences on what was left out
+    notes on what was omitted
 
     Raises
     ------
     InputError : the field is not that of the SID, or the SID has no nodes.
     """
-    if content is not None and (wrong := mismatch(content, sid)):
+    if content is not None and (wrong := mismatch_text(content, sid)):
         raise InputError(
             f"the field {wrong}",
             place="--field",
@@ -54,37 +56,45 @@ def plot_sid(path: Path, sid: SID, content: Field | None = None) -> list[str]:
         raise InputError(
             "has no nodes to draw", expected="a SID with nodes, or a field"
         )
-    body = _drawn(sid, content)
-    title = f"{_clean(sid.title) or 'body'}: {sid.mass:.4g} kg"
-    names = [_name(sid, k) for k in range(sid.nq)]
+    body = _body_surface(sid, content)
+    title = f"{_without_control_characters(sid.title) or 'body'}: {sid.mass:.4g} kg"
+    names = [_shape_title(sid, k) for k in range(sid.nq)]
     return _plot_shapes(path, body, title, _node_marks(sid), names)
 
 
 def _plot_shapes(
-    path: Path, body: Drawn, title: str, marks: dict[str, Array], names: list[str]
+    path: Path, body: BodySurface, title: str, marks: dict[str, Array], names: list[str]
 ) -> list[str]:
     """A body at rest, and every shape function with its name."""
     length = float(np.ptp(body.positions, axis=0).max()) or 1.0
-    faces = thinned(body.positions, body.triangles, _TRIANGLES)
-    pictures = [Picture(title, body.positions, faces, marks=marks)]
-    for name, shape in zip(names[:_MOST], np.moveaxis(body.shapes, 2, 0), strict=False):
+    faces = decimate(body.positions, body.triangles, _MAX_TRIANGLES)
+    pictures = [BodyPicture(title, body.positions, faces, marks=marks)]
+    for name, shape in zip(
+        names[:_MAX_SHAPES], np.moveaxis(body.shapes, 2, 0), strict=False
+    ):
         moved = np.linalg.norm(shape, axis=1)
         size = float(moved.max(initial=0.0)) or 1.0
         place = body.positions + shape * (_EXAGGERATION * length / size)
-        pictures.append(Picture(name, place, faces, moved / size, rest=body.positions))
+        pictures.append(
+            BodyPicture(name, place, faces, moved / size, rest=body.positions)
+        )
     heading = f"drawn from {body.source}" if body.sketched else ""
-    told = ([heading] if heading else []) + _plot(path, pictures, heading)
-    if len(names) > _MOST:
-        told.append(f"the first {_MOST} of {len(names)} shape functions are drawn")
-    return told
+    notes = ([heading] if heading else []) + _write_pictures(path, pictures, heading)
+    if len(names) > _MAX_SHAPES:
+        notes.append(
+            f"the first {_MAX_SHAPES} of {len(names)} shape functions are drawn"
+        )
+    return notes
 
 
 def plot_field(path: Path, content: Field) -> list[str]:
     """Draw a body and its shape functions from its full field alone."""
-    body = of_field("body", content)
+    body = surface_of_field("body", content)
     names = [f"q{k + 1}" for k in range(content.nq)]
-    title = _clean(content.title) or "body"
-    marks = {str(i): place for i, place in enumerate(content.places[:_NODES], 1)}
+    title = _without_control_characters(content.title) or "body"
+    marks = {
+        str(i): place for i, place in enumerate(content.places[:_MAX_MARKED_NODES], 1)
+    }
     return _plot_shapes(path, body, title, marks, names)
 
 
@@ -106,19 +116,20 @@ def plot_model(path: Path, model: ModelFile) -> list[str]:
             )
             places = np.pad(body.positions[nodes], ((0, 0), (0, 3 - body.dimension)))
             groups[f"{name}: {marker.tie.type} tie"] = places
-    faces = thinned(sampled.positions, sampled.triangles, _TRIANGLES)
+    faces = decimate(sampled.positions, sampled.triangles, _MAX_TRIANGLES)
     d = body.dimension
     nets = [
         np.pad(line, ((0, 0), (0, 3 - d)))
         for patch, _ in body.patches
-        for line in _net(patch.control_points)
+        for line in _control_net(patch.control_points)
     ]
     if not len(faces):
         groups["nodes"] = sampled.positions
     elif body.outlines:
         groups["nodes"] = np.pad(body.positions, ((0, 0), (0, 3 - body.dimension)))
-    picture = Picture(
-        f"{_clean(model.title) or 'model'}: {body.ndof} degrees of freedom",
+    picture = BodyPicture(
+        f"{_without_control_characters(model.title) or 'model'}: {body.ndof} degrees "
+        "of freedom",
         sampled.positions,
         faces,
         marks={marker.name: marker.position for marker in body.markers},
@@ -126,15 +137,15 @@ def plot_model(path: Path, model: ModelFile) -> list[str]:
         lines=tuple(nets),
         meshed=not body.outlines,  # pieces of beams are no elements
     )
-    told = _plot(path, [picture])
+    notes = _write_pictures(path, [picture])
     if nets:
-        told.append("grey lines: the control net")
+        notes.append("grey lines: the control net")
     if len(faces) < len(sampled.triangles):
-        told.append(f"thinned to {len(faces)} of {len(sampled.triangles)} triangles")
-    return told
+        notes.append(f"thinned to {len(faces)} of {len(sampled.triangles)} triangles")
+    return notes
 
 
-def _net(control: Array) -> list[Array]:
+def _control_net(control: Array) -> list[Array]:
     """Lines along all directions of a grid of control points."""
     found: list[Array] = []
     for axis in range(control.ndim - 1):
@@ -143,36 +154,42 @@ def _net(control: Array) -> list[Array]:
     return found
 
 
-def _drawn(sid: SID, content: Field | None) -> Drawn:
+def _body_surface(sid: SID, content: Field | None) -> BodySurface:
     if content is not None:
-        return of_field("body", content)
+        return surface_of_field("body", content)
     places = np.array([node.position for node in sid.nodes])
-    return of_sid("body", sid, 0.02 * (float(np.ptp(places, axis=0).max()) or 1.0))
+    return surface_of_sid(
+        "body", sid, 0.02 * (float(np.ptp(places, axis=0).max()) or 1.0)
+    )
 
 
 def _node_marks(sid: SID) -> dict[str, Array]:
-    return {node.id: node.position for node in sid.nodes[:_NODES]}
+    return {node.id: node.position for node in sid.nodes[:_MAX_MARKED_NODES]}
 
 
-def _name(sid: SID, k: int) -> str:
+def _shape_title(sid: SID, k: int) -> str:
     """Number, frequency of this coordinate alone, and label of a shape function."""
     with np.errstate(all="ignore"):
         square = sid.Ke.m0[k, k] / sid.Me.m0[k, k]
         hertz = np.sqrt(square) / (2 * np.pi)
-    label = _clean(sid.labels[k])
-    told = f", {hertz:.4g} Hz" if np.isfinite(hertz) else ""
-    return f"q{k + 1}{told}" + (f" ({label})" if label and "Hz" not in label else "")
+    label = _without_control_characters(sid.labels[k])
+    frequency_text = f", {hertz:.4g} Hz" if np.isfinite(hertz) else ""
+    return f"q{k + 1}{frequency_text}" + (
+        f" ({label})" if label and "Hz" not in label else ""
+    )
 
 
-def _clean(text: str) -> str:
+def _without_control_characters(text: str) -> str:
     return " ".join(text.split())
 
 
-def _plot(path: Path, pictures: Sequence[Picture], heading: str = "") -> list[str]:
-    """Writes pictures; a sentence on names for which there was no room."""
-    with styled():
-        page, unnamed = drawn(pictures, heading)
-        saved(page, path)
+def _write_pictures(
+    path: Path, pictures: Sequence[BodyPicture], heading: str = ""
+) -> list[str]:
+    """Write pictures; return a note on names without room."""
+    with figure_style():
+        page, unnamed = draw_bodies(pictures, heading)
+        save_figure(page, path)
     if not unnamed:
         return []
     marks = sum(len(picture.marks) for picture in pictures)

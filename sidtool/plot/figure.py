@@ -1,18 +1,75 @@
-"""Figures without a display, written wholly or not at all."""
+"""Figures without a display, and texts and labels in them."""
 
 from __future__ import annotations
 
+import io
+import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sidtool.formats.endings import check_ending
+import matplotlib
+import numpy as np
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
+from matplotlib.textpath import TextPath
+from matplotlib.ticker import LogFormatterSciNotation
+from matplotlib.transforms import Bbox, BboxBase
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import printable
+from sidtool.formats.file_names import check_ending
 from sidtool.formats.storage.atomic import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+#: Pixels to the inch.
+PIXELS_PER_INCH = 100
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+class NotebookFigure(Figure):
+    """A figure of its own canvas, without global state of pyplot; notebooks show it.
+
+    Control characters in its texts are question marks: fonts have none, and a picture
+    in XML may hold none.
+
+    size : width and height [inch]
+    """
+
+    def __init__(self, size: tuple[float, float], layout: Any = "constrained") -> None:
+        super().__init__(figsize=size, layout=layout)
+        FigureCanvasAgg(self)
+
+    def draw(self, renderer: Any) -> None:
+        for text in self.findobj(Text):
+            assert isinstance(text, Text)
+            shown = printable(text.get_text())
+            if shown != text.get_text():
+                text.set_text(shown)
+        super().draw(renderer)
+
+    def _repr_png_(self) -> bytes:
+        stream = io.BytesIO()
+        self.savefig(stream, dpi=PIXELS_PER_INCH, format="png")
+        return stream.getvalue()
+
+
+class PowersOfTen(LogFormatterSciNotation):
+    """Numbers at a logarithmic axis as text, not as mathematics."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        text = super().__call__(x, pos).replace(r"\times", "×")
+        text = re.sub(r"\^\{(.*?)\}", lambda m: m[1].translate(_SUPERSCRIPTS), text)
+        return re.sub(r"\$|\\math\w+|[{}]", "", text)
+
 
 #: Okabe and Ito's colours, told apart by everyone: blue, orange, green, ...
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -32,7 +89,7 @@ _STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def figure(
+def saved_figure(
     path: Path | None, rows: int = 1, columns: int = 1, *, size: tuple[float, float]
 ) -> Iterator[Any]:
     """Yield the axes of a new figure; it is saved to `path` (by its ending) afterwards,
@@ -43,59 +100,230 @@ def figure(
     rows, columns : of the grid of axes; one of each yields the axes themselves
     size : width and height [inch]
     """
-    with styled():
-        page, axes = new_page(rows, columns, size)
+    with figure_style():
+        page, axes = new_figure(rows, columns, size)
         yield axes
         if path is not None:
-            saved(page, path)
+            save_figure(page, path)
 
 
-def saved(page: Figure, path: Path) -> None:
-    """Writes a figure as what the ending of its name says.
+def save_figure(page: Figure, path: Path) -> None:
+    """Write a figure in the format of its ending.
 
     Raises
     ------
     InputError : it is not that of a picture.
     """
-    from .page import PIXELS
 
     check_ending(path, "picture")
     with atomic_path(path) as temporary:
-        page.savefig(temporary, dpi=PIXELS, format=path.suffix[1:].lower())
+        page.savefig(temporary, dpi=PIXELS_PER_INCH, format=path.suffix[1:].lower())
 
 
 @contextmanager
-def styled() -> Iterator[None]:
-    """What is drawn inside looks like all pictures of sidtool.
+def figure_style() -> Iterator[None]:
+    """Apply the style of sidtool to figures made inside the context.
 
     No text is read as mathematics. A character that the fonts lack is a box.
     """
     import matplotlib
 
-    style = _STYLE | {"axes.prop_cycle": _cycle()}
+    style = _STYLE | {"axes.prop_cycle": _colour_cycle()}
     with matplotlib.rc_context(style), warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from")
         yield
 
 
-def new_page(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
+def new_figure(
+    rows: int, columns: int, size: tuple[float, float]
+) -> tuple[Figure, Any]:
     """A page and the axes on it."""
-    from .page import Page
 
-    page = Page(size)
+    page = NotebookFigure(size)
     return page, page.subplots(rows, columns, sharex="col")
 
 
 def use_log_scale(axis: Any) -> None:
     """Make an axis logarithmic, with powers of ten whose exponents are characters."""
-    from .page import PowersOfTen
 
     (axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale)("log")
     axis.set_major_formatter(PowersOfTen())
     axis.set_minor_formatter(PowersOfTen(labelOnlyBase=False))
 
 
-def _cycle() -> Any:
+def _colour_cycle() -> Any:
     from cycler import cycler
 
     return cycler(color=COLOURS)
+
+
+#: Points to the inch; a row of a legend [inch].
+POINTS_PER_INCH, LEGEND_ROW_HEIGHT = 72.0, 0.19
+#: What a legend takes for a line beside each text, and to the next [font sizes].
+_HANDLE_WIDTH, _ENTRY_GAP = 2.8, 2.0
+#: Of the width of a page, what labels of the axis at the left take, and the power of
+#: ten above the axis [inch].
+_LEFT_MARGIN = 1.5
+
+
+def text_width(text: str, size: float | None = None) -> float:
+    """Return the width of a text [inch].
+
+    Parameters
+    ----------
+    size : size of its letters, by default that of the picture [pt]
+    """
+    size = matplotlib.rcParams["font.size"] if size is None else size
+    shown = printable(text).replace("$", "S")
+    path = TextPath((0, 0), shown, prop=FontProperties(size=size))
+    return float(path.get_extents().width) / POINTS_PER_INCH if text.strip() else 0.0
+
+
+def legend_columns(labels: Sequence[str], room: float) -> int:
+    """Columns of a legend that fit into a width [inch]."""
+    if not labels:
+        return 1
+    size = matplotlib.rcParams["font.size"] / POINTS_PER_INCH
+    entry = max(map(text_width, labels)) + (_HANDLE_WIDTH + _ENTRY_GAP) * size
+    return max(1, min(len(labels), int((room + _ENTRY_GAP * size) / entry)))
+
+
+def legend_rows(labels: Sequence[str], page_width: float) -> int:
+    """Rows of the legend that `draw_legend` draws on such a page."""
+    return -(-len(labels) // legend_columns(labels, page_width - _LEFT_MARGIN))
+
+
+def draw_legend(axes: Any) -> None:
+    """A legend above the axes, where no curve runs, in rows from left to right.
+
+    The axes are as wide as their page.
+    """
+    handles, labels = axes.get_legend_handles_labels()
+    columns = legend_columns(labels, axes.figure.get_figwidth() - _LEFT_MARGIN)
+    axes.legend(
+        *order_by_rows(handles, labels, columns),
+        loc="lower right",
+        bbox_to_anchor=(1, 1),
+        ncols=columns,
+        borderaxespad=0,
+    )
+
+
+def order_by_rows(
+    handles: Sequence[Any], labels: Sequence[str], columns: int
+) -> tuple[list[Any], list[str]]:
+    """Reorder entries to fill rows, where matplotlib fills columns."""
+    order = [k for c in range(columns) for k in range(c, len(labels), columns)]
+    return [handles[k] for k in order], [labels[k] for k in order]
+
+
+def wrap_text(text: str, room: float) -> str:
+    """A sentence in lines of a width [inch], ended between words."""
+    lines: list[str] = []
+    for word in text.split():
+        if lines and text_width(f"{lines[-1]} {word}") <= room:
+            lines[-1] += f" {word}"
+        else:
+            lines.append(word)
+    return "\n".join(lines)
+
+
+def wrap_label(label: str, room: float) -> str:
+    """A label in lines of a width [inch], ended after dots, after `_`, before units."""
+    lines = [""]
+    for piece in re.findall(r"[^._\[]*[._]|[^._\[]+|\[.*", label):
+        longer = lines[-1] + piece
+        if lines[-1] and text_width(longer) > room:
+            lines[-1] = lines[-1].rstrip()
+            lines.append(piece)
+        else:
+            lines[-1] = longer
+    return "\n".join(lines)
+
+
+Array = NDArray[np.float64]
+
+#: Height of a line in sizes of its letters; from a point to its name [pt].
+_LINE, _NAME_DISTANCE = 1.25, 3.0
+#: Letters as they are drawn are up to so much larger than their outlines.
+_LETTER_MARGIN = 1.15
+#: Of a name beside its point, tried in this order.
+_SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
+
+
+def place_names(axes: Any, places: Mapping[str, Array], room: BboxBase) -> list[str]:
+    """Write names beside their points without overlaps.
+
+    Parameters
+    ----------
+    places : (2,) by name, in the data of the axes on the page
+    room : part of the page for names [pixels]
+
+    Returns
+    -------
+    names for which there is no room
+    """
+    page = axes.figure
+    size = float(matplotlib.rcParams["font.size"]) * 0.7
+    pixel = page.dpi / 72.0
+    taken = text_boxes(page)
+    dots = axes.transData.transform(np.reshape(list(places.values()), (-1, 2)))
+    taken += [Bbox(np.array([dot - 2 * pixel, dot + 2 * pixel])) for dot in dots]
+    left = []
+    for (name, place), dot in zip(places.items(), dots, strict=True):
+        across, up = text_width(name, size) * page.dpi, _LINE * size * pixel
+        extent = _LETTER_MARGIN * np.array([across, up])
+        found = _free_box(dot, extent, _NAME_DISTANCE * pixel, taken, room)
+        if found is None:
+            left.append(name)
+            continue
+        taken.append(found)
+        middle = found.get_points().mean(axis=0)
+        text = axes.annotate(
+            name,
+            place,
+            (middle - dot) / pixel,
+            textcoords="offset points",
+            fontsize=size,
+            ha="center",
+            va="center",
+            zorder=6,
+            annotation_clip=False,
+            path_effects=[withStroke(linewidth=1.5, foreground="white", alpha=0.6)],
+        )
+        text.set_in_layout(False)
+    return left
+
+
+def _free_box(
+    dot: Array, extent: Array, off: float, taken: list[Bbox], room: BboxBase
+) -> Bbox | None:
+    """Return a box of this extent beside a point that overlaps no other, or None."""
+    for side in np.array(_SIDES, float):
+        middle = dot + side * (extent / 2 + off)
+        found = Bbox(np.array([middle - extent / 2, middle + extent / 2]))
+        inside = room.contains(*found.min) and room.contains(*found.max)
+        if inside and not any(found.overlaps(other) for other in taken):
+            return found
+    return None
+
+
+def text_boxes(part: Any, but: Text | None = None) -> list[Bbox]:
+    """Boxes of all words of a page, or of a part of it, but one."""
+    beyond = {label for axis in part.findobj(Axis) for label in _ticks_outside(axis)}
+    return [
+        text.get_window_extent()
+        for text in part.findobj(Text)
+        if text is not but and text not in beyond and _is_visible_text(text)
+    ]
+
+
+def _is_visible_text(text: Text) -> bool:
+    return bool(text.get_visible() and text.get_text().strip())
+
+
+def _ticks_outside(axis: Axis) -> list[Text]:
+    """Numbers at ticks beyond the ends of an axis, which are not drawn."""
+    low, high = sorted(axis.get_view_interval())
+    ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+    return [tick.label1 for tick in ticks if not low <= tick.get_loc() <= high]

@@ -7,17 +7,23 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.study import StudyFile, StudyPoint
 
-from .figure import figure, use_log_scale
-from .words import by_rows, columns_of, legend, wrapped
+from .figure import (
+    draw_legend,
+    legend_columns,
+    order_by_rows,
+    saved_figure,
+    use_log_scale,
+    wrap_text,
+)
 
 _MARKS = "osD^v"
 #: Width of the lines of a label, of which a title may need several [inch].
 _LABEL = 3.0
 #: Axes that span less are labelled between powers of ten, or at even distances.
-FEW, NARROW = 100.0, 5.0
+MAX_DECADE_SPAN, MAX_EVEN_SPAN = 100.0, 5.0
 #: Costs of a study that are drawn, and how they are called.
 _COSTS = {
     "seconds": "wall time [s]",
@@ -36,7 +42,7 @@ def plot_precision(
     points : name of a method -> its pairs (error, seconds), in the order of the line
     label : what the error is of
     """
-    with figure(path, size=(5.0, 3.6)) as axes:
+    with saved_figure(path, size=(5.0, 3.6)) as axes:
         for number, (method, pairs) in enumerate(points.items()):
             errors, seconds = zip(*pairs, strict=True)
             axes.plot(errors, seconds, f"{_MARKS[number % 5]}-", label=method)
@@ -45,8 +51,8 @@ def plot_precision(
         axes.invert_xaxis()
         axes.set_xlabel(label)
         axes.set_ylabel("wall time [s]")
-        _label_few(axes)
-        legend(axes)
+        _label_decades(axes)
+        draw_legend(axes)
     return axes.figure
 
 
@@ -68,22 +74,24 @@ def plot_study(path: Path | None, content: StudyFile) -> Any:
     for p in good:
         name = p.integrator + ("" if p.step is None else ", fixed step")
         lines.setdefault(name, []).append((float(p.error or 0), float(p.seconds or 0)))
-    return plot_precision(path, lines, _errors_of(content))
+    return plot_precision(path, lines, _study_errors(content))
 
 
-def _errors_of(content: StudyFile) -> str:
+def _study_errors(content: StudyFile) -> str:
     title = f", {content.title}" if content.title else ""
-    return wrapped(f"relative error{title}", _LABEL)
+    return wrap_text(f"relative error{title}", _LABEL)
 
 
 def _plot_fronts(
     path: Path | None, content: StudyFile, points: list[StudyPoint], axis: str
 ) -> Any:
-    """One panel for each cost that differs; colours tell the values of one axis."""
+    """Draw one panel for each cost that differs; colours show the values of
+    one axis.
+    """
     costs = [c for c in _COSTS if len({getattr(p, c) for p in points}) > 1]
     kinds = list(dict.fromkeys(p.choices.get(axis, "") for p in points))
     size = (4.2 * max(len(costs), 1), 4.2)
-    with figure(path, 1, len(costs), size=size) as panels:
+    with saved_figure(path, 1, len(costs), size=size) as panels:
         every = list(panels) if len(costs) > 1 else [panels]
         for panel, cost in zip(every, costs, strict=True):
             for number, kind in enumerate(kinds):
@@ -103,24 +111,23 @@ def _plot_fronts(
             if cost != "size":
                 use_log_scale(panel.xaxis)
             panel.set_xlabel(_COSTS[cost])
-            _label_few(panel)
-        every[0].set_ylabel(_errors_of(content))
+            _label_decades(panel)
+        every[0].set_ylabel(_study_errors(content))
         handles, labels = every[-1].get_legend_handles_labels()
-        columns = columns_of(labels, size[0] - 0.4)
-        rows = by_rows(handles, labels, columns)
+        columns = legend_columns(labels, size[0] - 0.4)
+        rows = order_by_rows(handles, labels, columns)
         every[0].figure.legend(*rows, loc="outside upper left", ncols=columns)
     return every[0].figure
 
 
 def draw_front(panel: Any, found: list[tuple[float, float, bool]]) -> None:
-    """Costs and errors of which none other has less of both, joined and ringed, up to
-    the first error that cannot be told."""
+    """Draw the Pareto front of costs and errors, up to the first unresolved error."""
     best: list[tuple[float, float]] = []
-    told = True
+    is_labelled = True
     for cost, error, is_told in sorted(found):
-        if told and (not best or error < best[-1][1]):
+        if is_labelled and (not best or error < best[-1][1]):
             best.append((cost, error))
-            told = is_told
+            is_labelled = is_told
     best.append((max(cost for cost, *_ in found), best[-1][1]))
     panel.step(
         *zip(*best, strict=True),
@@ -134,7 +141,7 @@ def draw_front(panel: Any, found: list[tuple[float, float, bool]]) -> None:
     )
 
 
-def _label_few(axes: Any) -> None:
+def _label_decades(axes: Any) -> None:
     """Numbers at 1, 2 and 5 of each decade where there are few, else at powers of ten:
     those at every minor tick run into each other."""
     from matplotlib.ticker import (
@@ -143,14 +150,14 @@ def _label_few(axes: Any) -> None:
         NullFormatter,
     )
 
-    from .page import PowersOfTen
+    from .figure import PowersOfTen
 
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() != "log":
             continue
         low, high = sorted(axis.get_view_interval())
-        if high < FEW * low:
-            near = high < NARROW * low
+        if high < MAX_DECADE_SPAN * low:
+            near = high < MAX_EVEN_SPAN * low
             some = MaxNLocator(3) if near else LogLocator(subs=(1.0, 2.0, 5.0))
             axis.set_major_locator(some)
             every = PowersOfTen(minor_thresholds=(math.inf, math.inf))

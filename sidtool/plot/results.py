@@ -1,4 +1,4 @@
-"""Results: outputs over time, spectra, energies, residuals of constraints."""
+"""Figures of results: outputs over time, spectra, energies, constraint residuals."""
 
 from __future__ import annotations
 
@@ -10,16 +10,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.result import Result, units_in
-from sidtool.formats.scene import expanded
-from sidtool.solver.afterwards import scene_of
+from sidtool.formats.scene import expand_names
+from sidtool.solver.simulation.replay import scene_of
 
-from ..afterwards import outputs, outputs_at, played_outputs
-from . import courses
-from .courses import Curve, curves_of, draw, errors_of, grouped, labels_of
-from .figure import saved, styled, use_log_scale
-from .words import broken, legend
+from ..pipeline.extra_outputs import interpolated_outputs, outputs, outputs_at
+from . import curves
+from .curves import (
+    Curve,
+    draw_axes,
+    group_outputs,
+    legend_labels,
+    make_curves,
+    output_errors,
+)
+from .figure import draw_legend, figure_style, save_figure, use_log_scale, wrap_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,14 +33,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 #: Points of a curve at least, and pairs of axes at most.
-_POINTS, _MOST = 2000, 12
+_MIN_POINTS, _MAX_AXES = 2000, 12
 #: Width of a page, height of a row [inch], and letters in a line of its title.
 _WIDTH, _ROW, _LETTERS = 7.5, 1.55, 90
-#: Uncertainty between output times that is told of.
-_TOLD = 0.005
+#: Uncertainty between output times that gets a note.
+_NOTED_UNCERTAINTY = 0.005
 #: What outputs differ by, relative to their range, where every other output time is
 #: left out, that output times do not follow; such outputs named at most.
-_UNRESOLVED, _NAMED = 0.3, 4
+_UNRESOLVED_CHANGE, _MAX_NAMED_OUTPUTS = 0.3, 4
 ENERGIES = ("energy.kinetic", "energy.elastic", "energy.potential")
 RESIDUALS = ("constraint.position", "constraint.velocity")
 KINDS = ("outputs", "spectrum", "energy", "drift")
@@ -46,7 +52,7 @@ def plot_result(
     kind: str = "outputs",
     names: str | Iterable[str] | None = None,
 ) -> list[str]:
-    """Draw what a result says over time, or its spectrum.
+    """Draw outputs of a result over time, or their spectrum.
 
     Curves are drawn from states between the output times, interpolated and projected
     on the constraints.
@@ -58,49 +64,51 @@ def plot_result(
 
     Returns
     -------
-    sentences on what was left out, or is uncertain
+    notes on what was omitted, or is uncertain
 
     Raises
     ------
     InputError : the result holds too few times, or there is no such output.
     """
-    with styled():
-        page, told = drawn(result, kind, names)
-        saved(page, path)
-    return told
+    with figure_style():
+        page, notes = draw_result(result, kind, names)
+        save_figure(page, path)
+    return notes
 
 
-def drawn(
+def draw_result(
     result: Result, kind: str = "outputs", names: str | Iterable[str] | None = None
 ) -> tuple[Figure, list[str]]:
-    """The figure, and sentences on what was left out, or is uncertain."""
+    """Return the figure, and notes on what was omitted, or is uncertain."""
     if len(result.t) < 2:
         raise InputError(
             f"holds {len(result.t)} output times", expected="at least two for a curve"
         )
     if kind == "energy":
-        return _energy(result)
-    told: list[str] = []
-    wanted = list(RESIDUALS) if kind == "drift" else _wanted(result, names)
-    groups = grouped(wanted)
-    if len(groups) > _MOST:
-        told.append(f"{_MOST} of {len(groups)} pairs of axes are drawn")
-        groups = groups[:_MOST]
+        return _energy_curves(result)
+    notes: list[str] = []
+    wanted = list(RESIDUALS) if kind == "drift" else _requested_outputs(result, names)
+    groups = group_outputs(wanted)
+    if len(groups) > _MAX_AXES:
+        notes.append(f"{_MAX_AXES} of {len(groups)} pairs of axes are drawn")
+        groups = groups[:_MAX_AXES]
     wanted = [name for group in groups for name in group]
     if kind == "spectrum":
-        page, more = _spectrum(result, wanted)
-        return page, told + more
-    t, columns, uncertain = _dense(result, wanted)
-    with styled():
-        errors, units = errors_of(result), units_in(result)
-        page, rows = courses.drawn(t, groups, columns, errors, units, (_WIDTH, _ROW))
+        page, more = _spectra(result, wanted)
+        return page, notes + more
+    t, columns, uncertain = _dense_outputs(result, wanted)
+    with figure_style():
+        errors, units = output_errors(result), units_in(result)
+        page, rows = curves.draw_curves(
+            t, groups, columns, errors, units, (_WIDTH, _ROW)
+        )
         for place in rows if kind == "drift" else ():
             use_log_scale(place.yaxis)
-        _finish(page, rows, result, "t [s]")
-    return page, told + uncertain
+        _finish_figure(page, rows, result, "t [s]")
+    return page, notes + uncertain
 
 
-def _wanted(result: Result, names: str | Iterable[str] | None) -> list[str]:
+def _requested_outputs(result: Result, names: str | Iterable[str] | None) -> list[str]:
     if names is None:
         if not result.names:
             raise InputError(
@@ -109,46 +117,57 @@ def _wanted(result: Result, names: str | Iterable[str] | None) -> list[str]:
         return list(result.names)
     listed = names.split(",") if isinstance(names, str) else list(names)
     listed = [name.strip() for name in listed if name.strip()]
-    return list(expanded(listed, scene_of(result), result.sids))
+    return list(expand_names(listed, scene_of(result), result.sids))
 
 
-def _dense(
+def _dense_outputs(
     result: Result, names: list[str]
 ) -> tuple[Array, dict[str, Array], list[str]]:
     """Outputs at many times; recorded ones that cannot be evaluated where they are."""
     if "analysis" in result.settings:
         return result.t, outputs(result, names), []
-    if len(result.t) > _POINTS:
+    if len(result.t) > _MIN_POINTS:
         columns = outputs(result, names)
-        return result.t, columns, _fast([n for n in names if _alternates(columns[n])])
-    t = _times(result.t)
-    columns, again = played_outputs(result, names, t)
+        return (
+            result.t,
+            columns,
+            _unresolved_note([n for n in names if _alternates(columns[n])]),
+        )
+    t = _dense_times(result.t)
+    columns, again = interpolated_outputs(result, names, t)
     if again is None:
         return t, columns, []
     known = again.outputs()
-    off = again.unresolved(known)
-    fast = [name for name in columns if off.get(name, 0.0) > _UNRESOLVED]
+    off = again.interpolation_errors(known)
+    fast = [name for name in columns if off.get(name, 0.0) > _UNRESOLVED_CHANGE]
     columns |= {name: np.interp(t, result.t, known[name]) for name in fast}
     followed = max((v / 16.0 for k, v in off.items() if k not in fast), default=0.0)
-    return t, columns, [*_uncertain(max(followed, again.uncertainty())), *_fast(fast)]
+    return (
+        t,
+        columns,
+        [
+            *_uncertainty_note(max(followed, again.state_interpolation_error())),
+            *_unresolved_note(fast),
+        ],
+    )
 
 
 def _alternates(values: Array) -> bool:
     """Whether lines between every other value miss the values between these."""
     middle = 0.5 * (values[:-2:2] + values[2::2])
     off = np.abs(values[1:-1:2] - middle).max()
-    return bool(off > _UNRESOLVED * np.ptp(values))
+    return bool(off > _UNRESOLVED_CHANGE * np.ptp(values))
 
 
-def _times(t: Array) -> Array:
-    count = max(1, -(-_POINTS // (len(t) - 1)))
+def _dense_times(t: Array) -> Array:
+    count = max(1, -(-_MIN_POINTS // (len(t) - 1)))
     shares = np.arange(count) / count
     inner = (t[:-1, None] + np.diff(t)[:, None] * shares).ravel()
     return np.append(inner, t[-1])
 
 
-def _uncertain(off: float) -> list[str]:
-    if off < _TOLD:
+def _uncertainty_note(off: float) -> list[str]:
+    if off < _NOTED_UNCERTAINTY:
         return []
     return [
         f"between output times curves may be off by {off:.1%} of their range: a "
@@ -156,12 +175,16 @@ def _uncertain(off: float) -> list[str]:
     ]
 
 
-def _fast(names: list[str]) -> list[str]:
-    """What is said of outputs that output times do not follow."""
+def _unresolved_note(names: list[str]) -> list[str]:
+    """Return a note on outputs that the output times do not resolve."""
     if not names:
         return []
-    named = ", ".join(names[:_NAMED])
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    named = ", ".join(names[:_MAX_NAMED_OUTPUTS])
+    more = (
+        f" and {len(names) - _MAX_NAMED_OUTPUTS} more"
+        if len(names) > _MAX_NAMED_OUTPUTS
+        else ""
+    )
     vary = "varies" if len(names) == 1 else "vary"
     return [
         f"{named}{more} {vary} faster than the output times follow: straight lines "
@@ -169,59 +192,64 @@ def _fast(names: list[str]) -> list[str]:
     ]
 
 
-def _energy(result: Result) -> tuple[Figure, list[str]]:
+def _energy_curves(result: Result) -> tuple[Figure, list[str]]:
     """Kinetic, elastic and potential energy and their sum; what is recorded besides."""
     more = [n for n in result.names if n.startswith("energy.") and n not in ENERGIES]
-    t, columns, told = _dense(result, [*ENERGIES, *more])
+    t, columns, notes = _dense_outputs(result, [*ENERGIES, *more])
     total = np.sum([columns[name] for name in ENERGIES], axis=0)
-    with styled():
-        errors = errors_of(result)
-        parts = curves_of(ENERGIES, columns, errors, "energy.")
+    with figure_style():
+        errors = output_errors(result)
+        parts = make_curves(ENERGIES, columns, errors, "energy.")
         parts.append(Curve("sum", total))
         change = [Curve("change of the sum", total - total[0])]
-        change += curves_of(more, columns, errors, "energy.")
-        labels = [labels_of(parts), labels_of(change)]
-        page, axes = courses.stacked(labels, _WIDTH, 1.3 * _ROW)
-        draw(axes[0], t, parts, "energy [J]")
-        draw(axes[1], t, change, "energy [J]" if more else "change of the sum [J]")
-        _finish(page, axes, result, "t [s]")
-    return page, told
+        change += make_curves(more, columns, errors, "energy.")
+        labels = [legend_labels(parts), legend_labels(change)]
+        page, axes = curves.stacked_axes(labels, _WIDTH, 1.3 * _ROW)
+        draw_axes(axes[0], t, parts, "energy [J]")
+        draw_axes(axes[1], t, change, "energy [J]" if more else "change of the sum [J]")
+        _finish_figure(page, axes, result, "t [s]")
+    return page, notes
 
 
-def _spectrum(result: Result, names: list[str]) -> tuple[Figure, list[str]]:
+def _spectra(result: Result, names: list[str]) -> tuple[Figure, list[str]]:
     """Amplitudes of a Hann window over the whole run, up to half the rate of output
     times."""
     count = max(8, len(result.t))
     t = np.linspace(result.t[0], result.t[-1], count)
     columns = outputs_at(result, names, t)
-    groups = grouped(names)
+    groups = group_outputs(names)
     step = t[1] - t[0]
     frequencies = np.fft.rfftfreq(count, step)[1:]
-    with styled():
-        page, rows = courses.stacked(groups, _WIDTH, 1.1 * _ROW)
+    with figure_style():
+        page, rows = curves.stacked_axes(groups, _WIDTH, 1.1 * _ROW)
         for place, group in zip(rows, groups, strict=True):
             for name in group:
-                place.plot(frequencies, amplitudes(columns[name])[1:], label=name)
+                place.plot(
+                    frequencies, amplitude_spectrum(columns[name])[1:], label=name
+                )
             use_log_scale(place.yaxis)
             unit = units_in(result)(group[0])
             place.set_ylabel(
-                broken(f"amplitude [{unit}]" if unit else "amplitude", 1.2)
+                wrap_label(f"amplitude [{unit}]" if unit else "amplitude", 1.2)
             )
-            legend(place)
+            draw_legend(place)
             place.set_xlim(0.0, frequencies[-1])
-        _finish(page, rows, result, "frequency [Hz]")
+        _finish_figure(page, rows, result, "frequency [Hz]")
     return page, [f"up to {frequencies[-1]:.4g} Hz, half the rate of the output times"]
 
 
-def amplitudes(values: Array) -> Array:
-    """Of evenly spaced values less their mean, by a Hann window: a sine of amplitude
-    one that lasts many periods has a peak of one."""
+def amplitude_spectrum(values: Array) -> Array:
+    """Return the amplitude spectrum of evenly spaced values less their mean (Hann
+    window).
+
+    A sine of amplitude one that lasts many periods has a peak of one.
+    """
     window = np.hanning(len(values))
     spectrum = np.fft.rfft((values - values.mean()) * window)
     return np.asarray(2.0 * np.abs(spectrum) / window.sum())
 
 
-def _finish(page: Any, rows: Any, result: Result, label: str) -> None:
+def _finish_figure(page: Any, rows: Any, result: Result, label: str) -> None:
     rows[-1].set_xlabel(label)
     if result.title:
         title = textwrap.fill(result.title, _LETTERS)

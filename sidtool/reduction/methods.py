@@ -1,18 +1,26 @@
 """Reduction methods by the `reduction.method` of a model file.
 
-A reductor takes a body, its frame and the settings, and reduces the body to a
-`ReducedBasis`, whose `reconstruct` goes back to the displacement of the whole body. The
-space of the body as frame and `fix` hold it may be given, with its factors.
+A reduction method takes a body, its frame and the settings, and reduces the body to a
+`ReducedBasis`, whose `reconstruct` returns the displacement of the whole body. The
+space of the body as frame and `fix` hold it may be passed, with its factors.
+
+Source of the rational Krylov vectors: J. Fehr, P. Eberhard, "Simulation process of
+flexible multibody systems with non-modal model order reduction techniques", Multibody
+System Dynamics 25, 2011; E. Grimme, "Krylov projection methods for model reduction",
+1997.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
 
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model.reduction import (
     AttachmentReduction,
     CraigBamptonReduction,
@@ -21,47 +29,60 @@ from sidtool.formats.model.reduction import (
     ModalReduction,
 )
 
-from ..frontends.finite_element_model import FiniteElementModel
-from .basis import Family, ReducedBasis, finished, hertz, oriented
-from .frames import Frame, motion_names, motion_rows
-from .krylov import krylov_vectors
-from .space import Space, admissible
-from .user import user_shapes
+from ..elements.finite_element_model import FiniteElementModel
+from .admissible_space import AdmissibleSpace, constrained_space
+from .body_frames import Frame, motion_names, motion_rows
+from .imported_shapes import user_shapes
+from .reduced_basis import (
+    ReducedBasis,
+    ShapeFamily,
+    orient_shapes,
+    orthonormal_basis,
+    to_hertz,
+)
 
-__all__ = ["COMPARED", "REDUCTIONS", "ReducedBasis", "modal_truncation", "oriented"]
+__all__ = [
+    "COMPARED_FREQUENCIES",
+    "REDUCTIONS",
+    "ReducedBasis",
+    "modal_truncation",
+    "orient_shapes",
+]
 
 Array = NDArray[np.float64]
 
 #: Frequencies of the full mesh by which a basis is judged after the reduction.
-COMPARED = 10
+COMPARED_FREQUENCIES = 10
 #: Loads that move a body by less than this part of the largest motion act on supports.
-HELD = 1e-12
+FIXED_LOAD_TOLERANCE = 1e-12
 
 
 def modal_truncation(
     model: FiniteElementModel,
     frame: Frame,
     settings: ModalReduction,
-    space: Space | None = None,
+    space: AdmissibleSpace | None = None,
 ) -> ReducedBasis:
-    """The lowest elastic modes of the body as it is held, or free; mass-normalised.
+    """Return the lowest elastic modes of the supported or free body, mass-normalised.
 
-    See `oriented` for their signs.
+    See `orient_shapes` for their signs.
 
     Raises
     ------
-    InputError : the model has fewer degrees of freedom than modes are asked for.
+    InputError : the model has fewer degrees of freedom than requested modes.
     """
-    space = space or admissible(model, frame, settings.fixed_names)
+    space = space or constrained_space(model, frame, settings.fixed_names)
     values, shapes = space.modes(settings.modes)
     if frame.rows is not None:
-        normal = Family("normal", shapes)
-        return replace(finished(model, frame, [normal], "Eigen Mode"), space=space)
+        normal = ShapeFamily("normal", shapes)
+        return replace(
+            orthonormal_basis(model, frame, [normal], "Eigen Mode"), space=space
+        )
     return ReducedBasis(
-        shapes=oriented(shapes, model),
+        shapes=orient_shapes(shapes, model),
         stiffness=np.diag(values),
         labels=tuple(
-            f"Eigen Mode{i:5d} :{f:13.3f} Hz" for i, f in enumerate(hertz(values), 1)
+            f"Eigen Mode{i:5d} :{f:13.3f} Hz" for i, f in enumerate(to_hertz(values), 1)
         ),
         shares={"normal": np.ones(len(values))},
         space=space,
@@ -72,50 +93,52 @@ def craig_bampton(
     model: FiniteElementModel,
     frame: Frame,
     settings: CraigBamptonReduction,
-    space: Space | None = None,
+    space: AdmissibleSpace | None = None,
 ) -> ReducedBasis:
     """Constraint modes of the interfaces and modes with fixed interfaces.
 
     Source: R. Craig, M. Bampton, "Coupling of substructures for dynamic analyses",
     AIAA J. 6 (7), 1968.
     """
-    outer = space or admissible(model, frame, settings.fixed_names)
+    outer = space or constrained_space(model, frame, settings.fixed_names)
     inner, constraint = _constraint_modes(model, outer, settings)
     _, normal = inner.modes(settings.modes)
-    families = [Family("fixed-interface mode", normal), constraint]
-    return replace(finished(model, frame, families, "Craig-Bampton"), space=outer)
+    families = [ShapeFamily("fixed-interface mode", normal), constraint]
+    return replace(
+        orthonormal_basis(model, frame, families, "Craig-Bampton"), space=outer
+    )
 
 
-def attachment(
+def attachment_modes(
     model: FiniteElementModel,
     frame: Frame,
     settings: AttachmentReduction,
-    space: Space | None = None,
+    space: AdmissibleSpace | None = None,
 ) -> ReducedBasis:
     """Normal modes, static answers to unit loads at markers and to its own inertia.
 
     Source: R. Craig, "Structural Dynamics", Wiley 1981, chapter 19.
     """
-    space = space or admissible(model, frame, settings.fixed_names)
-    _, normal = space.modes(settings.modes, COMPARED)
+    space = space or constrained_space(model, frame, settings.fixed_names)
+    _, normal = space.modes(settings.modes, COMPARED_FREQUENCIES)
     rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
     families = [
-        Family("normal mode", normal),
-        Family("attachment mode", space.static(rows.T), names),
+        ShapeFamily("normal mode", normal),
+        ShapeFamily("attachment mode", space.static(rows.T), names),
     ]
     if settings.inertia_relief:
         families.append(_inertia_relief(model, frame, space))
     if settings.centrifugal:
         loads = model.mass @ model.linear_fields(frame.origin)
-        families.append(Family("centrifugal mode", space.static(loads)))
-    return replace(finished(model, frame, families, "Attachment"), space=space)
+        families.append(ShapeFamily("centrifugal mode", space.static(loads)))
+    return replace(orthonormal_basis(model, frame, families, "Attachment"), space=space)
 
 
-def herting(
+def herting_modes(
     model: FiniteElementModel,
     frame: Frame,
     settings: HertingReduction,
-    space: Space | None = None,
+    space: AdmissibleSpace | None = None,
 ) -> ReducedBasis:
     """Constraint modes, inertia-relief modes, and modes with free interfaces.
 
@@ -125,26 +148,26 @@ def herting(
     Source: D. Herting, "A general purpose, multi-stage, component modal synthesis
     method", Finite Elements in Analysis and Design 1, 1985.
     """
-    outer = space or admissible(model, frame, settings.fixed_names)
+    outer = space or constrained_space(model, frame, settings.fixed_names)
     inner, constraint = _constraint_modes(model, outer, settings)
-    _, normal = outer.modes(settings.modes, COMPARED)
+    _, normal = outer.modes(settings.modes, COMPARED_FREQUENCIES)
     relief = _inertia_relief(model, frame, inner)
-    families = [Family("free-interface mode", normal), constraint, relief]
-    return replace(finished(model, frame, families, "Herting"), space=outer)
+    families = [ShapeFamily("free-interface mode", normal), constraint, relief]
+    return replace(orthonormal_basis(model, frame, families, "Herting"), space=outer)
 
 
-def krylov(
+def krylov_reduction(
     model: FiniteElementModel,
     frame: Frame,
     settings: KrylovReduction,
-    space: Space | None = None,
+    space: AdmissibleSpace | None = None,
 ) -> ReducedBasis:
     """Rational Krylov vectors that match the transfer functions between markers.
 
     See `krylov_vectors`. Of a body that its frame accelerates, the answers to uniform
     accelerations are matched as well.
     """
-    space = space or admissible(model, frame, settings.fixed_names)
+    space = space or constrained_space(model, frame, settings.fixed_names)
     rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
     loads = [rows.T]
     if not space.rigid.shape[1]:
@@ -152,13 +175,15 @@ def krylov(
         names += tuple(f"acceleration {i + 1}" for i in range(loads[1].shape[1]))
     columns = np.hstack(loads)
     moved = np.linalg.norm(space.static(columns), axis=0)
-    felt = moved > HELD * moved.max(initial=0.0)
+    felt = moved > FIXED_LOAD_TOLERANCE * moved.max(initial=0.0)
     names = tuple(name for name, there in zip(names, felt, strict=True) if there)
     families = [
-        Family(f"at {f:g} Hz", shapes, tuple(f"{n} at {f:g} Hz" for n in names) * m)
+        ShapeFamily(
+            f"at {f:g} Hz", shapes, tuple(f"{n} at {f:g} Hz" for n in names) * m
+        )
         for f, shapes, m in krylov_vectors(space, columns[:, felt], settings)
     ]
-    return replace(finished(model, frame, families, "Krylov"), space=space)
+    return replace(orthonormal_basis(model, frame, families, "Krylov"), space=space)
 
 
 def _interface_rows(
@@ -172,25 +197,27 @@ def _interface_rows(
 
 def _constraint_modes(
     model: FiniteElementModel,
-    outer: Space,
+    outer: AdmissibleSpace,
     settings: CraigBamptonReduction | HertingReduction,
-) -> tuple[Space, Family]:
+) -> tuple[AdmissibleSpace, ShapeFamily]:
     """The space with fixed interfaces, and static answers to unit motions of these."""
     rows, _ = _interface_rows(model, settings.interfaces, settings.rotations)
     inner = outer.with_constraints(rows)
     count, before = len(inner.constraints), len(outer.constraints)
     motions = np.eye(count)[:, before:]
     shapes = inner.static(np.zeros((model.ndof, count - before)), motions)
-    return inner, Family("constraint mode", shapes)
+    return inner, ShapeFamily("constraint mode", shapes)
 
 
-def _inertia_relief(model: FiniteElementModel, frame: Frame, space: Space) -> Family:
+def _inertia_relief(
+    model: FiniteElementModel, frame: Frame, space: AdmissibleSpace
+) -> ShapeFamily:
     """Static answers to uniform accelerations; none of a body that is free."""
     shapes = np.zeros((model.ndof, 0))
     if not space.rigid.shape[1]:
         rigid = model.rigid_body_modes(frame.origin)
         shapes = space.static(model.mass @ rigid)
-    return Family("inertia-relief mode", shapes)
+    return ShapeFamily("inertia-relief mode", shapes)
 
 
 Reduction = Callable[..., ReducedBasis]
@@ -199,8 +226,76 @@ Reduction = Callable[..., ReducedBasis]
 REDUCTIONS: dict[str, Reduction] = {
     "modal": modal_truncation,
     "craig_bampton": craig_bampton,
-    "attachment": attachment,
-    "herting": herting,
-    "krylov": krylov,
+    "attachment": attachment_modes,
+    "herting": herting_modes,
+    "krylov": krylov_reduction,
     "user": user_shapes,
 }
+
+
+def krylov_vectors(
+    space: AdmissibleSpace, loads: Array, settings: KrylovReduction
+) -> Iterator[tuple[float, Array, int]]:
+    """(K - w^2 M)^-1 B and their derivatives by w^2, for every expansion point w.
+
+    With these vectors the reduced transfer functions between the loads agree with the
+    full ones at w in the value and in the first 2 `moments` - 1 derivatives by w^2,
+    since the projection is symmetric.
+
+    Parameters
+    ----------
+    loads : (ndof, n) load vectors B
+
+    Yields
+    ------
+    frequency [Hz], vectors (ndof, n moments), moments
+
+    Raises
+    ------
+    InputError : an expansion point is an eigenfrequency.
+    """
+    for frequency in settings.frequencies:
+        solve = _dynamic_solver(space, 2 * np.pi * frequency)
+        vectors = [solve(space.loads(loads))]
+        for _ in range(settings.moments - 1):
+            last = vectors[-1] / np.linalg.norm(vectors[-1], axis=0)
+            vectors.append(solve(space.mass @ last))
+        shapes = space.displacements(np.hstack(vectors))
+        if not np.isfinite(shapes).all():
+            raise _resonance_error(frequency)
+        yield frequency, shapes, settings.moments
+
+
+class _DynamicSolver:
+    """Solves (K - w^2 M) y = f with the constraints of a space."""
+
+    def __init__(self, space: AdmissibleSpace, omega: float) -> None:
+        k, m = space.stiffness, space.mass
+        rows = sp.csr_matrix(space.constraints * float(k.diagonal().mean()))
+        matrix = k - omega**2 * m
+        if rows.shape[0]:
+            matrix = sp.block_array([[matrix, rows.T], [rows, None]])
+        try:
+            self._factors = splu(sp.csc_matrix(matrix))
+        except RuntimeError:
+            raise _resonance_error(omega / (2 * np.pi)) from None
+        self._extra = rows.shape[0]
+
+    def __call__(self, loads: Array) -> Array:
+        padded = np.vstack([loads, np.zeros((self._extra, loads.shape[1]))])
+        return self._factors.solve(padded)[: len(loads)]
+
+
+def _dynamic_solver(space: AdmissibleSpace, omega: float) -> Callable[[Array], Array]:
+    if omega > 0:
+        return _DynamicSolver(space, omega)
+    identity = sp.csr_matrix(sp.eye_array(space.stiffness.shape[0]))
+    return replace(space, transform=identity).static
+
+
+def _resonance_error(frequency: float) -> InputError:
+    return InputError(
+        f"{frequency:g} Hz is an eigenfrequency of the body",
+        place="reduction.frequencies",
+        expected="expansion points beside the eigenfrequencies",
+    )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frontends.finite_element_model import FiniteElementModel
+from ..elements.finite_element_model import FiniteElementModel
 
 _GROWTH = {
     2: ("plane body", "with the logarithm of the element size"),

@@ -1,1 +1,9 @@
-"""Words and tables about SIDs, models, scenes, results and judgements."""
+"""Text, tables, JSON and HTML about files and results.
+
+tables        text tables
+sid           contents of a SID, its natural modes
+input_files   model files, imported files, scenes
+result        results, analyses, accuracy
+json_data     data for other programs
+validation    checks and comparison of a SID
+"""

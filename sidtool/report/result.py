@@ -1,16 +1,28 @@
-"""What a result holds and what it cost."""
+"""Description of results, analyses and the accuracy of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sidtool.formats.result import Event, FlexibleBody, Result, units_in
+from sidtool.formats.result import (
+    AccuracyReport,
+    BudgetLine,
+    Event,
+    FlexibleBody,
+    OutputError,
+    Result,
+    units_in,
+)
 
-from .accuracy import describe_accuracy
-from .tables import Block, named, plural, table
+from .tables import TextBlock, counted_noun, named_values, text_table
+
+if TYPE_CHECKING:
+    from sidtool.solver.analyses.linearisation import Linearisation
+
+    from ..api.analyses import Equilibrium
 
 #: counters in the order of a summary, with the words for them
 COUNTERS = {
@@ -22,18 +34,18 @@ COUNTERS = {
     "newton_iterations": "Newton iteration",
 }
 #: Flexible bodies in a summary: those whose numbers can be relied on least.
-MOST_BODIES = 8
-#: Events told of in a summary.
-MOST_EVENTS = 8
-ADVICE = (
+MAX_BODIES = 8
+#: Largest number of events in a summary.
+MAX_EVENTS = 8
+STIFF_SCENE_TEXT = (
     "the scene is stiff: stability, not accuracy, limited the steps of this explicit "
     "method; radau5 or radau9 take fewer"
 )
 #: One step in so many that stability limits makes a scene stiff, as in `solver`.
-STIFF_PART = 4
+STIFF_STEP_SHARE = 4
 
 
-class Noted(Protocol):
+class WithNotes(Protocol):
     """A result, or what an analysis found."""
 
     @property
@@ -46,46 +58,48 @@ class Noted(Protocol):
 _DRIFT_UNITS = {"position": "m", "velocity": "m/s"}
 
 
-def summary(
+def run_summary(
     result: Result,
     span: tuple[float, float, int] | None = None,
     warned: bool = False,
 ) -> str:
-    """A few lines after a run: span, cost, drift, notes, events, flexible bodies.
+    """Return a few lines after a run: span, cost, drift, notes, events, flexible
+    bodies.
 
-    span : first and last output time [s] and how many there are; default those of the
-        result
-    warned : whether the warnings were told before
+    Parameters
+    ----------
+    span : first and last output time [s] and their number; default those of the result
+    warned : whether the warnings were printed before
     """
-    known = course(result, span, warned)
+    known = run_overview(result, span, warned)
     if result.accuracy is None:
         return known
     return f"{known}\n\n{describe_accuracy(result.accuracy)}"
 
 
-def course(
+def run_overview(
     result: Result,
     span: tuple[float, float, int] | None = None,
     warned: bool = False,
-) -> Block:
-    """The same without the accuracy that was asked for."""
+) -> TextBlock:
+    """Return the summary without the accuracy report."""
     entries = [
-        ("motion", _span(*(span or _span_of(result)))),
-        ("method", _settings(result)),
-        ("cost", _cost(result)),
-        ("drift", _drift(result)),
+        ("motion", _span_text(*(span or _result_span(result)))),
+        ("method", _settings_text(result)),
+        ("cost", _cost_text(result)),
+        ("drift", _drift_text(result)),
     ]
     if result.message:
         entries.append(("ended" if result.completed else "stopped", result.message))
     entries += [line for line in note_lines(result) if line[0] == "note" or not warned]
     if _is_stiff(result):
-        entries.append(("advice", ADVICE))
-    entries += _events(result.events)
-    entries += _chosen(result.bodies, lambda body: body.after)
-    return named(entries)
+        entries.append(("advice", STIFF_SCENE_TEXT))
+    entries += _event_lines(result.events)
+    entries += _worst_body_lines(result.bodies, lambda body: body.after)
+    return named_values(entries)
 
 
-def note_lines(found: Noted) -> list[tuple[str, str]]:
+def note_lines(found: WithNotes) -> list[tuple[str, str]]:
     """Warnings and other notes of a result, each with its kind."""
     return [
         ("warning" if text in found.warnings else "note", text) for text in found.notes
@@ -95,7 +109,7 @@ def note_lines(found: Noted) -> list[tuple[str, str]]:
 def _is_stiff(result: Result) -> bool:
     """Whether stability, not accuracy, limited the steps of an explicit method."""
     counters = result.counters
-    return STIFF_PART * counters.get("stiff_steps", 0) > counters.get("steps", 0)
+    return STIFF_STEP_SHARE * counters.get("stiff_steps", 0) > counters.get("steps", 0)
 
 
 def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
@@ -114,49 +128,51 @@ def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _events(events: Sequence[Event]) -> list[tuple[str, str]]:
+def _event_lines(events: Sequence[Event]) -> list[tuple[str, str]]:
     """Lines of the first crossings, and how many breaks of functions there were."""
     crossings = [e for e in events if e.kind != "break"]
-    lines = [(e.name, f"{e.kind} at t = {e.t:.12g} s") for e in crossings[:MOST_EVENTS]]
-    more = len(crossings) - MOST_EVENTS
+    lines = [(e.name, f"{e.kind} at t = {e.t:.12g} s") for e in crossings[:MAX_EVENTS]]
+    more = len(crossings) - MAX_EVENTS
     if more > 0:
-        lines.append(("...", f"and {plural(more, 'event')} later"))
+        lines.append(("...", f"and {counted_noun(more, 'event')} later"))
     breaks: dict[str, list[float]] = {}
     for event in events:
         if event.kind == "break":
             breaks.setdefault(event.name, []).append(event.t)
-    return lines + [(name, _breaks(times)) for name, times in breaks.items()]
+    return lines + [(name, _break_line(times)) for name, times in breaks.items()]
 
 
-def _breaks(times: Sequence[float]) -> str:
+def _break_line(times: Sequence[float]) -> str:
     if len(times) == 1:
         return f"break at t = {times[0]:.12g} s"
     return f"{len(times)} breaks from t = {times[0]:.12g} s to {times[-1]:.12g} s"
 
 
-def foreseen(bodies: Mapping[str, FlexibleBody]) -> str:
+def expected_body_lines(bodies: Mapping[str, FlexibleBody]) -> str:
     """A line per flexible body before a run: frequencies, expected stiffening."""
-    return named(_chosen(bodies, lambda body: body.before))
+    return named_values(_worst_body_lines(bodies, lambda body: body.before))
 
 
-def _chosen(
+def _worst_body_lines(
     bodies: Mapping[str, FlexibleBody], tell: Callable[[FlexibleBody], str]
 ) -> list[tuple[str, str]]:
     """Lines of the bodies whose numbers can be relied on least, these first."""
     order = sorted(bodies, key=lambda name: bodies[name].severity, reverse=True)
-    lines = [(name, tell(bodies[name])) for name in order[:MOST_BODIES]]
-    rest = order[MOST_BODIES:]
-    more = f"and {plural(len(rest), 'body')} with less"
+    lines = [(name, tell(bodies[name])) for name in order[:MAX_BODIES]]
+    rest = order[MAX_BODIES:]
+    more = f"and {counted_noun(len(rest), 'body')} with less"
     return [*lines, ("...", more)] if rest else lines
 
 
 def describe_result(result: Result) -> str:
     """The summary, the outputs with their range, and the versions."""
-    parts = [named([("title", result.title or "(none)")]) + "\n" + summary(result)]
-    parts += [_contributions(name, body) for name, body in result.bodies.items()]
+    parts = [
+        named_values([("title", result.title or "(none)")]) + "\n" + run_summary(result)
+    ]
+    parts += [_body_contributions(name, body) for name, body in result.bodies.items()]
     if result.names and len(result.t):
         columns = dict(zip(result.names, result.values.T, strict=True))
-        parts.append(ranges(columns, units_in(result)))
+        parts.append(output_ranges(columns, units_in(result)))
     if result.versions:
         own = f"sidtool {result.versions.get('sidtool', '')}".rstrip()
         others = [f"{n} {v}" for n, v in result.versions.items() if n != "sidtool"]
@@ -164,7 +180,7 @@ def describe_result(result: Result) -> str:
     return "\n\n".join(parts)
 
 
-def ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str]) -> str:
+def output_ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str]) -> str:
     """A table of the first, least, greatest and last value of each output.
 
     unit : of an output by its name
@@ -175,16 +191,18 @@ def ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str]) -> str
         for name, column in columns.items()
         if len(column)
     ]
-    return table(["output", "first", "least", "greatest", "last", "unit"], rows)
+    return text_table(["output", "first", "least", "greatest", "last", "unit"], rows)
 
 
-def _contributions(name: str, body: FlexibleBody) -> str:
-    """What was expected of a body, and what each elastic coordinate contributed."""
+def _body_contributions(name: str, body: FlexibleBody) -> str:
+    """Describe the expectation of a body, and the contribution of each elastic
+    coordinate.
+    """
     return f"{body.before}\n{contributions(name, body)}"
 
 
-def contributions(name: str, body: FlexibleBody) -> Block:
-    """What each elastic coordinate of a body contributed to the motion."""
+def contributions(name: str, body: FlexibleBody) -> TextBlock:
+    """Tabulate the contribution of each elastic coordinate of a body to the motion."""
     header = [name, "Hz", "max |q|", "energy %", "label"]
     names = body.names or [f"q{i + 1}" for i in range(len(body.labels))]
     columns = (body.frequencies, body.amplitudes, 100 * body.energy_shares)
@@ -194,21 +212,21 @@ def contributions(name: str, body: FlexibleBody) -> Block:
             names, *columns, body.labels, strict=False
         )
     ]
-    return table(header, rows)
+    return text_table(header, rows)
 
 
-def _span_of(result: Result) -> tuple[float, float, int]:
+def _result_span(result: Result) -> tuple[float, float, int]:
     count = len(result.t)
     return (float(result.t[0]), float(result.t[-1]), count) if count else (0.0, 0.0, 0)
 
 
-def _span(first: float, last: float, count: int) -> str:
+def _span_text(first: float, last: float, count: int) -> str:
     if not count:
         return "no output time was reached"
-    return f"{first:g} s to {last:g} s, {plural(count, 'output time')}"
+    return f"{first:g} s to {last:g} s, {counted_noun(count, 'output time')}"
 
 
-def _settings(result: Result) -> str:
+def _settings_text(result: Result) -> str:
     settings = result.settings
     parts = [str(settings.get("integrator", "unknown integrator"))]
     step = settings.get("step")
@@ -221,10 +239,10 @@ def _settings(result: Result) -> str:
     return ", ".join(parts)
 
 
-def _cost(result: Result) -> str:
+def _cost_text(result: Result) -> str:
     counters = result.counters
     parts = [
-        plural(int(counters[key]), word)
+        counted_noun(int(counters[key]), word)
         for key, word in COUNTERS.items()
         if key in counters
     ]
@@ -233,9 +251,257 @@ def _cost(result: Result) -> str:
     return ", ".join(parts) or "not counted"
 
 
-def _drift(result: Result) -> str:
+def _drift_text(result: Result) -> str:
     parts = [
         f"{level} {value:.1e} {_DRIFT_UNITS.get(level, '')}".rstrip()
         for level, value in result.drift.items()
     ]
     return "constraints, " + ", ".join(parts) if parts else "not measured"
+
+
+#: Coordinates named beside a mode: those that move most, if they move by more than a
+#: part of the most.
+MAX_LEADING_COORDINATES, LEADING_TOLERANCE = 3, 1e-6
+#: Damping ratios are negative below this; smaller values are indistinguishable from
+#: zero.
+INSTABILITY_TOLERANCE = 1e-6
+#: Damping ratios below this are rounding.
+DAMPING_ROUNDING = 1e-12
+
+
+def describe_equilibrium(found: Equilibrium) -> str:
+    """Iterations, residual, notes, outputs and multipliers."""
+    result = found.result()
+    parts: list[str] = [
+        named_values(
+            [
+                ("equilibrium", f"after {found.iterations} steps"),
+                ("unbalanced", f"{found.residual:.1e} of the forces"),
+            ]
+        )
+    ]
+    parts += _plain_notes(result)
+    rows = found.rows()
+    if rows:
+        texts = [[name, f"{value:.10g}", unit] for name, value, unit in rows]
+        parts.append(text_table(["output", "value", "unit"], texts))
+    return "\n\n".join(parts)
+
+
+def describe_modes(modes: Linearisation) -> str:
+    """A table of the natural modes and the coordinates that lead each, and notes."""
+    rows = mode_rows(modes)
+    if not rows:
+        return "no natural modes: nothing can move"
+    text: str = text_table(mode_header(modes), rows)
+    text += f"\n\n{axes_of_frequencies(modes)}"
+    growing = (
+        np.flatnonzero((modes.damping_ratios < -INSTABILITY_TOLERANCE) & ~modes.rigid)
+        + 1
+    )
+    if len(growing):
+        which = ", ".join(map(str, growing))
+        warning = f"mode {which} grows, its damping ratio is negative"
+        if len(growing) > 1:
+            warning = f"modes {which} grow, their damping ratios are negative"
+        text += f"\n\nunstable: {warning}"
+    return "\n\n".join([text, *_plain_notes(modes)])
+
+
+def has_rotating_axes(modes: Linearisation) -> bool:
+    """Whether frequencies differ between inertial axes and those of the bodies."""
+    apart = modes.inertial_frequencies - modes.rotating_frequencies
+    return bool(any(modes.whirl) or apart.any())
+
+
+def mode_header(modes: Linearisation) -> tuple[str, ...]:
+    """Heads of the columns of `mode_rows`."""
+    columns: tuple[str, ...] = ("Hz",)
+    if has_rotating_axes(modes):
+        columns = ("inertial Hz", "rotating Hz", "whirl")
+    return ("mode", *columns, "damping ratio", "moved most by")
+
+
+def axes_of_frequencies(modes: Linearisation) -> str:
+    """In which axes the frequencies are those that one sees."""
+    if not has_rotating_axes(modes):
+        return f"frame: {modes.frame} axes"
+    return (
+        f"frame: modes are solved in axes {modes.frame}"
+        if modes.frame != "inertial"
+        else "frame: modes are solved in inertial axes"
+    ) + (
+        "; inertial Hz is what fixed sensors see, rotating Hz what strain gauges on "
+        "the body see"
+    )
+
+
+def mode_rows(modes: Linearisation) -> list[list[str]]:
+    """Number, frequency, damping ratio and leading coordinates of each mode."""
+    rows = []
+    for k, (hertz, ratio) in enumerate(
+        zip(modes.frequencies, modes.damping_ratios, strict=True)
+    ):
+        sizes = np.abs(modes.shapes[k])
+        order = [
+            i for i in np.argsort(-sizes) if sizes[i] > LEADING_TOLERANCE * sizes.max()
+        ]
+        lead = ", ".join(modes.names[i] for i in order[:MAX_LEADING_COORDINATES])
+        columns = [f"{hertz:.6g}"]
+        if has_rotating_axes(modes):
+            columns = [
+                f"{modes.inertial_frequencies[k]:.6g}",
+                f"{modes.rotating_frequencies[k]:.6g}",
+                modes.whirl[k],
+            ]
+        rows.append(
+            [
+                str(k + 1),
+                *columns,
+                "rigid"
+                if modes.rigid[k]
+                else f"{ratio if abs(ratio) > DAMPING_ROUNDING else 0.0:.4g}",
+                lead,
+            ]
+        )
+    return rows
+
+
+def modes_as_data(modes: Linearisation) -> dict[str, Any]:
+    """Natural modes as JSON holds them; complex numbers are pairs."""
+    return {
+        "coordinates": list(modes.names),
+        "position": modes.z.tolist(),
+        "velocity": modes.v.tolist(),
+        "notes": list(modes.notes),
+        "warnings": list(modes.warnings),
+        "frame": modes.frame,
+        "modes": [
+            {
+                "frequency": float(modes.frequencies[k]),
+                "inertial_frequency": float(modes.inertial_frequencies[k]),
+                "rotating_frequency": float(modes.rotating_frequencies[k]),
+                "whirl": modes.whirl[k],
+                "rigid": bool(modes.rigid[k]),
+                "damping_ratio": float(modes.damping_ratios[k]),
+                "eigenvalue": _complex_pair(value),
+                "shape": [_complex_pair(entry) for entry in modes.shapes[k]],
+            }
+            for k, value in enumerate(modes.eigenvalues)
+        ],
+    }
+
+
+def describe_inverse(result: Result) -> str:
+    """The largest force of each constraint, and notes."""
+    unit = units_in(result)
+    rows = [
+        [name, f"{np.min(column):.10g}", f"{np.max(column):.10g}", unit(name)]
+        for name, column in zip(
+            result.multiplier_names, result.multipliers.T, strict=True
+        )
+    ]
+    return "\n\n".join(
+        [
+            text_table(["force", "least", "greatest", "unit"], rows),
+            *_plain_notes(result),
+        ]
+    )
+
+
+def _plain_notes(result: Result | Linearisation) -> list[str]:
+    """Return the notes without the warnings, which are printed before, as one
+    paragraph.
+    """
+    lines = [line for line in note_lines(result) if line[0] == "note"]
+    return [named_values(lines)] if lines else []
+
+
+def _complex_pair(value: complex) -> list[float]:
+    return [float(np.real(value)), float(np.imag(value))]
+
+
+def accuracy_summary(report: AccuracyReport) -> TextBlock:
+    """Return a few lines: the request, the worst output, and the sentences."""
+    entries = [("wanted", _request_text(report)), ("reached", _reached_text(report))]
+    entries += [("choice", text) for text in report.sentences]
+    searched = f"{counted_noun(report.runs, 'run')} in {report.seconds:.2f} s"
+    how = f"by {searched}" if report.searched else f"before, by {searched}"
+    return named_values([*entries, ("found", how)])
+
+
+def describe_accuracy(report: AccuracyReport) -> str:
+    """The error of each output, the budget, and why."""
+    parts = [accuracy_summary(report), error_table(report), budget_table(report)]
+    return "\n\n".join(parts)
+
+
+def error_table(report: AccuracyReport) -> TextBlock:
+    """Tabulate outputs with their error, in their unit and relative to their variation.
+
+    Known bounds and terms neglected by linear theory have a column.
+    """
+    found = {
+        "bound": [o.bound for o in report.outputs],
+        "theory": [o.theory for o in report.outputs],
+    }
+    known = {n: values for n, values in found.items() if any(values)}
+    rows = [
+        [
+            o.name,
+            f"{o.error:.1e}",
+            *(_format_number(values[k]) for values in known.values()),
+        ]
+        + [f"{o.allowed:.1e}", o.unit, _relative_text(o)]
+        for k, o in enumerate(report.outputs)
+    ]
+    header = ["output", "error", *known, "allowed", "unit", "of its variation"]
+    return text_table(header, rows)
+
+
+def _format_number(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}"
+
+
+def budget_table(report: AccuracyReport) -> TextBlock:
+    """Each kind of choice with what it adds to the worst output, and its cost."""
+    rows = [_budget_row(line, report) for line in report.budget]
+    header = ["part", "choice", "error", "in", "of what is allowed"]
+    return text_table([*header, "seconds", "at its finest"], rows)
+
+
+def _budget_row(line: BudgetLine, report: AccuracyReport) -> list[str]:
+    worst = max(report.outputs, key=lambda o: line.errors[o.name] / o.allowed)
+    error = line.errors[worst.name]
+    return [
+        line.part,
+        line.choice,
+        f"{error:.1e}",
+        worst.name,
+        f"{100 * error / worst.allowed:.2g} %",
+        f"{line.seconds:.4f}",
+        "" if line.finest is None else f"{line.finest:.4f}",
+    ]
+
+
+def _relative_text(output: OutputError) -> str:
+    return f"{output.relative:.1e}" if output.variation else ""
+
+
+def _request_text(report: AccuracyReport) -> str:
+    parts = [
+        amount if name == "*" else f"{name} to {amount}"
+        for name, amount in report.wanted.items()
+    ]
+    everything = "*" in report.wanted
+    return ", ".join(parts) + (" of all outputs" if everything else "")
+
+
+def _reached_text(report: AccuracyReport) -> str:
+    worst = max(report.outputs, key=lambda o: o.error / o.allowed)
+    unit = f" {worst.unit}" if worst.unit else ""
+    return (
+        f"{worst.name} errs most, by {worst.error:.1e}{unit} "
+        f"({_relative_text(worst) or 'absolute'}) of {worst.allowed:.1e} allowed: "
+        "measured at the output times against the finest model, an estimate"
+    )

@@ -1,36 +1,45 @@
-"""What is in a SID, as a person would ask: modes, frame, masses, dialect."""
+"""Description of a SID: modes, frame, mass properties, dialect."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sidtool.formats.carried import DIRECTIONS
-from sidtool.formats.dead_nodes import dead_nodes
-from sidtool.formats.sid import SID
-from sidtool.formats.stiffening import has_stiffening
-from sidtool.formats.stress import stress_nodes
+from sidtool.formats.base.compliance_shares import DIRECTIONS
+from sidtool.formats.base.sid import SID
+from sidtool.formats.base.stress import stress_nodes
+from sidtool.formats.dead_nodes import dead_nodes, motion_scale
+from sidtool.formats.geometric_stiffening import has_stiffening
+from sidtool.formats.motion_kinds import (
+    ROTATION_ARM_SHARE,
+    ZERO_MOTION_TOLERANCE,
+    kind_of_shape,
+    long_axis,
+    node_extent,
+)
 
-from .modes import Mode, at_rest, frame_of, modes_of
-from .tables import listed, named, plural, table
+from ..validate.frequencies import held_modes, to_hertz
+from .tables import counted_noun, format_numbers, named_values, text_table
 
 
 def describe_sid(sid: SID) -> str:
     """Several lines and tables about a SID."""
-    parts = [_overview(sid)]
-    modes = modes_of(sid)
+    parts = [_overview_lines(sid)]
+    modes = natural_modes(sid)
     if modes:
         rows = [_mode_row(number, mode, sid) for number, mode in enumerate(modes, 1)]
         header = ["mode", "Hz", "kind", "boundary", "m_eff x %", "y %", "z %"]
         header += ["share %", "label"]
-        parts.append(table(header, rows))
+        parts.append(text_table(header, rows))
     if sid.nodes:
-        parts.append(_nodes(sid))
+        parts.append(_node_table(sid))
     return "\n\n".join(parts)
 
 
-def _overview(sid: SID) -> str:
+def _overview_lines(sid: SID) -> str:
     centre = sid.mdCM.m0[:, 0] / sid.mass if sid.mass else np.zeros(3)
     orders = [
         f"{name} {block.order}"
@@ -40,28 +49,31 @@ def _overview(sid: SID) -> str:
     dialect = sid.dialect
     entries = [
         ("title", sid.title or "(none)"),
-        ("size", f"{plural(len(sid.nodes), 'node')}, {plural(sid.nq, 'mode')}"),
+        (
+            "size",
+            f"{counted_noun(len(sid.nodes), 'node')}, {counted_noun(sid.nq, 'mode')}",
+        ),
         ("mass", f"{sid.mass:.10g}"),
-        ("centre of mass", listed(centre, _size(sid), " ")),
+        ("centre of mass", format_numbers(centre, _body_reach(sid), " ")),
         (
             "inertia (origin)",
-            listed(sid.J.m0[:, 0], between=" ") + "  (xx yy zz xy xz yz)",
+            format_numbers(sid.J.m0[:, 0], between=" ") + "  (xx yy zz xy xz yz)",
         ),
-        ("frame", frame_of(sid)),
+        ("frame", frame_kind_of(sid)),
         ("first-order terms", ", ".join(orders) or "none"),
-        *_abilities(sid),
+        *_capability_text(sid),
         (
             "written by",
-            f"{_writer(sid)}: Gr {dialect.gr_layout}-major, Ge "
+            f"{_writer_text(sid)}: Gr {dialect.gr_layout}-major, Ge "
             f"{dialect.ge_layout}-major, m1 {dialect.m1_index}, J {dialect.j_shape}",
         ),
         *(("note", note) for note in dialect.notes),
     ]
-    return named(entries)
+    return named_values(entries)
 
 
-def _abilities(sid: SID) -> list[tuple[str, str]]:
-    """Does it deform linearly, stiffen under loads, and tell stresses?"""
+def _capability_text(sid: SID) -> list[tuple[str, str]]:
+    """Describe the capabilities of a SID: linear deformation, stiffening, stresses."""
     if sid.nq == 0:
         return []
     lacks = "not carried; a simulation tells whether it matters"
@@ -70,12 +82,15 @@ def _abilities(sid: SID) -> list[tuple[str, str]]:
     return [
         ("elastic forces", "quadratic in q (Ke m1)" if quadratic else "linear"),
         ("geom. stiffening", "carried" if has_stiffening(sid) else lacks),
-        ("carried", _carried(sid)),
-        ("stress", f"at {plural(len(stressed), 'node')}" if stressed else "not told"),
+        ("carried", _compliance_text(sid)),
+        (
+            "stress",
+            f"at {counted_noun(len(stressed), 'node')}" if stressed else "not told",
+        ),
     ]
 
 
-def _writer(sid: SID) -> str:
+def _writer_text(sid: SID) -> str:
     """The program that wrote the file, and of which program it had the body."""
     by, first = sid.written_by, sid.dialect.writer
     if not by or first.startswith(by):
@@ -83,25 +98,27 @@ def _writer(sid: SID) -> str:
     return by if first.startswith("sidtool") else f"{by} (the body by {first})"
 
 
-def _carried(sid: SID) -> str:
-    """What the shape functions have of the static compliance of the full body."""
+def _compliance_text(sid: SID) -> str:
+    """Describe the shares of the static compliance that the shape functions
+    represent.
+    """
     if sid.carried is None:
         return "which part of the static compliance, the file does not tell"
-    told = [
+    texts = [
         (share, f"{'along' if len(way) == 1 else 'about'} {way[-1]}", node)
         for node, row in sid.carried.shares.items()
         for way, share in zip(DIRECTIONS, row, strict=True)
         if share is not None
     ]
-    if not told:
+    if not texts:
         return "of no node told"
-    least, way, node = min(told)
+    least, way, node = min(texts)
     return (
         f"of the static compliance at least {100 * least:.0f} % ({way} at node {node})"
     )
 
 
-def _mode_row(number: int, mode: Mode, sid: SID) -> list[str]:
+def _mode_row(number: int, mode: NaturalMode, sid: SID) -> list[str]:
     shares = 100 * mode.effective_mass / (sid.mass or 1.0)
     return [
         str(number),
@@ -114,23 +131,23 @@ def _mode_row(number: int, mode: Mode, sid: SID) -> list[str]:
     ]
 
 
-def _nodes(sid: SID, most: int = 12) -> str:
+def _node_table(sid: SID, most: int = 12) -> str:
     dead = dead_nodes(sid)
-    size = _size(sid)
+    size = _body_reach(sid)
     rows = [
         [
             node.id,
-            *listed(node.position, size, " ").split(),
+            *format_numbers(node.position, size, " ").split(),
             _node_note(node, sid, dead),
         ]
         for node in sid.nodes[:most]
     ]
-    text = table(["node", "x", "y", "z", ""], rows)
+    text = text_table(["node", "x", "y", "z", ""], rows)
     more = len(sid.nodes) - most
     return f"{text}\n... and {more} more" if more > 0 else text
 
 
-def _size(sid: SID) -> float:
+def _body_reach(sid: SID) -> float:
     """How far the body reaches from its frame: its nodes, its radii of inertia [m]."""
     places = [np.abs(node.position).max() for node in sid.nodes]
     spread = np.abs(sid.J.m0).max() / sid.mass if sid.mass > 0 else 0.0
@@ -140,4 +157,162 @@ def _size(sid: SID) -> float:
 def _node_note(node: Any, sid: SID, dead: tuple[str, ...]) -> str:
     if node.id in dead:
         return "no shape function moves it"
-    return "rests in the frame" if sid.nq and at_rest(node, sid) else ""
+    return "rests in the frame" if sid.nq and is_at_rest(node, sid) else ""
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NaturalMode:
+    """One natural mode of the body with its frame held.
+
+    Attributes
+    ----------
+    frequency : [Hz]
+    kind : "bending y", "axial x", "torsion x", ...
+    effective_mass : (3,) effective modal mass along x, y, z [kg]
+    boundary : how the body is held where the mode has this frequency: "held",
+        "chord", "free" (mean axes), "other"
+    contribution : share of the mode in the static compliance of all nodes
+    label : of the elastic coordinate that the mode consists of, if of one
+    """
+
+    frequency: float
+    kind: str
+    effective_mass: Array
+    boundary: str
+    contribution: float
+    label: str
+
+
+def natural_modes(sid: SID) -> tuple[NaturalMode, ...]:
+    """The natural modes of (Ke, Me), lowest first; empty for a rigid body.
+
+    The effective mass of mode y is (Ct^T y)^2 / (y^T Me y), by axis.
+    """
+    if sid.nq == 0:
+        return ()
+    squares, shapes = _mode_matrix(sid)
+    axis = long_axis(sid)
+    boundary = boundary_kind(sid)
+    shares = _compliance_shares(sid, squares, shapes)
+    modes = []
+    for square, shape, share in zip(squares, shapes.T, shares, strict=True):
+        modal_mass = float(shape @ sid.Me.m0 @ shape)
+        coupling = shape @ sid.Ct.m0
+        modes.append(
+            NaturalMode(
+                frequency=float(to_hertz(np.array([square]))[0]),
+                kind=kind_of_shape(sid, shape, axis),
+                effective_mass=coupling**2 / modal_mass if modal_mass else coupling * 0,
+                boundary=boundary,
+                contribution=float(share),
+                label=_mode_label(sid, shape),
+            )
+        )
+    return tuple(modes)
+
+
+def frame_kind_of(sid: SID) -> str:
+    """The kind of body frame, judged by the couplings and the nodes."""
+    if sid.nq == 0:
+        return "rigid body"
+    kind, nodes = _framekind_of_shape(sid)
+    return {
+        "free": "mean axes (Buckens): no coupling to the rigid motion",
+        "held": f"tangent frame, fixed to node {nodes} at its origin",
+        "held away": f"fixed to node {nodes}, away from its origin",
+        "chord": f"chord frame between nodes {nodes}",
+        "other": "another frame: coupled, and no node rests in it",
+    }[kind]
+
+
+def boundary_kind(sid: SID) -> str:
+    """How the natural modes of (Ke, Me) are held: "held", "chord", "free", "other"."""
+    return _framekind_of_shape(sid)[0].split()[0]
+
+
+def _framekind_of_shape(sid: SID) -> tuple[str, str]:
+    scale = np.sqrt(sid.mass * np.abs(np.diag(sid.Me.m0)).max()) or 1.0
+    size = max((np.abs(node.position).max() for node in sid.nodes), default=0.0) or 1.0
+    if (
+        np.abs(sid.Ct.m0).max() <= 1e-6 * scale
+        and np.abs(sid.Cr.m0).max() <= 1e-6 * scale * size
+    ):
+        return "free", ""
+    still = [node for node in sid.nodes if is_at_rest(node, sid)]
+    turning = [
+        node for node in still if node.psi.m0.any() and not _is_unrotated(node, sid)
+    ]
+    held = [node for node in still if node not in turning]
+    at_origin = [n for n in still if np.abs(n.position).max() <= 1e-9 * size]
+    silent = not any(node.psi.m0.any() for node in sid.nodes)
+    if at_origin and (at_origin[0] in turning or silent):
+        end = _chord_end(sid, at_origin[0])
+        if end is not None:
+            return "chord", f"{at_origin[0].id} and {end}"
+        if not silent:
+            return "other", ""
+    if at_origin:
+        return "held", str(at_origin[0].id)
+    if held:
+        return "held away", str(held[0].id)
+    return "other", ""
+
+
+def _is_unrotated(node: Any, sid: SID) -> bool:
+    scale = sid.largest_shapes[1]
+    return bool(np.abs(node.psi.m0).max(initial=0.0) <= ZERO_MOTION_TOLERANCE * scale)
+
+
+def _chord_end(sid: SID, start: Any) -> str | None:
+    """The node whose direction from the start stays the same."""
+    for node in sid.nodes:
+        chord = node.position - start.position
+        length = np.linalg.norm(chord)
+        if length == 0:
+            continue
+        across = np.cross(chord / length, node.phi.m0.T)
+        if np.abs(across).max() <= ZERO_MOTION_TOLERANCE * motion_scale(sid):
+            return str(node.id)
+    return None
+
+
+def _compliance_shares(sid: SID, squares: Array, shapes: Array) -> Array:
+    """(nq,) sum over nodes of phi^2 / w^2, as shares of the total.
+
+    Rotations count by the displacement they make over a part of the body's length.
+    """
+    arm = ROTATION_ARM_SHARE * node_extent(sid)
+    phi, psi = sid.shapes
+    motion = ((phi @ shapes) ** 2).sum(axis=(0, 1))
+    motion = motion + ((arm * psi @ shapes) ** 2).sum(axis=(0, 1))
+    soft = motion / np.where(squares > 0, squares, np.inf)
+    total = soft.sum()
+    return soft / total if total else soft
+
+
+def is_at_rest(node: Any, sid: SID) -> bool:
+    """Does no shape function displace a node?"""
+    return bool(
+        np.abs(node.phi.m0).max(initial=0.0)
+        <= ZERO_MOTION_TOLERANCE * motion_scale(sid)
+    )
+
+
+def _mode_matrix(sid: SID) -> tuple[Array, Array]:
+    """Modes in the columns; the coordinates themselves where Me is no mass matrix."""
+    try:
+        return held_modes(sid)
+    except np.linalg.LinAlgError:
+        masses = np.diag(sid.Me.m0)
+        safe = np.where(masses > 0, masses, np.inf)
+        return np.diag(sid.Ke.m0) / safe, np.eye(sid.nq)
+
+
+def _mode_label(sid: SID, shape: Array) -> str:
+    leading = int(np.abs(shape).argmax())
+    others = np.delete(np.abs(shape), leading)
+    alone = others.max(initial=0.0) <= 1e-3 * abs(shape[leading])
+    return sid.labels[leading].strip() if alone else ""

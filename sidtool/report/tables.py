@@ -3,63 +3,82 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sidtool.formats.errors import printable
-from sidtool.formats.html import html_table
+from sidtool.formats.base.errors import InputError, printable
+from sidtool.formats.base.html import html_table
 
-#: Values below this share of what they are seen beside are rounding.
+#: Values below this share of the largest one are rounding.
 _ROUNDING = 1e-12
 
 
-def listed(values: ArrayLike, size: float = 0.0, between: str = ", ") -> str:
-    """Six digits each; what is nothing beside the largest, or beside `size`, is 0."""
+def format_numbers(values: ArrayLike, size: float = 0.0, between: str = ", ") -> str:
+    """Format numbers with six digits; rounding beside the largest, or `size`, is 0."""
     numbers = np.asarray(values, float)
     nothing = _ROUNDING * max(size, np.abs(numbers).max(initial=0.0))
     return between.join(f"{v:.6g}" if abs(v) > nothing else "0" for v in numbers)
 
 
-class Block(str):
+def import_optional(name: str) -> Any:
+    """A package that only some need.
+
+    Raises
+    ------
+    InputError : it is not installed.
+    """
+    from importlib import import_module
+
+    try:
+        return import_module(name)
+    except ImportError:
+        raise InputError(
+            f"{name} is not installed", expected=f"pip install {name}"
+        ) from None
+
+
+class TextBlock(str):
     """A table as text, which knows itself as HTML, too."""
 
     html: str
 
     def __new__(cls, text: str, html: str) -> Self:
-        made = super().__new__(cls, text)
-        made.html = html
-        return made
+        block = super().__new__(cls, text)
+        block.html = html
+        return block
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Block:
+def text_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> TextBlock:
     """Aligned columns under a header and a line; numbers to the right, texts left."""
     body = [[printable(cell) for cell in row] for row in rows]
     columns = list(zip(header, *body, strict=True))
     widths = [max(map(len, column)) for column in columns]
-    right = [all(_numeric(cell) for cell in column[1:]) for column in columns]
+    right = [all(_is_number(cell) for cell in column[1:]) for column in columns]
     lines = [list(header), ["-" * width for width in widths], *body]
-    text = "\n".join(_line(cells, widths, right) for cells in lines)
-    return Block(text, html_table(body, header))
+    text = "\n".join(_table_line(cells, widths, right) for cells in lines)
+    return TextBlock(text, html_table(body, header))
 
 
-def named(entries: Iterable[tuple[str, str]]) -> Block:
-    """Names and what they stand for, one per line, aligned."""
+def named_values(entries: Iterable[tuple[str, str]]) -> TextBlock:
+    """Return names and their values, one per line, aligned."""
     pairs = [(name, printable(text)) for name, text in entries]
     width = max((len(name) for name, _ in pairs), default=0)
     lines = "\n".join(f"{name:<{width}}  {text}" for name, text in pairs)
-    return Block(lines, html_table(pairs))
+    return TextBlock(lines, html_table(pairs))
 
 
-def plural(count: int, word: str) -> str:
+def counted_noun(count: int, word: str) -> str:
     """ "1 mode", "2 modes"; bodies need no other plurals than these."""
     if count == 1:
         return f"1 {word}"
     return f"{count} {word[:-1] + 'ies' if word.endswith('dy') else word + 's'}"
 
 
-def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:
+def _table_line(
+    cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]
+) -> str:
     padded = (
         cell.rjust(width) if numeric else cell.ljust(width)
         for cell, width, numeric in zip(cells, widths, right, strict=True)
@@ -67,5 +86,5 @@ def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) ->
     return "  ".join(padded).rstrip()
 
 
-def _numeric(cell: str) -> bool:
+def _is_number(cell: str) -> bool:
     return not cell or cell[0] in "+-.0123456789"

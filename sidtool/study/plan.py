@@ -1,4 +1,4 @@
-"""What a study computes: values of its axes, its points, the outputs it compares."""
+"""Plan of a study: values of its axes, its points, the outputs that it compares."""
 
 from __future__ import annotations
 
@@ -6,23 +6,35 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.model.refine import modes_of, refined
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.geometric_stiffening import has_stiffening
+from sidtool.formats.model.refine import refine_model, requested_modes
 from sidtool.formats.scene import SceneFile, is_elastic, is_stress, parse_output
-from sidtool.formats.stiffening import has_stiffening
-from sidtool.solver.system.bodies.lost_inertia import has_quadratic_inertia
-from sidtool.solver.system.bodies.unstiffened import can_be_unstiffened
+from sidtool.solver.system.sid_terms import has_quadratic_inertia
+from sidtool.solver.system.stiffening import can_remove_stiffening
 
-from .axes import AXES, FRAMES, METHODS, TERMS, Values, Variant, grid, with_choice
-from .bodies import Bodies
-from .settings import FEW, Setting, default_settings, setting_of
+from ..measurement.body_variants import BodyVariants
+from ..measurement.variants import (
+    AXES,
+    FEW_SETTINGS,
+    FRAMES,
+    METHODS,
+    TERMS,
+    Setting,
+    Values,
+    Variant,
+    default_settings,
+    setting_of,
+    variant_grid,
+    with_choice,
+)
 
-#: Points of a study, unless more are asked for.
-MOST = 300
+#: Default of the largest number of points of a study.
+MAX_POINTS = 300
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """The points of a study.
 
     values : of each axis that is varied
@@ -32,7 +44,7 @@ class Plan:
     whole : points of the whole grid
     """
 
-    bodies: Bodies
+    bodies: BodyVariants
     values: Values
     base: Variant
     settings: tuple[Setting, ...]
@@ -47,7 +59,7 @@ class Plan:
         return models + tuple(n for n in AXES if len(self.values.get(n, ())) > 1)
 
     def labels(self, variant: Variant) -> dict[str, str]:
-        """What a table says of a variant."""
+        """Return the labels of a variant in tables."""
         found = {"model": self.bodies.title(variant.model)}
         for name in self.varied:
             if name not in ("model", "integrator"):
@@ -69,38 +81,38 @@ class Plan:
         return found
 
 
-def planned(
-    bodies: Bodies,
-    asked: Values,
+def make_plan(
+    bodies: BodyVariants,
+    requested: Values,
     settings: Sequence[Setting] | None,
     differ: int | None,
-) -> Plan:
+) -> StudyPlan:
     """The values of all axes, their defaults where none are given, and the points.
 
     Raises
     ------
     InputError : an axis does not fit the scene.
     """
-    if not asked and bodies.models == 1:
-        asked = {"integrator": ()}
+    if not requested and bodies.models == 1:
+        requested = {"integrator": ()}
     values: dict[str, tuple[Any, ...]] = {}
     base = Variant()
     for name in AXES:
-        if name in asked and name != "integrator":
+        if name in requested and name != "integrator":
             own, default = _AXES[name](bodies)
-            values[name] = asked[name] or default
+            values[name] = requested[name] or default
             base = with_choice(base, name, own if own in values[name] else None)
             if getattr(base, name) is None and None not in values[name]:
                 base = with_choice(base, name, values[name][0])
-    chosen = _settings(bodies.scene, asked, settings)
-    if "integrator" in asked or len(chosen) > 1:
+    chosen = _integration_settings(bodies.scene, requested, settings)
+    if "integrator" in requested or len(chosen) > 1:
         values["integrator"] = tuple(chosen)
-    points = grid(bodies.models, values, base, chosen)
+    points = variant_grid(bodies.models, values, base, chosen)
     most = points[-1][2] if differ is None else differ
     if differ is None:
-        while most > 1 and sum(away <= most for *_, away in points) > MOST:
+        while most > 1 and sum(away <= most for *_, away in points) > MAX_POINTS:
             most -= 1
-    return Plan(
+    return StudyPlan(
         bodies,
         values,
         base,
@@ -111,21 +123,21 @@ def planned(
     )
 
 
-def _settings(
-    scene: SceneFile, asked: Values, settings: Sequence[Setting] | None
+def _integration_settings(
+    scene: SceneFile, requested: Values, settings: Sequence[Setting] | None
 ) -> list[Setting]:
-    """Those given, or of the axis, or the one of the scene."""
+    """Return the given settings, or those of the axis, or the one of the scene."""
     if settings is not None:
         return list(settings)
-    if "integrator" not in asked:
+    if "integrator" not in requested:
         return [setting_of(scene)]
-    names = asked["integrator"]
-    if set(asked) == {"integrator"}:
+    names = requested["integrator"]
+    if set(requested) == {"integrator"}:
         return default_settings(names)
-    return default_settings(names or FEW[0], FEW[1])
+    return default_settings(names or FEW_SETTINGS[0], FEW_SETTINGS[1])
 
 
-def _mesh(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
+def _mesh_values(bodies: BodyVariants) -> tuple[Any, tuple[Any, ...]]:
     if not bodies.sources:
         raise InputError(
             "no body of the scene is given by a model",
@@ -134,7 +146,9 @@ def _mesh(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
             "BODY=MODEL.toml",
         )
     models = [source.model for found in bodies.sources.values() for source in found]
-    levels = [k for k in (-1, 0, 1) if all(refined(m, k) is not None for m in models)]
+    levels = [
+        k for k in (-1, 0, 1) if all(refine_model(m, k) is not None for m in models)
+    ]
     if len(levels) == 1:
         raise InputError(
             "the meshes of the models are as they are",
@@ -144,9 +158,9 @@ def _mesh(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
     return 0, tuple(levels)
 
 
-def _modes(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
+def _mode_values(bodies: BodyVariants) -> tuple[Any, tuple[Any, ...]]:
     counts = [bodies.sids[n].nq for n in bodies.scene.flexible if n in bodies.sids]
-    counts += [modes_of(f[0].model) or 0 for f in bodies.sources.values()]
+    counts += [requested_modes(f[0].model) or 0 for f in bodies.sources.values()]
     if not counts:
         raise InputError(
             "the scene has no flexible body", place="--over modes", expected="one"
@@ -159,7 +173,7 @@ def _modes(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
     return own, tuple(dict.fromkeys(few if own is not None else (*few, None)))
 
 
-def _reduction(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
+def _reduction_values(bodies: BodyVariants) -> tuple[Any, tuple[Any, ...]]:
     methods = {s.model.reduction.method for f in bodies.sources.values() for s in f}
     if not methods:
         raise InputError(
@@ -171,14 +185,16 @@ def _reduction(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
     return own, METHODS if own in METHODS else (None, *METHODS)
 
 
-def _frame(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
+def _frame_values(bodies: BodyVariants) -> tuple[Any, tuple[Any, ...]]:
     kinds = {s.model.frame.type for f in bodies.sources.values() for s in f}
     own = kinds.pop() if len(kinds) == 1 and not bodies.sids else None
     return own, FRAMES if own else (None, *FRAMES)
 
 
-def _terms(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
-    """Not all SIDs tell what is left without their stiffening."""
+def _term_values(bodies: BodyVariants) -> tuple[Any, tuple[Any, ...]]:
+    """Return the terms that can be varied; some SIDs do not define a body without
+    stiffening.
+    """
     scene, sids = bodies.scene, bodies.sids
     planar = scene.dimension == "planar"
     known = [
@@ -196,33 +212,33 @@ def _terms(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
     own = {(True, True): "all", (True, False): "stiffening", (False, True): "quadratic"}
     if not bodies.sources and not any(known):
         return own.get((stiffened, quadratic), "none"), ("quadratic", "none")
-    if not all(can_be_unstiffened(sid, planar) for sid in sids.values()):
+    if not all(can_remove_stiffening(sid, planar) for sid in sids.values()):
         return own.get((stiffened, quadratic), "none"), ("all", "stiffening")
     return own.get((stiffened, quadratic), "none"), TERMS
 
 
 _AXES = {
-    "mesh": _mesh,
-    "modes": _modes,
-    "reduction": _reduction,
-    "frame": _frame,
-    "terms": _terms,
+    "mesh": _mesh_values,
+    "modes": _mode_values,
+    "reduction": _reduction_values,
+    "frame": _frame_values,
+    "terms": _term_values,
 }
 
 
-def comparable(
+def comparable_outputs(
     names: Sequence[str], scene: SceneFile, varied: Sequence[str], named: bool
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Outputs that mean the same in all variants, and the others.
+    """Separate outputs that are comparable in all variants from the others.
 
-    Elastic coordinates belong to shape functions; where the body frame is, and what is
-    told relative to it, to the frame. Elastic coordinates that are `named` count where
-    mesh and number of modes vary alone.
+    Elastic coordinates belong to shape functions; the position of the body frame, and
+    quantities relative to it, to the frame. Elastic coordinates that are `named` count
+    if only mesh and number of modes vary.
     """
     shapes = (
         {"reduction", "frame"} if named else {"model", "mesh", "reduction", "frame"}
     )
-    kept: list[str] = []
+    comparable_names: list[str] = []
     others: list[str] = []
     for name in names:
         parsed = parse_output(name)
@@ -234,5 +250,5 @@ def comparable(
             bad = not parsed.marker or parsed.quantity in ("ux", "uy", "uz")
         else:
             bad = False
-        (others if bad else kept).append(name)
-    return tuple(kept), tuple(others)
+        (others if bad else comparable_names).append(name)
+    return tuple(comparable_names), tuple(others)

@@ -1,15 +1,13 @@
 """Design parameters: a scene for every combination of values of its keys.
 
-axes        keys and their values
-measures    numbers of the time history of an output
-design      scenes and models of all points
-outcome     what was found, as a table of columns, text, CSV and picture
-asked       all of it as a command line or a script asks for it
+axes           keys and their values
+measures       numbers of the time history of an output
+design         scenes and models of all points
+sweep_result   table of all points, as text, CSV and picture
 """
 
 from __future__ import annotations
 
-from .asked import sweep
-from .outcome import Sweep, SweepPoint
+from .sweep_result import Sweep, SweepPoint
 
-__all__ = ["Sweep", "SweepPoint", "sweep"]
+__all__ = ["Sweep", "SweepPoint"]

@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.toml.expressions import number_of
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.toml.expressions import evaluate_number
 
 Axes = dict[str, tuple[Any, ...]]
 Over = str | Iterable[str] | Mapping[str, Iterable[Any]]
-_FORM = "KEY=FROM:TO:COUNT, with :log at its end for equal ratios, or KEY=VALUE,VALUE"
+_RANGE_FORM = (
+    "KEY=FROM:TO:COUNT, with :log at its end for equal ratios, or KEY=VALUE,VALUE"
+)
 #: More points than these are not meant.
-MOST = 1_000_000
+MAX_POINTS = 1_000_000
 
 
 def parse_axes(over: Over) -> Axes:
@@ -39,18 +41,18 @@ def parse_axes(over: Over) -> Axes:
                 )
             found[key] = values
     if not found:
-        raise InputError("nothing is varied", place="--over", expected=_FORM)
+        raise InputError("nothing is varied", place="--over", expected=_RANGE_FORM)
     count = 1
     for values in found.values():
         count *= len(values)
-    if count > MOST:
+    if count > MAX_POINTS:
         raise InputError(
-            f"{count} points", place="--over", expected=f"at most {MOST} points"
+            f"{count} points", place="--over", expected=f"at most {MAX_POINTS} points"
         )
     return found
 
 
-def combinations(axes: Axes) -> list[dict[str, Any]]:
+def axis_combinations(axes: Axes) -> list[dict[str, Any]]:
     """All combinations of values, those of the last axis change first."""
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
 
@@ -68,14 +70,14 @@ def _values_given(key: str, values: Iterable[Any]) -> tuple[Any, ...]:
 def _parse_axis(text: str) -> tuple[str, tuple[Any, ...]]:
     key, equals, values = (part.strip() for part in text.partition("="))
     if not (key and equals and values):
-        raise InputError(f"found {text!r}", place="--over", expected=_FORM)
+        raise InputError(f"found {text!r}", place="--over", expected=_RANGE_FORM)
     parts = values.split(":")
     if len(parts) in (3, 4) and values[0] not in "\"'[{":
-        return key, _range(text, parts)
-    return key, tuple(_listed(values))
+        return key, _parse_range(text, parts)
+    return key, tuple(_split_values(values))
 
 
-def _range(text: str, parts: list[str]) -> tuple[float, ...]:
+def _parse_range(text: str, parts: list[str]) -> tuple[float, ...]:
     """From the first to the second number, both included.
 
     Raises
@@ -83,11 +85,13 @@ def _range(text: str, parts: list[str]) -> tuple[float, ...]:
     InputError : a part is no number, the count is none, or a logarithm is of none.
     """
     try:
-        first, last = (number_of(part, {}) for part in parts[:2])
+        first, last = (evaluate_number(part, {}) for part in parts[:2])
         count = int(parts[2])
     except (InputError, ValueError):
-        raise InputError(f"found {text!r}", place="--over", expected=_FORM) from None
-    if not 1 <= count <= MOST or (count == 1 and first != last):
+        raise InputError(
+            f"found {text!r}", place="--over", expected=_RANGE_FORM
+        ) from None
+    if not 1 <= count <= MAX_POINTS or (count == 1 and first != last):
         raise InputError(
             f"{parts[2]} values in {text!r}", place="--over", expected="2 or more"
         )
@@ -105,18 +109,18 @@ def _range(text: str, parts: list[str]) -> tuple[float, ...]:
     return tuple(float(f"{value:.15g}") for value in space(first, last, count))
 
 
-def _listed(text: str) -> list[Any]:
+def _split_values(text: str) -> list[Any]:
     """Values with commas between them, each as behind `--set`."""
     try:
         return list(tomllib.loads(f"values = [{text}]")["values"])
     except tomllib.TOMLDecodeError:
         found = [part.strip() for part in text.split(",")]
     if not all(found):
-        raise InputError(f"found {text!r}", place="--over", expected=_FORM)
-    return [_value(part) for part in found]
+        raise InputError(f"found {text!r}", place="--over", expected=_RANGE_FORM)
+    return [_parse_value(part) for part in found]
 
 
-def _value(text: str) -> Any:
+def _parse_value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

@@ -10,16 +10,16 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid
-from sidtool.formats.toml.files import place_of
+from sidtool.formats.toml.files import key_path
 from sidtool.formats.toml.objects import named_object
 
-from ..made import digest_of
-from ..swaps import swapped
+from ..pipeline.model_cache import model_digest
+from ..pipeline.scene_changes import replace_sids
 
 #: `rod.model.geometry.height`: a key of the model of a body.
 _OF_MODEL = re.compile(r"(?:bodies\.)?([^.\[\]]+)\.model\.(.+)")
@@ -41,12 +41,14 @@ class Design:
     models: Mapping[str, ModelFile]
     sids: Mapping[str, SID]
 
-    def with_sids(self, made: Mapping[str, SID]) -> tuple[SceneFile, dict[str, SID]]:
+    def with_sids(
+        self, converted: Mapping[str, SID]
+    ) -> tuple[SceneFile, dict[str, SID]]:
         """The scene without files, and the SIDs of all flexible bodies.
 
         made : SIDs of the models, by body
         """
-        return swapped(self.scene, {**self.sids, **made}, self.scene.folder)
+        return replace_sids(self.scene, {**self.sids, **converted}, self.scene.folder)
 
 
 @dataclass
@@ -144,19 +146,19 @@ class Designs:
             if found is not None:
                 content = self._model(content, found[0], {})
                 key = found[1]
-            places = place_of(key, content.said(), type(content))
+            places = key_path(key, content.said(), type(content))
             while isinstance(places[-1], int):  # a component of a vector
                 places.pop()
             for place in places[:-1]:
-                content = _part(content, place)
+                content = _value_at(content, place)
         except (InputError, LookupError, AttributeError, TypeError):
             return ""
-        units = set(_UNIT.findall(_description(content, places[-1])))
+        units = set(_UNIT.findall(_key_description(content, places[-1])))
         return units.pop() if len(units) == 1 else ""
 
 
-def _description(content: Any, key: str | int) -> str:
-    """What is said of a key of a table."""
+def _key_description(content: Any, key: str | int) -> str:
+    """Return the description of a key of a table."""
     fields = type(content).model_fields if isinstance(content, BaseModel) else {}
     for name, about in fields.items():
         if (about.alias or name) == key:
@@ -166,14 +168,14 @@ def _description(content: Any, key: str | int) -> str:
     return ""
 
 
-def _part(content: Any, place: str | int) -> Any:
-    """What stands at a key of a table or a place of a list."""
+def _value_at(content: Any, place: str | int) -> Any:
+    """Return the value at a key of a table or an index of a list."""
     if not isinstance(content, BaseModel):
         return content[place]
     fields = type(content).model_fields.items()
     return getattr(content, next(n for n, f in fields if (f.alias or n) == place))
 
 
-def models_of(designs: Sequence[Design]) -> dict[str, ModelFile]:
+def models_of_designs(designs: Sequence[Design]) -> dict[str, ModelFile]:
     """The models of all designs by their digests."""
-    return {digest_of(m): m for design in designs for m in design.models.values()}
+    return {model_digest(m): m for design in designs for m in design.models.values()}

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import trapezoid
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import has_wildcard, parse_output
-from sidtool.formats.sid import Array
 
 #: The output times themselves, which no output is called.
 TIME = "t"
@@ -61,10 +61,10 @@ def parse_measures(texts: str | Iterable[str]) -> list[Measure]:
         raise InputError(
             "nothing is measured", place="--of", expected="such as piston.x.max"
         )
-    return [_parse(text) for text in dict.fromkeys(listed) if text]
+    return [_parse_measure(text) for text in dict.fromkeys(listed) if text]
 
 
-def _parse(text: str) -> Measure:
+def _parse_measure(text: str) -> Measure:
     output, _, name = text.rpartition(".")
     if name not in MEASURES or not output:
         known = ", ".join(MEASURES)

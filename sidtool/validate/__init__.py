@@ -1,4 +1,18 @@
-"""What judges a SID: identities, comparison with a reference, repair and units."""
+"""Validation of a SID: identities, repair and units.
+
+identity              registry of identities, scales and deviations
+node_identities       nodes and counts (I1 to I3)
+inertia_identities    inertia blocks (I4 to I12)
+mass_identities       mass, stiffness, damping (I13 to I17)
+content_identities    orientations, empty blocks, signs, higher orders (I18 to I21)
+checks                all identities applied to one SID
+frequencies           natural frequencies of a SID, sign of the gravity terms
+basis_change          change of the basis of shape functions
+body_modes            natural modes of a body at its nodes
+repairs               repair of implied blocks
+printed_digits        printed precision of a file
+unit_guess            most likely unit system
+"""
 
 from __future__ import annotations
 
@@ -10,19 +24,19 @@ _HOME = {
     "check": "sidtool.validate.checks",
     "report": "sidtool.validate.checks",
     "verdict": "sidtool.validate.checks",
-    "Comparison": "sidtool.validate.comparisons.rows",
-    "compare": "sidtool.validate.comparison",
-    "comparison_report": "sidtool.validate.comparison",
+    "Comparison": "sidtool.comparison.block_differences",
+    "compare": "sidtool.comparison.comparison",
+    "comparison_report": "sidtool.comparison.comparison",
     "Change": "sidtool.validate.repairs",
     "repair": "sidtool.validate.repairs",
-    "change_basis": "sidtool.validate.basis",
-    "rescale": "sidtool.validate.units",
-    "convert_units": "sidtool.validate.units",
-    "guess_units": "sidtool.validate.guess",
-    "UnitGuess": "sidtool.validate.guess",
+    "change_basis": "sidtool.validate.basis_change",
+    "rescale": "sidtool.mesh.unit_systems",
+    "convert_units": "sidtool.mesh.unit_systems",
+    "guess_units": "sidtool.validate.unit_guess",
+    "UnitGuess": "sidtool.validate.unit_guess",
     "checks_as_data": "sidtool.validate.checks",
-    "comparison_as_data": "sidtool.validate.data",
-    "to_json": "sidtool.validate.data",
+    "comparison_as_data": "sidtool.comparison.comparison",
+    "to_json": "sidtool.comparison.comparison",
 }
 
 __all__ = sorted(_HOME)

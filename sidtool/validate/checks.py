@@ -1,4 +1,4 @@
-"""The judgement of one SID: a registry of identities, each a small function."""
+"""Checks of one SID: every registered identity and its verdict."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sidtool.formats.sid import SID
+from sidtool.formats.base.sid import SID
 
-from . import identities as identities
-from .magnitudes import refuse_absurd
-from .registry import IDENTITIES, Finding, Identity, Severity
-from .rounding import Rounding, rounding_of
+from ..mesh.unit_systems import check_magnitudes
+from . import content_identities, inertia_identities, mass_identities, node_identities
+from .identity import IDENTITIES, Finding, Identity, Severity
+from .printed_digits import Rounding, rounding_of
 
 Verdict = Literal["passed", "failed", "not applicable"]
 
@@ -51,7 +51,7 @@ def check(sid: SID) -> tuple[Check, ...]:
     ------
     InputError : an entry is not a finite number below 1e100.
     """
-    refuse_absurd(sid)
+    check_magnitudes(sid)
     print_ = rounding_of(sid)
     ordered = sorted(IDENTITIES.values(), key=lambda entry: int(entry.id[1:]))
     with np.errstate(all="ignore"):
@@ -109,3 +109,12 @@ def _judge(entry: Identity, finding: Finding, print_: Rounding) -> Check:
         detail=detail,
         meaning=entry.meaning,
     )
+
+
+#: Modules that register identities when they are imported.
+IDENTITY_MODULES = (
+    content_identities,
+    inertia_identities,
+    mass_identities,
+    node_identities,
+)

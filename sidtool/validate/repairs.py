@@ -1,4 +1,4 @@
-"""Repair of the blocks that other blocks imply, with a list of every number changed."""
+"""Repair of blocks that other blocks imply, with a list of every changed number."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.sid import J_INDICES, SID, Array, Node, Taylor, axis_major
+from sidtool.formats.base.sid import J_INDICES, SID, Array, Node, Taylor, axis_major
+from sidtool.formats.geometric_stiffening import (
+    has_second_order_field,
+    stiffens_by_turning,
+)
 from sidtool.formats.sid_mass import skew
-from sidtool.formats.stiffening import has_second_order_field, stiffens_by_turning
 
-from .gravity_sign import WRONG, agreement
-from .magnitudes import refuse_absurd
-from .measures import largest, modes_of, swapped
-from .orientations import mended
+from ..mesh.unit_systems import check_magnitudes
+from .content_identities import corrected_orientation
+from .frequencies import WRONG_SIGN_CORRELATION, sign_correlation
+from .identity import max_magnitude, modal_blocks, transpose_modes
 
 # Entries that agree to the 12 digits of a file, their own and those of what they follow
 # from, stay as they are.
@@ -61,37 +64,41 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     ------
     InputError : an entry is not a finite number below 1e100.
     """
-    refuse_absurd(sid)
-    nodes = [_mended_node(node, sid.nq) for node in sid.nodes]
+    check_magnitudes(sid)
+    nodes = [_repair_node(node, sid.nq) for node in sid.nodes]
     changes = tuple(change for _, found in nodes for change in found)
     if changes:
         sid = replace(sid, nodes=tuple(node for node, _ in nodes))
-    for step in (_filled, _signed, _rebuilt) if sid.nq else ():
+    for step in (
+        (_fill_empty_blocks, _correct_signs, _rebuild_symmetries) if sid.nq else ()
+    ):
         sid, found = step(sid)
         changes += found
     return sid, changes
 
 
-def _mended_node(node: Node, nq: int) -> tuple[Node, tuple[Change, ...]]:
+def _repair_node(node: Node, nq: int) -> tuple[Node, tuple[Change, ...]]:
     """Orientations that are none, and positions that do not follow phi."""
     changes: tuple[Change, ...] = ()
-    found = mended(node, nq)
+    found = corrected_orientation(node, nq)
     if found is not None:
         AP, why = found
-        changes += _compared(f"node {node.id}, AP", node.AP, AP, nq, why)
+        changes += _changed_entries(f"node {node.id}, AP", node.AP, AP, nq, why)
         node = replace(node, AP=AP)
     if nq and not node.origin.first_order(nq).any() and node.phi.m0.any():
         origin = replace(node.origin, m1=node.phi.m0.T[:, :, None])
         place = f"node {node.id}, origin"
-        changes += _compared(place, node.origin, origin, nq, "origin m1 = phi m0")
+        changes += _changed_entries(
+            place, node.origin, origin, nq, "origin m1 = phi m0"
+        )
         node = replace(node, origin=origin)
     return node, changes
 
 
-def _filled(sid: SID) -> tuple[SID, tuple[Change, ...]]:
+def _fill_empty_blocks(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     """Empty blocks that are the same integral as others; see I4, I5 and I6."""
     nq = sid.nq
-    modes, static = modes_of(sid), sid.mdCM.first_order(nq)
+    modes, static = modal_blocks(sid), sid.mdCM.first_order(nq)
     six = sid.J.first_order(nq)[:, :, 0]
     found: dict[str, tuple[Taylor, str]] = {}
     if not six.any() and modes.Gr.any() and sid.Oe.m0.any():
@@ -105,38 +112,42 @@ def _filled(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     if not sid.Oe.m0.any() and six.any():
         implied = -six[:, [0, 1, 2, 3, 5, 4]] * [0.5, 0.5, 0.5, 1.0, 1.0, 1.0]
         found["Oe"] = replace(sid.Oe, m0=implied), "Oe m0 follows from J m1"
-    return _with(sid, found)
+    return _with_blocks(sid, found)
 
 
-def _signed(sid: SID) -> tuple[SID, tuple[Change, ...]]:
+def _correct_signs(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     """Ct m1 and phi m1 that stiffen where Oe m1 softens; see I20."""
     why = "Ct m1 and phi m1 have the sign of Oe m1"
-    wrong = {name for name, value in agreement(sid).items() if value < WRONG}
+    wrong = {
+        name
+        for name, value in sign_correlation(sid).items()
+        if value < WRONG_SIGN_CORRELATION
+    }
     changes: tuple[Change, ...] = ()
     if "Ct" in wrong and sid.Ct.m1 is not None:
-        sid, changes = _with(sid, {"Ct": (replace(sid.Ct, m1=-sid.Ct.m1), why)})
+        sid, changes = _with_blocks(sid, {"Ct": (replace(sid.Ct, m1=-sid.Ct.m1), why)})
     if "phi" in wrong:
         nodes = []
         for node in sid.nodes:
             m1 = node.phi.m1
             phi = node.phi if m1 is None else replace(node.phi, m1=-m1)
             place = f"node {node.id}, phi"
-            changes += _compared(place, node.phi, phi, sid.nq, why)
+            changes += _changed_entries(place, node.phi, phi, sid.nq, why)
             nodes.append(replace(node, phi=phi))
         sid = replace(sid, nodes=tuple(nodes))
     return sid, changes
 
 
-def _rebuilt(sid: SID) -> tuple[SID, tuple[Change, ...]]:
+def _rebuild_symmetries(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     """Gr, Ge and the symmetries over the modes of Oe m1 and Cr m1."""
-    modes = modes_of(sid)
+    modes = modal_blocks(sid)
     Cr1 = modes.Cr1
     if not (has_second_order_field(sid) or stiffens_by_turning(sid)):
-        Cr1 = (Cr1 - swapped(Cr1)) / 2
+        Cr1 = (Cr1 - transpose_modes(Cr1)) / 2
     Gr = axis_major(modes.J1 - skew(sid.Cr.m0))
-    Ge = axis_major(Cr1 - swapped(Cr1))
+    Ge = axis_major(Cr1 - transpose_modes(Cr1))
     Oe1 = modes.Oe1.copy()
-    Oe1[..., 3:] = 0.5 * (Oe1 + swapped(Oe1))[..., 3:]
+    Oe1[..., 3:] = 0.5 * (Oe1 + transpose_modes(Oe1))[..., 3:]
     parts = (
         ("Cr", "m1", modes.Cr1, Cr1, "Cr1 antisymmetric in the modes", sid.Me.m0),
         ("Gr", "m0", sid.Gr.m0, Gr, "Gr_l = J1_l - (Cr0_l)~", modes.J1),
@@ -145,8 +156,10 @@ def _rebuilt(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     )
     changes: tuple[Change, ...] = ()
     for name, part, before, after, why, source in parts:
-        sources = largest(source, sid.Cr.m0) if name == "Gr" else largest(source)
-        new, found = _replaced(name, before, after, why, sources)
+        sources = (
+            max_magnitude(source, sid.Cr.m0) if name == "Gr" else max_magnitude(source)
+        )
+        new, found = _replacement(name, before, after, why, sources)
         if found:
             block = replace(getattr(sid, name), **{part: new})
             sid = replace(sid, **{name: block})  # type: ignore[arg-type]
@@ -154,39 +167,43 @@ def _rebuilt(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     return sid, changes
 
 
-def _with(
+def _with_blocks(
     sid: SID, found: dict[str, tuple[Taylor, str]]
 ) -> tuple[SID, tuple[Change, ...]]:
     changes: tuple[Change, ...] = ()
     for name, (block, why) in found.items():
-        changes += _compared(name, getattr(sid, name), block, sid.nq, why)
+        changes += _changed_entries(name, getattr(sid, name), block, sid.nq, why)
     blocks: dict[str, Any] = {name: block for name, (block, _) in found.items()}
     return (replace(sid, **blocks) if blocks else sid), changes
 
 
-def _compared(
+def _changed_entries(
     place: str, before: Taylor, after: Taylor, nq: int, why: str
 ) -> tuple[Change, ...]:
     """The entries in which two expansions differ."""
-    _, first = _replaced(place, before.m0, after.m0, why, 0.0)
-    _, linear = _replaced(
+    _, first = _replacement(place, before.m0, after.m0, why, 0.0)
+    _, linear = _replacement(
         place, before.first_order(nq), after.first_order(nq), why, 0.0
     )
     return first + linear
 
 
-def _replaced(
+def _replacement(
     block: str, before: Array, after: Array, reason: str, sources: float
 ) -> tuple[Array, tuple[Change, ...]]:
-    differs = np.abs(after - before) > _SAME * max(largest(before, after), sources)
+    differs = np.abs(after - before) > _SAME * max(
+        max_magnitude(before, after), sources
+    )
     changes = tuple(
-        Change(block, _entry(index), float(before[index]), float(after[index]), reason)
+        Change(
+            block, _entry_text(index), float(before[index]), float(after[index]), reason
+        )
         for index in map(tuple, np.argwhere(differs))
     )
     return np.where(differs, after, before), changes
 
 
-def _entry(index: tuple[int, ...]) -> str:
+def _entry_text(index: tuple[int, ...]) -> str:
     """(row, column) or (mode, row, column) from 0, in the notation of the file."""
     if len(index) == 2:
         return f"m0({index[0] + 1},{index[1] + 1})"

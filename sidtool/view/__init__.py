@@ -1,9 +1,11 @@
-"""Mechanisms to look at: bodies as surfaces, their motion, pages, films, exports.
+"""Animation in a browser or as a film, export to ParaView, reports.
 
-drawn_bodies  what is drawn of each body: its field, its SID, or a sketch
+animation     animation of a result
+motion        motion of bodies at the times of the pictures
 links         springs, dampers, actuators and rods between markers
-played        where bodies are at the times of a picture
-page, player  one page with the motion, for any browser
-film          the same as GIF or MP4
-export        the same for ParaView
+html_player   page that plays the motion in a browser
+film          the motion as GIF or MP4
+body_fields   fields of flexible bodies, colours, peak stresses
+export        export for ParaView
+html_report   report of a run
 """

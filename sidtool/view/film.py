@@ -1,4 +1,4 @@
-"""The motion of a mechanism as GIF or MP4, drawn by matplotlib."""
+"""Motion of a mechanism as GIF or MP4, drawn by matplotlib; directions of view."""
 
 from __future__ import annotations
 
@@ -12,39 +12,43 @@ from typing import Any, cast
 
 import numpy as np
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.progress import counted
-from sidtool.formats.sid import Array
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.progress import iterate_with_progress
+from sidtool.formats.base.sid import Array
+from sidtool.formats.base.stress import von_mises
+from sidtool.formats.scene import SceneFile, as_3d
 from sidtool.formats.storage.atomic import atomic_path
-from sidtool.formats.stress import von_mises
 
-from ..plot.figure import COLOURS, styled
-from .drawn_bodies import Drawn
+from ..field.body_surfaces import BodySurface
+from ..field.surface import decimate
+from ..plot.figure import COLOURS, figure_style
+from .body_fields import ColourRange, colour_ranges
 from .links import COLOURS as LINK_COLOURS
-from .played import Played
-from .ranges import Range, colour_ranges
-from .surface import thinned
-from .views import upward, views
+from .motion import SampledMotion
 
 #: Pictures, pictures a second, and triangles of a picture at most.
-_PICTURES, _RATE, _TRIANGLES = 100, 20, 7000
+_MAX_PICTURES, _FRAME_RATE, _MAX_TRIANGLES = 100, 20, 7000
 _SIZE, _DPI = (6.4, 4.4), 100
 #: Parts of the page: around bodies, where the title begins, up to where a legend goes.
 _MARGIN, _TITLE, _LEGEND = 0.04, 0.91, 0.2
-#: Of single pictures, beside what is seen [pixels].
-_RIM = 12
+#: Margin around the visible part of single pictures [pixels].
+_CROP_MARGIN = 12
 #: Part of a colour that does not depend on where a triangle looks.
-_AMBIENT = 0.55
+_AMBIENT_LIGHT = 0.55
 
 
-def film(
-    path: Path, motion: Played, bodies: Sequence[Drawn], colour: str, scale: float
+def write_film(
+    path: Path,
+    motion: SampledMotion,
+    bodies: Sequence[BodySurface],
+    colour: str,
+    scale: float,
 ) -> list[str]:
-    """Write a film; the ending of its name says which kind.
+    """Write a film in the format of its ending.
 
     Returns
     -------
-    sentences on what was left out
+    notes on what was omitted
 
     Raises
     ------
@@ -57,52 +61,60 @@ def film(
             place="--colour",
             expected=" or ".join(ranges) or "a flexible body",
         )
-    writer = _writer(path)
+    writer = _film_writer(path)
     total = sum(len(body.triangles) for body in bodies)
-    parts = _parts(bodies)
-    rows = np.linspace(0, len(motion.t) - 1, min(_PICTURES, len(motion.t)))
-    with styled(), tempfile.TemporaryDirectory() as folder:
+    parts = _decimated_bodies(bodies)
+    rows = np.linspace(0, len(motion.t) - 1, min(_MAX_PICTURES, len(motion.t)))
+    with figure_style(), tempfile.TemporaryDirectory() as folder:
         chosen = np.round(rows).astype(int).tolist()
         stage = Stage(motion, bodies, parts, ranges.get(colour), colour, scale)
         stage.fit(chosen)
         stage.say(bodies)
         whole = Path(folder) / path.name
         with writer.saving(stage.page, str(whole), _DPI):
-            for row in counted(chosen, "drawing pictures"):
+            for row in iterate_with_progress(chosen, "drawing pictures"):
                 stage.show(row)
                 writer.grab_frame()
         with atomic_path(path) as temporary:
             shutil.copyfile(whole, temporary)
-    drawn, told = sum(map(len, parts)), []
+    drawn, notes = sum(map(len, parts)), []
     if drawn < total:
-        told.append(f"thinned to {drawn} of {total} surface triangles")
+        notes.append(f"thinned to {drawn} of {total} surface triangles")
     if len(rows) < len(motion.t):
-        told.append(f"{len(rows)} pictures of {len(motion.t)}")
-    return told
+        notes.append(f"{len(rows)} pictures of {len(motion.t)}")
+    return notes
 
 
-def stills(
-    motion: Played, bodies: Sequence[Drawn], rows: Sequence[int], scale: float
+def snapshots(
+    motion: SampledMotion,
+    bodies: Sequence[BodySurface],
+    rows: Sequence[int],
+    scale: float,
 ) -> list[bytes]:
-    """Pictures (PNG) of some rows of a motion, bodies in their colours.
+    """Return pictures (PNG) of some rows of a motion, bodies in their colours.
 
-    They have one window, as large as what is seen in any of them.
+    They have one window, as large as what is visible in any of them.
     """
-    with styled():
-        stage = Stage(motion, bodies, _parts(bodies), None, "", scale)
+    with figure_style():
+        stage = Stage(motion, bodies, _decimated_bodies(bodies), None, "", scale)
         stage.fit(rows)
         stage.page.set_dpi(2 * _DPI)
         pictures = [stage.picture(row) for row in rows]
-    seen = np.any([(p[..., :3] < 250).any(axis=2) for p in pictures], axis=0)
+    has_ink = np.any([(p[..., :3] < 250).any(axis=2) for p in pictures], axis=0)
     window = np.s_[:, :]
-    if seen.any():
-        places = np.argwhere(seen)
-        (low, left), (high, right) = places.min(axis=0), places.max(axis=0) + _RIM
-        window = np.s_[max(low - _RIM, 0) : high, max(left - _RIM, 0) : right]
-    return [_png(picture[window]) for picture in pictures]
+    if has_ink.any():
+        places = np.argwhere(has_ink)
+        (low, left), (high, right) = (
+            places.min(axis=0),
+            places.max(axis=0) + _CROP_MARGIN,
+        )
+        window = np.s_[
+            max(low - _CROP_MARGIN, 0) : high, max(left - _CROP_MARGIN, 0) : right
+        ]
+    return [_png_bytes(picture[window]) for picture in pictures]
 
 
-def _png(picture: Any) -> bytes:
+def _png_bytes(picture: Any) -> bytes:
     from matplotlib.image import imsave
 
     stream = io.BytesIO()
@@ -110,27 +122,29 @@ def _png(picture: Any) -> bytes:
     return stream.getvalue()
 
 
-def _parts(bodies: Sequence[Drawn]) -> list[Any]:
+def _decimated_bodies(bodies: Sequence[BodySurface]) -> list[Any]:
     """Triangles of each body, not more than a picture shows."""
     total = sum(len(body.triangles) for body in bodies)
     return [
-        thinned(b.positions, b.triangles, 12 + _TRIANGLES * len(b.triangles) // total)
+        decimate(
+            b.positions, b.triangles, 12 + _MAX_TRIANGLES * len(b.triangles) // total
+        )
         for b in bodies
     ]
 
 
-def _writer(path: Path) -> Any:
+def _film_writer(path: Path) -> Any:
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
     if path.suffix.lower() == ".gif":
-        return PillowWriter(fps=_RATE)
+        return PillowWriter(fps=_FRAME_RATE)
     if not FFMpegWriter.isAvailable():
         raise InputError(
             "ffmpeg is not installed, which writes MP4",
             source=path,
             expected="an installed ffmpeg, or a film -o motion.gif",
         )
-    return FFMpegWriter(fps=_RATE)
+    return FFMpegWriter(fps=_FRAME_RATE)
 
 
 class Stage:
@@ -138,20 +152,20 @@ class Stage:
 
     def __init__(
         self,
-        motion: Played,
-        bodies: Sequence[Drawn],
+        motion: SampledMotion,
+        bodies: Sequence[BodySurface],
         triangles: Sequence[Any],
-        found: Range | None,
+        found: ColourRange | None,
         colour: str,
         scale: float,
     ) -> None:
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-        from ..plot.page import Page
+        from ..plot.figure import NotebookFigure
 
         self.motion, self.bodies, self.triangles = motion, bodies, triangles
         self.range, self.colour, self.scale = found, colour, scale
-        self.page = Page(_SIZE, layout=None)
+        self.page = NotebookFigure(_SIZE, layout=None)
         stage = self.page.add_axes((0, 0, 1, 0.94), projection="3d")
         self.axes = cast(Any, stage)
         self.faces = Poly3DCollection([np.zeros((3, 3))], linewidths=0)
@@ -166,10 +180,10 @@ class Stage:
         low, high = np.full(2, np.inf), np.full(2, -np.inf)
         for row in rows:
             points = np.concatenate([part.reshape(-1, 3) for part in self._faces(row)])
-            seen = self._pixels(points)
+            pixels = self._pixels(points)
             low, high = (
-                np.minimum(low, seen.min(axis=0)),
-                np.maximum(high, seen.max(axis=0)),
+                np.minimum(low, pixels.min(axis=0)),
+                np.maximum(high, pixels.max(axis=0)),
             )
         size = np.array(_SIZE) * _DPI
         bottom = _LEGEND if self.range is not None else _MARGIN
@@ -182,9 +196,9 @@ class Stage:
         # the pixel that stays where it is when the axes are magnified
         fixed = self._pixels(self.motion.centre[None])[0]
         aim = (low + high) / 2 - (middle - fixed) / zoom
-        self._look_at(self.motion.centre + across @ (aim - fixed), zoom)
+        self._centre_view(self.motion.centre + across @ (aim - fixed), zoom)
 
-    def _look_at(self, centre: Array, zoom: float) -> None:
+    def _centre_view(self, centre: Array, zoom: float) -> None:
         """A place that is shown in the middle of the axes."""
         half = 0.55 * self.motion.size
         for which, middle in zip("xyz", centre, strict=True):
@@ -192,7 +206,7 @@ class Stage:
         self.axes.set_box_aspect((1, 1, 1), zoom=zoom)
 
     def _pixels(self, points: Array) -> Array:
-        """Where points are seen on the page, (n, 2)."""
+        """Return the projections (n, 2) of points on the page."""
         from mpl_toolkits.mplot3d.proj3d import proj_transform
 
         self.axes.apply_aspect()
@@ -202,26 +216,30 @@ class Stage:
     def _place(self) -> None:
         """The direction of sight."""
         axes, motion = self.axes, self.motion
-        self._look_at(motion.centre, 1.0)
+        self._centre_view(motion.centre, 1.0)
         axes.set_proj_type("ortho")
         axes.set_axis_off()
-        up = upward(motion.scene)
+        up = vertical_axis(motion.scene)
         vertical = "xyz"[int(np.abs(up).argmax())]
         planar = motion.scene.dimension == "planar"
         if planar:
             axes.view_init(elev=90, azim=-90, roll=0)
         else:
-            direction = views(motion.scene)["iso"]
+            direction = view_directions(motion.scene)["iso"]
             x, y, z = np.roll(direction, 2 - "xyz".index(vertical))
             axes.view_init(
                 elev=np.degrees(np.arctan2(z, np.hypot(x, y))),
                 azim=np.degrees(np.arctan2(y, x)),
                 vertical_axis=vertical,
             )
-        self.light = np.array([0.3, 0.4, 1.0]) if planar else views(motion.scene)["iso"]
+        self.light = (
+            np.array([0.3, 0.4, 1.0])
+            if planar
+            else view_directions(motion.scene)["iso"]
+        )
         self.light = self.light / np.linalg.norm(self.light)
 
-    def _legend(self, found: Range) -> None:
+    def _legend(self, found: ColourRange) -> None:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
 
@@ -231,12 +249,12 @@ class Stage:
             ScalarMappable(scale, "viridis"), cax=bar, orientation="horizontal"
         ).set_label(f"{found.title} [{found.unit}]")
 
-    def say(self, bodies: Sequence[Drawn]) -> None:
+    def say(self, bodies: Sequence[BodySurface]) -> None:
         """Below the picture, which bodies are sketches."""
         unknown = ", ".join(body.name for body in bodies if body.sketched)
         if unknown:
-            told = textwrap.shorten(f"surface not known: {unknown}", 90)
-            self.page.text(0.02, 0.01, told, fontsize="small", color="0.4")
+            text = textwrap.shorten(f"surface not known: {unknown}", 90)
+            self.page.text(0.02, 0.01, text, fontsize="small", color="0.4")
 
     def show(self, row: int) -> None:
         """Draws one time."""
@@ -273,7 +291,7 @@ class Stage:
         self.page.canvas.draw()
         return np.array(cast(Any, self.page.canvas).buffer_rgba())
 
-    def _colours(self, number: int, body: Drawn, row: int) -> Array:
+    def _colours(self, number: int, body: BodySurface, row: int) -> Array:
         from matplotlib import colormaps
         from matplotlib.colors import to_rgb
 
@@ -295,4 +313,33 @@ class Stage:
         normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
         sizes = np.linalg.norm(normals, axis=1)
         bright = np.abs(normals @ self.light) / np.maximum(sizes, 1e-300)
-        return colours * (_AMBIENT + (1 - _AMBIENT) * bright)[:, None]
+        return colours * (_AMBIENT_LIGHT + (1 - _AMBIENT_LIGHT) * bright)[:, None]
+
+
+def vertical_axis(scene: SceneFile) -> Array:
+    """Against gravity; without it y of planar scenes and z of others."""
+    gravity = as_3d(scene.gravity)
+    size = float(np.linalg.norm(gravity))
+    if size > 0:
+        axis = int(np.abs(gravity).argmax())
+        if abs(gravity[axis]) > 0.99 * size and not _perpendicular_axis(scene, axis):
+            return np.eye(3)[axis] * -np.sign(gravity[axis])
+    return np.eye(3)[1 if scene.dimension == "planar" else 2]
+
+
+def _perpendicular_axis(scene: SceneFile, axis: int) -> bool:
+    return scene.dimension == "planar" and axis == 2
+
+
+def view_directions(scene: SceneFile) -> dict[str, Array]:
+    """From where to look, by name: unit vectors from the mechanism to the eye."""
+    up = vertical_axis(scene)
+    if scene.dimension == "planar":
+        front = np.array([0.0, 0.0, 1.0])
+        side = np.cross(up, front)
+    else:
+        side = np.eye(3)[0 if abs(up[0]) < 0.5 else 1]
+        front = np.cross(side, up)
+    top = up + 1e-4 * front
+    iso = front + 0.6 * side + 0.5 * up
+    return {"iso": iso, "front": front, "top": top, "side": side}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import (
     Actuator,
     SceneFile,
@@ -19,14 +20,13 @@ from sidtool.formats.scene import (
     marker_names,
     marker_reference,
 )
-from sidtool.formats.sid import Array
-from sidtool.solver.system.bodies.rotations import shortest_rotation
-from sidtool.solver.system.scene import GROUND_NAME, System
+from sidtool.solver.system.rotations import shortest_rotation
+from sidtool.solver.system.system import GROUND_NAME, System
 
-from ..field.beam_field import CORNERS, tube
+from ..field.sampled_points import CORNERS, tube
 
 if TYPE_CHECKING:
-    from .played import Played
+    from .motion import SampledMotion
 
 Indices = NDArray[np.int64]
 #: The axis of the meshes.
@@ -52,7 +52,7 @@ class Anchor:
     position: Array
     shapes: Array
 
-    def path(self, motion: Played, scale: float) -> Array:
+    def path(self, motion: SampledMotion, scale: float) -> Array:
         """(nt, 3) with deformations `scale` times as large [m]."""
         if not self.body:
             return np.tile(self.position, (len(motion.t), 1))
@@ -63,8 +63,10 @@ class Anchor:
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """What joins two markers.
+    """A connection of two markers.
 
+    Attributes
+    ----------
     kind : spring, damper, actuator or rod
     positions : (n, 3), x from 0 to 1, y and z in metres
     triangles : (m, 3)
@@ -76,7 +78,7 @@ class Link:
     positions: Array
     triangles: Indices
 
-    def corners(self, motion: Played, row: int, scale: float) -> Array:
+    def corners(self, motion: SampledMotion, row: int, scale: float) -> Array:
         """Corners of its triangles at one time, (m, 3, 3) [m]."""
         a, b = (end.path(motion, scale)[row] for end in self.ends)
         length = float(np.linalg.norm(b - a))
@@ -87,15 +89,17 @@ class Link:
         )
 
 
-def links(system: System, size: float) -> tuple[Link, ...]:
-    """What joins two markers in a scene.
+def scene_links(system: System, size: float) -> tuple[Link, ...]:
+    """Return the connections between markers of a scene.
 
+    Parameters
+    ----------
     size : of the mechanism [m]
     """
     meshes = {kind: make(size) for kind, make in _MESHES.items()}
     bodies = {data.name: data for data in system.bodies}
     found = []
-    for name, kind, markers in _pairs(system.scene):
+    for name, kind, markers in _linked_markers(system.scene):
         ends = []
         for owner, marker in map(marker_reference, markers):
             node = bodies[owner].node(marker)
@@ -105,7 +109,7 @@ def links(system: System, size: float) -> tuple[Link, ...]:
     return tuple(found)
 
 
-def _pairs(scene: SceneFile) -> list[tuple[str, str, tuple[str, ...]]]:
+def _linked_markers(scene: SceneFile) -> list[tuple[str, str, tuple[str, ...]]]:
     """Name, kind and markers of each."""
     found = []
     for name, joint in scene.joints.items():
@@ -114,39 +118,39 @@ def _pairs(scene: SceneFile) -> list[tuple[str, str, tuple[str, ...]]]:
     for name, force in scene.forces.items():
         markers = getattr(force, "markers", None)
         if isinstance(force, SpringDamper | Actuator) and markers is not None:
-            found.append((name, _kind(force), markers))
+            found.append((name, _force_kind(force), markers))
     return found
 
 
-def _kind(force: SpringDamper | Actuator) -> str:
+def _force_kind(force: SpringDamper | Actuator) -> str:
     if isinstance(force, Actuator):
         return "actuator"
     return "spring" if force.stiffness or force.table else "damper"
 
 
-def _swept(line: Array, radius: Any) -> tuple[Array, Indices]:
-    """A square tube around a line whose cross-sections stand across x."""
+def _sweep_tube(line: Array, radius: Any) -> tuple[Array, Indices]:
+    """Return a square tube around a line with cross-sections perpendicular to x."""
     arms = np.multiply.outer(np.broadcast_to(radius, len(line)), CORNERS)
     positions = np.repeat(line[:, None], 4, axis=1)
     positions[..., 1:] += arms
     return positions.reshape(-1, 3), tube(len(line))
 
 
-def _rod(size: float) -> tuple[Array, Indices]:
+def _rod_mesh(size: float) -> tuple[Array, Indices]:
     line = np.zeros((2, 3))
     line[1, 0] = 1.0
-    return _swept(line, _ROD * size)
+    return _sweep_tube(line, _ROD * size)
 
 
-def _cylinder(size: float) -> tuple[Array, Indices]:
+def _cylinder_mesh(size: float) -> tuple[Array, Indices]:
     """A wide part that a thin one leaves."""
     line = np.zeros((4, 3))
     line[:, 0] = [0.0, _OUTER, _OUTER, 1.0]
     wide, thin = _CYLINDER * size, _ROD * size
-    return _swept(line, np.array([wide, wide, thin, thin]))
+    return _sweep_tube(line, np.array([wide, wide, thin, thin]))
 
 
-def _spring(size: float) -> tuple[Array, Indices]:
+def _spring_mesh(size: float) -> tuple[Array, Indices]:
     share = np.linspace(0.0, 1.0, _COILS * _PIECES + 1)
     angle = 2.0 * np.pi * _COILS * share
     coil = np.column_stack([share, np.cos(angle), np.sin(angle)])
@@ -154,10 +158,15 @@ def _spring(size: float) -> tuple[Array, Indices]:
     coil[:, 0] += _STRAIGHT
     ends = np.array([[0.0, 0.0, 0.0], [_STRAIGHT, 0.0, 0.0]])
     line = np.concatenate([ends, coil, [1.0, 0.0, 0.0] - ends[::-1]])
-    return _swept(line, _WIRE * size)
+    return _sweep_tube(line, _WIRE * size)
 
 
-_MESHES = {"rod": _rod, "damper": _cylinder, "actuator": _cylinder, "spring": _spring}
+_MESHES = {
+    "rod": _rod_mesh,
+    "damper": _cylinder_mesh,
+    "actuator": _cylinder_mesh,
+    "spring": _spring_mesh,
+}
 #: Their colours.
 COLOURS = {
     "rod": "#555555",

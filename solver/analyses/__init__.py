@@ -1,6 +1,12 @@
-"""Analyses of a compiled scene that do not integrate its motion.
+"""Analyses of a mechanism besides the simulation, in reading order.
 
-static        static equilibrium
-linear        linearisation about a state: frequencies, damping ratios, mode shapes
-inverse       forces of a mechanism whose whole motion is prescribed
+- `dense_equations`: equations of motion with dense matrices
+- `joint_friction`: equations with sticking joints
+- `frozen_inputs`: systems whose inputs are held constant
+- `static_equilibrium`, `initial_equilibrium`: static equilibrium
+- `rotating_groups`, `steady_rotation`: steady rotation
+- `state_matrix`, `rigid_motions`, `whirl`, `reference_axes`, `linearisation`: natural
+  modes, eq. (23)
+- `inverse_dynamics`: forces of drives for a prescribed motion
+- `analysis_results`: results of the analyses
 """

@@ -1,11 +1,14 @@
-"""Rigid motions of a mechanism: eigenvalues that are known exactly.
+"""Rigid motions of a mechanism, whose eigenvalues are known exactly.
 
-A motion against which neither a constraint, nor a stiffness, nor a preload acts has the
-eigenvalue 0; in axes that turn with angular velocity W a displacement that stays in
-inertial space has +-i W. Most are double, as such a motion may go on at constant speed,
-so that rounding in the matrix moves them by its square root, and half of them seem to
-grow. They are found from the mechanism and split off the matrix (deflation, G. H.
-Golub, C. F. Van Loan, Matrix Computations, section 7.1.3).
+A motion without constraint, stiffness and preload against it has the eigenvalue 0; in
+axes that rotate with angular velocity W, a displacement that is constant in inertial
+axes has +-i W. Most of them are double, as such a motion may continue at constant
+speed, so that rounding of the matrix moves them by its square root. Therefore they are
+computed from the mechanism and deflated from the matrix.
+
+References
+----------
+G. H. Golub, C. F. Van Loan: Matrix Computations, section 7.1.3.
 """
 
 from __future__ import annotations
@@ -16,20 +19,20 @@ import numpy as np
 from scipy.linalg import null_space as kernel
 from scipy.linalg import orth
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 
-from ..space import layout as at
-from ..system import kernel_calls
-from ..system.sizes import coordinate_sizes
-from .axes import SAME_SPIN, spins_of_bodies
-from .mechanics import Mechanics, null_space
+from ..spatial import system_arrays as at
+from ..system import work_arrays
+from ..system.characteristic_sizes import coordinate_sizes
+from .dense_equations import DenseEquations, null_space
+from .reference_axes import EQUAL_ANGULAR_VELOCITY, axis_angular_velocities
 from .state_matrix import SmallMotions
 
 #: What acts against a rigid motion is less than this part of what preload and spin
 #: could do, or than this part of the largest entries of the matrix, which is rounding.
-FREE, ROUNDING = 1e-6, 1e-13
+FREE_MOTION, ROUNDING = 1e-6, 1e-13
 #: Of the eigenvalue of its second half, likewise.
-SECOND = 1e-9
+SECOND_EIGENVALUE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,59 +44,65 @@ class Spectrum:
     rigid: np.ndarray
 
 
-def unstressed_motions(mechanics: Mechanics, z: Array, v: Array) -> Array:
+def unstressed_motions(mechanics: DenseEquations, z: Array, v: Array) -> Array:
     """Scaled tangents (n, r) that keep constraints, elastic coordinates, and the
     measures of all forces that depend on them."""
     system, scale = mechanics.system, mechanics.scale
     mechanics.evaluate(z, v)
     a, multipliers = mechanics.accelerations()
     C, work = mechanics.jacobian, mechanics.work
-    kernel_calls.linearise(system, work, mechanics.t, z, v, a * scale, multipliers)
-    held = [C]
+    work_arrays.linearise(system, work, mechanics.t, z, v, a * scale, multipliers)
+    constraints = [C]
     for row, body in zip(system.arrays.body, system.bodies, strict=True):
-        is_elastic = slice(row[at.RD], row[at.NV]) if body.of_scene else slice(None)
-        held.append(np.eye(len(v))[row[at.VEL] : row[at.VEL] + row[at.NV]][is_elastic])
+        is_elastic = (
+            slice(row[at.RD], row[at.NV]) if body.is_scene_body else slice(None)
+        )
+        constraints.append(
+            np.eye(len(v))[row[at.VEL] : row[at.VEL] + row[at.NV]][is_elastic]
+        )
     for force in system.arrays.force:
         slopes = np.zeros((1, len(v)))
         for marker, first in ((at.F_A, at.F_SEG_A), (at.F_B, at.F_SEG_B)):
-            if force[at.F_KIND] >= at.COORDINATE or force[first] < 0:
+            if force[at.F_KIND] >= at.COORDINATE_MEASURE or force[first] < 0:
                 continue
             b = system.arrays.body[system.arrays.marker[force[marker], at.M_BODY]]
             entries = work.Gp[force[first] : force[first] + b[at.NV]]
             slopes[0, b[at.VEL] : b[at.VEL] + b[at.NV]] += entries
         if slopes.any():
-            held.append(slopes * scale)
+            constraints.append(slopes * scale)
     mechanics.evaluate(z, v)
-    return null_space(np.vstack(held))
+    return null_space(np.vstack(constraints))
 
 
-def spectrum(mechanics: Mechanics, small: SmallMotions) -> Spectrum:
+def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
     """Eigenvalues of the matrix of small motions, those of rigid motions exact."""
-    matrix, motion, z, v = small.matrix, small.motion, small.z, small.v
-    places = len(matrix) - motion.shape[1]
-    free = motion[:, :places].T @ unstressed_motions(mechanics, z, v)
-    rates = np.linalg.norm(small.spins, axis=1)
+    matrix, motion, z, v = small.matrix, small.free_directions, small.z, small.v
+    n_positions = len(matrix) - motion.shape[1]
+    free = motion[:, :n_positions].T @ unstressed_motions(mechanics, z, v)
+    rates = np.linalg.norm(small.omegas, axis=1)
     mechanics.evaluate(z, v)
-    own = np.linalg.norm(spins_of_bodies(mechanics), axis=1)
-    same, turning = SAME_SPIN * own.max(initial=0.0), list[float]()
+    own = np.linalg.norm(axis_angular_velocities(mechanics), axis=1)
+    tolerance_, rates_ = EQUAL_ANGULAR_VELOCITY * own.max(initial=0.0), list[float]()
     for rate in sorted(map(float, rates), reverse=True):
-        if rate > same and (not turning or turning[-1] - rate > same):
-            turning.append(rate)
+        if rate > tolerance_ and (not rates_ or rates_[-1] - rate > tolerance_):
+            rates_.append(rate)
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
     preload = mechanics.force_size(z) / sizes.min(initial=np.inf)
     mechanics.evaluate(z, v)
     fastest = float(own.max(initial=0.0))
     rounding = ROUNDING * float(np.abs(matrix).max(initial=0.0))
-    tolerance = FREE * (fastest**2 + preload) + rounding
+    tolerance = FREE_MOTION * (fastest**2 + preload) + rounding
     known: list[tuple[complex, np.ndarray]] = []
-    for value in (0.0, *(1j * x for x in turning), *(-1j * x for x in turning)):
+    for value in (0.0, *(1j * x for x in rates_), *(-1j * x for x in rates_)):
         states = np.zeros((len(matrix), free.shape[1]), complex)
-        states[:places] = free
-        states[places : 2 * places] = value * free - matrix[:places, :places] @ free
-        left = matrix @ states - value * states
+        states[:n_positions] = free
+        states[n_positions : 2 * n_positions] = (
+            value * free - matrix[:n_positions, :n_positions] @ free
+        )
+        residual = matrix @ states - value * states
         if not free.size:
             continue
-        _, strains, right = np.linalg.svd(left)
+        _, strains, right = np.linalg.svd(residual)
         none = [
             k for k in range(len(right)) if k >= len(strains) or strains[k] <= tolerance
         ]
@@ -103,10 +112,10 @@ def spectrum(mechanics: Mechanics, small: SmallMotions) -> Spectrum:
     if not known:
         values, vectors = np.linalg.eig(matrix)
         return Spectrum(values, vectors, np.zeros(len(values), bool))
-    return _deflated(matrix, known, SECOND, fastest, preload)
+    return _deflated_spectrum(matrix, known, SECOND_EIGENVALUE, fastest, preload)
 
 
-def _deflated(
+def _deflated_spectrum(
     matrix: Array,
     known: list[tuple[complex, np.ndarray]],
     second: float,
@@ -123,22 +132,22 @@ def _deflated(
     own = first.conj().T @ matrix @ first
     coupled = first.conj().T @ matrix @ rest
     values, within = np.linalg.eig(rest.conj().T @ matrix @ rest)
-    kept = np.ones(len(values), bool)
-    tolerance = FREE * (fastest + np.sqrt(preload))
+    is_kept = np.ones(len(values), bool)
+    tolerance = FREE_MOTION * (fastest + np.sqrt(preload))
     tolerance += second * float(np.abs(values).max(initial=0.0))
     for value, vectors in known:
-        order = np.argsort(np.where(kept, np.abs(values - value), np.inf))
+        order = np.argsort(np.where(is_kept, np.abs(values - value), np.inf))
         for k in order[: vectors.shape[1]]:
-            if kept[k] and abs(values[k] - value) <= tolerance:
-                kept[k] = False
+            if is_kept[k] and abs(values[k] - value) <= tolerance:
+                is_kept[k] = False
     columns = []
-    for k in np.flatnonzero(kept):
+    for k in np.flatnonzero(is_kept):
         shift = own - values[k] * np.eye(len(own))
         along = np.linalg.lstsq(shift, -coupled @ within[:, k])[0]
         columns.append(rest @ within[:, k] + first @ along)
     rigid = [(value, x) for value, vectors in known for x in vectors.T]
     return Spectrum(
-        np.array([*(value for value, _ in rigid), *values[kept]], complex),
+        np.array([*(value for value, _ in rigid), *values[is_kept]], complex),
         np.array([*(x for _, x in rigid), *columns], complex).T,
-        np.arange(len(rigid) + int(kept.sum())) < len(rigid),
+        np.arange(len(rigid) + int(is_kept.sum())) < len(rigid),
     )

@@ -1,7 +1,7 @@
-"""Bodies that rotate together at the start, about axes that are nearly the same.
+"""Groups of bodies that rotate together at the start, about nearly the same axis.
 
-Velocities that a scene states tell which bodies turn about which axis. Bodies that rest
-and whose velocities are not stated may turn with those that they are connected to.
+The velocities that a scene states give the axes. Bodies at rest whose velocities are
+not stated may rotate with the bodies that they are connected to.
 """
 
 from __future__ import annotations
@@ -11,59 +11,68 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 
-from ..space import layout as at
-from ..start.assembly import Start
-from ..system.bodies.embedded import embedded, matrices
-from ..system.scene import GROUND_NAME, System
-from .axes import owners, spins_of_bodies
-from .mechanics import Mechanics, null_space
+from ..initial_state.assembly import StateVectors
+from ..spatial import system_arrays as at
+from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.system import GROUND_NAME, System
+from .dense_equations import DenseEquations, null_space
+from .reference_axes import axis_angular_velocities, marker_owners
 
 #: Angular velocities that differ by less than this part are the same, axes that are
 #: less apart in sizes of the mechanism likewise.
-SAME_RATE, SAME_AXIS = 1e-6, 0.05
+EQUAL_RATE, EQUAL_AXIS = 1e-6, 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Axis:
+class RotationAxis:
     """The axis about which a body turns.
 
-    spin : (3,) angular velocity in inertial axes
-    point : (3,) a point of the axis
+    Attributes
+    ----------
+    omega : (3,)
+        Angular velocity in inertial axes.
+    point : (3,)
+        A point of the axis.
     """
 
-    spin: Array
+    omega: Array
     point: Array
 
     @property
-    def rate(self) -> float:
+    def speed(self) -> float:
         """The angular speed."""
-        return float(np.linalg.norm(self.spin))
+        return float(np.linalg.norm(self.omega))
 
-    def changed(self, x: Array) -> Axis:
+    def displaced(self, x: Array) -> RotationAxis:
         """Displaced and tilted by two components each, across it, (4,)."""
-        across = null_space(self.spin[None] / self.rate).T
-        spin = self.spin + self.rate * (x[2:] @ across)
-        spin *= self.rate / np.linalg.norm(spin)
-        return Axis(spin, self.point + x[:2] @ across)
+        across = null_space(self.omega[None] / self.speed).T
+        spin = self.omega + self.speed * (x[2:] @ across)
+        spin *= self.speed / np.linalg.norm(spin)
+        return RotationAxis(spin, self.point + x[:2] @ across)
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class RotatingGroup:
     """Bodies that turn together, about axes that are nearly the same.
 
-    axes : by the rows of the bodies
-    drift : (3,) velocity of the axes, of bodies that nothing connects to the ground
-    acceleration : angular acceleration about them
+    Attributes
+    ----------
+    axes
+        By the rows of the bodies.
+    drift : (3,)
+        Velocity of the axes, of bodies that nothing connects to the ground.
+    acceleration
+        Angular acceleration about them.
     """
 
-    axes: dict[int, Axis]
+    axes: dict[int, RotationAxis]
     drift: Array
     acceleration: float = 0.0
 
     @property
-    def first(self) -> Axis:
+    def leading_axis(self) -> RotationAxis:
         """That of the body that decides."""
         return next(iter(self.axes.values()))
 
@@ -72,93 +81,100 @@ class Group:
         """Of all axes four, and the angular acceleration."""
         return 4 * len(self.axes) + 1
 
-    def joined(self, bodies: Iterable[int]) -> Group:
-        """With other bodies that turn about the first axis."""
-        return replace(self, axes=self.axes | dict.fromkeys(bodies, self.first))
+    def with_bodies(self, bodies: Iterable[int]) -> RotatingGroup:
+        """With other bodies that rotate about the first axis."""
+        return replace(self, axes=self.axes | dict.fromkeys(bodies, self.leading_axis))
 
-    def at(self, time: float) -> Group:
+    def at(self, time: float) -> RotatingGroup:
         """With resting axes where they are at a time."""
         axes = {
-            b: Axis(axis.spin, axis.point + time * self.drift)
+            b: RotationAxis(axis.omega, axis.point + time * self.drift)
             for b, axis in self.axes.items()
         }
-        return Group(axes, np.zeros(3), self.acceleration)
+        return RotatingGroup(axes, np.zeros(3), self.acceleration)
 
-    def changed(self, x: Array) -> Group:
+    def displaced(self, x: Array) -> RotatingGroup:
         """With other axes and acceleration, changed by x (unknowns,)."""
         axes = {
-            b: axis.changed(x[4 * k : 4 * k + 4])
+            b: axis.displaced(x[4 * k : 4 * k + 4])
             for k, (b, axis) in enumerate(self.axes.items())
         }
-        return Group(axes, self.drift, self.acceleration + float(x[-1]))
+        return RotatingGroup(axes, self.drift, self.acceleration + float(x[-1]))
 
 
-def hypotheses(mechanics: Mechanics, start: Start) -> Iterator[tuple[Group, ...]]:
+def candidate_groups(
+    mechanics: DenseEquations, start: StateVectors
+) -> Iterator[tuple[RotatingGroup, ...]]:
     """Groups of bodies that may rotate, the more likely ones first.
 
     Bodies whose velocities are not stated, and that rest, either turn with those that
     they are connected to, or go on resting.
     """
-    groups, followers = _groups(mechanics, start)
+    groups, followers = _find_groups(mechanics, start)
     if not groups:
         return
     if followers:
         yield tuple(
-            group.joined(more) for group, more in zip(groups, followers, strict=True)
+            group.with_bodies(more)
+            for group, more in zip(groups, followers, strict=True)
         )
     yield groups
 
 
-def _groups(
-    mechanics: Mechanics, start: Start
-) -> tuple[tuple[Group, ...], tuple[tuple[int, ...], ...]]:
+def _find_groups(
+    mechanics: DenseEquations, start: StateVectors
+) -> tuple[tuple[RotatingGroup, ...], tuple[tuple[int, ...], ...]]:
     """Groups of bodies that rotate at the start, and who may follow each of them; no
     followers at all where there are none, no groups where other bodies move."""
     system = mechanics.system
     mechanics.evaluate(start.z, start.v)
-    positions, turns = places(mechanics, start.z)
+    positions, rotations = frame_positions(mechanics, start.z)
     frames = system.frames(mechanics.work.frame)
-    spins = spins_of_bodies(mechanics)
-    velocities = (turns @ embedded(frames["v"])[..., None])[..., 0]
-    fastest = float(np.linalg.norm(spins, axis=1).max(initial=0.0))
-    found: list[Group] = []
+    omegas = axis_angular_velocities(mechanics)
+    velocities = (rotations @ to_3d(frames["v"])[..., None])[..., 0]
+    fastest = float(np.linalg.norm(omegas, axis=1).max(initial=0.0))
+    found: list[RotatingGroup] = []
     free: dict[int, int] = {}
-    for part, is_grounded in components(system):
-        mine = [b for b in part if np.linalg.norm(spins[b]) > SAME_RATE * fastest]
-        mine.sort(key=lambda b: not _is_stated(system, b))
+    for part, is_grounded in connected_components(system):
+        rotating = [b for b in part if np.linalg.norm(omegas[b]) > EQUAL_RATE * fastest]
+        rotating.sort(key=lambda b: not _has_specified_velocity(system, b))
         first = len(found)
         drift = np.zeros(3)
-        if mine and not is_grounded:
+        if rotating and not is_grounded:
             if system.arrays.gravity.any():
                 return (), ()  # it falls
-            drift = _drift(system, part, turns, spins, velocities)
-        for b in mine:
+            drift = _mean_velocity(system, part, rotations, omegas, velocities)
+        for b in rotating:
             moving = velocities[b] - drift
-            point = positions[b] + np.cross(spins[b], moving) / (spins[b] @ spins[b])
+            point = positions[b] + np.cross(omegas[b], moving) / (omegas[b] @ omegas[b])
             for k in range(first, len(found)):
-                axis = found[k].first
-                apart = np.linalg.norm(axis.spin - spins[b])
-                way = np.cross(axis.spin, point - axis.point) / axis.rate
-                near = np.linalg.norm(way) < SAME_AXIS * system.length
-                if apart < SAME_RATE * fastest and (near or not _is_placed(system, b)):
-                    found[k] = found[k].joined([b])
+                axis = found[k].leading_axis
+                difference = np.linalg.norm(axis.omega - omegas[b])
+                offset = np.cross(axis.omega, point - axis.point) / axis.speed
+                is_near = np.linalg.norm(offset) < EQUAL_AXIS * system.length
+                if difference < EQUAL_RATE * fastest and (
+                    is_near or not _has_specified_origin_velocity(system, b)
+                ):
+                    found[k] = found[k].with_bodies([b])
                     break
             else:
-                found.append(Group({b: Axis(spins[b], point)}, drift))
+                found.append(RotatingGroup({b: RotationAxis(omegas[b], point)}, drift))
         for b in part:
-            if b in mine or not (found[first:] or velocities[b].any()):
+            if b in rotating or not (found[first:] or velocities[b].any()):
                 continue
             for k in range(first, len(found)):
-                axis = found[k].first
-                way = drift + np.cross(axis.spin, positions[b] - axis.point)
-                missed = np.linalg.norm(velocities[b] - way)
-                if velocities[b].any() and missed < SAME_AXIS * np.linalg.norm(way):
-                    found[k] = found[k].joined([b])
+                axis = found[k].leading_axis
+                offset = drift + np.cross(axis.omega, positions[b] - axis.point)
+                residual = np.linalg.norm(velocities[b] - offset)
+                if velocities[b].any() and residual < EQUAL_AXIS * np.linalg.norm(
+                    offset
+                ):
+                    found[k] = found[k].with_bodies([b])
                     break
             else:
                 if velocities[b].any():
                     return (), ()
-                if len(found) == first + 1 and not _is_stated(system, b):
+                if len(found) == first + 1 and not _has_specified_velocity(system, b):
                     free[b] = first
     if not free:
         return tuple(found), ()
@@ -166,42 +182,42 @@ def _groups(
     return tuple(found), tuple(more)
 
 
-def _drift(
-    system: System, part: list[int], turns: Array, spins: Array, velocities: Array
+def _mean_velocity(
+    system: System, part: list[int], rotations: Array, omegas: Array, velocities: Array
 ) -> Array:
     """Velocity (3,) of the common centre of mass of undeformed bodies."""
     mass, momentum = 0.0, np.zeros(3)
     for b in part:
         sid = system.bodies[b].sid
-        arm = turns[b] @ sid.mdCM.m0[:, 0]
+        arm = rotations[b] @ sid.mdCM.m0[:, 0]
         mass += sid.mass
-        momentum += sid.mass * velocities[b] + np.cross(spins[b], arm)
+        momentum += sid.mass * velocities[b] + np.cross(omegas[b], arm)
     return momentum / mass
 
 
-def _is_stated(system: System, b: int) -> bool:
-    """Whether the scene states a velocity of a body."""
+def _has_specified_velocity(system: System, b: int) -> bool:
+    """True if the scene states a velocity of a body."""
     initial = system.scene.initial_of(system.bodies[b].name)
     return initial.velocity is not None or initial.angular_velocity is not None
 
 
-def _is_placed(system: System, b: int) -> bool:
-    """Whether the scene states the velocity of a body's origin."""
+def _has_specified_origin_velocity(system: System, b: int) -> bool:
+    """True if the scene states the velocity of a body's origin."""
     return system.scene.initial_of(system.bodies[b].name).velocity is not None
 
 
-def components(system: System) -> Iterator[tuple[list[int], bool]]:
+def connected_components(system: System) -> Iterator[tuple[list[int], bool]]:
     """Bodies that joints and forces connect, but for the ground, and whether they are
     connected to that, too; without bodies whose frames are held."""
     body = system.arrays.body
     rows = {
         data.name: b
         for b, data in enumerate(system.bodies)
-        if data.of_scene and data.name != GROUND_NAME and body[b, at.RD] > 0
+        if data.is_scene_body and data.name != GROUND_NAME and body[b, at.RD] > 0
     }
     scene = system.scene
     links = [
-        owners(part)
+        marker_owners(part)
         for table in (scene.joints, scene.forces)
         for part in table.values()
     ]
@@ -218,7 +234,7 @@ def components(system: System) -> Iterator[tuple[list[int], bool]]:
         yield sorted(rows[name] for name in reached), not apart or loaded
 
 
-def places(mechanics: Mechanics, z: Array) -> tuple[Array, Array]:
+def frame_positions(mechanics: DenseEquations, z: Array) -> tuple[Array, Array]:
     """Origins (bodies, 3) and rotation matrices of all frames, evaluated last at z."""
     system = mechanics.system
     axes = 2 if system.planar else 3
@@ -226,4 +242,4 @@ def places(mechanics: Mechanics, z: Array) -> tuple[Array, Array]:
     for b, row in enumerate(system.arrays.body):
         if row[at.RD] > 0:
             positions[b, :axes] = z[row[at.POS] : row[at.POS] + axes]
-    return positions, matrices(system.frames(mechanics.work.frame)["R"])
+    return positions, to_rotation_matrices(system.frames(mechanics.work.frame)["R"])

@@ -1,36 +1,36 @@
 """The matrix of small motions of an assembled mechanism, eq. (23).
 
 The state is perturbed within the constraints: positions by N y and velocities by
-V y + N w, with N the null space of the constraint Jacobian and V what keeps the
-velocities consistent. Then
-
-    y' = N^T E N y + w,    w' = N^T (da/dz N + da/dv V) y + N^T da/dv N w,
-
-with E as in `kernels.coordinates`. States of the laws of drives, which are among w,
-move positions by Q x and velocities by V x as well, the smallest that keep the
-constraints. Of rigid bodies that are fixed to each other the first one tells the
-motion: in the place of N^T stands the inverse of its rows of N then. The derivatives
-of the accelerations a follow from those of what eq. (3) leaves at the state's own
-accelerations and multipliers, by central differences: it is
-solved at the state only. Beside it a body with first-order terms of Ct and Cr may have
-no positive mass matrix.
+V y + N w, with N the null space of the constraint Jacobian. The matrix is constant in
+axes that follow a steady motion; `steady_axes` finds them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag, expm
+from scipy.spatial.transform import Rotation
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.sid_mass import skew
 
-from ..space import layout as at
-from ..system.scene import System
-from ..system.sizes import coordinate_sizes
-from .axes import independent_rows, turning
-from .held import state_entries
-from .mechanics import Mechanics, least_squares, null_space
+from ..spatial import system_arrays as at
+from ..system.characteristic_sizes import coordinate_sizes
+from ..system.errors import SimulationError
+from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.system import System
+from .dense_equations import DenseEquations, least_squares, null_space
+from .frozen_inputs import state_entries
+from .reference_axes import (
+    axis_angular_velocities,
+    body_axes,
+    frame_rotation_matrix,
+    independent_rows,
+    shared_axes,
+)
 
 #: Perturbation, relative to the size of the mechanism.
 PERTURBATION = 1e-6
@@ -40,97 +40,114 @@ PERTURBATION = 1e-6
 class SmallMotions:
     """Small motions (y, w) about a state.
 
-    matrix : of (y, w)
-    motion : (n, d) scaled free directions N, states of laws last
-    moved : (n, y and w) how (y, w) move the positions
-    z, v : the state
-    spins : (bodies, 3) of the axes in which each body is seen, see `own_axes`
+    Attributes
+    ----------
+    matrix
+        Of (y, w).
+    free_directions : (n, d)
+        Scaled free directions N, states of laws last.
+    position_directions : (n, y and w)
+        How (y, w) move the positions.
+    z, v
+        The state.
+    omegas : (bodies, 3)
+        The axes in which each body is seen, see `body_axes`.
     """
 
     matrix: Array
-    motion: Array
-    moved: Array
+    free_directions: Array
+    position_directions: Array
     z: Array
     v: Array
-    spins: Array
+    omegas: Array
 
 
 def state_matrix(
-    mechanics: Mechanics, z: Array, v: Array, spins: Array
+    mechanics: DenseEquations, z: Array, v: Array, omegas: Array
 ) -> SmallMotions:
     """The small motions about a state.
 
     States are among w only: what they add up to does not matter.
 
-    spins : of the axes in which each body is seen, see `own_axes`
+    Parameters
+    ----------
+    omegas
+        Of the axes in which each body is seen, see `body_axes`.
     """
     mechanics.evaluate(z, v)
     mechanics.refuse_singular()
-    C, M, E = mechanics.jacobian, mechanics.mass, _frame_motion(mechanics)
-    across = _across(mechanics.system) * mechanics.scale
-    lengths = np.linalg.norm(across, axis=1, keepdims=True)
-    N, places = _free_directions(mechanics.system, C, across / lengths)
+    C, M, E = mechanics.jacobian, mechanics.mass, _frame_matrix(mechanics)
+    momenta = _out_of_plane_momenta(mechanics.system) * mechanics.scale
+    lengths = np.linalg.norm(momenta, axis=1, keepdims=True)
+    N, n_positions = _free_directions(mechanics.system, C, momenta / lengths)
     d = N.shape[1]
     rows = independent_rows(mechanics)
-    read = N.T if rows.all() else np.linalg.pinv(N[rows])
+    left_inverse = N.T if rows.all() else np.linalg.pinv(N[rows])
 
     def particular(right: Array) -> Array:
         """A solution of C x = right, without a part along N in the leading rows."""
         x = least_squares(C, right)
-        return x if rows.all() else np.asarray(x - N @ (read @ x[rows]))
+        return x if rows.all() else np.asarray(x - N @ (left_inverse @ x[rows]))
 
-    Z = mechanics.unconstrained(N)
+    Z = mechanics.test_directions(N)
     inertia = Z.T @ M @ N
     a, multipliers = mechanics.accelerations()
-    W = turning(mechanics, spins)
-    by_z, by_v = _derivatives(mechanics, z, v, a, multipliers)
+    W = frame_rotation_matrix(mechanics, omegas)
+    by_z, by_v = _state_derivatives(mechanics, z, v, a, multipliers)
     E, by_v = E - W, replace(by_v, force=by_v.force - M @ W, gamma=by_v.gamma - C @ W)
     states = np.zeros_like(N)
-    states[:, places:] = N[:, places:]
+    states[:, n_positions:] = N[:, n_positions:]
     moved = np.hstack([N, least_squares(C, -by_v.value @ states)])
     rates = by_z.rate @ moved
     rates[:, d:] += by_v.rate @ states
     driven = particular(-rates)
     driven[:, d:] += N
     matrix = np.zeros((2 * d, 2 * d))
-    matrix[:d] = read @ (E @ moved)[rows]
+    matrix[:d] = left_inverse @ (E @ moved)[rows]
     matrix[:d, d:] += np.eye(d)
     force = by_z.force @ moved + by_v.force @ driven
     gamma = by_z.gamma @ moved + by_v.gamma @ driven
     right = Z.T @ (force - M @ particular(gamma))
     matrix[d:] = mechanics.solve_inertia(inertia, right)
-    kept = [*range(places), *range(d, 2 * d)]
-    return SmallMotions(matrix[np.ix_(kept, kept)], N, moved[:, kept], z, v, spins)
+    selected = [*range(n_positions), *range(d, 2 * d)]
+    return SmallMotions(
+        matrix[np.ix_(selected, selected)], N, moved[:, selected], z, v, omegas
+    )
 
 
-def _free_directions(system: System, C: Array, across: Array) -> tuple[Array, int]:
+def _free_directions(system: System, C: Array, momenta: Array) -> tuple[Array, int]:
     """The null space of C, states of laws last, and how many are no states.
 
-    across : (n, velocities) momenta that vanish as well, see `_across`
+    Parameters
+    ----------
+    momenta : (n, velocities)
+        Momenta that vanish as well, see `_out_of_plane_momenta`.
     """
     _, states = state_entries(system)
     others = np.setdiff1d(np.arange(C.shape[1]), states)
-    moving = null_space(np.vstack([C, across])[:, others])
-    N = np.zeros((C.shape[1], moving.shape[1] + len(states)))
-    N[others, : moving.shape[1]] = moving
-    N[states, moving.shape[1] :] = np.eye(len(states))
-    return N, moving.shape[1]
+    directions = null_space(np.vstack([C, momenta])[:, others])
+    N = np.zeros((C.shape[1], directions.shape[1] + len(states)))
+    N[others, : directions.shape[1]] = directions
+    N[states, directions.shape[1] :] = np.eye(len(states))
+    return N, directions.shape[1]
 
 
-def _across(system: System) -> Array:
+def _out_of_plane_momenta(system: System) -> Array:
     """(n, velocities) momenta across the plane of a planar scene, which are zero."""
     found = [np.zeros((0, system.n_velocities))]
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if data.across is not None:
+        if data.out_of_plane_momenta is not None:
             first = int(row[at.VEL] + row[at.RD])
-            rows = np.zeros((len(data.across), system.n_velocities))
-            rows[:, first : first + data.across.shape[1]] = data.across
+            rows = np.zeros((len(data.out_of_plane_momenta), system.n_velocities))
+            rows[:, first : first + data.out_of_plane_momenta.shape[1]] = (
+                data.out_of_plane_momenta
+            )
             found.append(rows)
     return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False)
-class _Change:
+class _StateDerivatives:
     """By the n scaled coordinates: f + C^T lambda - M a (n, n), and of the constraints
     their values, rates and gamma - C a (rows, n)."""
 
@@ -140,21 +157,23 @@ class _Change:
     gamma: Array
 
 
-def _derivatives(
-    mechanics: Mechanics, z: Array, v: Array, a: Array, multipliers: Array
-) -> tuple[_Change, _Change]:
+def _state_derivatives(
+    mechanics: DenseEquations, z: Array, v: Array, a: Array, multipliers: Array
+) -> tuple[_StateDerivatives, _StateDerivatives]:
     """Central differences by positions and by velocities, at fixed a and lambda."""
     n, rows = len(v), len(multipliers)
     found = []
     deltas = PERTURBATION * coordinate_sizes(mechanics.system) / mechanics.scale
     for moves in (True, False):
-        change = _Change(np.zeros((n, n)), *(np.zeros((rows, n)) for _ in range(3)))
+        change = _StateDerivatives(
+            np.zeros((n, n)), *(np.zeros((rows, n)) for _ in range(3))
+        )
         for k, delta in enumerate(deltas):
             step = np.zeros(n)
             step[k] = delta
             for sign in (1.0, -1.0):
                 if moves:
-                    mechanics.evaluate(mechanics.moved(z, sign * step), v)
+                    mechanics.evaluate(mechanics.displaced(z, sign * step), v)
                 else:
                     mechanics.evaluate(z, v + sign * step * mechanics.scale)
                 C, weight = mechanics.jacobian, sign / (2.0 * delta)
@@ -162,13 +181,13 @@ def _derivatives(
                 change.force[:, k] += weight * left
                 residual = mechanics.residual
                 change.value[: len(residual), k] += weight * residual
-                change.rate[:, k] += weight * mechanics.rates
+                change.rate[:, k] += weight * mechanics.constraint_rates
                 change.gamma[:, k] += weight * (mechanics.gamma - C @ a)
         found.append(change)
     return found[0], found[1]
 
 
-def _frame_motion(mechanics: Mechanics) -> Array:
+def _frame_matrix(mechanics: DenseEquations) -> Array:
     """E in z_I' = E z_I + z_II of tangents, scaled: frames that move on.
 
     Unlike that of `kernels.coordinates` it holds tangents in axes that turn with the
@@ -188,3 +207,127 @@ def _frame_motion(mechanics: Mechanics) -> Array:
             E[u : u + 3, u + 3 : u + 6] = -V
             E[u : u + 3, u : u + 3] = E[u + 3 : u + 6, u + 3 : u + 6] = -W
     return E * mechanics.scale / mechanics.scale[:, None]
+
+
+#: The motion is followed by so large an angle [rad].
+TEST_ANGLE = 0.4
+#: Rotations during a run below this angle [rad] are rounding.
+ROTATION_ROUNDING = 1e-9
+#: Changes of modes by this part, or by rounding of the matrix, are none.
+MODE_TOLERANCE, ROUNDING = 1e-3, 1e-8
+CHANGING_EQUATIONS = (
+    "the equations of small motions change as the bodies turn, in their own axes and "
+    "in those that they share: modes are those of this instant, and tell nothing of "
+    "the motion (it takes Floquet's theory, or simulate)"
+)
+
+
+def steady_axes(
+    mechanics: DenseEquations, z: Array, v: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """Spins (bodies, 3) of the axes in which modes are those of a constant matrix, and
+    what is to be known of them; the bodies' own if there are none."""
+    mechanics.evaluate(z, v)
+    own = body_axes(mechanics, v / mechanics.scale, mechanics.accelerations()[0])
+    time = mechanics.system.scene.time
+    if np.abs(own).max(initial=0.0) * (time.end - time.start) < ROTATION_ROUNDING:
+        return np.zeros_like(own), ()
+    if _matrix_change(mechanics, z, v, own) < MODE_TOLERANCE:
+        return own, ()
+    for omegas, name in shared_axes(mechanics, own):
+        if _matrix_change(mechanics, z, v, omegas) < MODE_TOLERANCE:
+            of = "that do not turn" if name == "ground" else f"that turn with {name}"
+            return omegas, (f"rigid bodies are seen in axes {of}, others in their own",)
+    return own, (CHANGING_EQUATIONS,)
+
+
+def _matrix_change(
+    mechanics: DenseEquations, z: Array, v: Array, omegas: Array
+) -> float:
+    """How much the matrix changes along a motion that is steady in these axes, relative
+    to each of its modes."""
+    small = state_matrix(mechanics, z, v, omegas)
+    here, N = small.matrix, small.free_directions
+    mechanics.evaluate(z, v)
+    own = axis_angular_velocities(mechanics)
+    spin = float(np.linalg.norm(np.vstack([own, omegas]), axis=1).max())
+    try:
+        later_matrix, N_there, rotation = _after_steady_motion(
+            mechanics, z, v, omegas, TEST_ANGLE / spin
+        )
+    except SimulationError:
+        return np.inf
+    if later_matrix.shape != here.shape:
+        return np.inf
+    n_positions = len(here) - N.shape[1]
+    own_rows = independent_rows(mechanics)
+    back = [(rotation @ N)[own_rows][:, :count] for count in (n_positions, N.shape[1])]
+    free = [N_there[own_rows][:, :count] for count in (n_positions, N.shape[1])]
+    X = block_diag(*(np.linalg.lstsq(a, b)[0] for a, b in zip(free, back, strict=True)))
+    if not len(X) or np.linalg.svd(X, compute_uv=False)[-1] < 0.5:
+        return 0.0 if not len(X) else np.inf
+    change = np.linalg.solve(X, later_matrix @ X) - here
+    values, vectors = np.linalg.eig(here)
+    sizes = np.maximum(np.abs(values), spin) * (
+        np.linalg.norm(vectors[n_positions:], axis=0)
+        + spin * np.linalg.norm(vectors[:n_positions], axis=0)
+    )
+    noise = ROUNDING * np.linalg.norm(here, 2)
+    return float(np.max((np.linalg.norm(change @ vectors, axis=0) - noise) / sizes))
+
+
+def _after_steady_motion(
+    mechanics: DenseEquations, z: Array, v: Array, omegas: Array, dt: float
+) -> tuple[Array, Array, Array]:
+    """Matrix and free directions after a steady motion, and how tangents (n,), scaled,
+    in the axes turn into those of the bodies there."""
+    step, after, rotation_ = np.zeros(len(v)), v.copy(), np.eye(len(v))
+    for row, motion in _steady_motions(mechanics, omegas, dt):
+        u, rd, size = int(row[at.VEL]), int(row[at.RD]), len(motion[0])
+        displacement, rotation, velocity, rate, block = motion
+        step[u : u + size], after[u : u + size] = displacement, velocity
+        rotation_[u : u + size, u : u + size] = block[:size, :size]
+        if rd == 6:
+            rotation_[u + 3 : u + 6, u + 3 : u + 6] = block
+        rest = slice(u + size, u + rd)
+        step[rest], after[rest] = rotation[3 - rd + size :], rate[3 - rd + size :]
+    scale, start = mechanics.scale, mechanics.t
+    later_z = mechanics.displaced(z, step / scale)
+    try:
+        mechanics.t = start + dt
+        small = state_matrix(mechanics, later_z, after, omegas)
+    finally:
+        mechanics.t = start
+    return small.matrix, small.free_directions, rotation_ * scale / scale[:, None]
+
+
+def _steady_motions(
+    mechanics: DenseEquations, omegas: Array, dt: float
+) -> Iterator[tuple[Array, tuple[Array, ...]]]:
+    """Row of each body that moves, and in its axes the way of its frame and its
+    rotation vector; velocity and angular velocity after it, in the axes there; what
+    turns from the axes of the given spin into these."""
+    system = mechanics.system
+    size = 2 if system.planar else 3
+    frames, own = (
+        system.frames(mechanics.work.frame),
+        axis_angular_velocities(mechanics),
+    )
+    rotations, velocities = to_rotation_matrices(frames["R"]), to_3d(frames["v"])
+    leads = independent_rows(mechanics)
+    for k, row in enumerate(system.arrays.body):
+        if row[at.RD] == 0:
+            continue
+        axes = omegas[k] if leads[row[at.VEL]] else own[k]
+        R = np.eye(3) if row[at.RD] == size else rotations[k]
+        velocity_matrix = np.zeros((4, 4))
+        velocity_matrix[:3, :3], velocity_matrix[:3, 3] = skew(axes), R @ velocities[k]
+        pose = expm(dt * velocity_matrix)
+        relative_rotation = expm(dt * skew(own[k] - axes))
+        A = pose[:3, :3]
+        Q = np.eye(3) if row[at.RD] == size else A @ relative_rotation @ R
+        displacement = R.T @ pose[:3, 3]
+        rotation = Rotation.from_matrix(R.T @ Q).as_rotvec()
+        velocity, rate = Q.T @ A @ velocity_matrix[:3, 3], Q.T @ A @ own[k]
+        block = R.T @ relative_rotation.T @ R
+        yield row, (displacement[:size], rotation, velocity[:size], rate, block)

@@ -1,19 +1,22 @@
-"""Starts in steady rotation of bodies that springs and bushings carry.
+"""Starts in steady rotation of bodies that springs and bushings support.
 
-In a steady rotation (relative equilibrium) every body turns about an axis fixed in
-space at a constant rate, or rests, and no body deforms any further. In body axes its
+In a steady rotation (relative equilibrium) every body rotates about an axis fixed in
+space at a constant rate, or rests, and its deformation is constant. In body axes the
 accelerations are zero: along the free directions of the constraints the applied forces
 balance the inertia loads,
 
     P (M a - f) = 0,    C v + C_t = 0,    c = 0,
 
-with the projector P onto the null space of C. Unknown are the positions, the axes, and
-the angular acceleration of bodies that no drive holds at their rate. At one instant the
-equations hold for many states. For a steady rotation they hold after any rotation of
-the bodies as well: they are solved at `ANGLES` at once by the Gauss-Newton method
-(J. Nocedal, S. J. Wright, Numerical Optimization, section 10.3). What remains of them
-tells whether there is a steady rotation. Bearings of two stiffnesses allow none, nor
-does a flexible shaft that sags.
+with the projector P onto the null space of C. The unknowns are the positions, the axes,
+and the angular acceleration of bodies whose rate no drive prescribes. At one instant
+many states satisfy the equations; in a steady rotation they also hold after any
+rotation of the bodies. Therefore they are solved at all `ANGLES` at once by the
+Gauss-Newton method. The remaining residual shows whether there is a steady rotation:
+bearings with two stiffnesses allow none, nor does a flexible shaft that sags.
+
+References
+----------
+J. Nocedal, S. J. Wright: Numerical Optimization, section 10.3.
 """
 
 from __future__ import annotations
@@ -23,41 +26,47 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Array
 
-from ..errors import SimulationError
-from ..space import layout as at
-from ..start.assembly import Start, assemble
-from ..system.bodies.packing import symmetric
-from ..system.scene import System
-from ..system.sizes import coordinate_sizes
-from .held import with_integrated_rates
-from .inverse import refuse_states
-from .mechanics import Mechanics, least_squares, null_space
-from .resting import scene_at, with_bodies
-from .rotating_groups import SAME_RATE, Group, components, hypotheses, places
+from ..initial_state.assembly import StateVectors, assemble
+from ..spatial import system_arrays as at
+from ..system.characteristic_sizes import coordinate_sizes
+from ..system.errors import SimulationError
+from ..system.sid_packing import symmetrise
+from ..system.system import System
+from .dense_equations import DenseEquations, least_squares, null_space
+from .frozen_inputs import with_integrated_drives
+from .initial_equilibrium import scene_at, with_bodies
+from .inverse_dynamics import refuse_law_states
+from .rotating_groups import (
+    EQUAL_RATE,
+    RotatingGroup,
+    candidate_groups,
+    connected_components,
+    frame_positions,
+)
 
 #: Angles [rad] by which the fastest body has turned where the equations are solved.
-ANGLES = (0.0, 2.1, -2.1)
+TEST_ANGLES = (0.0, 2.1, -2.1)
 #: Perturbation of coordinates for differences, in sizes of the mechanism and radians.
 PERTURBATION = 1e-5
 #: Columns and singular values of the scaled Jacobian below this part of the largest are
 #: errors of differences, no stiffness.
-SOFTEST = 1e-8
-ITERATIONS = 25
+MIN_STIFFNESS = 1e-8
+MAX_ITERATIONS = 25
 #: Unknowns change by less, in sizes of the mechanism and radians, when they are found.
 #: Frames turn by less in every step when the start is near enough [rad].
-SETTLED, FAR = 1e-11, 0.5
+CONVERGED, MAX_ROTATION_STEP = 1e-11, 0.5
 #: The rotation is steady if less than this part of the loads is left, or of the forces.
-STEADY, ROUNDING = 1e-6, 1e-9
+STEADY_RESIDUAL, ROUNDING = 1e-6, 1e-9
 #: The speed of a group may change by this part within a turn.
-RIPPLE = 1e-3
+SPEED_RIPPLE = 1e-3
 #: Joints and drives allow no rotation if more than this part of the rates is left.
-POSSIBLE = 1e-3
+RATE_RESIDUAL = 1e-3
 #: Velocity coordinates up to which a steady rotation is sought.
-LARGEST = 400
+MAX_COORDINATES = 400
 #: Names that are listed of many.
 LISTED = 4
 
@@ -67,44 +76,47 @@ def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
 
     The scene is None where nothing rotates, where joints and drives leave bodies no
     motion besides the rotation, or where there is no steady rotation; the last of these
-    is told.
+    is reported.
 
-    system : with all of its joints
+    Parameters
+    ----------
+    system
+        With all of its joints.
     """
     try:
-        assembled, start = assemble(with_integrated_rates(system))
+        assembled, start = assemble(with_integrated_drives(system))
     except InputError:
         return None, ()
-    if system.n_velocities > LARGEST:
+    if system.n_velocities > MAX_COORDINATES:
         return None, _not_sought(assembled, start)
     t = system.scene.time.start
-    mechanics = Mechanics(assembled, t, float(assembled.clocks(np.array([t]))[0]))
-    told: tuple[str, ...] = ()
-    for groups in hypotheses(mechanics, start):
-        search = _Search(mechanics, start.z, groups)
-        if not search.is_carried():
+    mechanics = DenseEquations(assembled, t, float(assembled.clocks(np.array([t]))[0]))
+    notes: tuple[str, ...] = ()
+    for groups in candidate_groups(mechanics, start):
+        search = _SteadyRotationSearch(mechanics, start.z, groups)
+        if not search.has_elastic_support():
             continue
-        if assembled.rubbing:
-            names = ", ".join(rub.joint for rub in assembled.rubbing)
-            return None, (_no_steady(search, f"the friction of {names} is in it"),)
+        if assembled.friction_joints:
+            names = ", ".join(rub.joint for rub in assembled.friction_joints)
+            return None, (_failure_note(search, f"the friction of {names} is in it"),)
         try:
-            refuse_states(assembled)
-            found, reason = search.solved()
+            refuse_law_states(assembled)
+            found, reason = search.solve()
         except (InputError, SimulationError, np.linalg.LinAlgError) as error:
             found, reason = None, str(error)
         if found is not None:
             return with_bodies(system, found), ()
-        told = told or ((_no_steady(search, reason),) if reason else ())
-    return None, told
+        notes = notes or ((_failure_note(search, reason),) if reason else ())
+    return None, notes
 
 
-def _not_sought(system: System, start: Start) -> tuple[str, ...]:
+def _not_sought(system: System, start: StateVectors) -> tuple[str, ...]:
     """A sentence on bodies of a large scene that rotate at its start."""
     axes = 2 if system.planar else 3
     names = [
         data.name
         for row, data in zip(system.arrays.body, system.bodies, strict=True)
-        if data.of_scene
+        if data.is_scene_body
         and start.v[row[at.VEL] + axes : row[at.VEL] + row[at.RD]].any()
     ]
     if not names:
@@ -112,13 +124,14 @@ def _not_sought(system: System, start: Start) -> tuple[str, ...]:
     listed = ", ".join(names[:LISTED])
     listed += f" and {len(names) - LISTED} others" if len(names) > LISTED else ""
     return (
-        f"no steady rotation of {listed} was sought in a scene of more than {LARGEST} "
+        f"no steady rotation of {listed} was sought in a scene of more than "
+        f"{MAX_COORDINATES} "
         "velocity coordinates: they start in static equilibrium with the velocities "
         "that are stated, and vibrate where springs carry them",
     )
 
 
-def _no_steady(search: _Search, reason: str) -> str:
+def _failure_note(search: _SteadyRotationSearch, reason: str) -> str:
     return (
         f"no steady rotation of {', '.join(search.names)} was found to start in "
         f"({reason}): they start in static equilibrium with the velocities that are "
@@ -126,7 +139,7 @@ def _no_steady(search: _Search, reason: str) -> str:
     )
 
 
-def _projected(C: Array, forces: Array) -> Array:
+def _project_forces(C: Array, forces: Array) -> Array:
     """Scaled forces (n,) without those that constraints bear."""
     if not len(C):
         return forces
@@ -138,10 +151,16 @@ def _projected(C: Array, forces: Array) -> Array:
 class _Residual:
     """What is left of the equations.
 
-    closure, rates : of the constraints, in their sizes
-    forces : across the rotation of each group
-    torques : (groups,) mean forces along it
-    ripple : (angles, groups) how these differ from their mean
+    Attributes
+    ----------
+    closure, rates
+        Of the constraints, in their sizes.
+    forces
+        Across the rotation of each group.
+    torques : (groups,)
+        Mean forces along it.
+    ripple : (angles, groups)
+        How these differ from their mean.
     """
 
     closure: Array
@@ -151,20 +170,23 @@ class _Residual:
     ripple: Array
 
 
-class _Search:
+class _SteadyRotationSearch:
     """A steady rotation near a position.
 
-    groups : bodies that rotate, all others rest
+    Attributes
+    ----------
+    groups
+        Bodies that rotate, all others rest.
     """
 
     def __init__(
-        self, mechanics: Mechanics, z: Array, groups: tuple[Group, ...]
+        self, mechanics: DenseEquations, z: Array, groups: tuple[RotatingGroup, ...]
     ) -> None:
         self.mechanics, self.system = mechanics, mechanics.system
         self.start, self.groups = z, groups
         self.n = self.system.n_velocities
         self.axes = 2 if self.system.planar else 3
-        self.fastest = max(group.first.rate for group in groups)
+        self.fastest = max(group.leading_axis.speed for group in groups)
         self.sizes = coordinate_sizes(self.system)
         self._set_scale()
 
@@ -181,65 +203,65 @@ class _Search:
         diagonal = self.fastest**2 * np.abs(mechanics.mass.diagonal())
         for row, data in zip(system.arrays.body, system.bodies, strict=True):
             elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
-            diagonal[elastic] += np.abs(symmetric(data.sid.Ke.m0).diagonal())
+            diagonal[elastic] += np.abs(symmetrise(data.sid.Ke.m0).diagonal())
         mechanics.scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-300))
 
-    def is_carried(self) -> bool:
-        """Whether bodies can move in other ways than to rotate so and to deform."""
+    def has_elastic_support(self) -> bool:
+        """True if bodies can move in other ways than to rotate so and to deform."""
         mechanics = self.mechanics
-        spun = np.array(self._spins(self.start, self.groups)).T
+        spun = np.array(self._rotation_velocities(self.start, self.groups)).T
         mechanics.evaluate(self.start, np.zeros(self.n))
         turning = {b for group in self.groups for b in group.axes}
         rigid = np.zeros(self.n, bool)
-        for part, _ in components(self.system):
+        for part, _ in connected_components(self.system):
             for row in self.system.arrays.body[part] if turning & set(part) else ():
                 rigid[row[at.VEL] : row[at.VEL] + row[at.RD]] = True
         N = null_space(mechanics.jacobian[:, rigid])
         spins = spun[rigid] / np.linalg.norm(spun[rigid], axis=0)
         seen = np.linalg.svd(N.T @ spins, compute_uv=False)
-        return bool(N.shape[1] > np.sum(seen > SAME_RATE))
+        return bool(N.shape[1] > np.sum(seen > EQUAL_RATE))
 
-    def solved(self) -> tuple[SceneFile | None, str]:
+    def solve(self) -> tuple[SceneFile | None, str]:
         """The scene that starts in it, or None and why there is none; no reason where
         joints and drives allow no such rotation at all."""
         z, groups = self.start, self.groups
-        left = self._left(z, groups)
-        loads = float(np.linalg.norm(left.forces))
-        matrix, change, before = np.zeros((0, 0)), np.inf, np.inf
-        for _ in range(ITERATIONS):
-            if not len(matrix) or change > 0.1 * before:
+        residual = self._residual(z, groups)
+        loads = float(np.linalg.norm(residual.forces))
+        matrix, change, previous_change = np.zeros((0, 0)), np.inf, np.inf
+        for _ in range(MAX_ITERATIONS):
+            if not len(matrix) or change > 0.1 * previous_change:
                 matrix = self._jacobian(z, groups)
-            x = self._step(matrix, left, z, groups)
-            before, change = change, self._extent(x)
-            if not self._angle(x) < FAR:
+            x = self._step(matrix, residual, z, groups)
+            previous_change, change = change, self._extent(x)
+            if not self._angle(x) < MAX_ROTATION_STEP:
                 return None, "what carries them is too soft"
-            z, groups = self._moved(z, groups, x)
-            left = self._left(z, groups)
-            if change < SETTLED:
+            z, groups = self._displaced(z, groups, x)
+            residual = self._residual(z, groups)
+            if change < CONVERGED:
                 break
-        if np.max(np.abs(left.rates), initial=0.0) > POSSIBLE * self.fastest:
+        if np.max(np.abs(residual.rates), initial=0.0) > RATE_RESIDUAL * self.fastest:
             return None, ""
         size = self.mechanics.force_size(z)
-        remaining = float(np.linalg.norm(np.append(left.forces, left.torques)))
-        if remaining > STEADY * loads and remaining > ROUNDING * size:
-            return None, self._reason(left.forces, remaining / loads)
-        if np.max(np.abs(left.rates), initial=0.0) > STEADY * self.fastest:
+        remaining = float(np.linalg.norm(np.append(residual.forces, residual.torques)))
+        if remaining > STEADY_RESIDUAL * loads and remaining > ROUNDING * size:
+            return None, self._reason(residual.forces, remaining / loads)
+        if np.max(np.abs(residual.rates), initial=0.0) > STEADY_RESIDUAL * self.fastest:
             return None, ""
-        for group, ripple in zip(groups, left.ripple.T, strict=True):
-            if np.max(np.abs(ripple)) > RIPPLE * self._inertia_force(z, group):
+        for group, ripple in zip(groups, residual.ripple.T, strict=True):
+            if np.max(np.abs(ripple)) > SPEED_RIPPLE * self._inertia_force(z, group):
                 names = ", ".join(self.system.bodies[b].name for b in group.axes)
                 return None, f"forces change the speed of {names} in each turn"
         return self._scene(z, groups), ""
 
-    def _inertia_force(self, z: Array, group: Group) -> float:
+    def _inertia_force(self, z: Array, group: RotatingGroup) -> float:
         """What changes the speed of a group within an angle of one radian, scaled."""
-        (spin,) = self._spins(z, (group,))
+        (spin,) = self._rotation_velocities(z, (group,))
         M = self.mechanics.mass
-        return float(spin @ M @ spin / np.linalg.norm(spin) * group.first.rate)
+        return float(spin @ M @ spin / np.linalg.norm(spin) * group.leading_axis.speed)
 
     def _reason(self, forces: Array, part: float) -> str:
         """Which body is out of balance as all turn."""
-        rows = np.abs(forces.reshape(len(ANGLES), self.n)).max(axis=0)
+        rows = np.abs(forces.reshape(len(TEST_ANGLES), self.n)).max(axis=0)
         worst = int(rows.argmax())
         names = [
             data.name
@@ -254,27 +276,27 @@ class _Search:
             "them without symmetry, or that whirl and do not turn, as housings do"
         )
 
-    def _left(self, z: Array, groups: tuple[Group, ...]) -> _Residual:
+    def _residual(self, z: Array, groups: tuple[RotatingGroup, ...]) -> _Residual:
         mechanics = self.mechanics
         closure, rates, forces, torques = np.zeros(0), [], [], []
-        for angle in ANGLES:
+        for angle in TEST_ANGLES:
             time = angle / self.fastest
-            there, v, a = self._state(z, groups, time)
-            mechanics.evaluate(there, v)
-            C, sizes = mechanics.jacobian, mechanics.sizes
+            z_there, v, a = self._state(z, groups, time)
+            mechanics.evaluate(z_there, v)
+            C, sizes = mechanics.jacobian, mechanics.constraint_sizes
             if angle == 0.0:
                 demanded = (C @ a - mechanics.gamma) / (self.fastest**2 * sizes)
                 closure = np.concatenate([mechanics.residual / sizes, demanded])
-            rates.append(mechanics.rates / sizes)
-            left = _projected(C, mechanics.mass @ a - mechanics.force)
+            rates.append(mechanics.constraint_rates / sizes)
+            unbalanced = _project_forces(C, mechanics.mass @ a - mechanics.force)
             along = np.zeros(len(groups))
-            for k, spin in enumerate(self._spins(there, groups, time)):
-                free = _projected(C, spin)
+            for k, spin in enumerate(self._rotation_velocities(z_there, groups, time)):
+                free = _project_forces(C, spin)
                 size = np.linalg.norm(free)
-                if size > SAME_RATE * np.linalg.norm(spin):
-                    along[k] = free @ left / size
-                    left = left - along[k] * free / size
-            forces.append(left)
+                if size > EQUAL_RATE * np.linalg.norm(spin):
+                    along[k] = free @ unbalanced / size
+                    unbalanced = unbalanced - along[k] * free / size
+            forces.append(unbalanced)
             torques.append(along)
         mean = np.mean(torques, axis=0)
         ripple = np.array(torques) - mean
@@ -282,12 +304,15 @@ class _Search:
             closure, np.concatenate(rates), np.concatenate(forces), mean, ripple
         )
 
-    def _spins(
-        self, z: Array, groups: tuple[Group, ...], time: float = 0.0
+    def _rotation_velocities(
+        self, z: Array, groups: tuple[RotatingGroup, ...], time: float = 0.0
     ) -> list[Array]:
         """Scaled velocities (n,) of each group that rotates alone, and does not drift.
 
-        time : that has passed since the axes were where the groups say
+        Parameters
+        ----------
+        time
+            That has passed since the axes were where the groups say.
         """
         resting = (group.at(time) for group in groups)
         velocities = (self._state(z, (group,), 0.0)[1] for group in resting)
@@ -300,7 +325,7 @@ class _Search:
         rates = unit / self.fastest * left.rates
         return np.concatenate([unit * left.closure, rates, left.forces, left.torques])
 
-    def _jacobian(self, z: Array, groups: tuple[Group, ...]) -> Array:
+    def _jacobian(self, z: Array, groups: tuple[RotatingGroup, ...]) -> Array:
         """By central differences, (rows, n + unknowns of groups)."""
         units = self._units(groups)
         count = len(units)
@@ -309,18 +334,18 @@ class _Search:
             x = np.zeros(count)
             x[k] = PERTURBATION * units[k]
             ends = [
-                self._rows(self._left(*self._moved(z, groups, sign * x)))
+                self._rows(self._residual(*self._displaced(z, groups, sign * x)))
                 for sign in (1.0, -1.0)
             ]
             columns.append((ends[0] - ends[1]) / (2.0 * x[k]))
         return np.column_stack(columns)
 
-    def _units(self, groups: tuple[Group, ...]) -> Array:
+    def _units(self, groups: tuple[RotatingGroup, ...]) -> Array:
         """Sizes of all unknowns: of the mechanism, a radian, the square of the rate."""
         found = [self.sizes / self.mechanics.scale]
         for group in groups:
             found += [np.array([self.system.length] * 2 + [1.0] * 2)] * len(group.axes)
-            found.append(np.array([group.first.rate**2]))
+            found.append(np.array([group.leading_axis.speed**2]))
         return np.concatenate(found)
 
     def _extent(self, x: Array) -> float:
@@ -337,42 +362,46 @@ class _Search:
         return found
 
     def _step(
-        self, matrix: Array, left: _Residual, z: Array, groups: tuple[Group, ...]
+        self,
+        matrix: Array,
+        left: _Residual,
+        z: Array,
+        groups: tuple[RotatingGroup, ...],
     ) -> Array:
         """The smallest change that solves the equations best, turning no free group."""
         count = matrix.shape[1]
         keep = np.eye(count)
-        tangents = self._spins(z, groups)
+        tangents = self._rotation_velocities(z, groups)
         self.mechanics.evaluate(z, np.zeros(self.n))
         C = self.mechanics.jacobian
         for tangent in tangents:
-            held = np.linalg.norm(tangent - _projected(C, tangent))
-            if held > SAME_RATE * np.linalg.norm(tangent):
+            held = np.linalg.norm(tangent - _project_forces(C, tangent))
+            if held > EQUAL_RATE * np.linalg.norm(tangent):
                 continue  # a drive or a joint says how far it has turned
             spin = np.append(tangent, np.zeros(count - self.n))
             spin /= np.linalg.norm(spin)
             keep -= np.outer(spin, spin)
         matrix = matrix @ keep
         sizes = np.linalg.norm(matrix, axis=0)
-        stiff = sizes > SOFTEST * sizes[: self.n].max()
+        stiff = sizes > MIN_STIFFNESS * sizes[: self.n].max()
         columns = matrix[:, stiff] / sizes[stiff]
         x = np.zeros(count)
-        x[stiff] = np.linalg.lstsq(columns, -self._rows(left), rcond=SOFTEST)[0]
+        x[stiff] = np.linalg.lstsq(columns, -self._rows(left), rcond=MIN_STIFFNESS)[0]
         x[stiff] /= sizes[stiff]
         return np.asarray(keep @ x)
 
-    def _moved(
-        self, z: Array, groups: tuple[Group, ...], x: Array
-    ) -> tuple[Array, tuple[Group, ...]]:
-        moved = self.mechanics.moved(z, x[: self.n])
+    def _displaced(
+        self, z: Array, groups: tuple[RotatingGroup, ...], x: Array
+    ) -> tuple[Array, tuple[RotatingGroup, ...]]:
+        moved = self.mechanics.displaced(z, x[: self.n])
         ends = self.n + np.cumsum([group.unknowns for group in groups])
         own = np.split(x, [self.n, *ends])[1:-1]
         if self.system.planar:
             for y in own:
                 y[:-1].reshape(-1, 4)[:, 2:] = 0.0  # axes stay perpendicular
-        return moved, tuple(g.changed(y) for g, y in zip(groups, own, strict=True))
+        return moved, tuple(g.displaced(y) for g, y in zip(groups, own, strict=True))
 
-    def _put(self, x: Array, b: int, way: Array, turn: Array) -> None:
+    def _set_frame_motion(self, x: Array, b: int, way: Array, turn: Array) -> None:
         """Writes the motion of a frame, in its axes, into velocity coordinates."""
         row = self.system.arrays.body[b]
         u, rd = int(row[at.VEL]), int(row[at.RD])
@@ -381,51 +410,51 @@ class _Search:
             x[u + self.axes : u + rd] = turn[3 - (rd - self.axes) :]
 
     def _state(
-        self, z: Array, groups: tuple[Group, ...], time: float
+        self, z: Array, groups: tuple[RotatingGroup, ...], time: float
     ) -> tuple[Array, Array, Array]:
         """Position, velocity and scaled acceleration when so much time has passed."""
         mechanics, system = self.mechanics, self.system
         step, v, a = np.zeros(self.n), np.zeros(self.n), np.zeros(self.n)
         mechanics.evaluate(z, np.zeros(self.n))
-        positions, turns = places(mechanics, z)
+        positions, turns = frame_positions(mechanics, z)
         for group in groups:
             for b, axis in group.axes.items():
-                carried = Rotation.from_rotvec(time * axis.spin).as_matrix()
+                carried = Rotation.from_rotvec(time * axis.omega).as_matrix()
                 arm, R = positions[b] - axis.point, turns[b]
                 is_point = system.arrays.body[b, at.RD] <= self.axes
                 Q = R if is_point else carried @ R
                 there = carried @ arm
                 way = there - arm + time * group.drift
-                self._put(step, b, R.T @ way, R.T @ (time * axis.spin))
-                speed = group.drift + np.cross(axis.spin, there)
-                self._put(v, b, Q.T @ speed, Q.T @ axis.spin)
-                gain = group.acceleration * axis.spin / axis.rate
+                self._set_frame_motion(step, b, R.T @ way, R.T @ (time * axis.omega))
+                speed = group.drift + np.cross(axis.omega, there)
+                self._set_frame_motion(v, b, Q.T @ speed, Q.T @ axis.omega)
+                gain = group.acceleration * axis.omega / axis.speed
                 change = np.cross(gain, there)
                 # axes of points do not turn, in those of other bodies drifts do
                 turned = speed - group.drift if is_point else -group.drift
-                change += np.cross(axis.spin, turned)
-                self._put(a, b, Q.T @ change, Q.T @ gain)
+                change += np.cross(axis.omega, turned)
+                self._set_frame_motion(a, b, Q.T @ change, Q.T @ gain)
         if time:
-            rates = mechanics.turn_rates(Start(z, v))
-            z = mechanics.moved(z, step / mechanics.scale)
+            rates = mechanics.rotation_rates(StateVectors(z, v))
+            z = mechanics.displaced(z, step / mechanics.scale)
             z[len(z) - len(rates) :] += time * rates
         return z, v, a / mechanics.scale
 
-    def _scene(self, z: Array, groups: tuple[Group, ...]) -> SceneFile:
+    def _scene(self, z: Array, groups: tuple[RotatingGroup, ...]) -> SceneFile:
         """The scene whose bodies start at a position, in its rotation."""
         system = self.system
         scene = scene_at(system, z)
         bodies = dict(scene.bodies)
         self.mechanics.evaluate(z, np.zeros(self.n))
-        positions, _ = places(self.mechanics, z)
+        positions, _ = frame_positions(self.mechanics, z)
         for group in groups:
             for b, axis in group.axes.items():
-                speed = group.drift + np.cross(axis.spin, positions[b] - axis.point)
+                speed = group.drift + np.cross(axis.omega, positions[b] - axis.point)
                 changes: dict[str, object] = {
                     "velocity": tuple(speed[: self.axes].tolist())
                 }
                 if system.arrays.body[b, at.RD] > self.axes:
-                    spin = axis.spin.tolist()
+                    spin = axis.omega.tolist()
                     changes["angular_velocity"] = (
                         spin[2] if system.planar else tuple(spin)
                     )

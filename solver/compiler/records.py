@@ -1,7 +1,7 @@
 """Records: rows of tables whose numbers have names.
 
-A kernel sees a table in plane or in space (`RowsType`): `work.point[m].x` loads a
-`Vector`, `work.point[m].x = ...` stores one; nothing but an address is kept.
+A kernel sees a table in plane or in space (`RowsType`): ``work.point[m].x`` loads a
+`Vector`, ``work.point[m].x = ...`` stores one. A record is an address only.
 """
 
 from __future__ import annotations
@@ -29,15 +29,19 @@ from numba.extending import (
 )
 from numpy.typing import NDArray
 
-from .values import INDEX, REAL, ValueType
-from .views import check
+from .arrays import check_index
+from .vectors import INDEX, REAL, ValueType
 
 
 class RecordType(types.Type):
     """Numbers behind each other in memory, with names.
 
-    fields : float64 or values; or int64, all of them, which kernels only read
-    size : of a row, in numbers
+    Attributes
+    ----------
+    fields
+        Float64 or values; or int64, all of them, which kernels only read.
+    size
+        Of a row, in numbers.
     """
 
     def __init__(self, name: str, **fields: Any) -> None:
@@ -61,7 +65,7 @@ class RecordType(types.Type):
             ]
         )
 
-    def named(self, values: NDArray[Any]) -> NDArray[np.void]:
+    def as_records(self, values: NDArray[Any]) -> NDArray[np.void]:
         """Numbers (..., size) seen as rows with names, (...)."""
         return values.view(self.dtype)[..., 0]
 
@@ -78,7 +82,7 @@ class RowsType(types.Type):
 for _kind in (RecordType, RowsType):
 
     @register_model(_kind)
-    class _Address(models.PrimitiveModel):
+    class _RecordAddressModel(models.PrimitiveModel):
         def __init__(self, manager: Any, kind: Any) -> None:
             number = kind.number if isinstance(kind, RecordType) else INDEX
             super().__init__(manager, kind, number.as_pointer())
@@ -92,21 +96,23 @@ class _FieldOfRecord(AttributeTemplate):
         return kind.fields.get(field)
 
 
-def _place(builder: Any, kind: RecordType, record: Any, field: str, i: int = 0) -> Any:
-    place = ir.Constant(INDEX, kind.places[field] + i)
-    return builder.gep(record, [place], inbounds=True)
+def _field_address(
+    builder: Any, kind: RecordType, record: Any, field: str, i: int = 0
+) -> Any:
+    offset = ir.Constant(INDEX, kind.places[field] + i)
+    return builder.gep(record, [offset], inbounds=True)
 
 
 @lower_getattr_generic(RecordType)
 def _get_field(context: Any, builder: Any, kind: Any, record: Any, field: str) -> Any:
     member = kind.fields[field]
     if not isinstance(member, ValueType):
-        number = builder.load(_place(builder, kind, record, field))
-        return _constant(builder, number) if kind.number is INDEX else number
+        loaded = builder.load(_field_address(builder, kind, record, field))
+        return _mark_invariant(builder, loaded) if kind.number is INDEX else loaded
     value = ir.Constant(context.get_value_type(member), ir.Undefined)
     for i in range(member.size):
-        number = builder.load(_place(builder, kind, record, field, i))
-        value = builder.insert_value(value, number, i)
+        loaded = builder.load(_field_address(builder, kind, record, field, i))
+        value = builder.insert_value(value, loaded, i)
     return value
 
 
@@ -116,11 +122,11 @@ def _set_field(context: Any, builder: Any, sig: Any, args: Any, field: str) -> N
     record, value = args
     value = context.cast(builder, value, sig.args[1], member)
     if not isinstance(member, ValueType):
-        builder.store(value, _place(builder, kind, record, field))
+        builder.store(value, _field_address(builder, kind, record, field))
         return
     for i in range(member.size):
         number = builder.extract_value(value, i)
-        builder.store(number, _place(builder, kind, record, field, i))
+        builder.store(number, _field_address(builder, kind, record, field, i))
 
 
 @infer_global(operator.getitem)
@@ -136,12 +142,12 @@ class _RowOfTable(AbstractTemplate):
 def _get_row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     record = sig.args[0].record
     index = context.cast(builder, args[1], sig.args[1], types.int64)
-    check(builder, index, constant_word(builder, args[0], 1))
-    place = builder.mul(index, ir.Constant(INDEX, record.size))
+    check_index(builder, index, load_invariant_word(builder, args[0], 1))
+    offset = builder.mul(index, ir.Constant(INDEX, record.size))
     data = builder.inttoptr(
-        constant_word(builder, args[0], 0), record.number.as_pointer()
+        load_invariant_word(builder, args[0], 0), record.number.as_pointer()
     )
-    return builder.gep(data, [place], inbounds=True)
+    return builder.gep(data, [offset], inbounds=True)
 
 
 @infer_global(len)
@@ -154,17 +160,17 @@ class _LengthOfTable(AbstractTemplate):
 
 @lower_builtin(len, RowsType)
 def _count_rows(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    return constant_word(builder, args[0], 1)
+    return load_invariant_word(builder, args[0], 1)
 
 
-def constant_word(builder: Any, words: Any, index: int) -> Any:
+def load_invariant_word(builder: Any, words: Any, index: int) -> Any:
     """A word of a table; tables do not change."""
-    return _constant(
+    return _mark_invariant(
         builder, builder.load(builder.gep(words, [ir.Constant(INDEX, index)]))
     )
 
 
-def _constant(builder: Any, word: Any) -> Any:
+def _mark_invariant(builder: Any, word: Any) -> Any:
     """Tells that kernels do not write there, so that it is read once."""
     word.set_metadata("invariant.load", builder.module.add_metadata([]))
     return word

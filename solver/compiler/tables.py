@@ -1,9 +1,8 @@
-"""Tables: records of arrays that kernels read through one pointer.
+"""Tables: records of arrays that kernels receive as one pointer.
 
-A table has the same attributes in Python and in compiled code. There it is one
-address, however many arrays it holds, so that calls are cheap to make and to compile.
-In memory it is a row of 64-bit words: for an array the address of its data and its
-shape, for a kernel or another table its address; numbers stand there themselves.
+A table has the same attributes in Python and in compiled code. In memory it is a row of
+64-bit words: of an array the address of its data and its shape, of a kernel or another
+table its address; numbers are stored directly.
 """
 
 from __future__ import annotations
@@ -25,21 +24,25 @@ from numba.extending import (
     register_model,
 )
 
-from .records import RowsType, constant_word
-from .views import PointerType, ViewType, array_words, make_view
+from .arrays import PointerType, ViewType, array_words, make_view
+from .records import RowsType, load_invariant_word
 
 _WORD = ir.IntType(64)
-_NUMBERS: dict[Any, Any] = {int: types.int64, float: types.float64}
-_NUMBERS_SEEN = [*_NUMBERS.values()]
+_NUMBER_TYPES: dict[Any, Any] = {int: types.int64, float: types.float64}
+_NUMBER_TYPE_LIST = [*_NUMBER_TYPES.values()]
 #: Bytes of which the addresses of arrays that are made together are multiples.
-ALIGNED = 64
+ALIGNMENT = 64
 
 
 class TableType(types.Type):
     """The compiled type of a subclass of `Table`.
 
-    name : of what kernels see a table as, which is compiled in their place
-    seen : types of fields that they see otherwise
+    Attributes
+    ----------
+    name
+        Of what kernels see a table as, which is compiled in their place.
+    seen
+        Types of fields that they see otherwise.
     """
 
     def __init__(self, owner: type[Table], name: str = "", **seen: Any) -> None:
@@ -49,7 +52,7 @@ class TableType(types.Type):
         known = {field: self._member(owner, hints[field]) for field in self.fields}
         self.members = known | seen
         self.scalars: dict[str, int] = {
-            field: _NUMBERS_SEEN.index(kind)
+            field: _NUMBER_TYPE_LIST.index(kind)
             for field, kind in self.members.items()
             if isinstance(kind, types.Number)
         }
@@ -59,19 +62,20 @@ class TableType(types.Type):
             self.offsets[field] = words
             words += 1 + (kind.ndim if isinstance(kind, ViewType | RowsType) else 0)
         self.words = words
-        self.owner, self.seen_as = owner, name
+        self.owner, self.variant = owner, name
         if not name:
             owner.kind, owner.kinds = self, {}
         owner.kinds[name] = self
 
     def _member(self, owner: type[Table], hint: Any) -> Any:
-        """What kernels see of an annotation: a number, a table, or what it is
-        annotated with."""
+        """What kernels see of an annotation: a number, a table, or what it is annotated
+        with.
+        """
         if hasattr(hint, "__metadata__"):
             return hint.__metadata__[0]
         if hint is owner:
             return self
-        return _NUMBERS.get(hint) or hint.kind
+        return _NUMBER_TYPES.get(hint) or hint.kind
 
     def write(self, memory: np.ndarray, field: str, value: Any) -> None:
         """Puts a value where kernels find it, into the words of a table."""
@@ -83,7 +87,7 @@ class TableType(types.Type):
         else:
             memory[start] = _address(kind, value)
 
-    def seen(self, name: str, **members: Any) -> TableType:
+    def with_field_types(self, name: str, **members: Any) -> TableType:
         """The same table with other types of some fields."""
         return TableType(self.owner, name, **members)
 
@@ -97,19 +101,19 @@ class TableType(types.Type):
         return table  # type: ignore[no-any-return]
 
     def __reduce__(self) -> Any:
-        return _kind_of, (self.owner, self.seen_as)
+        return _table_type_of, (self.owner, self.variant)
 
 
 def _as_numbers(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The words of a table, seen as each of `_NUMBERS`."""
+    """The words of a table, seen as each of `_NUMBER_TYPES`."""
     return words, words.view(np.float64)
 
 
-def _places(kind: TableType, shapes: Mapping[str, tuple[int, ...]]) -> Any:
-    """Where arrays of some fields lie one after the other.
+def _array_layout(kind: TableType, shapes: Mapping[str, tuple[int, ...]]) -> Any:
+    """Where arrays of some fields lie in sequence.
 
-    Shape, type and place of each by its field; which words are addresses, and the
-    words where the first array is at 0; the bytes of all.
+    Shape, type and place of each by its field; which words are addresses, and the words
+    where the first array is at 0; the bytes of all.
     """
     views: dict[str, tuple[tuple[int, ...], np.dtype[Any], int]] = {}
     addresses, words = np.zeros((2, kind.words), np.int64)
@@ -123,7 +127,7 @@ def _places(kind: TableType, shapes: Mapping[str, tuple[int, ...]]) -> Any:
         addresses[word] = 1
         words[word : word + 1 + member.ndim] = size, *shape
         bytes_ = member.numbers.itemsize * math.prod(shape)
-        size += -(-bytes_ // ALIGNED) * ALIGNED
+        size += -(-bytes_ // ALIGNMENT) * ALIGNMENT
     return views, addresses, words, size
 
 
@@ -138,7 +142,7 @@ def _address_of(array: np.ndarray) -> int:
     return int(array.__array_interface__["data"][0])
 
 
-def _kind_of(owner: type[Table], name: str) -> TableType:
+def _table_type_of(owner: type[Table], name: str) -> TableType:
     return owner.kinds[name]
 
 
@@ -175,26 +179,29 @@ class Table:
 
     @classmethod
     def maker(cls, **fields: Any) -> Callable[[], Self]:
-        """Makes tables of zeros: one after the other in memory, made at once.
+        """Makes tables of zeros: in sequence in memory, made at once.
 
-        fields : tuples are shapes of arrays of zeros, and makers make a table of their
-            own for each; numbers are zero if they are not given
+        Parameters
+        ----------
+        fields
+            Tuples are shapes of arrays of zeros, and makers make a table of their own
+            for each; numbers are zero if they are not given.
         """
         _check_names(cls.kind, fields)
         makers = {f: value for f, value in fields.items() if callable(value)}
         shapes = {f: value for f, value in fields.items() if type(value) is tuple}
         others = {f: fields[f] for f in fields.keys() - makers.keys() - shapes.keys()}
-        views, inside, known, size = _places(cls.kind, shapes)
+        views, inside, known, size = _array_layout(cls.kind, shapes)
         for field, value in others.items():
             cls.kind.write(known, field, value)
-        kept = {f: others[f] for f in others.keys() - cls.kind.scalars.keys()}
+        unchanged = {f: others[f] for f in others.keys() - cls.kind.scalars.keys()}
 
         def make() -> Any:
-            memory = np.zeros(size + ALIGNED, np.uint8)
+            memory = np.zeros(size + ALIGNMENT, np.uint8)
             base = _address_of(memory)
-            gap = -base % ALIGNED
+            gap = -base % ALIGNMENT
             table = cls.__new__(cls)
-            table.__dict__.update(kept, _views=views, _zeros=memory[gap:])
+            table.__dict__.update(unchanged, _views=views, _zeros=memory[gap:])
             tables = {field: made() for field, made in makers.items()}
             table._set(tables, known + (base + gap) * inside)
             return table
@@ -208,11 +215,11 @@ class Table:
             self.kind.write(words, field, value)
             if field not in scalars:
                 self.__dict__[field] = value
-        more = {"_memory": words, "_numbers": _as_numbers(words)}
-        self.__dict__.update(more, address=_address_of(words))
+        derived = {"_memory": words, "_numbers": _as_numbers(words)}
+        self.__dict__.update(derived, address=_address_of(words))
 
     def __getattr__(self, name: str) -> Any:
-        """A number, or an array of zeros that nobody asked for before."""
+        """A number, or an array of zeros that nobody requested before."""
         kind = self.kind
         if name in kind.scalars:
             return self._numbers[kind.scalars[name]].item(kind.offsets[name])
@@ -262,7 +269,7 @@ def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: s
     if field in kind.scalars:
         return builder.load(_place_of_number(context, builder, kind, table, field))
     words = builder.bitcast(table, _WORD.as_pointer())
-    address = constant_word(builder, words, start)
+    address = load_invariant_word(builder, words, start)
     if isinstance(member, RowsType):
         return builder.gep(words, [ir.Constant(_WORD, start)])
     if isinstance(member, TableType):
@@ -270,7 +277,9 @@ def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: s
     if isinstance(member, PointerType):
         return address
     kind_of_entry = context.get_data_type(member.dtype).as_pointer()
-    extents = [constant_word(builder, words, start + 1 + i) for i in range(member.ndim)]
+    extents = [
+        load_invariant_word(builder, words, start + 1 + i) for i in range(member.ndim)
+    ]
     data = builder.inttoptr(address, kind_of_entry)
     return make_view(context, member, builder, [data, *extents])
 

@@ -1,86 +1,98 @@
-"""Functions of time that a program gives, as pieces of polynomials.
+"""Callables of a program: functions of time as polynomials, laws as native functions.
 
-Rates and accelerations are those of the polynomials, so that they fit each other.
-What is seen of a function are its values at many times, see `Timed`.
+A function of time is interpolated by piecewise Chebyshev polynomials; its rate and
+acceleration are those of the polynomials, so that they are consistent. Only values of
+the callable are known, and features shorter than the spacing of the samples are not
+seen. A law is compiled by numba where possible; otherwise kernels call Python.
 """
 
 from __future__ import annotations
 
+import ctypes
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import Array
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 
-from .chebyshev_pieces import Scan, Series, halved
-from .kink_places import with_kinks
+from .chebyshev import ChebyshevSeries, FitSamples, bisected_fit
+from .kink_positions import fit_with_kinks
 from .returned_values import real_number
-from .smoothness import SHORT, check_rates, kinks
+from .smoothness import KINK_PIECE, check_rates, kink_times
 
 #: A function of time, or one with its first derivative, or with its first two.
-Functions = Callable[[float], float] | tuple[Callable[[float], float], ...]
+TimeFunctions = Callable[[float], float] | tuple[Callable[[float], float], ...]
 
 DEGREE = 14
 #: Tolerated error relative to the largest value.
-ERROR = 1e-13
+RELATIVE_ERROR = 1e-13
 #: Part of the run that the shortest feature lasts which is surely seen, and the number
 #: of times that it is looked at.
-SEEN, LOOKS = 1.0 / 4096.0, 4
+RESOLVED_FRACTION, SAMPLES_PER_FEATURE = 1.0 / 4096.0, 4
 #: The shortest feature that can be asked for, as a part of the run.
-SHORTEST_SEEN = 1e-6
+MIN_RESOLVED_FRACTION = 1e-6
 #: Tolerated difference of given derivatives from those of the interpolant.
-CONSISTENT = (1e-10, 1e-7, 1e-4)
+DERIVATIVE_TOLERANCES = (1e-10, 1e-7, 1e-4)
 
 
 @dataclass(frozen=True)
 class Timed:
     """A function of time, and what is known of its features.
 
-    A program can be asked for values only, so that nothing shorter than the distance
+    A program can be requested values only, so that nothing shorter than the distance
     between two looks at it can be known. It is looked at often enough to see, wherever
-    it lies, whatever lasts at least `shortest`; what is seen at all is then followed
-    to rounding. Shorter features are surely seen only at the `times` that are named.
+    it lies, whatever lasts at least `shortest`; what is seen at all is then followed to
+    rounding. Shorter features are surely seen only at the `times` that are named.
 
     Attributes
     ----------
-    function : f(t), or a tuple of f and its first, or first two, derivatives
-    times : where features of any width begin, end or have their largest value [s]
-    shortest : duration of the shortest feature [s], 1/4096 of the run by default; a
-        callable is asked for 4 values in that time
+    function
+        f(t), or a tuple of f and its first, or first two, derivatives.
+    times
+        Where features of any width begin, end or have their largest value [s].
+    shortest
+        Duration of the shortest feature [s], 1/4096 of the run by default; a callable
+        is requested 4 values in that time.
     """
 
-    function: Functions
+    function: TimeFunctions
     times: Sequence[float] = ()
     shortest: float | None = None
 
 
 #: What replaces a function of time.
-Derivatives = Functions | Timed
+Derivatives = TimeFunctions | Timed
 
 Interpolant = tuple[Array, Array, tuple[float, ...]]
 
 
-def interpolate(
+def interpolate_callable(
     program: Derivatives, span: tuple[float, float], place: str, smooth: bool = True
 ) -> Interpolant:
     """Edges (n + 1,), coefficients on [-1, 1] (n, terms), and the times of kinks.
-
-    smooth : the rate must not jump
 
     Kinks are jumps of the first three derivatives: all of 900 at random places, in
     functions of five kinds, were found, to 1e-7 of the span. Of jumps of the fourth
     derivative a tenth is not found, of later ones more; there pieces follow the
     function to 1e-13, but no step ends at the kink.
 
+    Parameters
+    ----------
+    smooth
+        The rate must not jump.
+
     Raises
     ------
-    InputError : values that are no numbers, a jump of the value or, of smooth ones, of
-        the rate, derivatives that belong to another function, or features that cannot
-        be looked for.
+    InputError
+        Values that are no numbers, a jump of the value or, of smooth ones, of the rate,
+        derivatives that belong to another function, or features that cannot be looked
+        for.
     """
     timed = program if isinstance(program, Timed) else Timed(program)
     given = timed.function
@@ -93,54 +105,56 @@ def interpolate(
         )
 
     def evaluate(times: Array) -> Array:
-        return _evaluate(functions[0], times, place)
+        return _evaluate_callable(functions[0], times, place)
 
     inside = {float(t) for t in timed.times if span[0] < t < span[1]}
     edges = np.array([span[0], *sorted(inside), span[1]])
-    times = _looks(program, span, place)
-    scan = Scan(times, evaluate(times))
+    times = _sample_times(program, span, place)
+    scan = FitSamples(times, evaluate(times))
 
-    def fitted(kinks: Sequence[float]) -> Series:
+    def fit(kinks: Sequence[float]) -> ChebyshevSeries:
         ends = np.unique([*edges, *kinks])
-        return halved(evaluate, ends, scan, DEGREE, ERROR, place)
+        return bisected_fit(evaluate, ends, scan, DEGREE, RELATIVE_ERROR, place)
 
-    series, known = with_kinks(fitted, evaluate)
+    series, known = fit_with_kinks(fit, evaluate)
     if smooth:
         check_rates(series, place)
     _check_derivatives(functions[1:], series, place)
-    powers = np.array([_powers(unit) for unit in np.eye(DEGREE + 1)])
-    return series.edges, series.terms @ powers, kinks(series, known)
+    powers = np.array([_monomial_coefficients(unit) for unit in np.eye(DEGREE + 1)])
+    return series.edges, series.terms @ powers, kink_times(series, known)
 
 
-def shortest_seen(program: Derivatives, span: tuple[float, float]) -> float:
+def shortest_resolved_feature(program: Derivatives, span: tuple[float, float]) -> float:
     """Duration of the shortest feature that is surely seen [s]."""
-    asked = program.shortest if isinstance(program, Timed) else None
-    return SEEN * (span[1] - span[0]) if asked is None else asked
+    requested = program.shortest if isinstance(program, Timed) else None
+    return RESOLVED_FRACTION * (span[1] - span[0]) if requested is None else requested
 
 
-def _looks(program: Derivatives, span: tuple[float, float], place: str) -> Array:
+def _sample_times(program: Derivatives, span: tuple[float, float], place: str) -> Array:
     """Times of the scan, (nt,)."""
-    length, shortest = span[1] - span[0], shortest_seen(program, span)
-    if not shortest >= SHORTEST_SEEN * length:
+    length, shortest = span[1] - span[0], shortest_resolved_feature(program, span)
+    if not shortest >= MIN_RESOLVED_FRACTION * length:
         raise InputError(
             f"features of {shortest:.6g} s in a run of {length:.6g} s cannot be looked "
             "for",
             place=place,
-            expected=f"at least {SHORTEST_SEEN * length:.6g} s; of shorter ones, the "
-            "`times` at which they are",
+            expected=f"at least {MIN_RESOLVED_FRACTION * length:.6g} s; of shorter "
+            "ones, the `times` at which they are",
         )
-    count = max(1, math.ceil(LOOKS * length / shortest))
+    count = max(1, math.ceil(SAMPLES_PER_FEATURE * length / shortest))
     return np.asarray(span[0] + length * (np.arange(count) + 0.5) / count)
 
 
-def _powers(series: Array) -> Array:
+def _monomial_coefficients(series: Array) -> Array:
     found = np.zeros(DEGREE + 1)
     powers = chebyshev.cheb2poly(series)
     found[: len(powers)] = powers
     return found
 
 
-def _evaluate(function: Callable[[float], float], times: Array, place: str) -> Array:
+def _evaluate_callable(
+    function: Callable[[float], float], times: Array, place: str
+) -> Array:
     try:
         values = np.array([real_number(function(t)) for t in times.tolist()])
     except (TypeError, ValueError, ArithmeticError) as error:
@@ -156,21 +170,157 @@ def _evaluate(function: Callable[[float], float], times: Array, place: str) -> A
 
 
 def _check_derivatives(
-    given: tuple[Callable[[float], float], ...], series: Series, place: str
+    given: tuple[Callable[[float], float], ...], series: ChebyshevSeries, place: str
 ) -> None:
     """Compares at a quarter, the middle and three quarters of every long piece."""
-    long = series.lengths > SHORT * series.lengths.max()
+    long = series.lengths > KINK_PIECE * series.lengths.max()
     starts, lengths = series.edges[:-1][long], series.lengths[long]
     times = np.add.outer([0.25, 0.5, 0.75], np.zeros(len(starts))) * lengths + starts
     for order, function in enumerate(given, start=1):
-        values = _evaluate(function, times.ravel(), place)
-        gaps = np.abs(values - series.at(times.ravel(), order))
-        worst = int(np.argmax(gaps))
-        if gaps[worst] > CONSISTENT[order] * max(np.abs(values).max(), 1e-300):
+        values = _evaluate_callable(function, times.ravel(), place)
+        differences = np.abs(values - series.at(times.ravel(), order))
+        largest = int(np.argmax(differences))
+        if differences[largest] > DERIVATIVE_TOLERANCES[order] * max(
+            np.abs(values).max(), 1e-300
+        ):
             name = ("first", "second")[order - 1]
             raise InputError(
-                f"the {name} derivative differs by {gaps[worst]:.3g} from that of the "
-                f"function near t = {times.ravel()[worst]:.6g} s",
+                f"the {name} derivative differs by {differences[largest]:.3g} from "
+                f"that of the function near t = {times.ravel()[largest]:.6g} s",
                 place=place,
                 expected="derivatives of the same function",
             )
+
+
+_SIGNATURE = ctypes.CFUNCTYPE(
+    ctypes.c_double, ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_int64
+)
+VALUE_INDEX = -1
+
+
+class NativeCallable:
+    """A function f(t, y) and, if they are given, its derivatives by y.
+
+    Kernels call `double f(double t, double *y, long i)`: the value for i = -1, else the
+    derivative by y[i].
+
+    Attributes
+    ----------
+    address
+        Of that function.
+    compiled_function
+        Whether numba could compile what was given.
+    pending
+        An exception that has to go on as soon as the kernel returns, or None.
+    failure
+        The last time [s] at which it gave no number, and why; None if it always did,
+        and of what numba compiled.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[float, Array], float],
+        count: int,
+        derivatives: Callable[[float, Array], Sequence[float]] | None = None,
+    ) -> None:
+        self.function, self.count = function, count
+        self.derivatives = derivatives
+        self.pending: BaseException | None = None
+        self.failure: tuple[float, str] | None = None
+        self._kept: Any = _compile_callback(function, derivatives, count)
+        self.compiled_function = self._kept is not None
+        if self._kept is None:
+            self._kept = _SIGNATURE(self._call)
+            address = ctypes.cast(self._kept, ctypes.c_void_p).value
+        else:
+            address = self._kept.address
+        assert address is not None
+        self.address = int(address)
+
+    def raise_pending(self) -> None:
+        """Raises what has to go on, such as KeyboardInterrupt."""
+        if self.pending is not None:
+            error, self.pending = self.pending, None
+            raise error
+
+    def _call(self, t: float, y: Any, i: int) -> float:
+        if self.pending is not None:
+            return math.nan
+        try:
+            values = np.array(y[: self.count])
+            if i == VALUE_INDEX:
+                return real_number(self.function(t, values))
+            assert self.derivatives is not None
+            return real_number(self.derivatives(t, values)[i])
+        except Exception as error:
+            what = "" if i == VALUE_INDEX else "has derivatives that "
+            self.failure = t, what + _fails(error, plural=i != VALUE_INDEX)
+            return math.nan
+        except BaseException as error:
+            self.pending = error
+            return math.nan
+
+    def failure_text(self, t: float, y: Array) -> str:
+        """Why it gives no number at a time and for outputs."""
+        if self.failure is not None and self.failure[0] == t:
+            return self.failure[1]
+        try:
+            value = real_number(self.function(t, np.array(y)))
+        except Exception as error:
+            return _fails(error)
+        return f"gives {value}"
+
+
+def _fails(error: Exception, plural: bool = False) -> str:
+    return f"fail{'' if plural else 's'} with {type(error).__name__}: {error}"
+
+
+def _compile_callback(function: Any, derivatives: Any, count: int) -> Any:
+    """What numba makes of them, or None."""
+    import numba
+
+    f = _dispatcher(numba, function)
+    g = f if derivatives is None else _dispatcher(numba, derivatives)
+    has_derivatives = derivatives is not None
+    if f is None or g is None:
+        return None
+
+    def call(t, y, i):  # type: ignore[no-untyped-def]
+        try:
+            if i < 0:
+                return float(f(t, numba.carray(y, (count,))))
+            if has_derivatives:
+                return float(g(t, numba.carray(y, (count,)))[i])
+            return math.nan
+        except Exception:
+            return math.nan
+
+    kinds = numba.types
+    signature = kinds.double(kinds.double, kinds.CPointer(kinds.double), kinds.int64)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            made = numba.cfunc(signature)(call)
+    except Exception:
+        return None
+    return made if _gives_numbers(f) else None
+
+
+def _gives_numbers(function: Any) -> bool:
+    """True if what numba compiled gives numbers; `float` of numba takes truth values
+    and texts, too.
+    """
+    from numba import types
+
+    overloads = getattr(function, "overloads", {}).values()
+    kinds = [types.unliteral(each.signature.return_type) for each in overloads]
+    return all(isinstance(kind, types.Number) for kind in kinds)
+
+
+def _dispatcher(numba: Any, function: Any) -> Any:
+    if hasattr(function, "py_func"):
+        return function
+    try:
+        return numba.njit(function)
+    except Exception:
+        return None

@@ -12,7 +12,8 @@ def real_number(value: Any) -> float:
 
     Raises
     ------
-    TypeError, ValueError : it is no real number, or an array of several.
+    TypeError, ValueError
+        It is no real number, or an array of several.
     """
     if type(value) is float:
         return value

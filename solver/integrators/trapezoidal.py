@@ -1,41 +1,43 @@
-"""The paper's method: the trapezoidal rule with variable step, index 1: eq. (20).
+"""The trapezoidal rule with variable step on the index-1 equations, eq. (20).
 
-Sources: MATLAB's ode23t, as described by L. F. Shampine, M. W. Reichelt, J. A.
-Kierzenka, "Solving Index-1 DAEs in MATLAB and Simulink", SIAM Review 41 (1999), and
-M. E. Hosea, L. F. Shampine, "Analysis and implementation of TR-BDF2", Applied
-Numerical Mathematics 20 (1996): simplified Newton iteration, local error h^3 y''' / 12
-from divided differences of slopes, filtered so that stiff components do not spoil it.
-Here with the Jacobian kept in saddle-point form and with a projection of positions and
-velocities after every accepted step. What begins, solves and ends a step serves any
-method of one stage.
+Simplified Newton iteration; local error h^3 y''' / 12 from divided differences of the
+slopes, filtered so that stiff components do not spoil it. The Jacobian is stored in
+saddle-point form, and positions and velocities are projected after every accepted step.
+The start, solution and end of a step serve any method of one stage.
+
+References
+----------
+L. F. Shampine, M. W. Reichelt, J. A. Kierzenka: Solving Index-1 DAEs in MATLAB and
+Simulink. SIAM Review 41 (1999).
+M. E. Hosea, L. F. Shampine: Analysis and implementation of TR-BDF2. Applied Numerical
+Mathematics 20 (1996).
 """
 
 from __future__ import annotations
 
 from numba import float64, int64, types
 
-from ..compiler.compiling import inner
+from ..compiler.kernels import inner
 from ..compiler.tables import Table, TableType
-from ..linear.memory import KERNELS, MEMORY
-from ..space.layout import SYSTEM, WORK, Reals
-from .implicit import step_loop
-from .landing import close_step
-from .newton_steps import fade_contraction, judge, newton_limit
-from .projection import accelerate
-from .recording import move, write_cubic
-from .singular import keep_free_part
-from .step_sizes import scaled_norm
-from .stepping import CONTROL, copy
+from ..linear.factor_storage import KERNELS, MEMORY
+from ..spatial.system_arrays import SYSTEM, WORK, Reals
+from .implicit_loop import step_loop
+from .loop_state import CONTROL, copy
+from .newton_iteration import check_convergence, decay_contraction_rate, newton_limit
+from .output_sampling import advance_state, write_cubic
+from .projection import evaluate_accelerations
+from .singular_configurations import project_step_end, project_velocity_error
+from .step_size import scaled_norm
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
-JACOBIAN_SERVES = 1e-2
+JACOBIAN_CONTRACTION = 1e-2
 #: What Newton's iteration may leave of the tolerance.
 NEWTON_GOAL = 0.03
 #: Corrections that no longer shrink are rounding; they may be so much of the tolerance.
-BLUNT = 0.3
+STAGNATION_LIMIT = 0.3
 
 
-class Slopes(Table):
+class TrapezoidalSlopes(Table):
     """Slopes at the beginning of this step and of the last one, and scratch vectors."""
 
     rate0: Reals
@@ -48,14 +50,14 @@ class Slopes(Table):
     rv: Reals
 
 
-SLOPES = TableType(Slopes)
+SLOPES = TableType(TrapezoidalSlopes)
 
 
-def new_slopes(n_positions: int, n_velocities: int) -> Slopes:
+def new_slopes(n_positions: int, n_velocities: int) -> TrapezoidalSlopes:
     """Storage for a run."""
     z = dict.fromkeys(("rate0", "old_rate", "z1", "rz"), (n_positions,))
     v = dict.fromkeys(("acc0", "old_acc", "v1", "rv"), (n_velocities,))
-    return Slopes.zeros(**z, **v)
+    return TrapezoidalSlopes.zeros(**z, **v)
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES))
@@ -69,15 +71,15 @@ def begin_step(kernels, system, work, memory, control, slopes):
 
 @inner(types.void(KERNELS, SYSTEM, CONTROL, SLOPES, float64))
 def predict(kernels, system, control, slopes, h):
-    """First guess of the end of the step: slopes go on as they changed so far."""
+    """Predict the end of the step: slopes continue to change as before."""
     old = control.old_step
-    bend = 0.5 * h * h / old if old > 0.0 else 0.0
+    curvature = 0.5 * h * h / old if old > 0.0 else 0.0
     for i in range(len(slopes.z1)):
         change = slopes.rate0[i] - slopes.old_rate[i]
-        slopes.z1[i] = control.z[i] + h * slopes.rate0[i] + bend * change
+        slopes.z1[i] = control.z[i] + h * slopes.rate0[i] + curvature * change
     for i in range(len(slopes.v1)):
         change = slopes.acc0[i] - slopes.old_acc[i]
-        slopes.v1[i] = control.v[i] + h * slopes.acc0[i] + bend * change
+        slopes.v1[i] = control.v[i] + h * slopes.acc0[i] + curvature * change
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
@@ -85,12 +87,17 @@ def _newton(kernels, system, work, memory, control, slopes, h):
     """Solves y1 = y0 + h (y0' + y1') / 2; iterations used, or 0 without convergence."""
     mu = 2.0 / h
     predict(kernels, system, control, slopes, h)
-    fade_contraction(control)
-    blunt = min(BLUNT, control.noise)
+    decay_contraction_rate(control)
+    stagnation_limit = min(STAGNATION_LIMIT, control.rounding_noise)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
         z1, v1 = slopes.z1, slopes.v1
-        if accelerate(kernels, system, work, memory, control.time + h, z1, v1) != 0:
+        if (
+            evaluate_accelerations(
+                kernels, system, work, memory, control.time + h, z1, v1
+            )
+            != 0
+        ):
             return 0
         kernels.rate(system, z1, v1, slopes.rz)
         for i in range(len(z1)):
@@ -102,14 +109,14 @@ def _newton(kernels, system, work, memory, control, slopes, h):
         kernels.solve_real(system, work, memory, memory.real, 0, mu, rz, rv)
         memory.newton_iterations += 1
         norm = scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
-        verdict = judge(control, NEWTON_GOAL, iteration, norm, old_norm)
-        if verdict < 0 and not norm < blunt:
+        convergence = check_convergence(control, NEWTON_GOAL, iteration, norm, old_norm)
+        if convergence < 0 and not norm < stagnation_limit:
             return 0
         for i in range(len(z1)):
             z1[i] += slopes.rz[i]
         for i in range(len(v1)):
             v1[i] += slopes.rv[i]
-        if verdict != 0:
+        if convergence != 0:
             return iteration + 1
         old_norm = norm
     return 0
@@ -117,10 +124,10 @@ def _newton(kernels, system, work, memory, control, slopes, h):
 
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
 def _error(kernels, system, work, memory, control, slopes, h):
-    """Norm of the local error h^3 y''' / 12, passed through (1 - h J / 2)^-1.
+    """Norm of the local error h^3 y''' / 12, filtered by (1 - h J / 2)^-1.
 
-    y''' / 2 is the second divided difference of the slopes; that at the end of the
-    step follows from the rule itself. In a first step, the slope before is missing:
+    y''' / 2 is the second divided difference of the slopes; the one at the end of the
+    step follows from the rule itself. In a first step, where no slope before is known,
     h y''' counts as y''.
     """
     old, mu = control.old_step, 2.0 / h
@@ -138,7 +145,7 @@ def _error(kernels, system, work, memory, control, slopes, h):
     z1, v1, rz, rv = slopes.z1, slopes.v1, slopes.rz, slopes.rv
     kernels.solve_real(system, work, memory, memory.real, 0, mu, rz, rv)
     x, p = memory.real.x, memory.real.p
-    keep_free_part(kernels, system, work, memory, control, h, z1, v1, rv, x, p)
+    project_velocity_error(kernels, system, work, memory, control, h, z1, v1, rv, x, p)
     return scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
 
 
@@ -146,12 +153,12 @@ def _error(kernels, system, work, memory, control, slopes, h):
 def accept(kernels, system, work, memory, control, slopes, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
     z1, v1, x, p = slopes.z1, slopes.v1, memory.real.x, memory.real.p
-    status = close_step(kernels, system, work, memory, control, h, z1, v1, x, p)
+    status = project_step_end(kernels, system, work, memory, control, h, z1, v1, x, p)
     if status != 0:
         return status
     rate0, acc0, rz = slopes.rate0, slopes.acc0, slopes.rz
     write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rz)
-    move(control, h, z1, v1)
+    advance_state(control, h, z1, v1)
     return 0
 
 
@@ -161,7 +168,7 @@ def _factor(kernels, system, work, memory, slopes, h):
 
 
 @inner(int64(SLOPES))
-def _order(slopes):
+def _error_order(slopes):
     """Of the error estimate over the length of the step."""
     return 1
 
@@ -174,7 +181,7 @@ advance = step_loop(
     _newton,
     _error,
     accept,
-    _order,
+    _error_order,
     predict,
-    JACOBIAN_SERVES,
+    JACOBIAN_CONTRACTION,
 )

@@ -1,7 +1,7 @@
-"""Drives of constant rate or acceleration as what they are: known functions of time.
+"""Drives of constant rate or acceleration as functions of time.
 
-What a rate adds up to is a state of a law, which no prescribed motion decides. Where
-the rate, or the acceleration, is one number, it is a polynomial of the time.
+The integral of a rate is the state of a law, which no prescribed motion contains. Where
+the rate or the acceleration is a constant, the integral is a polynomial of time.
 """
 
 from __future__ import annotations
@@ -19,57 +19,67 @@ from sidtool.formats.scene import (
     SceneFile,
 )
 
-from ..functions.law_times import value_at
-from ..functions.laws import LawParts, Part, Timing
+from ..functions.control_laws import CompiledLaw, LawInstruction, TimeLaw
+from ..functions.law_derivatives import evaluate_law
 
 
-def with_integrated_rates(
-    scene: SceneFile, laws: Mapping[str, LawParts], given: Iterable[str]
+def integrate_constant_rates(
+    scene: SceneFile, laws: Mapping[str, CompiledLaw], given: Iterable[str]
 ) -> SceneFile | None:
     """The scene whose drives of constant rate or acceleration prescribe values; None
     where there are none.
 
-    laws : of forces and drives
-    given : drives whose functions a program gives
-
     Outputs of the states that are left out are no longer recorded.
+
+    Parameters
+    ----------
+    laws
+        Of forces and drives.
+    given
+        Drives whose functions a program gives.
     """
     found: dict[str, Drive] = {}
     for name, drive in scene.drives.items():
         if drive.of == "value" or name in given:
             continue
-        value = _constant(laws[name])
+        value = _constant_value(laws[name])
         if value is not None:
-            rise = (value,) if drive.of == "rate" else (drive.start_rate, value / 2.0)
-            found[name] = _polynomial(drive, scene.time.start, (drive.start, *rise))
+            coefficients = (
+                (value,) if drive.of == "rate" else (drive.start_rate, value / 2.0)
+            )
+            found[name] = _polynomial_drive(
+                drive, scene.time.start, (drive.start, *coefficients)
+            )
     if not found:
         return None
-    lost = tuple(f"{name}.{part}" for name in found for part in ("state.", "value"))
-    kept = tuple(name for name in scene.outputs.record if not name.startswith(lost))
-    outputs = scene.outputs.model_copy(update={"record": kept})
+    removed = tuple(f"{name}.{part}" for name in found for part in ("state.", "value"))
+    recorded = tuple(
+        name for name in scene.outputs.record if not name.startswith(removed)
+    )
+    outputs = scene.outputs.model_copy(update={"record": recorded})
     drives = {**scene.drives, **found}
     return scene.model_copy(update={"drives": drives, "outputs": outputs})
 
 
-def _polynomial(drive: Drive, start: float, terms: tuple[float, ...]) -> Drive:
+def _polynomial_drive(drive: Drive, start: float, terms: tuple[float, ...]) -> Drive:
     piece = {"from": start, "coefficients": terms}
     function = Polynomial.model_validate({"pieces": [piece]})
     changes = {"of": "value", "start": 0.0, "start_rate": 0.0, "function": function}
     return drive.model_copy(update=changes)
 
 
-def _constant(law: LawParts) -> float | None:
+def _constant_value(law: CompiledLaw) -> float | None:
     """The number that a law is, whatever moves; None if it is no such number."""
-    numbers = [_number(part) for part in law.value]
+    numbers = [_constant_instruction(part) for part in law.value]
     if law.states or law.sample_time is not None or None in numbers:
         return None
-    value = value_at(tuple(part for part in numbers if part is not None), 0.0, {})
+    value = evaluate_law(tuple(part for part in numbers if part is not None), 0.0, {})
     return value if math.isfinite(value) else None
 
 
-def _number(part: Part) -> Part | None:
+def _constant_instruction(part: LawInstruction) -> LawInstruction | None:
     """A part of a law that changes neither in time nor with the motion."""
-    if isinstance(part, Timing):
+    if isinstance(part, TimeLaw):
         value = _constant_function(part.function)
         return None if value is None else Instruction("number", value)
     plain = isinstance(part, Instruction) and part.kind not in ("name", "time")

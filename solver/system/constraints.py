@@ -1,77 +1,147 @@
-"""Joints, drives and couplings as primitive constraints between two markers."""
+"""Primitive constraints of a scene: those of joints, drives and couplings.
+
+A coupling keeps a weighted sum of the coordinates of other joints constant.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import (
     Coupling,
     Drive,
     Gear,
     Joint,
+    coupled_coordinates,
     marker_names,
     marker_reference,
 )
 
-from ..space.layout import COINCIDENT
-from .couplings import coupling_terms
-from .ingredients import Ingredients, Reference, driven_coordinates
+from ..spatial.system_arrays import ANGLE, COINCIDENT
+from .build_inputs import BuildInputs, MarkerKey, driven_coordinates
 from .joints import (
-    Parts,
+    JointPrimitives,
     Primitive,
-    is_of_point,
-    joint_parts,
+    coupling_row,
+    is_point_mass_joint,
+    joint_primitives,
     marker_coordinate,
     marker_rotation,
 )
+
+#: Largest whole numbers of a ratio of angles in spatial scenes.
+MAX_RATIO_NUMBER = 10_000
+RATIO_TOLERANCE = 1e-12
+
+
+def coupling_terms(
+    name: str, joint: Gear | Coupling, joints: Mapping[str, Joint], planar: bool
+) -> list[tuple[str, Primitive]]:
+    """(joint, primitive) of each term of the sum, the first with its constant.
+
+    An angle in space is known from the orientations of two markers, up to whole turns.
+    When the weights of all angles are in ratios of whole numbers, the sum is known up
+    to a period, and the constraint holds exactly and without memory for any number of
+    turns.
+
+    Raises
+    ------
+    InputError
+        Weights of angles in space are not in ratios of whole numbers.
+    """
+    found = []
+    for other, coordinate, weight in coupled_coordinates(joint, dict(joints)):
+        parts = joint_primitives(joints[other], planar)
+        found.append((other, parts.coordinates[coordinate], weight))
+    weights = [weight for _, part, weight in found if part.kind == ANGLE]
+    period = 0.0 if planar else 2.0 * math.pi * _common_unit(weights, name)
+    terms = coupling_row([term[1:] for term in found], joint.offset, period)
+    return list(zip((name for name, _, _ in found), terms, strict=True))
+
+
+def _common_unit(weights: list[float], name: str) -> float:
+    """The largest number of which all weights are whole multiples; 0 for no weights."""
+    if not weights:
+        return 0.0
+    base = abs(weights[0])
+    ratios = []
+    for weight in weights:
+        exact = weight / base
+        ratio = Fraction(exact).limit_denominator(MAX_RATIO_NUMBER)
+        if abs(ratio.numerator) > MAX_RATIO_NUMBER or abs(
+            ratio - exact
+        ) > RATIO_TOLERANCE * abs(exact):
+            raise InputError(
+                f"couples angles in the ratio {exact:.12g}",
+                place=f"joints.{name}",
+                expected="a ratio of whole numbers (of teeth) in a spatial scene, "
+                f"none above {MAX_RATIO_NUMBER}",
+            )
+        ratios.append(ratio)
+    denominator = math.lcm(*(ratio.denominator for ratio in ratios))
+    common = math.gcd(*(int(ratio * denominator) for ratio in ratios))
+    return base * common / denominator
 
 
 @dataclass(frozen=True)
 class Constraint:
     """A primitive constraint of a joint or drive.
 
-    drive : row of the function of time that it follows, -1 for none
-    law : row of the table of forces whose law it follows instead, -1 for none
+    Attributes
+    ----------
+    drive
+        Row of the function of time that it follows, -1 for none.
+    law
+        Row of the table of forces whose law it follows instead, -1 for none.
     """
 
     owner: str
     primitive: Primitive
-    a: Reference
-    b: Reference
+    a: MarkerKey
+    b: MarkerKey
     drive: int = -1
     law: int = -1
 
 
-def constraints_of(parts: Ingredients) -> list[Constraint]:
+def constraints_of(parts: BuildInputs) -> list[Constraint]:
     """The constraints of a scene; prescribed frames need none.
 
     Raises
     ------
-    InputError : a gear has a ratio that cannot be held.
+    InputError
+        A gear has a ratio that cannot be held.
     """
     scene = parts.scene
-    carried = [frame.joint for frame in parts.frames.values()]
+    prescribing_joints = [frame.joint for frame in parts.frames.values()]
     driven = driven_coordinates(scene)
     found: list[Constraint] = []
     for name, joint in scene.joints.items():
         if isinstance(joint, Gear | Coupling):
-            found += _coupling(parts, name, joint)
-        elif not any(joint is other for other in carried):
-            found += _joint(parts, name, joint, driven[name])
+            found += _coupling_constraints(parts, name, joint)
+        elif not any(joint is other for other in prescribing_joints):
+            found += _joint_constraints(parts, name, joint, driven[name])
     for name, drive in scene.drives.items():
         if drive.marker is not None:
-            found += _marker_drive(parts, name, drive)
+            found += _marker_drive_constraints(parts, name, drive)
     return found
 
 
-def _joint(
-    parts: Ingredients, name: str, joint: Joint, drives: dict[str, str]
+def _joint_constraints(
+    parts: BuildInputs, name: str, joint: Joint, drives: dict[str, str]
 ) -> list[Constraint]:
-    """drives : drive of each driven coordinate of the joint"""
+    """Parameters
+    ----------
+    drives
+        Drive of each driven coordinate of the joint.
+    """
     a, b = (marker_reference(text) for text in marker_names(joint))
-    primitives = joint_parts(joint, parts.planar)
-    if is_of_point(joint, parts.data):
-        primitives = Parts([Primitive(COINCIDENT)])
+    primitives = joint_primitives(joint, parts.planar)
+    if is_point_mass_joint(joint, parts.data):
+        primitives = JointPrimitives([Primitive(COINCIDENT)])
     found = [Constraint(name, part, a, b) for part in primitives.constraints]
     if "length" in drives:
         found = []
@@ -79,13 +149,13 @@ def _joint(
         part = primitives.coordinates[coordinate]
         first, second = (b, a) if part.swapped else (a, b)
         index = parts.drive_index[drive]
-        law = parts.led.get(drive, -1)
+        law = parts.drive_law_rows.get(drive, -1)
         found.append(Constraint(drive, part, first, second, index, law))
     return found
 
 
-def _coupling(
-    parts: Ingredients, name: str, joint: Gear | Coupling
+def _coupling_constraints(
+    parts: BuildInputs, name: str, joint: Gear | Coupling
 ) -> list[Constraint]:
     found: list[Constraint] = []
     joints = parts.scene.joints
@@ -96,13 +166,15 @@ def _coupling(
     return found
 
 
-def _marker_drive(parts: Ingredients, name: str, drive: Drive) -> list[Constraint]:
+def _marker_drive_constraints(
+    parts: BuildInputs, name: str, drive: Drive
+) -> list[Constraint]:
     assert drive.marker is not None
     a, b = marker_reference(drive.reference), marker_reference(drive.marker)
-    index, law = parts.drive_index[name], parts.led.get(name, -1)
+    index, law = parts.drive_index[name], parts.drive_law_rows.get(name, -1)
     if drive.axis is None:
         part = marker_coordinate(drive.coordinate or "", parts.planar)
         return [Constraint(name, part, a, b, index, law)]
     fixed, part = marker_rotation(drive.axis)
-    held = [Constraint(name, other, a, b) for other in fixed]
-    return [*held, Constraint(name, part, a, b, index, law)]
+    axis_constraints = [Constraint(name, other, a, b) for other in fixed]
+    return [*axis_constraints, Constraint(name, part, a, b, index, law)]

@@ -1,6 +1,6 @@
-"""Joints as short tables of primitive constraints between two markers.
+"""Joints as tables of primitive constraints between two markers.
 
-One entry in `PLANAR` or `SPATIAL` adds a joint: its constraints, and for each
+To add a joint, add an entry to `PLANAR` or `SPATIAL`: its constraints, and for each
 coordinate that a drive may prescribe the primitive that does so. Directions are given
 in the frame of the first marker.
 """
@@ -13,57 +13,64 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import Joint, as_3d, marker_names, marker_reference
-from sidtool.formats.sid import Array
 
-from ..space.layout import (
-    ALONG,
+from ..spatial.system_arrays import (
     ANGLE,
     COINCIDENT,
-    COUPLED_ALONG,
     COUPLED_ANGLE,
+    COUPLED_DISPLACEMENT,
+    DISPLACEMENT,
     DISTANCE,
     PERPENDICULAR,
     W_CONSTANT,
 )
-from .bodies.data import BodyData
+from .body_data import BodyData
 
 
 @dataclass(frozen=True)
 class Primitive:
     """A primitive constraint.
 
-    kind : see `space.layout`
-    data : its numbers
-    swapped : from the second marker to the first
-    from_start : entry of `data` that the assembled start decides, -1 for none
-    continues : another term of the row before
+    Attributes
+    ----------
+    kind
+        See `space.layout`.
+    data
+        Its numbers.
+    swapped
+        From the second marker to the first.
+    set_at_start
+        Entry of `body_data` that the assembled start decides, -1 for none.
+    shares_row
+        Another term of the row before.
     """
 
     kind: int
     data: tuple[float, ...] = ()
     swapped: bool = False
-    from_start: int = -1
-    continues: bool = False
+    set_at_start: int = -1
+    shares_row: bool = False
 
 
 @dataclass(frozen=True)
-class Parts:
+class JointPrimitives:
     """Constraints of a joint, and the primitive that measures each coordinate."""
 
     constraints: list[Primitive]
     coordinates: dict[str, Primitive] = field(default_factory=dict)
 
 
-def joint_parts(joint: Joint, planar: bool) -> Parts:
+def joint_primitives(joint: Joint, planar: bool) -> JointPrimitives:
     """Primitives of a joint; in the plane ALONG holds the angle of its direction."""
     if planar:
         return PLANAR[joint.type](joint, planar_axis(joint))
     return SPATIAL[joint.type](joint, spatial_axis(joint))
 
 
-def is_of_point(joint: Joint, data: Mapping[str, BodyData]) -> bool:
-    """Whether a joint fixes a point mass, which has a place and no orientation."""
+def is_point_mass_joint(joint: Joint, data: Mapping[str, BodyData]) -> bool:
+    """True if a joint fixes a point mass, which has a place and no orientation."""
     if joint.type != "fixed":
         return False
     for text in marker_names(joint):
@@ -85,7 +92,7 @@ def marker_coordinate(name: str, planar: bool) -> Primitive:
 def marker_rotation(axis: tuple[float, ...]) -> tuple[list[Primitive], Primitive]:
     """What keeps the axis of a marker's rotation, and the angle about it."""
     direction = as_3d(axis) / np.linalg.norm(axis)
-    return _rotation_about(direction), _angle(*normals(direction))
+    return _parallel_axes(direction), _angle(*normals(direction))
 
 
 def planar_axis(joint: Joint) -> float:
@@ -112,39 +119,41 @@ _POINT = Primitive(COINCIDENT)
 _PLANAR_ANGLE = Primitive(ANGLE, (0.0, 0.0))
 
 
-def _distance(joint: Joint, axis: object) -> Parts:
+def _distance(joint: Joint, axis: object) -> JointPrimitives:
     """The driven length replaces the constant one."""
     length = joint.length  # type: ignore[union-attr]
-    known = Primitive(DISTANCE, (length or 0.0,), from_start=-1 if length else 0)
-    return Parts([known], {"length": Primitive(DISTANCE, (0.0,))})
+    known = Primitive(DISTANCE, (length or 0.0,), set_at_start=-1 if length else 0)
+    return JointPrimitives([known], {"length": Primitive(DISTANCE, (0.0,))})
 
 
 def _planar_along(angle: float) -> Primitive:
-    return Primitive(ALONG, (angle, 0.0))
+    return Primitive(DISPLACEMENT, (angle, 0.0))
 
 
-def _planar_prismatic(joint: Joint, axis: float) -> Parts:
+def _planar_prismatic(joint: Joint, axis: float) -> JointPrimitives:
     guide = _planar_along(axis + 0.5 * math.pi)
-    return Parts([guide, _PLANAR_ANGLE], {"displacement": _planar_along(axis)})
+    return JointPrimitives(
+        [guide, _PLANAR_ANGLE], {"displacement": _planar_along(axis)}
+    )
 
 
-def _planar_line(joint: Joint, axis: float) -> Parts:
+def _planar_line(joint: Joint, axis: float) -> JointPrimitives:
     guide = _planar_along(axis + 0.5 * math.pi)
-    return Parts([guide], {"displacement": _planar_along(axis)})
+    return JointPrimitives([guide], {"displacement": _planar_along(axis)})
 
 
-PLANAR: dict[str, Callable[[Joint, float], Parts]] = {
-    "fixed": lambda joint, axis: Parts([_POINT, _PLANAR_ANGLE]),
-    "revolute": lambda joint, axis: Parts([_POINT], {"angle": _PLANAR_ANGLE}),
+PLANAR: dict[str, Callable[[Joint, float], JointPrimitives]] = {
+    "fixed": lambda joint, axis: JointPrimitives([_POINT, _PLANAR_ANGLE]),
+    "revolute": lambda joint, axis: JointPrimitives([_POINT], {"angle": _PLANAR_ANGLE}),
     "prismatic": _planar_prismatic,
     "point_on_line": _planar_line,
-    "coincident": lambda joint, axis: Parts([_POINT]),
+    "coincident": lambda joint, axis: JointPrimitives([_POINT]),
     "distance": _distance,
 }
 
 
 def _along(axis: Array) -> Primitive:
-    return Primitive(ALONG, (*axis, 0.0, 0.0, 0.0))
+    return Primitive(DISPLACEMENT, (*axis, 0.0, 0.0, 0.0))
 
 
 def _angle(first: Array, second: Array, swapped: bool = False) -> Primitive:
@@ -156,12 +165,12 @@ def _perpendicular(pairs: list[tuple[Array, Array]]) -> list[Primitive]:
     return [Primitive(PERPENDICULAR, (*a, *b)) for a, b in pairs]
 
 
-def _no_rotation() -> list[Primitive]:
+def _fixed_orientation() -> list[Primitive]:
     x, y, z = np.eye(3)
     return _perpendicular([(x, y), (y, z), (z, x)])
 
 
-def _rotation_about(axis: Array) -> list[Primitive]:
+def _parallel_axes(axis: Array) -> list[Primitive]:
     return _perpendicular([(normal, axis) for normal in normals(axis)])
 
 
@@ -169,51 +178,55 @@ def _on_line(axis: Array) -> list[Primitive]:
     return [_along(normal) for normal in normals(axis)]
 
 
-def _revolute(joint: Joint, axis: Array) -> Parts:
+def _revolute(joint: Joint, axis: Array) -> JointPrimitives:
     """With friction, its point is held along axes of the first marker, which tell the
     load across its own axis."""
-    held = [_POINT]
+    point_constraints = [_POINT]
     if joint.friction is not None:  # type: ignore[union-attr]
-        held = [_along(direction) for direction in (*normals(axis), axis)]
-    return Parts([*held, *_rotation_about(axis)], {"angle": _angle(*normals(axis))})
+        point_constraints = [_along(direction) for direction in (*normals(axis), axis)]
+    return JointPrimitives(
+        [*point_constraints, *_parallel_axes(axis)], {"angle": _angle(*normals(axis))}
+    )
 
 
-def _prismatic(joint: Joint, axis: Array) -> Parts:
-    return Parts([*_on_line(axis), *_no_rotation()], {"displacement": _along(axis)})
+def _prismatic(joint: Joint, axis: Array) -> JointPrimitives:
+    return JointPrimitives(
+        [*_on_line(axis), *_fixed_orientation()], {"displacement": _along(axis)}
+    )
 
 
-def _cylindrical(joint: Joint, axis: Array) -> Parts:
+def _cylindrical(joint: Joint, axis: Array) -> JointPrimitives:
     coordinates = {"angle": _angle(*normals(axis)), "displacement": _along(axis)}
-    return Parts([*_on_line(axis), *_rotation_about(axis)], coordinates)
+    return JointPrimitives([*_on_line(axis), *_parallel_axes(axis)], coordinates)
 
 
-def weighted(
+def coupling_row(
     terms: list[tuple[Primitive, float]], offset: float | None, period: float
 ) -> list[Primitive]:
     """One row: the sum of coordinates times weights is an offset, None for that of the
     start; it is known up to multiples of a period, 0 for exactly."""
     found = []
     for k, (part, weight) in enumerate(terms):
-        is_first, from_start = float(k == 0), -1
+        is_first, set_at_start = float(k == 0), -1
         if k == 0 and offset is None:
-            from_start = len(part.data) + W_CONSTANT
+            set_at_start = len(part.data) + W_CONSTANT
         constant = (offset or 0.0) * is_first
         data = (*part.data, weight, constant, period, is_first)
-        kind = COUPLED_ANGLE if part.kind == ANGLE else COUPLED_ALONG
-        found.append(Primitive(kind, data, part.swapped, from_start, k > 0))
+        kind = COUPLED_ANGLE if part.kind == ANGLE else COUPLED_DISPLACEMENT
+        found.append(Primitive(kind, data, part.swapped, set_at_start, k > 0))
     return found
 
 
-def _screw(joint: Joint, axis: Array) -> Parts:
+def _screw(joint: Joint, axis: Array) -> JointPrimitives:
     """displacement - pitch angle / 2 pi, where the angle is known up to whole turns."""
     pitch, slides = joint.pitch, _cylindrical(joint, axis)  # type: ignore[union-attr]
     angle, along = (slides.coordinates[n] for n in ("angle", "displacement"))
     terms = [(along, 1.0), (angle, -pitch / (2.0 * math.pi))]
-    thread = weighted(terms, joint.offset, abs(pitch))  # type: ignore[union-attr]
-    return Parts([*slides.constraints, *thread], slides.coordinates)
+    thread = coupling_row(terms, joint.offset, abs(pitch))  # type: ignore[union-attr]
+    return JointPrimitives([*slides.constraints, *thread], slides.coordinates)
 
 
-def _universal(joint: Joint, axis: Array) -> Parts:
+def _universal(joint: Joint, axis: Array) -> JointPrimitives:
     """The cross turns by angle_1 about `axis`, the second body by angle_2 on it."""
     second = as_3d(joint.second_axis or (0.0, 1.0, 0.0))  # type: ignore[union-attr]
     second = second / np.linalg.norm(second)
@@ -222,29 +235,29 @@ def _universal(joint: Joint, axis: Array) -> Parts:
         "angle_1": _angle(second, third),
         "angle_2": _angle(axis, third, swapped=True),
     }
-    return Parts([_POINT, *_perpendicular([(axis, second)])], coordinates)
+    return JointPrimitives([_POINT, *_perpendicular([(axis, second)])], coordinates)
 
 
-def _planar_joint(joint: Joint, axis: Array) -> Parts:
-    constraints = [_along(axis), *_rotation_about(axis)]
-    return Parts(constraints, {"angle": _angle(*normals(axis))})
+def _planar_joint(joint: Joint, axis: Array) -> JointPrimitives:
+    constraints = [_along(axis), *_parallel_axes(axis)]
+    return JointPrimitives(constraints, {"angle": _angle(*normals(axis))})
 
 
-def _point_on_line(joint: Joint, axis: Array) -> Parts:
-    return Parts(_on_line(axis), {"displacement": _along(axis)})
+def _point_on_line(joint: Joint, axis: Array) -> JointPrimitives:
+    return JointPrimitives(_on_line(axis), {"displacement": _along(axis)})
 
 
-SPATIAL: dict[str, Callable[[Joint, Array], Parts]] = {
-    "fixed": lambda joint, axis: Parts([_POINT, *_no_rotation()]),
+SPATIAL: dict[str, Callable[[Joint, Array], JointPrimitives]] = {
+    "fixed": lambda joint, axis: JointPrimitives([_POINT, *_fixed_orientation()]),
     "revolute": _revolute,
     "prismatic": _prismatic,
     "cylindrical": _cylindrical,
     "screw": _screw,
-    "spherical": lambda joint, axis: Parts([_POINT]),
+    "spherical": lambda joint, axis: JointPrimitives([_POINT]),
     "universal": _universal,
     "planar": _planar_joint,
     "point_on_line": _point_on_line,
-    "point_on_plane": lambda joint, axis: Parts([_along(axis)]),
-    "coincident": lambda joint, axis: Parts([_POINT]),
+    "point_on_plane": lambda joint, axis: JointPrimitives([_along(axis)]),
+    "coincident": lambda joint, axis: JointPrimitives([_POINT]),
     "distance": _distance,
 }

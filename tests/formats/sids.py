@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sidtool.formats.sid import SID, Array
-from sidtool.formats.storage.finite import expansions
+from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.storage.hdf5_files import named_expansions
 
 
 def assert_same(found: SID, wanted: SID, digits: float) -> None:
@@ -17,7 +17,7 @@ def assert_same(found: SID, wanted: SID, digits: float) -> None:
     assert list(found.extra) == list(wanted.extra)
     assert [node.id for node in found.nodes] == [node.id for node in wanted.nodes]
     assert [node.rframe for node in found.nodes] == [n.rframe for n in wanted.nodes]
-    pairs = zip(expansions(found), expansions(wanted), strict=True)
+    pairs = zip(named_expansions(found), named_expansions(wanted), strict=True)
     for (place, one), (other_place, other) in pairs:
         assert place == other_place
         assert one.order == other.order, place

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_ascii.title import split_tag, split_title
-from sidtool.formats.toml.evaluation import evaluated
-from sidtool.formats.toml.expressions import Postfix, names_of, parse_expression
+from sidtool.formats.toml.evaluation import evaluate_formulas
+from sidtool.formats.toml.expressions import Postfix, output_names, parse_expression
 
 TWO = {
     "+": operator.add,
@@ -99,7 +99,7 @@ def test_formulas_are_those_of_python(seed: int) -> None:
 
 def test_names_that_are_read() -> None:
     postfix = parse_expression("a.x + 2*a.x - k*b.vx + t + pi", {"k": 1.0})
-    assert names_of(postfix) == ("a.x", "b.vx")
+    assert output_names(postfix) == ("a.x", "b.vx")
 
 
 @pytest.mark.parametrize(
@@ -173,14 +173,14 @@ def test_many_parameters_that_build_on_each_other() -> None:
     count = 30_000
     chain = {f"k{i}": f"k{i - 1} + 1" if i else 0.0 for i in range(count)}
     head = {"format": "sidtool scene", "version": 1}
-    found, _ = evaluated(head | {"parameters": chain}, SceneFile)
+    found, _ = evaluate_formulas(head | {"parameters": chain}, SceneFile)
     assert found["parameters"][f"k{count - 1}"] == count - 1
     with pytest.raises(InputError) as caught:
-        evaluated(head | {"parameters": chain | {"last": "unknown"}}, SceneFile)
+        evaluate_formulas(head | {"parameters": chain | {"last": "unknown"}}, SceneFile)
     assert caught.value.place == "parameters.last"
     assert len(str(caught.value)) < 500
     with pytest.raises(InputError, match="a parameter has the name"):
-        evaluated(head | {"parameters": {"sin": 1.0, "b": "2"}}, SceneFile)
+        evaluate_formulas(head | {"parameters": {"sin": 1.0, "b": "2"}}, SceneFile)
 
 
 def test_titles_of_many_spaces() -> None:

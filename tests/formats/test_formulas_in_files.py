@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.toml.expressions import number_of
-from sidtool.formats.toml.files import settings
-from sidtool.formats.toml.writer import toml_text
+from sidtool.formats.toml.expressions import evaluate_number
+from sidtool.formats.toml.files import parse_settings
+from sidtool.formats.toml.tables import toml_text
 from tests.places import EXAMPLES
 
 SCENE = """
@@ -191,7 +191,7 @@ def test_what_does_not_fit_is_told_with_its_key(
 
 def test_settings_of_the_command_line() -> None:
     given = ["a.b=2", "c = [1, 2]", "d=2*n", "e=radau5", "f=true", "g='2'"]
-    assert settings(given) == {
+    assert parse_settings(given) == {
         "a.b": 2,
         "c": [1, 2],
         "d": "2*n",
@@ -201,7 +201,7 @@ def test_settings_of_the_command_line() -> None:
     }
     for wrong in ("a", "=2", "a="):
         with pytest.raises(InputError, match="KEY=VALUE"):
-            settings([wrong])
+            parse_settings([wrong])
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_settings_of_the_command_line() -> None:
     ],
 )
 def test_numbers_of_formulas(text: str, value: float) -> None:
-    assert number_of(text, {"n": 6.0}) == pytest.approx(value, rel=1e-14)
+    assert evaluate_number(text, {"n": 6.0}) == pytest.approx(value, rel=1e-14)
 
 
 def test_texts_of_all_kinds_come_back_from_toml() -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from sidtool.formats.storage import growing
 from sidtool.formats.storage.growing import GrowingFile, undisturbed
-from sidtool.formats.storage.seal import SealedFile, check_seal, write_sealed
+from sidtool.formats.storage.hdf5_files import SealedFile, check_seal, write_sealed
 from tests.places import posix
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sidtool.formats.sid import SID, Taylor, rigid_sid
+from sidtool.formats.base.sid import SID, Taylor, rigid_sid
 from sidtool.formats.sid_mass import (
     IN_PLANE,
     central_inertia,

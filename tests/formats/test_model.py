@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.model.beams import LumpedMass
-from sidtool.formats.toml.reading import read_data, validated
+from sidtool.formats.toml.reading import read_data, validate_data
 from tests.places import ROOT
 
 ROD = ROOT / "examples" / "slider_crank" / "rod_q4.toml"
@@ -44,7 +44,7 @@ def test_further_names_of_edges_and_several_clamps() -> None:
     data = changed("geometry.edges", {"crank_side": "left"})
     data["frame"]["clamp"] = ["crank_side", "top"]
     data["markers"]["crank_pin"]["edge"] = "crank_side"
-    model = validated(data, ModelFile)
+    model = validate_data(data, ModelFile)
     assert model.geometry.edge_names["crank_side"] == (0, 0)
     assert model.frame.clamped_edges == ("crank_side", "top")
 
@@ -105,7 +105,7 @@ def test_a_mistake_is_named_with_its_key(
     key: str, value: Any, place: str, problem: str
 ) -> None:
     with pytest.raises(InputError) as caught:
-        validated(changed(key, value), ModelFile, source="rod.toml")
+        validate_data(changed(key, value), ModelFile, source="rod.toml")
     error = caught.value
     assert error.source == "rod.toml"
     assert error.place is not None and error.place.startswith(place)
@@ -118,7 +118,7 @@ def test_a_tie_to_nothing_is_refused(kind: str) -> None:
     """It ended in a traceback of NumPy once the mesh was there."""
     key = "markers.crank_pin.tie"
     with pytest.raises(InputError) as caught:
-        validated(changed(key, {"type": kind, "to": []}), ModelFile)
+        validate_data(changed(key, {"type": kind, "to": []}), ModelFile)
     assert caught.value.place == f"{key}.to"
 
 
@@ -141,7 +141,7 @@ def test_a_table_without_its_kind_hears_which_there_are(
     table: str, key: str, kinds: str
 ) -> None:
     with pytest.raises(InputError) as caught:
-        validated(changed(table, {}), ModelFile)
+        validate_data(changed(table, {}), ModelFile)
     assert (caught.value.place, caught.value.problem) == (
         f"{table}.{key}",
         "is missing",
@@ -161,7 +161,7 @@ def test_a_table_without_its_kind_hears_which_there_are(
 def test_a_knot_vector_that_does_not_fit(knots: list[float], problem: str) -> None:
     data = changed("geometry.knots", [knots, [0, 0, 1, 1]])
     with pytest.raises(InputError) as caught:
-        validated(data, ModelFile)
+        validate_data(data, ModelFile)
     assert caught.value.place == "geometry.knots[0]"
     assert problem in caught.value.problem
 
@@ -171,7 +171,7 @@ def test_a_patch_must_not_fall_apart_inside() -> None:
     data["geometry"]["control_points"] *= 2
     data["geometry"]["knots"][0] = [0, 0, 0.3, 0.5, 0.5, 0.7, 1, 1]
     with pytest.raises(InputError, match="inner knot 0.5 2 times; expected at most 1"):
-        validated(data, ModelFile)
+        validate_data(data, ModelFile)
 
 
 @pytest.mark.parametrize(
@@ -181,4 +181,4 @@ def test_a_patch_must_not_fall_apart_inside() -> None:
 def test_iga_needs_exactly_one_target(targets: dict[str, Any]) -> None:
     settings = {"type": "iga", "degrees": [7, 4], **targets}
     with pytest.raises(InputError, match="exactly one of functions, elements, knots"):
-        validated(changed("discretisation", settings), ModelFile)
+        validate_data(changed("discretisation", settings), ModelFile)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.reference import read_reference
 
 _HEAD = 'format = "sidtool reference"\nversion = 1\n'

@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.storage import operating_system
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import (
     cache_folder,
     has_ended,
-    is_open_elsewhere,
+    is_open_in_other_program,
     is_writable_folder,
     processors,
     replace_file,
@@ -80,9 +80,9 @@ def test_a_file_that_another_has_open_stays_and_the_new_one_is_beside(
 ) -> None:
     target = tmp_path / "table.csv"
     target.write_bytes(b"old")
-    assert not is_open_elsewhere(target)
+    assert not is_open_in_other_program(target)
     with target.open("rb"):
-        assert is_open_elsewhere(target)
+        assert is_open_in_other_program(target)
         with pytest.raises(OSError), atomic_path(target) as temporary:
             temporary.write_bytes(b"new")
     assert target.read_bytes() == b"old"

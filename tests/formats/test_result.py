@@ -10,7 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.geometric_stiffening import LoadStiffening
 from sidtool.formats.result import (
     Excitation,
     FlexibleBody,
@@ -20,9 +21,8 @@ from sidtool.formats.result import (
     write_result,
 )
 from sidtool.formats.result.data import TABLES
-from sidtool.formats.result.hdf5_bodies import read_bodies
-from sidtool.formats.stiffening import Stiffening
-from sidtool.formats.storage.seal import write_sealed
+from sidtool.formats.result.hdf5 import read_bodies
+from sidtool.formats.storage.hdf5_files import write_sealed
 
 
 @pytest.fixture
@@ -62,11 +62,11 @@ def test_hdf5_returns_every_bit(result: Result, tmp_path: Path) -> None:
 
 
 def test_flexible_bodies_come_back_whole(result: Result, tmp_path: Path) -> None:
-    found = Stiffening(-2.5, "rotation of 6 rad/s", diverges=True, time=15.0)
+    found = LoadStiffening(-2.5, "rotation of 6 rad/s", diverges=True, time=15.0)
     rod = FlexibleBody(
         highest_frequency=1254.9,
         excitation=Excitation(6.0, "crank_angle"),
-        expected=Stiffening(0.1, "acceleration of 3 m/s2", carried=True),
+        expected=LoadStiffening(0.1, "acceleration of 3 m/s2", carried=True),
         found=found,
         labels=("bending", "größer"),
         frequencies=np.array([31.7, 200.5]),
@@ -74,7 +74,7 @@ def test_flexible_bodies_come_back_whole(result: Result, tmp_path: Path) -> None
         energy_shares=np.array([0.9, 0.1]),
         deflection=0.3,
     )
-    still = FlexibleBody(3.0, Excitation(), Stiffening())
+    still = FlexibleBody(3.0, Excitation(), LoadStiffening())
     bodies = {"rod": rod, "still": still}
     write_result(tmp_path / "r.h5", replace(result, bodies=bodies))
     back = read_result(tmp_path / "r.h5").bodies
@@ -140,7 +140,7 @@ def test_files_of_version_1_are_read(result: Result, tmp_path: Path) -> None:
     rod = FlexibleBody(
         highest_frequency=1254.9,
         excitation=Excitation(6.0, "crank_angle"),
-        expected=Stiffening(),
+        expected=LoadStiffening(),
         labels=("bending", "größer"),
         amplitudes=np.array([1e-3, 2e-5]),
     )
@@ -161,7 +161,7 @@ def test_lists_of_any_length_are_stored(result: Result, tmp_path: Path) -> None:
     rod = FlexibleBody(
         highest_frequency=1.0,
         excitation=Excitation(),
-        expected=Stiffening(),
+        expected=LoadStiffening(),
         labels=names[:20_000],
         frequencies=np.arange(20_000.0),
     )

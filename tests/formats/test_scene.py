@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import (
     Piece,
     Placement,
@@ -18,12 +18,12 @@ from sidtool.formats.scene import (
     as_3d,
     coefficients,
     marker_reference,
+    orientation_matrix,
     output_times,
     parse_output,
     read_scene,
-    rotation,
 )
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
 from tests.places import ROOT
 
 EXAMPLE = ROOT / "examples/slider_crank/slider_crank.toml"
@@ -75,13 +75,13 @@ def test_the_example_is_valid() -> None:
 
 
 def test_a_spatial_scene_is_valid() -> None:
-    scene = validated(spatial(), SceneFile)
+    scene = validate_data(spatial(), SceneFile)
     assert output_times(scene).tolist() == [0, 0.5, 1]
 
 
 def test_a_scene_survives_json() -> None:
     for data in (planar(), spatial()):
-        scene = validated(data, SceneFile)
+        scene = validate_data(data, SceneFile)
         text = scene.model_dump_json(by_alias=True, exclude_none=True)
         assert SceneFile.model_validate_json(text) == scene
 
@@ -197,7 +197,7 @@ PIECES = "drives/crank_angle/function/pieces"
 )
 def test_a_wrong_key_of_a_planar_scene(key: str, value: object, message: str) -> None:
     with pytest.raises(InputError, match=message) as raised:
-        validated(changed(planar(), key, value), SceneFile, source="s.toml")
+        validate_data(changed(planar(), key, value), SceneFile, source="s.toml")
     assert str(raised.value).startswith("s.toml: ")
 
 
@@ -205,7 +205,7 @@ def test_a_joint_is_driven_once() -> None:
     data = planar()
     data["drives"]["again"] = data["drives"]["crank_angle"]
     with pytest.raises(InputError, match="driven by crank_angle already"):
-        validated(data, SceneFile)
+        validate_data(data, SceneFile)
 
 
 TIP = "bodies/top/markers/tip"
@@ -232,7 +232,7 @@ TIP = "bodies/top/markers/tip"
 )
 def test_a_wrong_key_of_a_spatial_scene(key: str, value: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        validated(changed(spatial(), key, value), SceneFile, source="s.toml")
+        validate_data(changed(spatial(), key, value), SceneFile, source="s.toml")
 
 
 def test_output_times_hit_the_end_and_the_written_decimals() -> None:
@@ -241,7 +241,9 @@ def test_output_times_hit_the_end_and_the_written_decimals() -> None:
     assert times[-1] == 3.0
     assert times[29] == 0.29 and times[150] == 1.5
     odd = changed(planar(), "time/output_step", 0.7)
-    assert np.allclose(output_times(validated(odd, SceneFile)), [0, 0.7, 1.4, 2.1, 2.8])
+    assert np.allclose(
+        output_times(validate_data(odd, SceneFile)), [0, 0.7, 1.4, 2.1, 2.8]
+    )
 
 
 @pytest.mark.parametrize(
@@ -252,7 +254,7 @@ def test_the_number_of_output_times_is_bounded(place: str, value: float) -> None
     """Also where it is more than a floating-point number can tell."""
     data = changed(planar(), f"time/{place}", value)
     with pytest.raises(InputError, match="output_step: asks for"):
-        output_times(validated(data, SceneFile))
+        output_times(validate_data(data, SceneFile))
 
 
 values = st.lists(st.floats(-10, 10), min_size=1, max_size=4)
@@ -287,14 +289,14 @@ def test_orientations_agree() -> None:
         Placement(quaternion=half),
         Placement(matrix=rows),
     ):
-        assert np.allclose(rotation(placement), wanted, atol=1e-15)
-    assert np.array_equal(rotation(None), np.eye(3))
-    assert np.array_equal(rotation(Placement()), np.eye(3))
+        assert np.allclose(orientation_matrix(placement), wanted, atol=1e-15)
+    assert np.array_equal(orientation_matrix(None), np.eye(3))
+    assert np.array_equal(orientation_matrix(Placement()), np.eye(3))
 
 
 def test_rotation_vector_turns_about_its_axis() -> None:
     third = 2 * np.pi / 3 / np.sqrt(3)
-    matrix = rotation(Placement(axis_angle=(third, third, third)))
+    matrix = orientation_matrix(Placement(axis_angle=(third, third, third)))
     assert np.allclose(matrix @ np.eye(3), np.roll(np.eye(3), 1, axis=0), atol=1e-15)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.toml.files import File
 
-from ..sidtool.test_compiled import ARM
+from ..sidtool.api.test_compiled import ARM
 
 #: A pendulum beside the arm, with tables and lists in each other.
 MORE = """

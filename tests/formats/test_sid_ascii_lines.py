@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
 from sidtool.formats.sid_files import read_sid, write_sid
 from tests.bodies import particle_body
 from tests.formats.sids import assert_same

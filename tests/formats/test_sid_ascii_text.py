@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID, Node, Taylor
-from sidtool.formats.sid_ascii.styles import STYLES
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Node, Taylor
+from sidtool.formats.sid_ascii.writer import STYLES
 from sidtool.formats.sid_files import read_sid, write_sid
-from sidtool.formats.storage.versions import written_by
+from sidtool.formats.storage.hdf5_files import written_by
 from tests.bodies import particle_body
 from tests.formats.sids import assert_same
 

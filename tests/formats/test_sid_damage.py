@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
-from sidtool.formats.sid_ascii.styles import STYLES
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.sid_ascii.writer import STYLES
 from sidtool.formats.sid_files import read_sid, write_sid
-from sidtool.formats.storage.finite import check_finite
+from sidtool.formats.storage.hdf5_files import check_finite
 from tests.bodies import particle_body
 
 BODY = particle_body(2, 6, nodes=2, stiffening=True)

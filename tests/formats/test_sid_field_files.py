@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sidtool.formats.sid import SID, Node, Taylor, by_mode, symmetric_3x3
-from sidtool.formats.sid_ascii.styles import STYLES
+from sidtool.formats.base.sid import SID, Node, Taylor, by_mode, symmetric_3x3
+from sidtool.formats.geometric_stiffening import has_stiffening
+from sidtool.formats.sid_ascii.writer import STYLES
 from sidtool.formats.sid_files import read_sid, write_sid
-from sidtool.formats.stiffening import has_stiffening
 from tests.formats.sids import assert_same
 
 FILES = ("Beam_3m.SID_FEM", "balken1m.SID_FEM", "beam.SID_FEM", "example.sid_fem")

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.sid_files import read_sid, write_sid
 from tests.bodies import particle_body
 from tests.formats.sids import assert_same

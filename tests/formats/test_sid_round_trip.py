@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sidtool.formats.carried import Carried
-from sidtool.formats.sid import (
+from sidtool.formats.base.compliance_shares import ComplianceShares
+from sidtool.formats.base.sid import (
     BLOCK_SHAPES,
     NODE_SHAPES,
     SID,
@@ -21,10 +21,10 @@ from sidtool.formats.sid import (
     Taylor,
     block_shape,
 )
-from sidtool.formats.sid_ascii.styles import STYLES
 from sidtool.formats.sid_ascii.title import is_own
+from sidtool.formats.sid_ascii.writer import STYLES
 from sidtool.formats.sid_files import FORMATS, read_sid, write_sid
-from sidtool.formats.storage.versions import written_by
+from sidtool.formats.storage.hdf5_files import written_by
 from tests.bodies import particle_body, skew
 from tests.formats.sids import assert_same
 
@@ -219,7 +219,7 @@ def test_titles_carry_what_shape_functions_carry(tmp_path: Path, dialect: str) -
     """The poorest nodes first, in per cents, as far as a title of 400 has room."""
     plain = particle_body(2, 5, planar=False, seed=3)
     shares = {str(k): (k / 100, None, 1.0, None, None, 0.5) for k in range(99, 0, -1)}
-    told = Carried(False, shares, (0.0, 0.25, 1.0, 0.0, 0.0, 0.07))
+    told = ComplianceShares(False, shares, (0.0, 0.25, 1.0, 0.0, 0.0, 0.07))
     sid = replace(plain, title="Arm", carried=told)
     path = tmp_path / "arm.SID_FEM"
     write_sid(path, sid, dialect)
@@ -237,10 +237,10 @@ def test_titles_carry_what_shape_functions_carry(tmp_path: Path, dialect: str) -
     assert read_sid(tmp_path / "arm.h5").written_by == written_by()
 
 
-@pytest.mark.parametrize("carried", [None, Carried(True, {"1": (0.5,) * 6})])
+@pytest.mark.parametrize("carried", [None, ComplianceShares(True, {"1": (0.5,) * 6})])
 @pytest.mark.parametrize("name", ["a.h5", "a.SID_FEM", "fembeam", "pysid"])
 def test_files_tell_whether_a_body_came_as_matrices(
-    tmp_path: Path, name: str, carried: Carried | None
+    tmp_path: Path, name: str, carried: ComplianceShares | None
 ) -> None:
     plain = replace(particle_body(2, 5, planar=False, seed=3), carried=carried)
     path, dialect = tmp_path / "a.SID_FEM", (name,) if "." not in name else ()

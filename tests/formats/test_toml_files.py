@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.toml.reading import load, validated
+from sidtool.formats.toml.reading import load, validate_data
 from tests.places import posix
 
 
@@ -114,19 +114,19 @@ def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
 )
 def test_what_does_not_fit_is_named(part: object, message: str) -> None:
     with pytest.raises(InputError) as raised:
-        validated({"format": "thing", "parts": {"a": part}}, Thing, source="f.toml")
+        validate_data({"format": "thing", "parts": {"a": part}}, Thing, source="f.toml")
     assert str(raised.value).startswith(f"f.toml: {message}")
 
 
 def test_the_wrong_kind_of_file_is_said_first() -> None:
     with pytest.raises(InputError, match="format: found 'model'.*expected 'thing'"):
-        validated({"format": "model", "something": 1}, Thing)
+        validate_data({"format": "model", "something": 1}, Thing)
 
 
 def test_entries_of_lists_are_counted_from_zero() -> None:
     lines = [{"type": "line"}, {"type": "line", "axs": 1}]
     with pytest.raises(InputError, match=r"lines\[1\].axs: .*expected axis"):
-        validated({"format": "thing", "parts": {}, "lines": lines}, Thing)
+        validate_data({"format": "thing", "parts": {}, "lines": lines}, Thing)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_a_kind_of_table_with_a_key_of_the_same_name(
         "forces": {"f": force},
     }
     with pytest.raises(InputError, match=message):
-        validated(scene, SceneFile)
+        validate_data(scene, SceneFile)
 
 
 @pytest.mark.parametrize(

@@ -8,15 +8,15 @@ from typing import Any
 import pytest
 
 import sidtool
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.field import read_field
-from sidtool.formats.reference.csv import read_rows
+from sidtool.formats.reference import read_rows
 from sidtool.formats.result import read_result
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.storage import operating_system
-from sidtool.formats.storage.unreadable import QUOTES, unreadable
+from sidtool.formats.storage.unreadable import QUOTES, unreadable_error
 from sidtool.formats.toml.reading import read_data
-from sidtool.importers.imported import read_lines
+from sidtool.mesh.imported_mesh import read_lines
 from tests.places import SLIDER_CRANK
 
 READERS = [read_sid, read_data, read_field, read_result, read_lines, read_rows]
@@ -42,9 +42,11 @@ def test_a_path_that_a_backslash_in_toml_has_changed(read: Any, tmp_path: Path) 
 
 def test_a_lack_of_permission_on_a_folder_is_no_answer(tmp_path: Path) -> None:
     error = PermissionError(13, "Permission denied")
-    assert unreadable(tmp_path, None, error).problem == "is a folder"
+    assert unreadable_error(tmp_path, None, error).problem == "is a folder"
     (tmp_path / "file").write_bytes(b"")
-    assert "Permission denied" in unreadable(tmp_path / "file", None, error).problem
+    assert (
+        "Permission denied" in unreadable_error(tmp_path / "file", None, error).problem
+    )
 
 
 def test_a_path_that_is_too_long_for_windows(
@@ -53,7 +55,7 @@ def test_a_path_that_is_too_long_for_windows(
     monkeypatch.setattr(operating_system, "WINDOWS", True)
     path = tmp_path / ("n" * 200) / ("m" * 200)
     error = FileNotFoundError(2, "No such file or directory")
-    assert "Windows takes 259" in unreadable(path, None, error).problem
+    assert "Windows takes 259" in unreadable_error(path, None, error).problem
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from sidtool import Scene
-from sidtool.formats.errors import InputError
-from sidtool.formats.scene import expanded, has_wildcard, known_outputs, read_scene
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.scene import expand_names, has_wildcard, known_outputs, read_scene
 from sidtool.formats.sid_files import read_sid
 from tests.places import SLIDER_CRANK
 
@@ -34,16 +34,16 @@ from tests.places import SLIDER_CRANK
 def test_patterns(pattern: str, names: list[str]) -> None:
     scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
     sids = {"rod": read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")}
-    found = expanded([pattern, pattern], scene, sids)
+    found = expand_names([pattern, pattern], scene, sids)
     assert list(found) == names
 
 
 def test_nothing_found_is_told() -> None:
     scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
     with pytest.raises(InputError, match=r"called 'rot'; expected .*perhaps rod$"):
-        expanded(["rot.*"], scene, {})
+        expand_names(["rot.*"], scene, {})
     with pytest.raises(InputError, match=r"no output 'k\*'; expected one of x, y, vx"):
-        expanded(["pist*.k*"], scene, {})
+        expand_names(["pist*.k*"], scene, {})
 
 
 def test_what_a_gear_has_is_found_and_told() -> None:
@@ -60,7 +60,7 @@ def test_what_a_gear_has_is_found_and_told() -> None:
             joints={**hinges, "wheels": gear},
             outputs={"record": [name]},
         )
-        return expanded(scene.outputs.record, scene, {})
+        return expand_names(scene.outputs.record, scene, {})
 
     assert found("wheels.*") == ("wheels.f1",)
     with pytest.raises(InputError, match=r"wheels has no 'q\*'; expected one of f1$"):
@@ -77,10 +77,10 @@ def test_wildcards_find_what_the_whole_of_a_body_leaves_out() -> None:
             "bob": {"mass": 1.0},
         },
     )
-    found = expanded(["*.w*_body", "*.quaternion_0", "top.tip.rot*"], scene, {})
+    found = expand_names(["*.w*_body", "*.quaternion_0", "top.tip.rot*"], scene, {})
     assert found[:3] == ("top.wx_body", "top.wy_body", "top.wz_body")
     assert found[3:] == ("top.quaternion_0", *(f"top.tip.rotation_{i}" for i in "xyz"))
-    assert not set(found) & set(expanded(["top.*", "top.tip.*"], scene, {}))
+    assert not set(found) & set(expand_names(["top.*", "top.tip.*"], scene, {}))
     assert scene.with_({"outputs.record": list(found)}).outputs.record == found
 
 

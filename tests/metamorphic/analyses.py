@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from sidtool.solver import inverse_dynamics, linearise, static_equilibrium
-from sidtool.solver.errors import SimulationError
+from sidtool.solver.system.errors import SimulationError
 from tests.metamorphic.generator import functions
 from tests.metamorphic.generator.case import (
     Case,

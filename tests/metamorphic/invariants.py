@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import as_3d
-from sidtool.formats.sid import Array
 from tests.bodies import Cloud
 from tests.metamorphic.generator.case import Case, Values, run, times
 from tests.metamorphic.generator.differences import LOOSER, WITHIN

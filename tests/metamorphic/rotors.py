@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
 from sidtool.solver import compile_scene, linearise, simulate
-from sidtool.solver.analyses.linear import INERTIAL
-from sidtool.solver.errors import SimulationError
-from sidtool.solver.system.scene import System
+from sidtool.solver.analyses.linearisation import INERTIAL
+from sidtool.solver.system.errors import SimulationError
+from sidtool.solver.system.system import System
 from tests.steel_bars import steel_bar
 
 #: Speeds of the push [m/s], [rad/s].
@@ -131,7 +131,7 @@ def random_rotor(seed: int) -> Rotor:
 
 
 def compiled(rotor: Rotor, table: dict[str, Any]) -> System:
-    described = validated(table, SceneFile)
+    described = validate_data(table, SceneFile)
     return compile_scene(described, sids=rotor.sids, keep_joints=True)
 
 

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from tests.metamorphic import analyses
 from tests.metamorphic.generator.case import Case, Values, run
 from tests.metamorphic.generator.differences import WITHIN, difference

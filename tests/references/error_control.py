@@ -11,7 +11,7 @@ import numpy as np
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.places import SLIDER_CRANK
 
 from . import test_andrews, test_simeon

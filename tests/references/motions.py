@@ -14,10 +14,10 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
+from sidtool.formats.base.sid import Array, Taylor
 from sidtool.formats.result import Result
-from sidtool.formats.sid import Array, Taylor
 from sidtool.formats.sid_files import read_sid
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.places import SLIDER_CRANK
 from tests.solver.scenes import compiled, scene, slender_rod
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 #: Frames by what holds the body in them.
 CLAMPED = {"type": "tangent", "marker": "start", "clamp": "start"}
@@ -37,7 +37,7 @@ def beam(
     """
     names = ("youngs_modulus", "poissons_ratio", "density")
     return sid_from_model(
-        validated(
+        validate_data(
             {
                 "format": "sidtool model",
                 "version": 1,
@@ -75,7 +75,7 @@ def scene(length: float, **tables: Any) -> SceneFile:
     """A spatial scene of the body `beam`, ground markers where its ends are."""
     body = {"sid": "-", "markers": {"start": 1, "end": 2}, **tables.pop("body", {})}
     ends = {"start": {"position": [0, 0, 0]}, "end": {"position": [length, 0, 0]}}
-    return validated(
+    return validate_data(
         {
             "format": "sidtool scene",
             "version": 1,

@@ -11,7 +11,7 @@ from typing import Any
 
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
 
 LENGTH, AXIAL, BENDING, LINE_MASS = 10.0, 2.8e7, 1.4e4, 1.2
 SPEED, DURATION = 6.0, 15.0
@@ -51,7 +51,7 @@ def blade(
     }
     if stiffened:
         data["stiffening"] = {}
-    return validated(data, ModelFile)
+    return validate_data(data, ModelFile)
 
 
 def slender_blade(modes: int, elements: int) -> ModelFile:
@@ -82,7 +82,7 @@ def slender_blade(modes: int, elements: int) -> ModelFile:
         "reduction": {"method": "modal", "modes": modes},
         "stiffening": {},
     }
-    return validated(data, ModelFile)
+    return validate_data(data, ModelFile)
 
 
 def spin_up(end: float) -> SceneFile:
@@ -110,7 +110,7 @@ def spin_up(end: float) -> SceneFile:
         },
         "outputs": {"record": ["beam.q*"]},
     }
-    return validated(data, SceneFile)
+    return validate_data(data, SceneFile)
 
 
 def angle(t: float) -> list[float]:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
 from sidtool.solver import compile_scene, simulate
 
 A, B, C = (-0.06934, -0.00227), (-0.03635, 0.03273), (0.014, 0.072)
@@ -117,7 +117,7 @@ def squeezer() -> SceneFile:
         },
         "outputs": {"record": [f"{name}.angle" for name in BODIES]},
     }
-    return validated(data, SceneFile)
+    return validate_data(data, SceneFile)
 
 
 def _end(

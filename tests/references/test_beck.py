@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
-from sidtool.formats.sid import SID
+from sidtool.formats.base.sid import SID
 from sidtool.solver import compile_scene, linearise, simulate
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.solver.scenes import scene
 from tests.steel_bars import steel_bar
 

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from sidtool.solver import simulate
-from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.start.assembly import dense_jacobian
-from sidtool.solver.system import kernel_calls
-from sidtool.solver.system.scene import System
-from sidtool.solver.system.sizes import row_sizes
-from sidtool.solver.system.storage import new_work
+from sidtool.solver.initial_state.assembly import dense_jacobian
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system import work_arrays
+from sidtool.solver.system.characteristic_sizes import constraint_sizes
+from sidtool.solver.system.system import System
+from sidtool.solver.system.work_arrays import new_work_arrays
 from tests.solver.scenes import GRAVITY, compiled, scene
 
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1))
@@ -90,10 +90,10 @@ def test_one_hinge_is_redundant_and_its_forces_are_the_smallest() -> None:
     """C^T lambda is what the motion needs; no part of lambda lies in its null space."""
     system = bricard(1.0)
     result = simulate(system, rtol=1e-9)
-    work, sizes = new_work(system), row_sizes(system)
+    work, sizes = new_work_arrays(system), constraint_sizes(system)
     for k in (0, 100, 200):
         z, v = result.positions[k].copy(), result.velocities[k].copy()
-        kernel_calls.evaluate(system, work, float(result.t[k]), z, v)
+        work_arrays.evaluate(system, work, float(result.t[k]), z, v)
         C = dense_jacobian(system, work.C)
         loose = _null_space((C / sizes[:, None]).T)
         assert loose.shape[1] == 1

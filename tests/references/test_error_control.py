@@ -9,8 +9,8 @@ from __future__ import annotations
 import pytest
 
 from sidtool.solver import simulate
-from sidtool.solver.errors import SimulationError
-from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system.errors import SimulationError
 
 from .error_control import CASES, compiled, relative_error
 

@@ -18,7 +18,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sidtool.solver import simulate
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.solver.scenes import GRAVITY, compiled, scene, slender_rod
 
 UPRIGHT = 0.5 * math.pi

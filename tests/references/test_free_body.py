@@ -7,13 +7,13 @@ import pytest
 from scipy.special import ellipj
 
 from sidtool import solver
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array
-from sidtool.solver.space import layout as at
-from sidtool.solver.system import kernel_calls
-from sidtool.solver.system.scene import System
-from sidtool.solver.system.storage import new_work
+from sidtool.solver.spatial import system_arrays as at
+from sidtool.solver.system import work_arrays
+from sidtool.solver.system.system import System
+from sidtool.solver.system.work_arrays import new_work_arrays
 from tests.bodies import particle_body
 
 
@@ -35,7 +35,7 @@ def flexible(sid: SID, planar: bool) -> tuple[System, Result]:
     """A free flexible body that spins, moves and vibrates, without damping."""
     from dataclasses import replace
 
-    from sidtool.formats.sid import Taylor
+    from sidtool.formats.base.sid import Taylor
 
     undamped = replace(sid, De=Taylor(np.zeros((sid.nq, sid.nq))))
     axes = 2 if planar else 3
@@ -53,13 +53,13 @@ def flexible(sid: SID, planar: bool) -> tuple[System, Result]:
 
 def conserved(system: System, result: Result) -> tuple[Array, Array, Array]:
     """Energy (nt,), linear (nt, 3) and angular momentum about the origin (nt, 3)."""
-    work = new_work(system)
-    work.clock[0] = 1.0
+    work = new_work_arrays(system)
+    work.interval_time[0] = 1.0
     row, sid = system.arrays.body[1], system.bodies[1].sid
     n, rigid = int(row[at.NV]), int(row[at.RD])
     energies, linear, angular = [], [], []
     for t, z, v in zip(result.t, result.positions, result.velocities, strict=True):
-        kernel_calls.evaluate(system, work, t, z.copy(), v.copy())
+        work_arrays.evaluate(system, work, t, z.copy(), v.copy())
         M = work.M.reshape(n, n)
         q = z[-sid.nq :]
         energies.append(0.5 * v @ M @ v + 0.5 * q @ sid.Ke.m0 @ q)
@@ -74,11 +74,13 @@ def conserved(system: System, result: Result) -> tuple[Array, Array, Array]:
 
 
 def _pose(system: System, z: Array) -> tuple[Array, Array]:
-    from sidtool.formats.scene import Placement, rotation
+    from sidtool.formats.scene import Placement, orientation_matrix
 
     if system.planar:
-        return rotation(Placement(angle=float(z[2]))), np.array([z[0], z[1], 0.0])
-    return rotation(Placement(quaternion=tuple(map(float, z[3:7])))), z[:3]
+        return orientation_matrix(Placement(angle=float(z[2]))), np.array(
+            [z[0], z[1], 0.0]
+        )
+    return orientation_matrix(Placement(quaternion=tuple(map(float, z[3:7])))), z[:3]
 
 
 @pytest.mark.parametrize("planar", [True, False])

@@ -14,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import sidtool
-from sidtool.formats.sid import SID
+from sidtool.formats.base.sid import SID
 
 from .slender import AT_END, AT_START, BOTH_ENDS, beam, hertz, scene
 

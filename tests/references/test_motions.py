@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sidtool.solver import simulate
-from sidtool.solver.errors import SimulationError
-from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system.errors import SimulationError
 
 from .motion_cases import CASES
 from .motions import Case, on_hinge, on_rail, relative_error

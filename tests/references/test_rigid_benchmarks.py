@@ -10,8 +10,8 @@ import pytest
 
 from sidtool.formats.result import Result
 from sidtool.solver import simulate
-from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.system.scene import System
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system.system import System
 from tests.solver.scenes import GRAVITY, Probe, compiled, scene, slender_rod
 
 DOWN = [0.0, -GRAVITY]

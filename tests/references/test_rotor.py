@@ -14,8 +14,8 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 import sidtool
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array
 
 from .slender import AT_START, beam, scene
 

@@ -24,9 +24,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sidtool import solver
+from sidtool.formats.base.sid import SID, Array, Node, Taylor, axis_major, block_shape
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array, Node, Taylor, axis_major, block_shape
 
 PI = 3.1415927  # as in the source
 M2, M3 = 0.151104, 0.075552

@@ -16,8 +16,8 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.system.scene import System
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system.system import System
 from tests.places import SLIDER_CRANK
 
 

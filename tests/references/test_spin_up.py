@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID
 from sidtool.formats.result import Result
-from sidtool.formats.sid import SID
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .spin_up import blade, slender_blade, spin_up
 

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.testing import assert_allclose
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 
 from .slender import BOTH_ENDS, beam, hertz
 

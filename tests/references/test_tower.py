@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID, Array
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .slender import hertz
 
@@ -119,7 +119,7 @@ def tower(folder: Path, between: Callable[[Array, int, Array], Array]) -> SID:
         },
         "reduction": {"method": "modal", "modes": 6},
     }
-    return sid_from_model(validated(model, ModelFile))
+    return sid_from_model(validate_data(model, ModelFile))
 
 
 def _matrices(between: Callable[[Array, int, Array], Array]) -> tuple[Array, Array]:
@@ -206,7 +206,7 @@ def smooth_tower(elements: int) -> SID:
         "reduction": {"method": "modal", "modes": 1},
         "stiffening": {},
     }
-    return sid_from_model(validated(model, ModelFile))
+    return sid_from_model(validate_data(model, ModelFile))
 
 
 def stiffened(sid: SID) -> float:

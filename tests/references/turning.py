@@ -10,8 +10,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from sidtool.formats.sid import Array
-from sidtool.solver.system.scene import System
+from sidtool.formats.base.sid import Array
+from sidtool.solver.system.system import System
 from tests.solver.scenes import GRAVITY, compiled, scene, slender_rod
 
 from .motions import Case, Motion, solve

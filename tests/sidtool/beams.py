@@ -6,7 +6,7 @@ import copy
 from typing import Any
 
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
 
 IGA = {"type": "iga", "degrees": [3, 2], "elements": [24, 1]}
 Q4 = {
@@ -56,7 +56,7 @@ def beam_data(discretisation: dict[str, Any] | None = None, **changes: Any) -> A
 
 def beam(discretisation: dict[str, Any] | None = None, **changes: Any) -> ModelFile:
     """The cantilever as a model file."""
-    return validated(beam_data(discretisation, **changes), ModelFile)
+    return validate_data(beam_data(discretisation, **changes), ModelFile)
 
 
 def clamped_beam(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
 
 from .models import rod_data
 
@@ -83,9 +83,9 @@ def beam_data(discretisation: dict[str, Any], modes: int = 9) -> dict[str, Any]:
 
 def volume(discretisation: dict[str, Any], modes: int = 9) -> ModelFile:
     """The rod as a solid."""
-    return validated(volume_data(discretisation, modes), ModelFile)
+    return validate_data(volume_data(discretisation, modes), ModelFile)
 
 
 def beam(discretisation: dict[str, Any], modes: int = 9) -> ModelFile:
     """The rod as a beam."""
-    return validated(beam_data(discretisation, modes), ModelFile)
+    return validate_data(beam_data(discretisation, modes), ModelFile)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import read_data, validated
+from sidtool.formats.toml.reading import read_data, validate_data
 from tests.places import SLIDER_CRANK
 
 #: The smallest sensible discretisations of each frontend.
@@ -27,7 +27,7 @@ def rod_data(discretisation: dict[str, Any] | None = None, **changes: Any) -> An
 
 def rod(discretisation: dict[str, Any] | None = None, **changes: Any) -> ModelFile:
     """The piston rod."""
-    return validated(rod_data(discretisation, **changes), ModelFile)
+    return validate_data(rod_data(discretisation, **changes), ModelFile)
 
 
 def annulus(discretisation: dict[str, Any]) -> ModelFile:
@@ -51,7 +51,7 @@ def annulus(discretisation: dict[str, Any]) -> ModelFile:
         "foot": {"node": 1, "edge": "foot", "at": 0.5},
         "end": {"node": 2, "edge": "top", "at": 0.5},
     }
-    return validated(data, ModelFile)
+    return validate_data(data, ModelFile)
 
 
 def moved(data: Any, angle: float, shift: tuple[float, float]) -> ModelFile:
@@ -60,4 +60,4 @@ def moved(data: Any, angle: float, shift: tuple[float, float]) -> ModelFile:
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     points = np.array(data["geometry"]["control_points"], float) @ turn.T + shift
     data["geometry"]["control_points"] = points.tolist()
-    return validated(data, ModelFile)
+    return validate_data(data, ModelFile)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh, null_space
 
-from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.base.sid import SID, Array, Taylor
 from tests.bodies import _blocks, _node, skew
 
 Basis = Callable[["Network"], Array]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.afterwards import outputs_at
-from sidtool.cli import run
-from sidtool.formats.errors import InputError
-from sidtool.plot.results import drawn
+from sidtool.cli.main import run
+from sidtool.formats.base.errors import InputError
+from sidtool.pipeline.extra_outputs import outputs_at
+from sidtool.plot.results import draw_result
 
 R, INERTIA, MASS, STIFFNESS = 0.4, 0.05, 1.5, 60.0
 OMEGA = np.sqrt(STIFFNESS / MASS)
@@ -154,7 +154,7 @@ def test_recorded_accelerations_are_drawn_without_the_law(
     sprung: sidtool.Result, tmp_path: Path
 ) -> None:
     result = filed(sprung, tmp_path)
-    page, _ = drawn(result)
+    page, _ = draw_result(result)
     curves = {axes.get_ylabel(): axes.lines[0] for axes in page.axes}
     (line,) = [line for label, line in curves.items() if "block.ax" in label]
     exact = -0.02 * OMEGA**2 * np.cos(OMEGA * line.get_xdata())

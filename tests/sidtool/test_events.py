@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.cli import run
+from sidtool.cli.main import run
 
 SCENE = """
 format = "sidtool scene"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.cli import run
+from sidtool.cli.main import run
 
 from .study.parts import bar
 

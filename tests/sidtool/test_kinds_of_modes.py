@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID, Taylor
-from sidtool.formats.toml.reading import validated
-from sidtool.report.modes import boundary_of, modes_of
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
+from sidtool.report.sid import boundary_kind, natural_modes
 
-from .frontends.test_held_markers import DIRECTIONS, FRAMES, slender
+from .elements.test_held_markers import DIRECTIONS, FRAMES, slender
 
 E, G, RHO, LENGTH = 7.0e10, 7.0e10 / 2.6, 2700.0, 0.8
 NAMES = {"chord": "chord", "back": "chord", "tangent": "held", "buckens": "free"}
@@ -30,18 +30,20 @@ def round_bar(direction: str, frame: str) -> SID:
     data["reduction"] = {"method": "modal", "modes": 9}
     if frame == "tangent":
         data["frame"]["clamp"] = "start"
-    return sid_from_model(validated(data, ModelFile))
+    return sid_from_model(validate_data(data, ModelFile))
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_torsion_is_called_torsion(direction: str) -> None:
     """The clamped bar: pi c / (2 L) with c^2 = G It / (rho Ip), and E / rho."""
     sid = round_bar(direction, "tangent")
-    kinds = {mode.kind.split()[0]: mode.frequency for mode in reversed(modes_of(sid))}
+    kinds = {
+        mode.kind.split()[0]: mode.frequency for mode in reversed(natural_modes(sid))
+    }
     speeds = {"torsion": G * 0.9e-7 / (RHO * 1.9e-7), "axial": E / RHO}
     for kind, square in speeds.items():
         assert kinds[kind] == pytest.approx(np.sqrt(square) / (4 * LENGTH), rel=1e-2)
-    assert {mode.kind.split()[0] for mode in modes_of(sid)} == {
+    assert {mode.kind.split()[0] for mode in natural_modes(sid)} == {
         "torsion",
         "axial",
         "bending",
@@ -52,15 +54,15 @@ def test_torsion_is_called_torsion(direction: str) -> None:
 @pytest.mark.parametrize("direction", ["x", "z", "askew"])
 def test_frames_are_called_what_they_are(direction: str, frame: str) -> None:
     sid = round_bar(direction, frame)
-    assert boundary_of(sid) == NAMES[frame]
-    assert sum(mode.kind.startswith("torsion") for mode in modes_of(sid)) >= 1
+    assert boundary_kind(sid) == NAMES[frame]
+    assert sum(mode.kind.startswith("torsion") for mode in natural_modes(sid)) >= 1
 
 
 def test_a_chord_whose_nodes_tell_no_rotation() -> None:
     """As in files of solid elements: psi is zero, the far node moves along only."""
     chord, tangent = (round_bar("y", frame) for frame in ("chord", "tangent"))
     for sid, boundary in ((chord, "chord"), (tangent, "held")):
-        assert boundary_of(without_rotation(sid)) == boundary
+        assert boundary_kind(without_rotation(sid)) == boundary
 
 
 def without_rotation(sid: SID) -> SID:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import sidtool
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Taylor
-from sidtool.validate.basis import change_basis
+from sidtool.validate.basis_change import change_basis
 from tests.bodies import particle_body, particle_cloud
 
 STIFF = np.array([3e3, 8e3, 2e4, 5e4])

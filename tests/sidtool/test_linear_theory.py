@@ -15,10 +15,11 @@ import pytest
 from click.testing import CliRunner
 
 import sidtool
-from sidtool.accuracy import OutsideTheory, cached
-from sidtool.cli import cli
+from sidtool.accuracy import OutsideTheory
+from sidtool.cli.main import cli
 from sidtool.formats.result import read_result
 from sidtool.formats.sid_files import write_sid
+from sidtool.measurement import cache
 from tests.solver.scenes import scene
 from tests.steel_bars import steel_bar
 
@@ -151,7 +152,7 @@ def test_accuracy_refuses_from_where_a_run_warns(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One threshold for both: a tenth of the size."""
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path)
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path)
     sids = {"b1": folder / "bar.SID_FEM"}
     with warnings.catch_warnings():
         warnings.simplefilter("error", sidtool.ValidityWarning)

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.result import InMemory, read_result
 from sidtool.formats.result.data import TABLES
-from sidtool.formats.result.rows import BLOCK, Columns, Rows
+from sidtool.formats.result.rows import ROWS_PER_BLOCK, Columns, Rows
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.solver import compile_scene, run, simulate
-from sidtool.solver.recording import window
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.output import dense_output
+from sidtool.solver.simulation import simulate as simulate_module
 from tests.places import SLIDER_CRANK, posix
 
 RECORD = ["piston.x", "energy.balance", "energy.supplied", "crank_pin.f*", "rod.q*"]
@@ -61,11 +62,11 @@ def test_blocks_of_rows_change_nothing(
     more = {"outputs": {"record": RECORD}, "events": EVENTS | stop, "title": "t"}
     scene = described(150, rtol, end, **more)
     system = compile_scene(scene, SLIDER_CRANK)
-    monkeypatch.setattr(window, "BLOCK", 10_000)
+    monkeypatch.setattr(dense_output, "ROWS_PER_BLOCK", 10_000)
     whole = simulate(system, integrator=method)
-    monkeypatch.setattr(window, "LEAST", 1)
-    monkeypatch.setattr(window, "NUMBERS", 1)
-    assert window.Window(range(150), 30).size == 2  # type: ignore[arg-type]
+    monkeypatch.setattr(dense_output, "MIN_TIMES", 1)
+    monkeypatch.setattr(dense_output, "MAX_WINDOW_NUMBERS", 1)
+    assert dense_output.OutputTimeBuffer(range(150), 30).size == 2  # type: ignore[arg-type]
     parts = simulate(system, integrator=method)
     exact = [not name.startswith("energy") for name in whole.names]
     for table in ("t", "positions", "velocities"):
@@ -92,7 +93,7 @@ def test_the_energy_supplied_is_that_of_the_motion_however_many_rows(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Its balance closes with 4 rows and with 500, of which some are held at a time."""
-    monkeypatch.setattr(window, "BLOCK", 64)
+    monkeypatch.setattr(dense_output, "ROWS_PER_BLOCK", 64)
     for rows in (3, 500):
         system = compile_scene(
             described(rows, outputs={"record": RECORD}), SLIDER_CRANK
@@ -105,7 +106,7 @@ def test_the_energy_supplied_is_that_of_the_motion_however_many_rows(
 
 PEAK = """
 import resource, sys
-from sidtool.cli import run
+from sidtool.cli.main import run
 assert run(sys.argv[1:]) == 0
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
@@ -167,7 +168,7 @@ def test_a_step_of_many_rows_is_recorded_in_parts() -> None:
         steps = simulate(system, into=sink).counters["steps"]
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-        assert sink.count == rows + 1 and sink.longest <= BLOCK
+        assert sink.count == rows + 1 and sink.longest <= ROWS_PER_BLOCK
         assert sink.count > 1000 * steps or rows < 100_000
     assert peaks[1] - peaks[0] < 6e6
 
@@ -235,8 +236,12 @@ def test_a_sink_that_fails_ends_the_run() -> None:
 
 def test_the_rows_of_a_run_go_to_its_sink(monkeypatch: pytest.MonkeyPatch) -> None:
     sink = InMemory()
-    result = run.simulate(compile_scene(described(100), SLIDER_CRANK), into=sink)
+    result = simulate_module.simulate(
+        compile_scene(described(100), SLIDER_CRANK), into=sink
+    )
     assert len(result.t) == 0 and result.values.shape == (0, len(result.names))
     assert len(sink.arrays()["t"]) == 101
     with pytest.raises(InputError, match="rho"):
-        run.simulate(compile_scene(described(100), SLIDER_CRANK), integrator="rho")
+        simulate_module.simulate(
+            compile_scene(described(100), SLIDER_CRANK), integrator="rho"
+        )

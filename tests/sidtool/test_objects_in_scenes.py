@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import sidtool
-from sidtool.formats.sid import SID
+from sidtool.formats.base.sid import SID
 from tests.places import SLIDER_CRANK
 
 from .models import QM6, rod

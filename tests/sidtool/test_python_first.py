@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool import vocabulary
+from sidtool.api import tables
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene import forces as force_kinds
 from sidtool.formats.scene import functions as function_kinds
 from sidtool.formats.scene import joints as joint_kinds
-from sidtool.solver import warmup
+from sidtool.solver.compiler import precompile
 from tests.places import SLIDER_CRANK
 
 G = 9.81
@@ -42,7 +42,7 @@ def thrown(**changes: Any) -> sidtool.Scene:
 
 
 def test_everything_public_is_there_and_documented() -> None:
-    assert set(vocabulary.__all__) < set(sidtool.__all__) <= set(dir(sidtool))
+    assert set(tables.__all__) < set(sidtool.__all__) <= set(dir(sidtool))
     text = pydoc.render_doc(sidtool)
     for name in ("Scene", "Revolute", "SidBody", "simulate", "Pid", "Model"):
         assert name in text
@@ -210,9 +210,9 @@ def test_compiling_is_told_at_a_prompt_and_in_notebooks(
 ) -> None:
     monkeypatch.delattr(sys, "ps1", raising=False)
     monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
-    warmup.say_compiling("one")
+    precompile.print_compiling("one")
     monkeypatch.setitem(sys.modules, "ipykernel", sys)
-    warmup.say_compiling("two")
+    precompile.print_compiling("two")
     assert capsys.readouterr().err == "sidtool: two\n"
 
 

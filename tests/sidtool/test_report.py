@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID, Taylor, rigid_node, rigid_sid
+from sidtool.api.scene import read
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Taylor, rigid_node, rigid_sid
 from sidtool.formats.sid_files import read_sid, write_sid
-from sidtool.kinds import read
-from sidtool.report.judgement import judge, judgement_as_text
-from sidtool.report.modes import frame_of, modes_of
-from sidtool.report.sid import describe_sid
-from sidtool.report.tables import plural, table
+from sidtool.report.sid import describe_sid, frame_kind_of, natural_modes
+from sidtool.report.tables import counted_noun, text_table
+from sidtool.report.validation import judge_sid, judgement_as_text
 from tests.places import SLIDER_CRANK
 
 from ..bodies import particle_body
@@ -27,16 +26,16 @@ from ..bodies import particle_body
 def test_any_body_is_described_and_judged(nq: int, planar: bool, nodes: int) -> None:
     sid = particle_body(nq, 12, planar=planar, nodes=nodes)
     text = describe_sid(sid)
-    assert plural(nq, "mode") in text and plural(nodes, "node") in text
+    assert counted_noun(nq, "mode") in text and counted_noun(nodes, "node") in text
     assert "nan" not in text
-    assert judgement_as_text(judge(sid, None), strict=True)
+    assert judgement_as_text(judge_sid(sid, None), strict=True)
 
 
 def test_effective_masses_of_all_modes_add_up_to_the_mass() -> None:
     """Modes that span all motions of the particles carry the whole mass."""
     particles = 3
     sid = particle_body(3 * particles, particles)
-    total = sum(mode.effective_mass for mode in modes_of(sid))
+    total = sum(mode.effective_mass for mode in natural_modes(sid))
     assert total == pytest.approx(np.full(3, sid.mass), rel=1e-9)
 
 
@@ -51,19 +50,19 @@ def test_frequencies_do_not_depend_on_the_basis() -> None:
         Ct=Taylor(turn.T @ blocks["Ct"]),
         nodes=(),
     )
-    for here, there in zip(modes_of(sid), modes_of(turned), strict=True):
+    for here, there in zip(natural_modes(sid), natural_modes(turned), strict=True):
         assert there.frequency == pytest.approx(here.frequency, rel=1e-9)
         assert there.effective_mass == pytest.approx(here.effective_mass, rel=1e-8)
 
 
 def test_frames_are_told_apart() -> None:
     rod = read(SLIDER_CRANK / "rod_q4.SID_FEM")
-    assert frame_of(rod) == "tangent frame, fixed to node 1 at its origin"
-    assert frame_of(rigid_sid(1.0, [0, 0, 0], np.eye(3))) == "rigid body"
+    assert frame_kind_of(rod) == "tangent frame, fixed to node 1 at its origin"
+    assert frame_kind_of(rigid_sid(1.0, [0, 0, 0], np.eye(3))) == "rigid body"
     free = replace(
         rod, Ct=Taylor(np.zeros((5, 3))), Cr=Taylor(np.zeros((5, 3))), nodes=()
     )
-    assert frame_of(free).startswith("mean axes")
+    assert frame_kind_of(free).startswith("mean axes")
 
 
 def test_what_a_body_tells_of_stiffening_and_stress() -> None:
@@ -100,7 +99,7 @@ def test_a_body_without_mass_is_still_described() -> None:
 
 
 def test_tables_align_numbers_to_the_right() -> None:
-    text = table(["name", "m"], [["a", "1.5"], ["long", "-10.25"]])
+    text = text_table(["name", "m"], [["a", "1.5"], ["long", "-10.25"]])
     assert text == "name       m\n----  ------\na        1.5\nlong  -10.25"
 
 

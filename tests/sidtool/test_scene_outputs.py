@@ -11,19 +11,19 @@ import pytest
 from numpy.testing import assert_allclose
 
 import sidtool
-from sidtool.cli import run
-from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.cli.main import run
+from sidtool.elements.material_points import stress_rows
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Taylor
+from sidtool.formats.base.stress import COMPONENTS, peak_stress
 from sidtool.formats.dead_nodes import dead_nodes
-from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Taylor
 from sidtool.formats.sid_files import read_sid
-from sidtool.formats.stress import COMPONENTS, peak_stress
-from sidtool.formats.toml.reading import read_data, validated
-from sidtool.frontends.elements.continuum import stress_rows
-from sidtool.reduction.frames import FRAMES
+from sidtool.formats.toml.reading import read_data, validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from sidtool.reduction.admissible_space import constrained_space
+from sidtool.reduction.body_frames import FRAMES
 from sidtool.reduction.methods import REDUCTIONS
-from sidtool.reduction.space import admissible
 from tests.places import SLIDER_CRANK
 
 from .beams import beam
@@ -47,7 +47,7 @@ def loaded(force: list[float], record: list[str], **more: Any) -> SceneFile:
         "forces": {"push": {"type": "force", "marker": "beam.tip", "force": force}},
         "outputs": {"record": record},
     }
-    return validated(data | more, SceneFile)
+    return validate_data(data | more, SceneFile)
 
 
 @pytest.mark.parametrize("mesh", MESHES)
@@ -62,7 +62,7 @@ def test_a_loaded_cantilever_in_equilibrium_has_the_stress_of_the_full_model(
     found = sidtool.static_equilibrium(scene, sids={"beam": sid}).result()
     load = body.marker("tip").displacement[1].T.toarray() * FORCE
     frame = FRAMES["tangent"](body, model.frame)
-    full = admissible(body, frame).static(load)[:, 0]
+    full = constrained_space(body, frame).static(load)[:, 0]
     rows = stress_rows(body.marker("top").gradient, body.continua[0])
     exact = rows @ full
     assert_allclose(found.values[0, :6], exact, atol=1e-9 * np.abs(exact).max())
@@ -86,7 +86,9 @@ def test_the_rod_in_motion_has_the_stress_of_its_deformation(
     names = [f"rod.crank_pin.{name}" for name in STRESSES]
     data["outputs"]["record"] = ["rod.q*", *names, "rod.peak_von_mises"]
     result = sidtool.simulate(
-        validated(data, SceneFile), sids={"rod": stressed_rod}, base_folder=SLIDER_CRANK
+        validate_data(data, SceneFile),
+        sids={"rod": stressed_rod},
+        base_folder=SLIDER_CRANK,
     )
     model = rod(Q4)
     body = finite_element_model(model)
@@ -116,7 +118,7 @@ def test_stress_that_is_not_there_is_refused(output: str, message: str) -> None:
     data = read_data(SLIDER_CRANK / "slider_crank.toml")
     data["outputs"]["record"] = [output]
     with pytest.raises(InputError, match=message):
-        sidtool.simulate(validated(data, SceneFile), base_folder=SLIDER_CRANK)
+        sidtool.simulate(validate_data(data, SceneFile), base_folder=SLIDER_CRANK)
 
 
 def test_a_node_without_stress_rows_is_refused(stressed_rod: SID) -> None:
@@ -125,7 +127,7 @@ def test_a_node_without_stress_rows_is_refused(stressed_rod: SID) -> None:
     data["outputs"]["record"] = ["rod.piston_pin.sigma_xx"]
     with pytest.raises(InputError, match="node 2 of rod carries no .* nodes 1, "):
         sidtool.simulate(
-            validated(data, SceneFile),
+            validate_data(data, SceneFile),
             sids={"rod": replace(stressed_rod, nodes=tuple(bare))},
             base_folder=SLIDER_CRANK,
         )

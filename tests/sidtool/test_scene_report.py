@@ -10,8 +10,8 @@ import pytest
 
 import sidtool
 from sidtool.formats.result import Event
+from sidtool.report.input_files import describe_scene
 from sidtool.report.result import event_rows
-from sidtool.report.scene import describe_scene
 from sidtool.solver import compile_scene, describe
 
 COUNTED = re.compile(

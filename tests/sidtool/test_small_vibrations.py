@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.convert import sid_from_model
-from sidtool.formats.kinds_of_motion import named_by_kind
+from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile
+from sidtool.formats.motion_kinds import named_by_kind
 from sidtool.formats.scene import read_scene
-from sidtool.formats.sid import SID
-from sidtool.formats.toml.reading import validated
-from sidtool.frontends.mesh.data import Mesh
+from sidtool.formats.toml.reading import validate_data
+from sidtool.mesh.mesh import Mesh
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from ..places import SLIDER_CRANK
 from .bodies import beam_data
-from .frontends.bores import pinned
-from .frontends.drawn_parts import drawn
+from .elements.bores import pinned
+from .elements.drawn_parts import drawn
 
 FOLDER = str(SLIDER_CRANK)
 
@@ -32,7 +32,7 @@ def rod() -> SID:
     """The undamped rod as a beam, with modes out of the plane of the slider-crank."""
     data = beam_data({"type": "beam", "elements": 20, "theory": "timoshenko"}, 12)
     data.pop("damping", None)
-    return sid_from_model(validated(data, ModelFile))
+    return sid_from_model(validate_data(data, ModelFile))
 
 
 def run(rod: SID, kind: str, energy: float, **changes: Any) -> sidtool.Result:
@@ -117,7 +117,7 @@ def test_a_pin_out_of_the_plane_costs_no_steps(tmp_path: Path) -> None:
         }
         data = json.loads(model.model_dump_json()) | choices
         heard: list[str] = []
-        sid = sid_from_model(validated(data, ModelFile), heard.append)
+        sid = sid_from_model(validate_data(data, ModelFile), heard.append)
         scene = read_scene(FOLDER + "/slider_crank.toml")
         times = scene.time.model_copy(update={"end": 0.3})
         scene = scene.model_copy(update={"time": times})

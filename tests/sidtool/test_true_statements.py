@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.importers.imported import LEFT_OUT, notes_of_unread
-from sidtool.importers.meshes import read_mesh
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.imported_mesh import LEFT_OUT, unread_keyword_notes
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.errors import SimulationError
+from sidtool.solver.system.errors import SimulationError
 from tests.sidtool.importers.mesh_files import bdf_text, inp_text, msh_4, rod_mesh
 from tests.solver.scenes import scene, slender_rod
 from tests.steel_bars import steel_bar
@@ -54,10 +54,10 @@ def test_speeds_where_a_run_stops_are_no_sign_of_units_or_turns(
 
 
 def test_what_the_user_leaves_out_is_not_called_without_effect() -> None:
-    idle, left_out = notes_of_unread(["*STEP", f"*NONSTRUCTURAL MASS{LEFT_OUT}"])
+    idle, left_out = unread_keyword_notes(["*STEP", f"*NONSTRUCTURAL MASS{LEFT_OUT}"])
     assert "*STEP" in idle and "NONSTRUCTURAL" not in idle
     assert "*NONSTRUCTURAL MASS" in left_out and "without effect" not in left_out
-    assert notes_of_unread([]) == []
+    assert unread_keyword_notes([]) == []
 
 
 #: A mesh, what may follow in its file, and whether that may change the body.

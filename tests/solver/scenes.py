@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.sid import SID, Array, Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.solver import compile_scene
-from sidtool.solver.space import layout as at
-from sidtool.solver.space.coordinates import retract
-from sidtool.solver.space.layout import Work
-from sidtool.solver.start.assembly import dense_jacobian
-from sidtool.solver.system.kernel_calls import evaluate
-from sidtool.solver.system.scene import System
-from sidtool.solver.system.storage import new_work
+from sidtool.solver.initial_state.assembly import dense_jacobian
+from sidtool.solver.spatial import system_arrays as at
+from sidtool.solver.spatial.coordinates import retract
+from sidtool.solver.spatial.system_arrays import WorkArrays
+from sidtool.solver.system.system import System
+from sidtool.solver.system.work_arrays import evaluate, new_work_arrays
 from tests.bodies import particle_body
 
 GRAVITY = 9.81
@@ -94,8 +93,8 @@ class Probe:
 
     def __init__(self, system: System, t: float, z: Array, v: Array) -> None:
         self.system, self.t, self.z, self.v = system, t, z, v
-        self.work: Work = new_work(system)
-        self.work.clock[0] = t
+        self.work: WorkArrays = new_work_arrays(system)
+        self.work.interval_time[0] = t
         self.evaluate(z, v)
         self.frame = self.work.frame.copy()
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array
 from sidtool.formats.sid_mass import coupled_mass_matrix
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
 from sidtool.solver import compile_scene, simulate
 from tests.steel_bars import slender_bar
 
@@ -29,7 +29,7 @@ def run(sid: SID, dimension: str, end: float, rtol: float, **tables: Any) -> Res
     }
     if dimension == "planar":
         scene["outputs"] = {"record": ["bar.b.x", "bar.b.y"]}
-    system = compile_scene(validated(scene, SceneFile), ".", {"bar": sid})
+    system = compile_scene(validate_data(scene, SceneFile), ".", {"bar": sid})
     result = simulate(system)
     assert result.completed
     return result

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import Placement, SceneFile, read_scene
-from sidtool.formats.sid import SID, Array
 from sidtool.formats.sid_files import read_sid
 from sidtool.solver import compile_scene, simulate
 from tests.places import SLIDER_CRANK
 from tests.solver import transformed as other
-from tests.solver.equations.joint_scenes import soft_body
+from tests.solver.dynamics.joint_scenes import soft_body
 from tests.solver.scenes import scene as small_scene
 
 RTOL, SAME = 1e-9, 1e-7

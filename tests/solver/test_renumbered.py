@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import sidtool
+from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
-from sidtool.solver.space import layout as at
-from sidtool.solver.system.building import build_system
-from sidtool.solver.system.renumbered import renumbered
-from sidtool.solver.system.scene import System
+from sidtool.solver.spatial import system_arrays as at
+from sidtool.solver.system.build import build_system
+from sidtool.solver.system.system import System
+from sidtool.solver.system.update import updated_system
 from tests.solver.scenes import polynomial, scene, slender_rod, soft_body
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -119,23 +119,27 @@ def other_numbers(content: SceneFile, rng: np.random.Generator) -> dict[str, Any
     return found
 
 
-def assert_same_tables(found: at.System | None, expected: at.System | None) -> None:
+def assert_same_tables(
+    found: at.SystemArrays | None, expected: at.SystemArrays | None
+) -> None:
     """Also inside of Newton's and of frictions' tables."""
     assert (found is None) == (expected is None)
     if found is None:
         return
-    for field in at.System.kind.fields:
+    for field in at.SystemArrays.kind.fields:
         one, other = getattr(found, field), getattr(expected, field)
         if isinstance(one, np.ndarray):
             np.testing.assert_array_equal(one, other, err_msg=field)
-    assert_same_tables(found.newton, expected.newton)  # type: ignore[union-attr]
-    assert_same_tables(found.sliding, expected.sliding)  # type: ignore[union-attr]
+    assert_same_tables(found.newton_subsystem, expected.newton_subsystem)  # type: ignore[union-attr]
+    assert_same_tables(found.friction_subsystem, expected.friction_subsystem)  # type: ignore[union-attr]
 
 
 def assert_same(found: System, expected: System) -> None:
     assert_same_tables(found.arrays, expected.arrays)
     assert found.length == expected.length and found.scene == expected.scene
-    assert found.breaks == expected.breaks and found.causes == expected.causes
+    assert (
+        found.breaks == expected.breaks and found.break_causes == expected.break_causes
+    )
     assert list(found.features) == list(expected.features)
     for one, other in zip(
         found.features.values(), expected.features.values(), strict=True
@@ -143,13 +147,15 @@ def assert_same(found: System, expected: System) -> None:
         np.testing.assert_array_equal(one.starts, other.starts)
         np.testing.assert_array_equal(one.lengths, other.lengths)
     assert [d.rotates for d in found.bodies] == [d.rotates for d in expected.bodies]
-    assert (found.whole is None) == (expected.whole is None)
-    if found.whole is not None:
-        assert expected.whole is not None
-        assert_same(found.whole, expected.whole)
-    elif found.every_joint is not None:
-        assert expected.every_joint is not None
-        assert_same_tables(found.every_joint().arrays, expected.every_joint().arrays)
+    assert (found.full_system is None) == (expected.full_system is None)
+    if found.full_system is not None:
+        assert expected.full_system is not None
+        assert_same(found.full_system, expected.full_system)
+    elif found.make_full_system is not None:
+        assert expected.make_full_system is not None
+        assert_same_tables(
+            found.make_full_system().arrays, expected.make_full_system().arrays
+        )
 
 
 @pytest.mark.parametrize("make", SCENES)
@@ -159,10 +165,13 @@ def test_tables_with_other_numbers(make: Any) -> None:
     different = 0
     for _ in range(6):
         changed = content.with_(other_numbers(content, rng))
-        found, expected = renumbered(before, changed, sids), build_system(changed, sids)
+        found, expected = (
+            updated_system(before, changed, sids),
+            build_system(changed, sids),
+        )
         assert found is not None
         assert_same(found, expected)
-        different += not np.array_equal(found.arrays.pool, before.arrays.pool)
+        different += not np.array_equal(found.arrays.real_data, before.arrays.real_data)
     assert different > 2
 
 
@@ -175,7 +184,7 @@ def test_places_of_markers_and_orientations_without_point_masses() -> None:
         if angle:
             changes |= {f"{name}.markers.a.angle": angle, f"{name}.initial.angle": 0.9}
         changed = content.with_(changes)
-        found = renumbered(build_system(content, sids), changed, sids)
+        found = updated_system(build_system(content, sids), changed, sids)
         assert found is not None
         assert_same(found, build_system(changed, sids))
 
@@ -187,7 +196,7 @@ def test_places_beside_point_masses() -> None:
     ):
         content, sids = make()
         changed = content.with_(changes)
-        found = renumbered(build_system(content, sids), changed, sids)
+        found = updated_system(build_system(content, sids), changed, sids)
         assert found is not None
         assert_same(found, build_system(changed, sids))
 
@@ -207,5 +216,5 @@ def test_what_may_change_tables_is_made_anew() -> None:
         {"gravity": [0.0, -1.0]},
         {"time.end": 0.1},
     ):
-        assert renumbered(before, content.with_(changes), sids) is None
-    assert renumbered(before, content, {"rod": soft_body(5, 4, nodes=2)}) is None
+        assert updated_system(before, content.with_(changes), sids) is None
+    assert updated_system(before, content, {"rod": soft_body(5, 4, nodes=2)}) is None

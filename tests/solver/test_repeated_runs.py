@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sidtool.formats.base.sid import Taylor
 from sidtool.formats.result import Result
-from sidtool.formats.sid import Taylor
 from sidtool.solver import simulate
-from sidtool.solver.advice import prepared
-from sidtool.solver.system.scene import System
+from sidtool.solver.diagnostics import run_summary
+from sidtool.solver.system.system import System
 
-from .advice.test_body_measures import cantilever
+from .diagnostics.test_body_measures import cantilever
 from .scenes import compiled, scene
 
 #: What differs between runs: how long they take.
@@ -59,13 +59,13 @@ def test_runs_of_one_system_are_those_of_new_ones(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Bit for bit, with all sentences; nothing of a run is left in the system."""
-    system, count, find = beam(), [0], prepared.assembly.assemble
+    system, count, find = beam(), [0], run_summary.assembly.assemble
 
     def assemble(wanted: System) -> Any:
         count[0] += 1
         return find(wanted)
 
-    monkeypatch.setattr(prepared.assembly, "assemble", assemble)
+    monkeypatch.setattr(run_summary.assembly, "assemble", assemble)
     first = simulate(system, rtol=1e-5)
     rough = simulate(system, rtol=1e-3)
     again = simulate(system, rtol=1e-5)

@@ -12,21 +12,22 @@ SOLVER = ROOT / "solver"
 #: From the lowest to the highest; loose files stand above all but those in LEAVES.
 ROOMS = (
     "compiler",
-    "space",
+    "spatial",
     "linear",
-    "equations",
+    "dynamics",
     "functions",
     "system",
     "integrators",
-    "start",
-    "recording",
-    "advice",
+    "initial_state",
+    "output",
+    "diagnostics",
     "analyses",
+    "simulation",
 )
 #: Files that one folder may have.
-CROWDED = 22
+CROWDED = 30
 #: Loose files that every room may import.
-LEAVES = {"errors": 0, "warmup": 1}
+LEAVES = {"": 11}
 
 
 def modules() -> dict[str, Path]:

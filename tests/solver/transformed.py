@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.scene import Placement, as_3d, rotation
-from sidtool.formats.sid import SID, Array, Node, Taylor
+from sidtool.formats.base.sid import SID, Array, Node, Taylor
+from sidtool.formats.scene import Placement, as_3d, orientation_matrix
 
 Table = dict[str, Any]
 ORIENTATIONS = ("angle", "axis_angle", "quaternion", "matrix")
@@ -23,7 +23,7 @@ def moved(table: Table, shift: list[float], turn: Placement) -> Table:
     """Everything turned about the origin and then shifted."""
     new = copy.deepcopy(table)
     planar = table["dimension"] == "planar"
-    axes, R = (2 if planar else 3), rotation(turn)
+    axes, R = (2 if planar else 3), orientation_matrix(turn)
 
     def place(placement: Table) -> Table:
         found = Placement(**{k: placement[k] for k in ORIENTATIONS if k in placement})
@@ -32,7 +32,7 @@ def moved(table: Table, shift: list[float], turn: Placement) -> Table:
         rest["position"] = position[:axes].tolist()
         if planar:
             return rest | {"angle": (found.angle or 0.0) + (turn.angle or 0.0)}
-        return rest | {"matrix": (R @ rotation(found)).tolist()}
+        return rest | {"matrix": (R @ orientation_matrix(found)).tolist()}
 
     markers = new.setdefault("ground", {}).setdefault("markers", {})
     markers.setdefault("origin", {})

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, output_times
-from sidtool.formats.sid import SID, Array
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.functions.callables import Derivatives
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.bodies import Cloud
 
 Table = dict[str, Any]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from tests.bodies import Cloud, orthonormal
 from tests.metamorphic.generator.case import Table
 from tests.metamorphic.generator.poses import Pose, turned

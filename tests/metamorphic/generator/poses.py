@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.scene import Placement, as_3d, rotation
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
+from sidtool.formats.scene import Placement, as_3d, orientation_matrix
 
 ORIENTATIONS = ("angle", "axis_angle", "quaternion", "matrix")
 
@@ -16,7 +16,7 @@ ORIENTATIONS = ("angle", "axis_angle", "quaternion", "matrix")
 def turned(axis: Array, angle: float) -> Array:
     """The (3, 3) rotation by an angle about a unit axis."""
     x, y, z = (angle * np.asarray(axis, float)).tolist()
-    return rotation(Placement(axis_angle=(x, y, z)))
+    return orientation_matrix(Placement(axis_angle=(x, y, z)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Pose:
     def of(cls, placement: dict[str, Any]) -> Pose:
         """As a table of a scene says it."""
         found = Placement(**{k: placement[k] for k in ORIENTATIONS if k in placement})
-        return cls(as_3d(placement.get("position")), rotation(found))
+        return cls(as_3d(placement.get("position")), orientation_matrix(found))
 
     def table(self, planar: bool) -> dict[str, Any]:
         """The same as a table of a scene."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from tests.metamorphic.generator.case import AXIAL, VECTORS, Case, Table, Values
 from tests.metamorphic.generator.differences import Sizes, variation
 from tests.metamorphic.generator.differences import kind as kind

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from sidtool.solver import simulate
-from sidtool.solver.errors import SimulationError
+from sidtool.solver.system.errors import SimulationError
 from tests.metamorphic.generator import functions
 from tests.metamorphic.generator.additions import add_more, deformed
 from tests.metamorphic.generator.case import Case, Table, compiled, run

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.result import Result
-from sidtool.formats.sid import SID, Array
-from sidtool.solver.analyses.mechanics import Mechanics
-from sidtool.solver.start.assembly import assemble
+from sidtool.solver.analyses.dense_equations import DenseEquations
+from sidtool.solver.initial_state.assembly import assemble
 from tests.bodies import Cloud
 from tests.metamorphic.generator.case import Case, Table, compiled
 from tests.metamorphic.generator.ingredients import (
@@ -240,7 +240,7 @@ def constraints(case: Case, last: Result | None = None) -> Array:
     t, z, v = 0.0, start.z, start.v
     if last is not None:
         t, z, v = float(last.t[-1]), last.positions[-1], last.velocities[-1]
-    mechanics = Mechanics(system, t, t)
+    mechanics = DenseEquations(system, t, t)
     mechanics.set_scale(start.z)
     mechanics.evaluate(z, v)
     jacobian: Array = mechanics.jacobian

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from tests.metamorphic.generator.case import Case, Table, Values
 from tests.metamorphic.generator.poses import Pose, replaced
 from tests.metamorphic.generator.said import as_spin, components, copied, spin

@@ -8,11 +8,11 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from tests.sidtool.bodies import beam_data
 from tests.solver.scenes import polynomial, scene
 
@@ -40,7 +40,7 @@ def arm(modes: int = 6) -> SID:
         "tip": {"node": 2, "parameters": [1.0]},
     }
     del data["damping"]
-    return sid_from_model(validated(data, ModelFile))
+    return sid_from_model(validate_data(data, ModelFile))
 
 
 def rigid(dimension: str, mass: float, length: float = 0.3) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.formats.sid import SID, Array
 from sidtool.solver import compile_scene, simulate
 from tests.metamorphic.ways.sids import mixed
 from tests.places import SLIDER_CRANK

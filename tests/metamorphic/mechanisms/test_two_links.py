@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, simulate
 from tests.metamorphic.mechanisms.two_links import Beam, TwoLinks
 from tests.sidtool.bodies import beam_data
@@ -49,7 +49,7 @@ def arm() -> SID:
         "tip": {"node": 2, "parameters": [1.0]},
     }
     del data["damping"]
-    return sid_from_model(validated(data, ModelFile))
+    return sid_from_model(validate_data(data, ModelFile))
 
 
 def particles(mass: float) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 
 #: Roots of 1 + cos b cosh b.
 ROOTS = (1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sidtool.formats.model import Material, ModelFile
-from sidtool.formats.toml.reading import validated
-from sidtool.frontends.elements.reference import edge_nodes, reference_element, shape_of
-from sidtool.frontends.mesh.data import ElementBlock, Mesh
+from sidtool.formats.toml.reading import validate_data
+from sidtool.mesh.mesh import ElementBlock, Mesh
+from sidtool.mesh.reference_elements import edge_nodes, reference_element, shape_of
 from tests.sidtool.models import rod_data
 
 Array = NDArray[np.float64]
@@ -225,4 +225,4 @@ def quarter_ring(
     data["markers"] = {"foot": {"node": 1, "edge": "bottom", "at": at}}
     data["markers"] |= changes.pop("markers", {})
     data["reduction"]["modes"] = 3
-    return validated(data | changes, ModelFile)
+    return validate_data(data | changes, ModelFile)

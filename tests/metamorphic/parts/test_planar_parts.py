@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, simulate
-from tests.solver.equations.test_out_of_plane import slides
+from tests.solver.dynamics.test_out_of_plane import slides
 
 HEIGHT = 0.02
 SEEDS = (3, 6, 7, 8, 13, 16, 17, 20)
@@ -64,7 +64,7 @@ def random_bar(seed: int) -> tuple[Any, bool]:
 def test_a_bar_moves_the_same_in_plane_and_space(seed: int) -> None:
     """Its end slides up and down with 5 kg, as `slides` says."""
     model, symmetric = random_bar(seed)
-    sid = sid_from_model(validated(model, ModelFile))
+    sid = sid_from_model(validate_data(model, ModelFile))
     scenes = [
         slides(planar, time={"end": 0.05, "output_step": 0.01})
         for planar in (True, False)

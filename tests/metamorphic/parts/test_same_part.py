@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
-from sidtool.frontends.elements.reference import all_edges
-from sidtool.frontends.mesh.data import Mesh, check_mesh
 from sidtool.geometry.bspline import open_uniform_knots
-from sidtool.geometry.patch import patch_from_model
-from sidtool.geometry.refine import refined
-from sidtool.importers.meshes import read_mesh
+from sidtool.geometry.nurbs_patch import patch_from_model, refine_patch
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.mesh import Mesh, check_mesh
+from sidtool.mesh.reference_elements import element_edges
+from sidtool.pipeline.model_to_sid import sid_from_model
 from tests.metamorphic.parts.meshes import block, quarter_ring, renumbered, turned
 from tests.sidtool.models import rod_data
 
@@ -62,7 +61,7 @@ ABAQUS = {
 def gmsh_text(mesh: Mesh) -> str:
     (part,) = mesh.blocks
     number, edges = GMSH[part.kind]
-    middle = {frozenset((a, b)): m for a, b, m in all_edges(part.kind)}
+    middle = {frozenset((a, b)): m for a, b, m in element_edges(part.kind)}
     corners = part.nodes.shape[1] - len(edges)
     order = [*range(corners), *(middle[frozenset(edge)] for edge in edges)]
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes"]
@@ -104,7 +103,7 @@ def test_formats_exchanged(tmp_path: Path, file: str, text, kind: str) -> None: 
     assert found.blocks[0].kind == kind
     there = found.positions[found.blocks[0].nodes]
     assert_allclose(there, mesh.positions[mesh.blocks[0].nodes], atol=1e-12)
-    for a, b, middle in all_edges(kind):
+    for a, b, middle in element_edges(kind):
         if middle >= 0:
             off = there[:, middle] - (there[:, a] + there[:, b]) / 2
             assert np.abs(off).max() < 0.05
@@ -164,7 +163,7 @@ def test_knots_inserted_into_the_geometry() -> None:
     model = quarter_ring(settings, 1.0, 1.6)
     patch = patch_from_model(model.geometry)
     knots = (open_uniform_knots(3, 2), np.array([0, 0, 0, 0, 0.25, 0.5, 1, 1, 1, 1]))
-    more = refined(patch, (3, 3), knots)
+    more = refine_patch(patch, (3, 3), knots)
     geometry = model.geometry.model_copy(
         update={
             "degrees": more.degrees,

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import finite_element_model
+from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.model import ModelFile
-from sidtool.frontends.finite_element_model import FiniteElementModel
-from sidtool.reduction.frames import FRAMES
-from sidtool.reduction.space import admissible
+from sidtool.pipeline.model_to_sid import finite_element_model
+from sidtool.reduction.admissible_space import constrained_space
+from sidtool.reduction.body_frames import FRAMES
 from tests.metamorphic.parts.meshes import quarter_ring
 
 RELIEVED = {"formulation": "incompatible_modes"}
@@ -60,7 +60,9 @@ def sagging(body: FiniteElementModel, model: ModelFile) -> np.ndarray:
     """Displacement (ndof, 1) under gravity along y."""
     frame = FRAMES["tangent"](body, model.frame)
     rigid = body.rigid_body_modes()
-    result: np.ndarray = admissible(body, frame).static(-body.mass @ rigid[:, [1]])
+    result: np.ndarray = constrained_space(body, frame).static(
+        -body.mass @ rigid[:, [1]]
+    )
     return result
 
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID, Taylor
+from sidtool.formats.geometric_stiffening import SIGNIFICANT_CHANGE
 from sidtool.formats.result import FlexibleBody, Result
-from sidtool.formats.sid import SID, Taylor
-from sidtool.formats.stiffening import MATTERS
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, linearise, simulate
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.bodies import particle_body
 from tests.sidtool.beams import IGA, beam
 from tests.solver.scenes import compiled, polynomial, scene
@@ -205,7 +205,7 @@ def test_stiffening_is_the_change_of_squared_frequencies(seed: int) -> None:
     assert found is not None
     assert found.ratio == pytest.approx(change, rel=0.1)
     assert found.sentence().startswith("stiffening small") == (
-        abs(found.ratio) < MATTERS
+        abs(found.ratio) < SIGNIFICANT_CHANGE
     )
 
 

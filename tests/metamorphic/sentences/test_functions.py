@@ -10,9 +10,9 @@ import pytest
 
 from sidtool.formats.result import Excitation
 from sidtool.formats.scene import SceneFile
-from sidtool.report.result import MOST_EVENTS, summary
+from sidtool.report.result import MAX_EVENTS, run_summary
 from sidtool.solver import compile_scene, describe, simulate
-from sidtool.solver.advice.excitation import drive_history, excitation
+from sidtool.solver.diagnostics.excitation import drive_history, excitation
 from tests.metamorphic.generator import functions
 from tests.metamorphic.generator.case import Table
 from tests.metamorphic.generator.ingredients import function
@@ -167,11 +167,11 @@ def test_every_event_is_told_or_counted_beside_breaks(seed: int) -> None:
     crossed = t[1:][above[1:] != above[:-1]]
     found = [event.t for event in result.events if event.name == "gate"]
     assert found == pytest.approx(crossed, abs=1e-4)
-    lines = [line.split(maxsplit=1) for line in summary(result).splitlines()]
+    lines = [line.split(maxsplit=1) for line in run_summary(result).splitlines()]
     told = [float(text.split("t = ")[1].split()[0]) for n, text in lines if n == "gate"]
-    assert told == pytest.approx(crossed[:MOST_EVENTS], abs=1e-4)
+    assert told == pytest.approx(crossed[:MAX_EVENTS], abs=1e-4)
     more = [text for name, text in lines if name == "..."]
-    hidden = len(crossed) - MOST_EVENTS
+    hidden = len(crossed) - MAX_EVENTS
     plural = "s" if hidden > 1 else ""
     assert more == ([f"and {hidden} event{plural} later"] if hidden > 0 else [])
     breaks = sum(event.kind == "break" for event in result.events)
@@ -191,7 +191,7 @@ def test_an_event_at_the_instant_of_a_stop_is_told() -> None:
         falling = scene(
             {"ball": {"mass": 1.0, "inertia": 1.0}}, gravity=[0.0, -9.81], events=events
         )
-        text = summary(simulate(compiled(SceneFile.model_validate(falling))))
+        text = run_summary(simulate(compiled(SceneFile.model_validate(falling))))
         assert f"event {names[0]} ended the run" in text
         for name in names:
             assert any(

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.sid_mass import body_size
-from sidtool.report.result import ADVICE, summary
+from sidtool.pipeline.scene_changes import PROGRAM_SID_TEXT
+from sidtool.report.result import STIFF_SCENE_TEXT, run_summary
 from sidtool.solver import describe, simulate
-from sidtool.swaps import FROM_PROGRAM
 from tests.metamorphic.generator.case import Case, compiled, run, scene_of
 from tests.metamorphic.generator.said import copied, with_table
 from tests.metamorphic.generator.scenes import random_scene
@@ -95,11 +95,11 @@ def test_a_scene_is_called_stiff_where_radau_takes_fewer_steps(seed: int) -> Non
         simulate(compiled_scene(described), integrator=name, rtol=1e-2)
         for name in ("dop853", "radau9")
     )
-    told = ADVICE in summary(explicit)
+    told = STIFF_SCENE_TEXT in run_summary(explicit)
     fewer = implicit.counters["steps"] < explicit.counters["steps"]
     assert fewer or not told
     assert told or explicit.counters["steps"] < 10 * implicit.counters["steps"]
-    assert ADVICE not in summary(implicit)
+    assert STIFF_SCENE_TEXT not in run_summary(implicit)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -228,10 +228,10 @@ def test_names_that_a_scene_does_not_have_are_refused(call: Any) -> None:
 def test_a_run_says_which_sids_a_program_gave() -> None:
     case = random_scene(SOFT[0])
     found = sidtool.simulate(scene_of(case), sids=case.sids)
-    assert found.scene.count(FROM_PROGRAM) == len(case.sids)
+    assert found.scene.count(PROGRAM_SID_TEXT) == len(case.sids)
     rest = sidtool.static_equilibrium
     try:
         held = rest(scene_of(case), sids=case.sids).result()
     except sidtool.SimulationError:
         return
-    assert held.scene.count(FROM_PROGRAM) == len(case.sids)
+    assert held.scene.count(PROGRAM_SID_TEXT) == len(case.sids)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
+from sidtool.formats.base.sid import SID
+from sidtool.formats.geometric_stiffening import SIGNIFICANT_CHANGE, LoadStiffening
 from sidtool.formats.result import Result
-from sidtool.formats.sid import SID
 from sidtool.formats.sid_mass import coupled_mass_matrix
-from sidtool.formats.stiffening import MATTERS, Stiffening
 from sidtool.solver import simulate
 from tests.solver.scenes import compiled, scene, soft_body
 
@@ -62,7 +62,7 @@ def moved(sid: SID, seed: int, planar: bool) -> Result:
     return simulate(compiled(described, soft=sid))
 
 
-def judged(seed: int, planar: bool) -> tuple[Stiffening, float, float]:
+def judged(seed: int, planar: bool) -> tuple[LoadStiffening, float, float]:
     """What is said, how far the deformations are from those without stiffening, as a
     part of them by the root of their energy, and radians of the fastest vibration."""
     sids = [soft_body(NQ, seed, planar, stiffens, damped=False) for stiffens in BOTH]
@@ -90,5 +90,7 @@ def test_stiffening_that_is_called_small_changes_the_motion_by_no_more(
     share = abs(found.ratio) + found.inertia
     assert far < share * (1.0 + 0.5 * radians)
     verdict = found.sentence()
-    expected = SMALL if found.inertia < MATTERS else MAY
-    assert verdict.startswith(expected if abs(found.ratio) < MATTERS else DOES)
+    expected = SMALL if found.inertia < SIGNIFICANT_CHANGE else MAY
+    assert verdict.startswith(
+        expected if abs(found.ratio) < SIGNIFICANT_CHANGE else DOES
+    )

@@ -10,10 +10,10 @@ import pytest
 
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
+from sidtool.measurement.reference import MAX_UNPREDICTABILITY
 from sidtool.solver import compile_scene, simulate
-from sidtool.study import Study, default_settings, recommended, study
-from sidtool.study.reference import TRUSTED
-from sidtool.study.tables import report
+from sidtool.study import Study, default_settings, recommend_point, run_study
+from sidtool.study.study_result import study_report
 from tests.solver.scenes import scene, slender_rod
 
 WANTED = (1e-2, 1e-4)
@@ -46,7 +46,7 @@ def pendulum(seed: int, wild: bool) -> SceneFile:
 
 
 def studied(content: SceneFile, *names: str) -> Study:
-    return study(content, settings=default_settings(names, (1e-2, 1e-4)))
+    return run_study(content, settings=default_settings(names, (1e-2, 1e-4)))
 
 
 def away(result: Result, exact: Result, name: str) -> float:
@@ -70,7 +70,7 @@ def test_what_is_recommended_is_as_good_as_is_told(seed: int) -> None:
         assert point.error == pytest.approx(error, rel=0.05, abs=1e-10)
         assert point.error >= found.reference.uncertainty
     for wanted in WANTED:
-        best = recommended(found.points, wanted)
+        best = recommend_point(found.points, wanted)
         assert best is not None and best.error <= wanted
 
 
@@ -87,12 +87,12 @@ def test_outputs_that_no_integrator_agrees_on_are_called_unpredictable(
     loose = simulate(system, integrator="dop853", rtol=1e-6)  # as references are
     apart = {name: away(*runs, name) for name in ("low.angle", "tip.angle")}
     for name, part in apart.items():
-        if part > 30.0 * TRUSTED:
+        if part > 30.0 * MAX_UNPREDICTABILITY:
             assert name in found.reference.unpredictable
         if name in found.reference.unpredictable:
-            assert max(part, away(loose, runs[0], name)) > TRUSTED / 30.0
+            assert max(part, away(loose, runs[0], name)) > MAX_UNPREDICTABILITY / 30.0
     assert "clock.x" in found.reference.names
-    text = report(found, WANTED)
+    text = study_report(found, WANTED)
     told = "Not predictable over this time span" in text
     assert told == bool(found.reference.unpredictable)
     for name in found.reference.unpredictable:

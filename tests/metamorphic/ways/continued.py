@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sidtool.formats.sid import Array
+from sidtool.formats.base.sid import Array
 from tests.metamorphic.generator.case import Case, Table, Values, run
 from tests.metamorphic.generator.ingredients import Random, coordinates_of
 from tests.metamorphic.generator.poses import Pose

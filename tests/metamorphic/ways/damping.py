@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.base.sid import SID, Array, Taylor
 from tests.metamorphic.generator.case import Case, Table
 from tests.metamorphic.generator.ingredients import Random
 from tests.metamorphic.generator.said import Said, copied, with_table

@@ -14,11 +14,11 @@ from typing import Any, get_args
 
 import numpy as np
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import as_3d
 from sidtool.formats.scene.forces import Force
 from sidtool.formats.scene.joints import Joint
 from sidtool.formats.scene.laws import ForceFunction
-from sidtool.formats.sid import Array
 from tests.metamorphic.generator.case import Case, Table
 from tests.metamorphic.generator.ingredients import Random, coordinates_of
 from tests.metamorphic.generator.poses import ORIENTATIONS, Pose, replaced

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from sidtool.conversion.rereference import changed, frame_change
+from sidtool.conversion.frame_change import apply_frame_change, frame_change
 from sidtool.formats.scene import as_3d
 from tests.metamorphic.generator.case import Case, Values, run
 from tests.metamorphic.generator.differences import difference, magnitude
@@ -121,7 +121,7 @@ def elsewhere(case: Case, rng: Random) -> Case:
     for name, sid in case.sids.items():
         frame = str(rng.choice(["tangent:2", "tangent:3", "buckens", "buckens:4"]))
         change = frame_change(sid, frame)
-        sids[name] = changed(sid, change)
+        sids[name] = apply_frame_change(sid, change)
         initial = table["bodies"][name]["initial"]
         pose, rates = Pose.of(initial), np.array(initial["elastic_velocity"])
         new = pose.then(Pose(change.origin, np.eye(3)))

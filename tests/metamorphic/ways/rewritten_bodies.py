@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sidtool.formats.base.sid import Array, rigid_node, rigid_sid
 from sidtool.formats.scene import as_3d
-from sidtool.formats.sid import Array, rigid_node, rigid_sid
 from tests.metamorphic.generator.case import Case, Table, Values
 from tests.metamorphic.generator.ingredients import Random, any_pose, unit
 from tests.metamorphic.generator.poses import Pose, replaced, turned

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sidtool.formats.sid import (
+from sidtool.formats.base.sid import (
     J_INDICES,
     OE_INDICES,
     SID,

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import as_3d
-from sidtool.formats.sid import Array
 from tests.metamorphic.generator import functions, laws
 from tests.metamorphic.generator.case import Case, Table, Values, times
 from tests.metamorphic.generator.ingredients import Random, unit

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 import sidtool
-from sidtool.accuracy.candidates import finest as scene_finest
-from sidtool.accuracy.reference import Reference, make_reference
-from sidtool.accuracy.runs import Runs
-from sidtool.accuracy.wanted import requested
-from sidtool.convert import sid_from_model
+from sidtool.accuracy.reference_run import Reference, make_reference
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Taylor
+from sidtool.measurement.candidates import finest_model as scene_finest
+from sidtool.measurement.request import requested
+from sidtool.measurement.runs import Runs
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.bodies import particle_body
 
 from ..beams import beam

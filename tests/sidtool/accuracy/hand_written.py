@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
 from tests.steel_bars import steel_bar
 
 MARKERS = {"root": 1, "tip": 2}

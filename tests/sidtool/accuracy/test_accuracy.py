@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import cached, candidates
-from sidtool.accuracy.reference import PART, Reference
-from sidtool.accuracy.runs import Setting
-from sidtool.cli import run
+from sidtool.accuracy.reference_run import UNCERTAINTY_SHARE, Reference
+from sidtool.cli.main import run
+from sidtool.formats.base.sid import Taylor
 from sidtool.formats.result import read_result, write_result
 from sidtool.formats.scene import SceneFile, read_scene, tolerance
-from sidtool.formats.sid import Taylor
 from sidtool.formats.sid_files import write_sid
-from sidtool.study import moves
+from sidtool.measurement import cache, candidates
+from sidtool.measurement.runs import Setting
+from sidtool.study import is_varying
 from tests.places import EXAMPLES, posix
 
 from .arms import (
@@ -40,7 +40,7 @@ SATELLITE = EXAMPLES / "satellite"
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Choices are kept here."""
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
     return tmp_path / "kept"
 
 
@@ -121,7 +121,7 @@ def test_the_second_time_nothing_is_searched(
     first = simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
     assert first.accuracy.searched
     with monkeypatch.context() as patch:
-        patch.setattr("sidtool.accuracy.plan.choose", None)
+        patch.setattr("sidtool.accuracy.plan.select_model", None)
         again = simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
     assert not again.accuracy.searched
     assert again.error == first.error
@@ -145,20 +145,20 @@ def test_what_is_kept_serves_its_own_scene_alone(folder: Path) -> None:
     scene, sid = particles(False)
     simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
     (path,) = folder.iterdir()
-    kept = cached.read(path.stem)
+    kept = cache.read_entry(path.stem)
     assert kept is not None
     text = path.read_text(encoding="utf-8")
     content = json.loads(text.partition("\n")[2])
     assert content["setting"]["rtol"] == kept.setting.rtol
     path.write_text(text.replace('"kept":false', '"kept":true'), encoding="utf-8")
-    assert cached.read(path.stem) is None
+    assert cache.read_entry(path.stem) is None
     other = path.with_stem("0" * 32)
     other.write_text(text, encoding="utf-8")
-    assert cached.read(other.stem) is None
+    assert cache.read_entry(other.stem) is None
     other.unlink()
     content["choice"]["kept"] = [["arm", [1, 2, 3, 4, 5]]]
     path.write_text(resealed(content), encoding="utf-8")
-    assert cached.read(path.stem) is not None
+    assert cache.read_entry(path.stem) is not None
     assert simulated(scene, sid, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
 
 
@@ -167,9 +167,9 @@ def test_what_others_may_have_kept_is_not_used(folder: Path) -> None:
     scene, sid = particles(False)
     simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
     (path,) = folder.iterdir()
-    assert cached.read(path.stem) is not None
+    assert cache.read_entry(path.stem) is not None
     path.chmod(0o666)
-    assert cached.read(path.stem) is None
+    assert cache.read_entry(path.stem) is None
 
 
 def test_a_script_hears_what_the_search_does() -> None:
@@ -330,13 +330,13 @@ def test_a_rate_of_rounding_alone_beside_fast_motion() -> None:
     names, variation = ["b.wz", "b.x"], np.ptp(values, axis=0)
     for level, expected in ((5e-12, [False, True]), (1e-18, [True, True])):
         levels = np.full(2, level)
-        assert moves(names, values, variation, levels).tolist() == expected
+        assert is_varying(names, values, variation, levels).tolist() == expected
 
 
 def test_shape_functions_of_little_energy_are_left_out_in_groups(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("sidtool.accuracy.choose.SINGLE", 2)
+    monkeypatch.setattr("sidtool.accuracy.selection.MAX_SINGLE_SHAPES", 2)
     scene, sid = particles(False)
     found = simulated(scene, sid, accuracy={"arm.tip.y": 2e-4})
     expected = simulated(finest(scene), sid, **TIGHT)["arm.tip.y"]
@@ -402,7 +402,7 @@ def test_what_is_conserved_asks_for_no_tighter_runs() -> None:
     )
     assert both.left_out == tuple(momenta)
     assert both.setting.rtol == pytest.approx(alone.setting.rtol, rel=0.5)
-    assert both.use(both.blur) <= PART
+    assert both.use(both.comparison_uncertainty) <= UNCERTAINTY_SHARE
 
 
 def test_shape_functions_whose_coordinates_are_asked_for_stay_without_a_run() -> None:

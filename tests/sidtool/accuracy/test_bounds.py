@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import cached
+from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
+from sidtool.measurement import cache
 from tests.bodies import particle_body
 
 from .arms import cantilever, spun, swinging
@@ -22,7 +22,7 @@ RECORD = ["arm.tip.uy", "arm.tip.y", "arm.q1", "arm.q3", "arm.vq2"]
 
 @pytest.fixture(autouse=True)
 def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path)
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path)
 
 
 def struck() -> SceneFile:

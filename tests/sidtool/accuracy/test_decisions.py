@@ -9,9 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import sidtool
-from sidtool.accuracy import OutsideTheory, cached
+from sidtool.accuracy import OutsideTheory
+from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
+from sidtool.measurement import cache
 from tests.bodies import Cloud
 
 from .arms import cantilever, spun, swinging
@@ -19,7 +20,7 @@ from .arms import cantilever, spun, swinging
 
 @pytest.fixture(autouse=True)
 def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path)
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path)
 
 
 def ring() -> SID:

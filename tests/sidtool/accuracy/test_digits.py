@@ -11,19 +11,24 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import cached, digits
-from sidtool.accuracy.candidates import finest
-from sidtool.accuracy.digits import Printed, printed, with_digits
-from sidtool.accuracy.reference import make_reference
-from sidtool.accuracy.runs import Runs
-from sidtool.accuracy.wanted import requested
-from sidtool.cli import run
-from sidtool.formats.errors import InputError
+from sidtool.accuracy import sid_rounding
+from sidtool.accuracy.reference_run import make_reference
+from sidtool.accuracy.sid_rounding import (
+    NumberFormat,
+    printed_digits,
+    with_rounding_error,
+)
+from sidtool.cli.main import run
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import NODE_SHAPES, SID, Array, Node, Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import NODE_SHAPES, SID, Array, Node, Taylor
 from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.measurement import cache
+from sidtool.measurement.candidates import finest_model
+from sidtool.measurement.request import requested
+from sidtool.measurement.runs import Runs
 from sidtool.solver import compile_scene
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.system import System
 from tests.bodies import particle_body
 
 from .arms import cantilever, spun, swinging
@@ -31,7 +36,7 @@ from .arms import cantilever, spun, swinging
 
 @pytest.fixture(autouse=True)
 def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
 
 
 def reprinted(sid: SID, text: str) -> SID:
@@ -58,22 +63,28 @@ def reprinted(sid: SID, text: str) -> SID:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("%.5e", Printed(6, False)),
-        ("%.8e", Printed(9, False)),
-        ("%.6f", Printed(6, True)),
+        ("%.5e", NumberFormat(6, False)),
+        ("%.8e", NumberFormat(9, False)),
+        ("%.6f", NumberFormat(6, True)),
         ("%.16e", None),
     ],
 )
-def test_digits_are_seen_in_the_numbers(text: str, expected: Printed | None) -> None:
+def test_digits_are_seen_in_the_numbers(
+    text: str, expected: NumberFormat | None
+) -> None:
     for sid in (cantilever(3), cantilever(3, stiffened=True)):
-        assert printed(reprinted(sid, text)) == expected
+        assert printed_digits(reprinted(sid, text)) == expected
 
 
 def test_files_of_ours_have_twelve_digits_also_as_copies(tmp_path: Path) -> None:
     write_sid(tmp_path / "arm.SID_FEM", cantilever(3))
     once = read_sid(tmp_path / "arm.SID_FEM")
     write_sid(tmp_path / "arm.h5", once)
-    assert printed(once) == printed(read_sid(tmp_path / "arm.h5")) == Printed(12, False)
+    assert (
+        printed_digits(once)
+        == printed_digits(read_sid(tmp_path / "arm.h5"))
+        == NumberFormat(12, False)
+    )
 
 
 @pytest.mark.parametrize("case", ["falls", "spins", "particles"])
@@ -113,11 +124,11 @@ def digits_told(scene: SceneFile, sid: SID) -> Array:
     sids = {"arm": sid}
     request = requested(scene, sids, 1e-4)
     runs = Runs(scene, sids, compiled, request.names)
-    reference = make_reference(runs, finest(scene, sids), request)
+    reference = make_reference(runs, finest_model(scene, sids), request)
     reference = replace(reference, allowed=1e9 * reference.allowed)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(digits, "MAGNIFIED", 1e30)
-        return with_digits(runs, reference)[0].digits
+        patch.setattr(sid_rounding, "MOTION_MAGNIFICATION", 1e30)
+        return with_rounding_error(runs, reference)[0].digits
 
 
 def test_all_digits_are_no_part_of_the_budget() -> None:

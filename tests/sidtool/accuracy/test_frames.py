@@ -15,11 +15,11 @@ import pytest
 import scipy.linalg
 
 import sidtool
-from sidtool.accuracy import cached
-from sidtool.accuracy.frames import FACTOR, left_out
-from sidtool.conversion.rereference import rereferenced
+from sidtool.accuracy.frames import NEGLECT_FACTOR, neglected_order
+from sidtool.conversion.frame_change import change_frame
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Taylor
+from sidtool.measurement import cache
 
 from .arms import cantilever, swinging
 
@@ -28,7 +28,7 @@ RECORD = ["arm.tip.x", "arm.tip.y", "pin.fx"]
 
 @pytest.fixture(autouse=True)
 def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
 
 
 def frames(found: sidtool.Result) -> tuple[dict[str, float], str]:
@@ -59,7 +59,7 @@ def richest(sid: SID) -> sidtool.Result:
 @pytest.fixture(scope="module")
 def exact() -> sidtool.Result:
     """The arm with geometric stiffening."""
-    return richest(rereferenced(cantilever(2, stiffened=True), "buckens:1"))
+    return richest(change_frame(cantilever(2, stiffened=True), "buckens:1"))
 
 
 def test_a_far_bent_arm_is_put_in_the_frame_that_errs_less(
@@ -70,7 +70,7 @@ def test_a_far_bent_arm_is_put_in_the_frame_that_errs_less(
     own = richest(bare["arm"])
     left, told = frames(found)
     assert "mean axes of arm, in which bodies deform least" in told
-    better = richest(rereferenced(bare["arm"], "buckens:1"))
+    better = richest(change_frame(bare["arm"], "buckens:1"))
     errors = found.accuracy.absolute()
     for name in RECORD:
         assert apart(better, exact, name) < 0.6 * apart(own, exact, name)
@@ -173,7 +173,7 @@ def test_frames_of_stiffened_arms_are_told_alike() -> None:
     sid = cantilever(2, stiffened=True)
     tangent, mean = (
         sidtool.simulate(sagging(3.0), sids={"arm": s}, accuracy=1e-2)
-        for s in (sid, rereferenced(sid, "buckens:1"))
+        for s in (sid, change_frame(sid, "buckens:1"))
     )
     for found in (tangent, mean):
         left, told = frames(found)
@@ -188,11 +188,11 @@ def test_frames_that_are_not_run_change_less_than_is_said(stiffened: bool) -> No
     for gravity in (0.03, 2.0 if stiffened else 0.2):
         one, other = (
             sidtool.simulate(sagging(gravity), sids={"arm": s}, rtol=1e-9)
-            for s in (sid, rereferenced(sid, "buckens:1"))
+            for s in (sid, change_frame(sid, "buckens:1"))
         )
         for name in RECORD:
             seen = apart(one, other, name) / np.ptp(one[name])
-            assert seen <= FACTOR * left_out("arm", one)
+            assert seen <= NEGLECT_FACTOR * neglected_order("arm", one)
 
 
 def test_a_stiff_arm_is_not_run_in_other_frames() -> None:

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import cached
+from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
+from sidtool.measurement import cache
 
 from .hand_written import crane, drive, pendulum, yoke
 
@@ -24,7 +24,7 @@ WANTED = 1e-2
 
 @pytest.fixture(autouse=True)
 def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
 
 
 def finest(scene: SceneFile, sids: Mapping[str, SID]) -> sidtool.Result:

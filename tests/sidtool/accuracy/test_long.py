@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool import interrupting
-from sidtool.accuracy import OutsideTheory, cached, candidates
-from sidtool.accuracy import runs as runs_
-from sidtool.accuracy.long import part as long
-from sidtool.accuracy.long import sparing
-from sidtool.accuracy.wanted import requested
-from sidtool.formats.errors import InputError
+from sidtool.accuracy import OutsideTheory, long_run_reference
+from sidtool.accuracy import long_run_part as long
+from sidtool.api import interrupts
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Taylor
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.measurement import cache, candidates
+from sidtool.measurement import runs as runs_
+from sidtool.measurement.request import requested
 from sidtool.solver import compile_scene
 from tests.places import SLIDER_CRANK
 
@@ -33,8 +33,8 @@ WANTED = 1e-3
 
 @pytest.fixture(autouse=True)
 def _all_are_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
-    monkeypatch.setattr(long, "LONG", 0.0)
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
+    monkeypatch.setattr(long, "LONG_RUN_SECONDS", 0.0)
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def ends(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
 
         return made
 
-    for name in ("tight", "begun"):
+    for name in ("tight_run", "begun"):
         monkeypatch.setattr(runs_.Runs, name, told(getattr(runs_.Runs, name)))
     yield found
 
@@ -93,10 +93,10 @@ def test_the_run_that_proves_the_model_is_the_one_that_is_delivered(
     """Kept choices are run: both tell the same."""
     scene, sid = particles(False)
     scene = lasting(scene, 60.0 * scene.time.end, 1200)
-    again = interrupting.ran
-    monkeypatch.setattr(interrupting, "ran", None)
+    again = interrupts.run_interruptible
+    monkeypatch.setattr(interrupts, "run_interruptible", None)
     found = simulated(scene, sid, accuracy=WANTED)
-    monkeypatch.setattr(interrupting, "ran", again)
+    monkeypatch.setattr(interrupts, "run_interruptible", again)
     expected = simulated(scene, sid, accuracy=WANTED)
     assert found.accuracy is not None and found.accuracy.searched
     assert expected.accuracy is not None and not expected.accuracy.searched
@@ -137,13 +137,13 @@ def test_what_meshes_leave_open_does_not_send_a_search_to_whole_runs() -> None:
     def compiled(content: SceneFile, found: Any) -> Any:
         return compile_scene(content, ".", found)
 
-    whole = candidates.finest(scene, sids)
+    whole = candidates.finest_model(scene, sids)
     runs = runs_.Runs(
         scene, sids, compiled, request.names, runs_.expected_runs(whole, "planar")
     )
     size = np.ptp(runs.columns(whole, simulated(finest(scene), sid, **TIGHT)), axis=0)
     meshes = 0.45 * request.allowed(size)
-    found = long.chosen_in_part(runs, whole, request, meshes)
+    found = long.select_in_initial_interval(runs, whole, request, meshes)
     assert found is not None
     assert (found.chosen.errors > meshes).all()
     assert any(line.part == "shape functions" for line in found.lines)
@@ -154,13 +154,16 @@ def test_where_choices_in_a_part_cost_too_much_a_few_whole_runs_do(
     spatial: bool, ends: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An undamped spatial four-bar of 36 elastic coordinates had made 62 tight ones."""
-    monkeypatch.setattr(long, "CHEAP", 0.0)
+    monkeypatch.setattr(long, "MAX_FULL_RUNS", 0.0)
     scene, sid = particles(spatial)
     scene = lasting(scene, 30.0 * scene.time.end, 600)
     found = simulated(scene, sid, accuracy=WANTED)
     check(scene, sid, found)
     assert found.accuracy is not None
-    assert ends.count(scene.time.end) <= 2 * sparing.LEVELS + sparing.TRIALS
+    assert (
+        ends.count(scene.time.end)
+        <= 2 * long_run_reference.MAX_LEVELS + long_run_reference.MAX_TRIALS
+    )
     assert any(s.startswith("few runs") for s in found.accuracy.sentences)
     lines = {line.part: line for line in found.accuracy.budget}
     assert max(lines["integration"].errors.values()) > 0.0
@@ -177,7 +180,7 @@ def test_shape_functions_of_little_energy_are_left_out_by_few_runs(
         return float(sum(len(kept) for _, kept in choice.kept))
 
     monkeypatch.setattr(runs_.Runs, "seconds", size)
-    monkeypatch.setattr(long, "CHEAP", 0.0)
+    monkeypatch.setattr(long, "MAX_FULL_RUNS", 0.0)
     scene, sid = particles(False)
     scene = lasting(scene, 60.0 * scene.time.end, 1200)
     stiff = np.diag([4e3, 9e3, 6e8, 5e9])
@@ -224,9 +227,9 @@ def test_a_scene_with_formulas_gets_its_accuracy() -> None:
     """It was refused after the whole search, as what is kept had no parameters."""
     content = swinging(0.1).model_dump(mode="json", by_alias=True, exclude_none=True)
     content["gravity"] = [0.0, -0.981]
-    plain = validated(content, SceneFile)
+    plain = validate_data(content, SceneFile)
     content |= {"parameters": {"g": 9.81}, "gravity": [0.0, "-g/10"]}
-    with_formula = validated(content, SceneFile)
+    with_formula = validate_data(content, SceneFile)
     sid = cantilever(2, stiffened=True)
     found = simulated(with_formula, sid, accuracy=1e-2)
     known = simulated(with_formula, sid, accuracy=1e-2)

@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 
 import sidtool
-from sidtool.accuracy import cached, meshes
-from sidtool.accuracy.meshes import refined_meshes
-from sidtool.accuracy.wanted import requested
+from sidtool.accuracy import mesh_choice
+from sidtool.accuracy.mesh_choice import refine_bodies
 from sidtool.formats.scene import SceneFile
-from sidtool.made import Fineness, sources
+from sidtool.measurement import cache
+from sidtool.measurement.request import requested
+from sidtool.pipeline.model_cache import Refinement, body_models
 from sidtool.solver import compile_scene
-from sidtool.study import Setting, study
+from sidtool.study import Setting, run_study
 
 from ..beams import beam_data
 
@@ -26,7 +27,7 @@ SIDE, THICKNESS, MODULUS, FORCE = 1.0, 0.01, 1e9, 1e3
 
 @pytest.fixture(autouse=True)
 def _kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
     monkeypatch.chdir(tmp_path)
 
 
@@ -80,7 +81,7 @@ def test_a_study_knows_no_better_what_finer_meshes_add() -> None:
     axes = {"mesh": (-1, 0, 1), "reduction": ("attachment",)}
     scene, setting = pulled(4, 20), Setting("radau9", rtol=1e-4)
     models = {"block": [Path("block.json")]}
-    reference = study(scene, axes, models=models, settings=(setting,)).reference
+    reference = run_study(scene, axes, models=models, settings=(setting,)).reference
     (open_,) = reference.floors * reference.scale
     assert 2.5 * ADDS < open_ < 3.5 * ADDS
 
@@ -162,7 +163,7 @@ def test_a_model_of_many_modes_is_compared_with_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """60 modes were compared with the 48 that the search makes at most."""
-    monkeypatch.setattr(meshes, "MODES", 1)
+    monkeypatch.setattr(mesh_choice, "MAX_MODES", 1)
     scene = pulled(2, 20).with_({"outputs.record": ["block.tip.uy", "block.tip.ux"]})
     sentences = scene.simulate(accuracy={"block.tip.ux": 0.2}).accuracy.sentences
     assert any(s.startswith("1 to 2 modes of block: ") for s in sentences)
@@ -186,8 +187,8 @@ def test_loads_that_begin_at_once_are_named_where_modes_have_no_end() -> None:
 def test_bodies_are_simulated_once_while_they_are_refined() -> None:
     """A change was between two runs, of which the search had made the first before."""
     scene = pulled(2)
-    models = sources(scene, Path())
-    sids = {"block": models["block"].sid(Fineness()).sid}
+    models = body_models(scene, Path())
+    sids = {"block": models["block"].sid(Refinement()).sid}
     sizes: list[int] = []
 
     def compiled(content: SceneFile, found: Any) -> Any:
@@ -196,8 +197,8 @@ def test_bodies_are_simulated_once_while_they_are_refined() -> None:
         return compile_scene(content, ".", found)
 
     request = requested(scene, sids, {"block.tip.ux": "1e-3 m"})
-    found = refined_meshes(scene, sids, models, request, compiled)
-    mine = found.finenesses["block"]
+    found = refine_bodies(scene, sids, models, request, compiled)
+    mine = found.refinements["block"]
     assert (mine.level, mine.modes, len(mine.static)) == (1, 2, 2)
     # as it is, with static shapes, two modes, a finer mesh, and with stiffening
     assert len(sizes) == 5

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import OutsideTheory, cached
-from sidtool.convert import sid_from_model
+from sidtool.accuracy import OutsideTheory
+from sidtool.formats.base.sid import Taylor
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Taylor
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.measurement import cache
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from ..beams import beam_data
 from .arms import cantilever, particles, simulated, spun, swinging
@@ -46,7 +47,7 @@ def test_a_solid_that_flaps_across_its_spin_lacks_stiffening(
 ) -> None:
     """Rotation does not soften it, so that its SID tells nothing; a stiffened one would
     add 1.19 (speed / first frequency)^2 of its stiffness."""
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
     monkeypatch.chdir(tmp_path)
     corners = [
         [[[x, y, z] for z in (-0.005, 0.005)] for y in (-0.05, 0.05)] for x in (0, 1)
@@ -104,7 +105,7 @@ def test_twist_is_no_stiffening() -> None:
     }
     data["material"]["density"] /= 2.0
     data["material"]["youngs_modulus"] /= 2.0
-    sid = sid_from_model(validated(data, ModelFile))
+    sid = sid_from_model(validate_data(data, ModelFile))
     assert np.abs(sid.node(2).psi.m0[0]).max() > 1.0
     with pytest.raises(OutsideTheory, match="matters and the SID lacks it.*convert"):
         simulated(spun(2.5, 20.0), sid, accuracy=1e-2)

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.accuracy import cached
-from sidtool.accuracy.reference import zero_across
+from sidtool.accuracy.reference_run import out_of_plane_zeros
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Taylor
+from sidtool.measurement import cache
 from tests.bodies import particle_body
 
 from .arms import TIGHT, finest, simulated, swinging
@@ -21,7 +21,7 @@ from .arms import TIGHT, finest, simulated, swinging
 
 @pytest.fixture(autouse=True)
 def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path)
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path)
 
 
 def flat_in_space(record: list[str], **arm: Any) -> tuple[SceneFile, SID]:
@@ -78,13 +78,13 @@ def test_what_a_run_leaves_across_the_plane_is_not_judged() -> None:
     largest = np.array([1.6e-10, 1e-13, 2e-8, 1e-12])
     rounding = 1e-12 * np.array([40.0, 2.0, 1e3, 40.0])
     scene, _ = flat_in_space(list(names))
-    found = zero_across(scene, names, largest, rounding)
+    found = out_of_plane_zeros(scene, names, largest, rounding)
     assert found.tolist() == [True, True, True, False]
-    assert not zero_across(scene, names, 1e6 * largest, rounding).any()
+    assert not out_of_plane_zeros(scene, names, 1e6 * largest, rounding).any()
     pin = {"type": "revolute", "markers": ["ground", "arm.root"], "axis": [0, 1, 1]}
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     tilted = SceneFile.model_validate(content | {"joints": {"pin": pin}})
-    assert not zero_across(tilted, names, largest, rounding).any()
+    assert not out_of_plane_zeros(tilted, names, largest, rounding).any()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 import sidtool
 from sidtool.formats.scene import SceneFile
-from sidtool.study import study
+from sidtool.study import run_study
 from tests.sidtool.study.parts import ONE
 
 from .arms import cantilever, simulated, swinging
@@ -56,7 +56,7 @@ RESTING = ("arm.tip.y", "arm.tip.vy", "arm.x", "arm.wx", "pin.fy", "momentum.y")
 def test_what_symmetry_makes_zero_is_not_judged(length: float) -> None:
     scene = pendulum(length)
     assert set(sidtool.simulate(scene, accuracy=1e-3).error) == set(MOVING)
-    assert set(study(scene, settings=ONE).reference.left_out) == set(RESTING)
+    assert set(run_study(scene, settings=ONE).reference.left_out) == set(RESTING)
 
 
 def test_the_force_across_all_loads_of_a_clamped_arm(tmp_path: Path) -> None:
@@ -73,4 +73,4 @@ def test_the_force_across_all_loads_of_a_clamped_arm(tmp_path: Path) -> None:
     more: dict[str, Any] = {"settings": ONE, "keep": tmp_path}
     more["sids"] = {"arm": cantilever()}
     for _ in range(2):  # the second one reads what the first one kept
-        assert study(scene, **more).reference.left_out == ("clamp.fx",)
+        assert run_study(scene, **more).reference.left_out == ("clamp.fx",)

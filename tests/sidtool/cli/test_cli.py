@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.cli import cli, run
+from sidtool.cli.main import cli, run
 from tests.places import SLIDER_CRANK
 from tests.solver.compiler.small_kernels import scaled
 
@@ -48,7 +48,7 @@ def test_help_needs_no_heavy_import() -> None:
     """Help answers at once because nothing heavy is imported for it."""
     heavy = ("numpy", "scipy", "numba", "h5py", "pydantic", "rich", "matplotlib")
     code = (
-        "import sys; from sidtool.cli import run; run(['--help']);"
+        "import sys; from sidtool.cli.main import run; run(['--help']);"
         f"print([m for m in {heavy!r} if m in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run(
@@ -387,7 +387,7 @@ def test_interruption_is_said_in_one_word(
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sidtool.kinds.kind_of", interrupt)
+    monkeypatch.setattr("sidtool.pipeline.files.kind_of", interrupt)
     assert run(["info", "x"]) == 130
     assert "interrupted" in capsys.readouterr().err
 
@@ -396,16 +396,15 @@ def test_a_warmup_that_keeps_nothing_has_failed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One kernel stands for all."""
-    from sidtool.solver import warmup
-    from sidtool.solver.compiler import stored
+    from sidtool.solver.compiler import kernel_cache, precompile
 
     kernel = scaled(2.0)
-    monkeypatch.setattr(warmup, "all_groups", lambda _: [("small:scaled",)])
-    monkeypatch.setattr(warmup, "_find", lambda name: kernel)
-    monkeypatch.setattr(stored, "_told", set())
-    monkeypatch.setattr(warmup, "_seen", set())
+    monkeypatch.setattr(precompile, "all_groups", lambda _: [("small:scaled",)])
+    monkeypatch.setattr(precompile, "_find_kernel", lambda name: kernel)
+    monkeypatch.setattr(kernel_cache, "_warned", set())
+    monkeypatch.setattr(precompile, "_available", set())
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(Path(__file__) / "cache"))
-    with pytest.warns(stored.KernelCacheWarning, match="cannot be kept"):
+    with pytest.warns(kernel_cache.KernelCacheWarning, match="cannot be kept"):
         assert run(["warmup"]) == 1
     monkeypatch.undo()
     assert "kernels compiled" in capsys.readouterr().out

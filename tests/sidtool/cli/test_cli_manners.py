@@ -13,7 +13,7 @@ import click
 import pytest
 
 import sidtool
-from sidtool.cli import cli, run
+from sidtool.cli.main import cli, run
 from tests.places import SLIDER_CRANK
 
 SCENE, SID = SLIDER_CRANK / "slider_crank.toml", SLIDER_CRANK / "rod_q4.SID_FEM"

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.cli import run
-from sidtool.formats.errors import InputError
+from sidtool.cli.main import run
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.result import Sink, read_result
-from sidtool.formats.result.rows import pass_on
+from sidtool.formats.result.rows import write_rows
 from tests.places import SLIDER_CRANK
 
 SCENE = str(SLIDER_CRANK / "slider_crank.toml")
@@ -102,13 +102,15 @@ def test_a_result_tells_what_each_shape_function_did(
 
 
 def test_many_flexible_bodies_fit_on_a_page() -> None:
+    from sidtool.formats.geometric_stiffening import LoadStiffening
     from sidtool.formats.result import Excitation, FlexibleBody
-    from sidtool.formats.stiffening import Stiffening
-    from sidtool.report.result import foreseen
+    from sidtool.report.result import expected_body_lines
 
-    still = FlexibleBody(1.0, Excitation(), Stiffening())
-    spun = FlexibleBody(1.0, Excitation(), Stiffening(0.5, "rotation of 1 rad/s"))
-    lines = foreseen({f"b{i}": still for i in range(20)} | {"last": spun}).splitlines()
+    still = FlexibleBody(1.0, Excitation(), LoadStiffening())
+    spun = FlexibleBody(1.0, Excitation(), LoadStiffening(0.5, "rotation of 1 rad/s"))
+    lines = expected_body_lines(
+        {f"b{i}": still for i in range(20)} | {"last": spun}
+    ).splitlines()
     assert len(lines) == 9
     assert lines[0].startswith("last ") and "and 13 bodies with less" in lines[-1]
 
@@ -138,11 +140,11 @@ def test_a_run_that_stops_keeps_what_there_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from sidtool import solver
-    from sidtool.solver.errors import SimulationError
+    from sidtool.solver.system.errors import SimulationError
 
     def stop(system: object, *, into: Sink, **_: object) -> None:
         partial = replace(read_result(tmp_path / "whole.h5"), completed=False)
-        pass_on(partial, into)
+        write_rows(partial, into)
         raise SimulationError("at 1.5 s the step became too small", partial)
 
     assert run(["simulate", SCENE, "-o", str(tmp_path / "whole.h5")]) == 0
@@ -189,11 +191,11 @@ def test_sids_of_bodies_that_are_not_there_are_refused() -> None:
 
 def test_crossings_stand_before_the_breaks_of_tables() -> None:
     from sidtool.formats.result import Event
-    from sidtool.report.result import _events
+    from sidtool.report.result import _event_lines
 
     nothing = np.zeros(0)
     breaks = [Event("load", "break", 0.1 * k, *[nothing] * 3) for k in range(50)]
-    lines = _events([*breaks, Event("stop", "rising", 9.0, *[nothing] * 3)])
+    lines = _event_lines([*breaks, Event("stop", "rising", 9.0, *[nothing] * 3)])
     assert lines == [
         ("stop", "rising at t = 9 s"),
         ("load", "50 breaks from t = 0 s to 4.9 s"),

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from sidtool import cli, starting
-from sidtool.cli import run
+from sidtool.cli import main
+from sidtool.cli.main import run
+from sidtool.pipeline import examples
 
 
 def test_the_demo(
@@ -16,7 +17,7 @@ def test_the_demo(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(warnings, "showwarning", cli._tell)  # as `main` does
+    monkeypatch.setattr(warnings, "showwarning", main._print_warning)  # as `main` does
     assert run(["demo", "-o", str(tmp_path / "demo")]) == 0
     text, notes = capsys.readouterr()
     assert "note: basis: " in notes
@@ -45,7 +46,7 @@ def test_without_the_examples_the_demo_says_so(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(starting, "_EXAMPLES", (tmp_path / "examples",))
+    monkeypatch.setattr(examples, "_EXAMPLES", (tmp_path / "examples",))
     assert run(["demo", "-o", str(tmp_path / "demo")]) == 2
     assert "files of the example are not here" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import pytest
 
-from sidtool import cli
+from sidtool.cli import main
 from sidtool.formats.storage import operating_system
 from tests.places import SLIDER_CRANK
 
@@ -54,14 +54,14 @@ def test_an_invalid_argument_of_a_file_is_no_closed_pipe(
         raise OSError(errno.EINVAL, "Invalid argument")
 
     monkeypatch.setattr(operating_system, "WINDOWS", True)
-    monkeypatch.setattr(cli.cli, "main", fail)
-    assert cli.run(["info"]) == 1
+    monkeypatch.setattr(main.cli, "main", fail)
+    assert main.run(["info"]) == 1
     assert "Invalid argument" in capsys.readouterr().err
 
     class Closed(io.StringIO):
         write = fail  # type: ignore[assignment]
 
     closed = Closed()
-    monkeypatch.setattr(cli.cli, "main", lambda *_, **__: click.echo("x", file=closed))
-    monkeypatch.setattr(cli, "_closed_pipe", lambda: 0)
-    assert cli.run(["info"]) == 0
+    monkeypatch.setattr(main.cli, "main", lambda *_, **__: click.echo("x", file=closed))
+    monkeypatch.setattr(main, "_quit_quietly", lambda: 0)
+    assert main.run(["info"]) == 0

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.cli import cli, run
-from sidtool.convert import field_from_model
-from sidtool.filing.page import write_report
-from sidtool.formats.endings import WRITTEN, check_ending
-from sidtool.formats.errors import InputError
+from sidtool.cli.main import cli, run
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.field import write_field
+from sidtool.formats.file_names import OUTPUT_KINDS, check_ending
+from sidtool.pipeline.model_to_sid import field_from_model
+from sidtool.view.html_report import write_report
 
 from ..bodies import volume
 
@@ -50,8 +50,8 @@ def test_writers_refuse_the_endings_of_other_kinds(
     writer: str, made: dict[str, Thing], tmp_path: Path
 ) -> None:
     write, kind = WRITERS[writer]
-    own = {e for k in (kind, "film") for e in WRITTEN[k].endings}
-    others = {e for other in WRITTEN.values() for e in other.endings} - own
+    own = {e for k in (kind, "film") for e in OUTPUT_KINDS[k].endings}
+    others = {e for other in OUTPUT_KINDS.values() for e in other.endings} - own
     for ending in sorted({*others, ".toml", ".PNG" if kind != "picture" else ".CSV"}):
         with pytest.raises(InputError, match=f"the ending {ending.lower()} does not"):
             write(tmp_path / f"x{ending}", made)
@@ -65,7 +65,7 @@ def test_a_result_is_written_as_what_the_ending_says(
     """`.txt` had HDF5 inside."""
     path, result = tmp_path / f"r{ending}", made["result"]
     result.save(path)
-    if ending in WRITTEN["table"].endings:
+    if ending in OUTPUT_KINDS["table"].endings:
         numbers = np.loadtxt(path, delimiter=",", skiprows=1)
         np.testing.assert_array_equal(numbers[:, 1:], result.values)
     else:
@@ -82,7 +82,7 @@ def test_a_result_is_not_written_as_something_else(
 
 
 def test_names_of_ones_own_are_free_where_the_ending_chooses_nothing() -> None:
-    for kind, written in WRITTEN.items():
+    for kind, written in OUTPUT_KINDS.items():
         for name in ("run", "run.of_today"):
             if not written.chooses:
                 check_ending(name, kind)

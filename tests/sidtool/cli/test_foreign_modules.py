@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.solver import warmup
+from sidtool.solver.compiler import precompile
 from tests.places import ROOT, SLIDER_CRANK
 
 #: Leaves a trace and then fails.
@@ -53,20 +53,23 @@ def test_compiling_processes_run_installed_modules(
 ) -> None:
     """They compile what they are asked for, and answer."""
     monkeypatch.chdir(folder)
-    with warmup._new_process() as process:
+    with precompile._new_process() as process:
         assert process.stdin is not None and process.stdout is not None
-        process.stdin.write("linear.newton:remember\n")
+        process.stdin.write("linear.newton_matrix:store_linearisation\n")
         process.stdin.flush()
         assert process.stdout.readline() == "done\n"
     assert process.returncode == 0 and ran(folder) == []
 
 
-@pytest.mark.parametrize("script", ["import sidtool.api", "from sidtool import read"])
+@pytest.mark.parametrize(
+    "script", ["import sidtool.api.operations", "from sidtool import read"]
+)
 def test_scripts_beside_such_modules_run_ours(script: str, folder: Path) -> None:
     for name in ("numba", "click"):  # what a script's folder holds is the script's
         (folder / f"{name}.py").unlink()
     (folder / "script.py").write_text(
-        f"{script}\nfrom sidtool.solver.run import simulate\nprint('well')\n",
+        f"{script}\nfrom sidtool.solver.simulation.simulate import "
+        "simulate\nprint('well')\n",
         encoding="utf-8",
     )
     done = python(folder, "script.py")
@@ -78,8 +81,8 @@ def test_own_modules_of_such_names_stay_what_they_are(tmp_path: Path) -> None:
     for name in ("solver", "formats"):
         (tmp_path / f"{name}.py").write_text(f"mine = '{name}'\n", encoding="utf-8")
     (tmp_path / "script.py").write_text(
-        "import solver\nimport sidtool.api\n"
-        "import sidtool.solver.run\n"
+        "import solver\nimport sidtool.api.operations\n"
+        "import sidtool.solver.simulation.simulate\n"
         "import formats\nprint(solver.mine, formats.mine)\n",
         encoding="utf-8",
     )

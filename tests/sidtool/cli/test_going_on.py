@@ -15,27 +15,29 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.cli import run
-from sidtool.interrupting import ending
+from sidtool.api.interrupts import stop_on_signals
+from sidtool.cli.main import run
 from tests.places import SLIDER_CRANK
 
 #: The command line, whose run gets a signal when it has passed a time.
 AT = """
 import signal, sys
-import sidtool.solver.running as run
-from sidtool.cli import main
+import sidtool.solver.simulation.run_loop as run
+from sidtool.solver.output import dense_output
+from sidtool.cli.main import main
 
-run.CHUNK = run.dense.CHUNK = run.dense.END_CHUNK = 1
-before = run.Run._steps
+run.STEPS_PER_REPORT = 1
+dense_output.STEPS_PER_CHUNK = dense_output.ENDS_PER_CHUNK = 1
+before = run.Run._make_steps
 
 def steps(self):
     code = before(self)
-    if self.now > {t} and not hasattr(self, "signalled"):
+    if self.current_time > {t} and not hasattr(self, "signalled"):
         self.signalled = True
         signal.raise_signal({number})
     return code
 
-run.Run._steps = steps
+run.Run._make_steps = steps
 sys.argv[1:] = {arguments!r}
 main()
 """
@@ -130,7 +132,7 @@ def test_a_balance_tells_the_energies_until_then(
     others: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Recorded alone it goes on as in one run, and what is beside it, too."""
-    monkeypatch.setattr("sidtool.solver.recording.dense.CHUNK", 2)
+    monkeypatch.setattr("sidtool.solver.output.dense_output.STEPS_PER_CHUNK", 2)
     record = [f"energy.{name}" for name in ("balance", *others)]
     push = sidtool.Actuator(
         joint="pin",
@@ -148,7 +150,7 @@ def test_a_balance_tells_the_energies_until_then(
 
 
 def test_sums_turns_and_events_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sidtool.solver.recording.dense.CHUNK", 2)
+    monkeypatch.setattr("sidtool.solver.output.dense_output.STEPS_PER_CHUNK", 2)
     scene = swing()
     part = interrupted(scene, 1.13)
     assert not part.completed and 1.1 < part.t[-1] < 1.6
@@ -224,7 +226,7 @@ def test_what_cannot_go_on_says_why() -> None:
 
 
 def test_a_second_signal_is_answered_as_before() -> None:
-    with pytest.raises(KeyboardInterrupt), ending("SIGINT") as asked:
+    with pytest.raises(KeyboardInterrupt), stop_on_signals("SIGINT") as asked:
         assert asked() == ""
         signal.raise_signal(signal.SIGINT)
         assert asked() == "ended by Ctrl-C"

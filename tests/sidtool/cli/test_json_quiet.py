@@ -9,7 +9,7 @@ import click
 import pytest
 
 import sidtool
-from sidtool.cli import cli, run
+from sidtool.cli.main import cli, run
 from tests.places import EXAMPLES
 
 #: Words of each command, and a key of its data.
@@ -100,7 +100,7 @@ def test_numbers_are_json_or_nothing(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(folder)
-    monkeypatch.setattr("sidtool.accuracy.cached.folder", lambda: folder / "kept")
+    monkeypatch.setattr("sidtool.measurement.cache.cache_path", lambda: folder / "kept")
     words, key = COMMANDS[command]
     assert run([*command.split(), *words.split(), "--json"]) == 0
     data = json.loads(capfd.readouterr().out)
@@ -139,8 +139,8 @@ def test_quiet_commands_tell_their_notes_and_nothing_else(
         assert out == "" and bool(err) == told
         assert all(line.startswith("note: ") for line in err.splitlines())
     remarks = ["a remark"]
-    monkeypatch.setattr("sidtool.filing.page.write_report", lambda *_: remarks)
-    monkeypatch.setattr("sidtool.view.animating.animate", lambda *_, **__: remarks)
+    monkeypatch.setattr("sidtool.view.html_report.write_report", lambda *_: remarks)
+    monkeypatch.setattr("sidtool.view.animation.animate", lambda *_, **__: remarks)
     Path("n.gif").touch()
     for quiet in (True, False):
         for command, target in (("report", "n.html"), ("animate", "n.gif")):

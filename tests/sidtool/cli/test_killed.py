@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.cli import run
+from sidtool.cli.main import run
 from sidtool.formats.storage.atomic import atomic_path
 from tests.places import SLIDER_CRANK, posix
 
@@ -22,7 +22,7 @@ from tests.places import SLIDER_CRANK, posix
 STOPPED = """
 import os, sys, time
 from importlib import import_module
-from sidtool.cli import main
+from sidtool.cli.main import main
 
 module = import_module({module!r})
 
@@ -79,7 +79,7 @@ from sidtool import command
 
 class Finder:
     def find_spec(self, name, path=None, target=None):
-        if name == "sidtool.cli":
+        if name == "sidtool.cli.main":
             signal.raise_signal(signal.SIGINT)
 
 sys.meta_path.insert(0, Finder())
@@ -88,7 +88,8 @@ command.main()
 #: A second Ctrl-C while the first one is answered.
 TWICE = """
 import signal, sys
-from sidtool import cli, command
+from sidtool import command
+from sidtool.cli import main
 
 def interrupt(*arguments, **named):
     try:
@@ -96,7 +97,7 @@ def interrupt(*arguments, **named):
     finally:
         signal.raise_signal(signal.SIGINT)
 
-cli.cli.main = interrupt
+main.cli.main = interrupt
 command.main()
 """
 #: The exit status of a process that is ended by force.
@@ -219,7 +220,7 @@ STUDY += ["--rtol", "1e-3", "--jobs", "1", "--set", "time.end=0.1"]
 
 @pytest.mark.parametrize(
     ("module", "stop"),
-    [("sidtool.study.asked", "study"), ("sidtool.plot.precision", "plot_study")],
+    [("sidtool.api.study", "study"), ("sidtool.plot.precision", "plot_study")],
 )
 def test_a_killed_study_leaves_no_folder_half_filled(
     module: str, stop: str, folder: Path
@@ -244,28 +245,29 @@ def test_a_study_says_first_that_its_folder_cannot_be_made(
 COMPILING = """
 import os, signal, sys, threading, time
 from queue import Queue
-from sidtool.cli import main
-from sidtool.solver import warmup
+from sidtool.cli.main import main
+from sidtool.solver.compiler import precompile
 
-warmup.HELPER = {helper!r}
-started = warmup._new_process
+precompile.HELPER = {helper!r}
+started = precompile._new_process
 def new():
     process = started()
     print(process.pid, flush=True)
     return process
-warmup._new_process = new
-warmup.all_groups = lambda loops: [("a:a",), ("b:b",)]
-warmup._is_cached = lambda name: False
-warmup._compile_here = lambda name: time.sleep(60)
-warmup.processors = lambda: 2
+precompile._new_process = new
+precompile.all_groups = lambda loops: [("a:a",), ("b:b",)]
+precompile._is_cached = lambda name: False
+precompile._compile_here = lambda name: time.sleep(60)
+precompile.processors = lambda: 2
 sys.argv[1:] = ["warmup"]
 main()
 """
 #: A compiling process with a kernel that takes a minute.
 SLOW = (
     "import sys, time; sys.path.insert(0, sys.argv[1]); import sidtool; "
-    "from sidtool.solver import warmup; "
-    "warmup._compile_here = lambda name: time.sleep(60); warmup.serve(int(sys.argv[2]))"
+    "from sidtool.solver.compiler import precompile; "
+    "precompile._compile_here = lambda name: time.sleep(60); "
+    "precompile.serve_compilation(int(sys.argv[2]))"
 )
 
 

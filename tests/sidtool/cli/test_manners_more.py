@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import cached
-from sidtool.cli import run
+from sidtool.cli.main import run
+from sidtool.measurement import cache
 from tests.places import SLIDER_CRANK
 
 from .test_going_on import interrupted, swing
@@ -68,7 +68,7 @@ def test_analyses_of_one_state_need_no_output_times(
 def test_trim_tells_its_numbers_as_data(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
     small = tmp_path / "small.SID_FEM"
     scene = sidtool.Scene.load(SCENE).with_({"time.end": 0.3})
     scene.save(tmp_path / "s.toml")
@@ -87,7 +87,7 @@ def test_trim_tells_its_numbers_as_data(
 
 def test_a_run_with_friction_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pin rubs: the swing decays, sticks, and what was lost is summed on."""
-    monkeypatch.setattr("sidtool.solver.recording.dense.CHUNK", 2)
+    monkeypatch.setattr("sidtool.solver.output.dense_output.STEPS_PER_CHUNK", 2)
     pin = sidtool.Revolute(
         markers=["ground", "bar.pin"],
         friction=sidtool.JointFriction(coefficient=0.35, radius=0.05),
@@ -112,10 +112,10 @@ def test_a_run_of_a_chosen_model_goes_on(
 ) -> None:
     """The choice is found again, not searched for: the same model goes on, and its
     errors are those that were promised."""
-    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
-    monkeypatch.setattr("sidtool.solver.recording.dense.CHUNK", 2)
-    for name in ("running.CHUNK", "recording.dense.END_CHUNK"):
-        monkeypatch.setattr(f"sidtool.solver.{name}", 2)
+    monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
+    monkeypatch.setattr("sidtool.solver.output.dense_output.STEPS_PER_CHUNK", 2)
+    monkeypatch.setattr("sidtool.solver.output.dense_output.ENDS_PER_CHUNK", 2)
+    monkeypatch.setattr("sidtool.solver.simulation.run_loop.STEPS_PER_REPORT", 2)
     scene = sidtool.Scene.load(SCENE).with_({"time.end": 0.6})
 
     def told(t: float) -> None:

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from sidtool import starting
-from sidtool.cli import run
-from sidtool.kinds import kind_of
-from sidtool.starting import STARTS
+from sidtool.cli.main import run
+from sidtool.pipeline import examples
+from sidtool.pipeline.examples import EXAMPLE_TITLES
+from sidtool.pipeline.files import kind_of
 from tests.places import EXAMPLES
 
 
-@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize("start", EXAMPLE_TITLES)
 def test_every_start_is_its_example(
     start: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -49,7 +49,7 @@ def test_a_failed_copy_leaves_nothing(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(starting.shutil, "copyfile", full)
+    monkeypatch.setattr(examples.shutil, "copyfile", full)
     assert run(["new", str(tmp_path / "mine")]) == 2
     assert "No space left" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import sidtool
-import sidtool.study.asked
-from sidtool.cli import run
+import sidtool.api.study as asked_study
+from sidtool.cli.main import run
 from tests.places import SLIDER_CRANK, posix
 
 #: Bytes of Latin-1, as Python has them in names of POSIX.
@@ -43,7 +42,7 @@ def test_scenes_whose_names_are_not_utf_8(
         titles.append(title)
         raise sidtool.InputError("is not run here")
 
-    monkeypatch.setattr(sys.modules["sidtool.study.asked"], "study", study)
+    monkeypatch.setattr(asked_study, "study", study)
     assert run(["study", str(scene), "-o", str(tmp_path / "study")]) == 2
     assert [title.encode() for title in titles] == [b"st?ck"]
 

@@ -12,17 +12,18 @@ from pathlib import Path
 import pytest
 
 import sidtool
-from sidtool.cli import progress, run
-from sidtool.formats.progress import (
-    Course,
-    Pace,
-    Steps,
-    along,
-    counted,
-    listening,
-    reached,
+from sidtool.cli import progress
+from sidtool.cli.main import run
+from sidtool.formats.base.progress import (
+    EqualStages,
+    NamedStages,
+    TimeEstimate,
+    count_within,
+    iterate_with_progress,
+    report_stage,
+    use_listener,
 )
-from sidtool.solver import warmup
+from sidtool.solver.compiler import precompile
 from tests.places import SLIDER_CRANK
 
 SCENE = str(SLIDER_CRANK / "slider_crank.toml")
@@ -44,7 +45,7 @@ def told() -> Told:
 
 def heard(told: Told, *arguments: str) -> dict[str, list[float | None]]:
     """Shares by what is done, of a command."""
-    with listening(lambda text, share: told.append((text, share))):
+    with use_listener(lambda text, share: told.append((text, share))):
         assert run(list(arguments)) == 0
     found: dict[str, list[float | None]] = {}
     for text, share in told:
@@ -56,8 +57,9 @@ def test_every_long_command_tells(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("running.CHUNK", "recording.dense.CHUNK", "recording.dense.END_CHUNK"):
-        monkeypatch.setattr(f"sidtool.solver.{name}", 10)  # steps between two looks
+    for name in ("STEPS_PER_CHUNK", "ENDS_PER_CHUNK"):  # steps between two looks
+        monkeypatch.setattr(f"sidtool.solver.output.dense_output.{name}", 10)
+    monkeypatch.setattr("sidtool.solver.simulation.run_loop.STEPS_PER_REPORT", 10)
     commands = {
         "simulating": ["simulate", SCENE, *SHORT, "-o", "r.h5"],
         "drawing pictures": ["animate", "r.h5", "-o", "m.gif"],
@@ -83,7 +85,9 @@ def test_every_long_command_tells(
 def test_the_search_for_a_model_tells(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
-    monkeypatch.setattr("sidtool.accuracy.cached.folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(
+        "sidtool.measurement.cache.cache_path", lambda: tmp_path / "kept"
+    )
     found = heard(told, "simulate", SCENE, *SHORT, "--accuracy", "piston.x=1e-2")
     assert sum(text.startswith("choosing: ") for text in found) > 1
     assert_one_way([s for text, s in told if text.startswith("choosing: ")])
@@ -93,7 +97,7 @@ def test_the_search_for_meshes_tells(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     """Conversions and runs of one search are one way, whatever turns up on it."""
-    monkeypatch.setattr("sidtool.accuracy.cached.folder", lambda: None)
+    monkeypatch.setattr("sidtool.measurement.cache.cache_path", lambda: None)
     folder = tmp_path / "beam"
     assert run(["new", str(folder), "--from", "beam"]) == 0
     scene = folder / "scene.toml"
@@ -120,21 +124,23 @@ def assert_one_way(shares: list[float | None]) -> None:
 def test_parts_put_the_time_left_right() -> None:
     """Whatever parts take, each ends where its estimate says; nothing falls."""
     told: Told = []
-    with listening(lambda text, share: told.append((text, share))):
-        reached("before")
-        with along(Course({"mesh": 1.0, "modes": 3.0, "nothing": 0.0})) as parts:
-            reached("not begun")
+    with use_listener(lambda text, share: told.append((text, share))):
+        report_stage("before")
+        with count_within(
+            NamedStages({"mesh": 1.0, "modes": 3.0, "nothing": 0.0})
+        ) as parts:
+            report_stage("not begun")
             parts.enter("mesh")
-            reached("mesh", 0.5)
+            report_stage("mesh", 0.5)
             parts.enter("modes")
-            with along(Steps(2)) as steps:
+            with count_within(EqualStages(2)) as steps:
                 for _ in range(4):  # more than expected
                     steps.next()
-                    reached("modes", 0.5)
-                    reached("modes")  # nobody knows
+                    report_stage("modes", 0.5)
+                    report_stage("modes")  # nobody knows
             parts.enter("nothing")
-            reached("nothing")
-        reached("after", 0.1)
+            report_stage("nothing")
+        report_stage("after", 0.1)
     steps_ = [0.25 + 0.75 * s for s in (0.25, 0.75, 5 / 6, 7 / 8)]
     assert [share for _, share in told] == pytest.approx(
         [None, 0.0, 0.125, *(s for s in steps_ for _ in range(2)), 1.0, 0.1]
@@ -142,7 +148,7 @@ def test_parts_put_the_time_left_right() -> None:
 
 
 def test_the_time_left_is_that_of_the_pace_so_far() -> None:
-    pace = Pace()
+    pace = TimeEstimate()
     assert pace.left() is None
     pace.at(10.0, 0.2)
     assert pace.left() is None
@@ -154,10 +160,10 @@ def test_the_time_left_is_that_of_the_pace_so_far() -> None:
 def test_kernels_are_counted(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
     """Three groups of four kernels, without processes: each as it is ready."""
     made: list[str] = []
-    monkeypatch.setattr(warmup, "_compile_here", made.append)
-    monkeypatch.setattr(warmup.stored, "is_writable", lambda: False)
-    with listening(lambda text, share: told.append((text, share))):
-        warmup._compile([("a", "b"), ("c",), ("d",)], None)
+    monkeypatch.setattr(precompile, "_compile_here", made.append)
+    monkeypatch.setattr(precompile.kernel_cache, "is_writable", lambda: False)
+    with use_listener(lambda text, share: told.append((text, share))):
+        precompile._compile([("a", "b"), ("c",), ("d",)], None)
     assert made == ["a", "b", "c", "d"]
     assert [share for _, share in told] == [0.0, 0.5, 0.75, 1.0]
 
@@ -165,17 +171,17 @@ def test_kernels_are_counted(monkeypatch: pytest.MonkeyPatch, told: Told) -> Non
 def shown(
     work: Callable[[], None], monkeypatch: pytest.MonkeyPatch, patience: float = 0.0
 ) -> str:
-    monkeypatch.setattr(progress, "PATIENCE", patience)
+    monkeypatch.setattr(progress, "MIN_DURATION", patience)
     monkeypatch.setattr(sys, "stderr", terminal := Terminal())
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.setenv("TERM", "xterm")
-    with progress.progress_shown():
+    with progress.show_progress():
         work()
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
 
 
 def counting(seconds: float = 0.0) -> None:
-    for _ in counted(range(20), "counting sheep"):
+    for _ in iterate_with_progress(range(20), "counting sheep"):
         time.sleep(seconds)
 
 
@@ -196,7 +202,7 @@ def test_what_has_no_known_share_shows_the_time_passed(
 ) -> None:
     def work() -> None:
         for text in ("first [x]", "then"):
-            reached(text)
+            report_stage(text)
             time.sleep(0.15)
 
     seen = shown(work, monkeypatch)
@@ -209,7 +215,7 @@ def test_work_that_is_silent_on_its_way_shows_the_time_passed(
     """One factorisation says what it is when it begins, and nothing until its end."""
 
     def work() -> None:
-        reached("factorising")
+        report_stage("factorising")
         time.sleep(1.5)
 
     seen = shown(work, monkeypatch, patience=0.1)
@@ -237,6 +243,6 @@ def assert_done(words: list[str]) -> None:
 def test_results_do_not_depend_on_listeners(told: Told) -> None:
     scene = sidtool.Scene.load(SCENE).with_({"time.end": 0.1})
     alone = scene.simulate()
-    with listening(lambda text, share: told.append((text, share))):
+    with use_listener(lambda text, share: told.append((text, share))):
         heard_ = scene.simulate()
     assert (alone.values == heard_.values).all()

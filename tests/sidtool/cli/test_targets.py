@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.cli import run
+from sidtool.cli.main import run
 from sidtool.formats.result import read_result
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.storage import atomic, operating_system
@@ -170,7 +170,7 @@ LIMITED = """
 import resource, sys, tempfile
 tempfile.tempdir = sys.argv[2]
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)
-from sidtool.cli import run
+from sidtool.cli.main import run
 sys.exit(run(sys.argv[3:]))
 """
 

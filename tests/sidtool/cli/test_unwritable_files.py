@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.cli.outputs import Outputs
+from sidtool.cli.result_files import OutputFiles
 from sidtool.formats.result import Result, ResultFile
 from sidtool.formats.result.data import TABLES
 
@@ -20,7 +20,7 @@ def test_an_error_of_a_library_is_shown_in_its_words(
         def finish(self, result: Result) -> None:
             raise OSError("object header message is too large")
 
-    with Outputs(None, None) as files:
+    with OutputFiles(None, None) as files:
         files._open[tmp_path / "r.h5"] = Refused(tmp_path / "r.h5")
         files.begin(dict.fromkeys(TABLES, ()), 1)
         with pytest.raises(OSError, match="too large"):

@@ -9,11 +9,11 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID, Node
+from sidtool.formats.geometric_stiffening import load_stiffness
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID, Node
-from sidtool.formats.stiffening import load_stiffness
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.validate.checks import check
 
 HEIGHT, WIDTH = 0.05, 0.035
@@ -41,7 +41,7 @@ def model(
         "reduction": {"method": "modal", "modes": 9},
         "stiffening": {},
     }
-    return validated(data | changes, ModelFile)
+    return validate_data(data | changes, ModelFile)
 
 
 def line(section: dict[str, Any], end: tuple[float, ...] = (1.0, 0.0, 0.0)) -> Any:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
 import sidtool
-from sidtool.formats.sid import SID
+from sidtool.formats.base.sid import SID
 from tests.bodies import particle_body
 from tests.places import ROOT
 

@@ -10,11 +10,11 @@ import pytest
 import scipy.linalg
 
 from sidtool import sid_from_shapes
-from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid_files import read_sid, write_sid
-from sidtool.formats.stiffening import has_stiffening
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 
 from ..beams import beam_data as plane_data
 from ..bodies import beam_data, volume_data
@@ -78,7 +78,7 @@ def test_stiffening_is_what_stress_does(part: str, frame: str, table: str) -> No
     asked, expected = TABLES[table]
     data |= {"frame": FRAMES[frame] | clamp}
     data |= {} if asked is None else {"stiffening": asked}
-    sid = sid_from_model(validated(data, ModelFile))
+    sid = sid_from_model(validate_data(data, ModelFile))
     assert has_stiffening(sid) is expected
 
 
@@ -90,7 +90,7 @@ def test_a_section_that_twists_is_pulled_by_rotation() -> None:
     data, end = _beam(16)
     data["frame"] = FRAMES["tangent"] | {"clamp": end}
     data["geometry"]["section"]["height"] = 0.06
-    sid = sid_from_model(validated(data, ModelFile))
+    sid = sid_from_model(validate_data(data, ModelFile))
     twist = int(np.abs(sid.node(2).psi.m0[0]).argmax())
     most = sid.Oe.first_order(16)[twist, twist, :3].max() / sid.Me.m0[twist, twist]
     assert most == pytest.approx((0.06**2 - 0.01**2) / (0.06**2 + 0.01**2), rel=1e-6)
@@ -102,7 +102,7 @@ def test_matrices_of_a_coarse_beam_have_no_stiffening(mass: str, modes: int) -> 
     """How inertia turns with its section is not in a mass matrix: Oe m1 has errors."""
     settings = {"type": "beam", "elements": 8, "theory": "timoshenko", "mass": mass}
     data = beam_data(settings) | {"frame": {"type": "buckens"}}
-    body = finite_element_model(validated(data, ModelFile))
+    body = finite_element_model(validate_data(data, ModelFile))
     dense, stiffness = body.mass.toarray(), body.stiffness.toarray()
     shapes = scipy.linalg.eigh(stiffness, dense)[1][:, 6 : 6 + modes]
     rows, axes = np.nonzero(body.table >= 0)
@@ -125,5 +125,5 @@ def test_the_file_tells_it_too(tmp_path: Path, ending: str) -> None:
         data["frame"] = FRAMES["tangent"] | {"clamp": end}
         data |= {} if table is None else {"stiffening": table}
         path = tmp_path / f"{expected}.{ending}"
-        write_sid(path, sid_from_model(validated(data, ModelFile)))
+        write_sid(path, sid_from_model(validate_data(data, ModelFile)))
         assert has_stiffening(read_sid(path)) is expected

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID, by_mode, symmetric_3x3
+from sidtool.discretisation.registry import DISCRETISERS
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, by_mode, symmetric_3x3
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_mass import skew
-from sidtool.frontends.registry import FRONTENDS
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.validate import check
 from tests.places import SLIDER_CRANK
 
@@ -42,7 +42,7 @@ def test_every_frontend_is_tested_here() -> None:
     own = {("nurbs", settings["type"]) for settings in DISCRETISATIONS.values()}
     of_files = {("patches", "iga"), ("mesh", "mesh"), ("matrices", "matrices")}
     spatial = {(m.geometry.type, m.discretisation.type) for m in SPATIAL.values()}
-    assert own | of_files | spatial == set(FRONTENDS)
+    assert own | of_files | spatial == set(DISCRETISERS)
 
 
 @pytest.mark.parametrize("name", SPATIAL)

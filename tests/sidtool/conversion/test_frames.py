@@ -9,16 +9,15 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from sidtool.convert import finite_element_model, sid_from_model
-from sidtool.formats.dead_nodes import check_alive, dead_nodes
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.dead_nodes import check_moves, dead_nodes
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID
 from sidtool.formats.sid_mass import free_modal_mass
-from sidtool.formats.toml.reading import validated
-from sidtool.reduction.frames import FRAMES, mass_and_centre
-from sidtool.report.modes import frame_of, modes_of
-from sidtool.report.sid import describe_sid
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from sidtool.reduction.body_frames import FRAMES, mass_and_centre
+from sidtool.report.sid import describe_sid, frame_kind_of, natural_modes
 from sidtool.validate import check
 from tests.steel_bars import bar_data
 
@@ -78,7 +77,7 @@ def test_a_shaft_between_bearings_has_the_compliance_of_its_middle(method: str) 
     more = {"method": method, "interfaces": ["root", "tip", "middle"], "modes": 12}
     data = bar_data(frame=frame, reduction=more)
     data["markers"]["middle"] = {"node": 3, "parameters": [0.5]}
-    sid = sid_from_model(validated(data, ModelFile))
+    sid = sid_from_model(validate_data(data, ModelFile))
     across = sid.node(3).phi.m0[1]
     found = across @ np.linalg.solve(sid.Ke.m0, across)
     bending = 2.1e11 * 0.02**4 / 12.0
@@ -114,14 +113,14 @@ def test_mass_and_centre() -> None:
 
 
 def test_frames_are_told_by_their_names() -> None:
-    assert frame_of(converted("chord")) == "chord frame between nodes 1 and 2"
-    assert frame_of(converted("buckens")).startswith("mean axes")
-    assert frame_of(converted("piston pin")).startswith(
+    assert frame_kind_of(converted("chord")) == "chord frame between nodes 1 and 2"
+    assert frame_kind_of(converted("buckens")).startswith("mean axes")
+    assert frame_kind_of(converted("piston pin")).startswith(
         "tangent frame, fixed to node 2"
     )
-    kinds = [mode.kind for mode in modes_of(converted("chord"))]
+    kinds = [mode.kind for mode in natural_modes(converted("chord"))]
     assert kinds == ["bending y"] * 3 + ["axial x"]
-    shares = [mode.contribution for mode in modes_of(converted("chord"))]
+    shares = [mode.contribution for mode in natural_modes(converted("chord"))]
     assert sum(shares) == pytest.approx(1)
     text = describe_sid(converted("chord"))
     assert "boundary" in text and "share %" in text
@@ -142,6 +141,6 @@ def test_nodes_where_all_modes_vanish_are_named() -> None:
     sid = sid_from_model(rod(Q4, reduction=both))
     assert dead_nodes(sid) == ("2",)
     with pytest.raises(InputError, match="the force push acts on node 2 of rod, where"):
-        check_alive(sid, 2, "the force push", "rod")
-    check_alive(sid, 1, "the joint crank")
+        check_moves(sid, 2, "the force push", "rod")
+    check_moves(sid, 1, "the joint crank")
     assert dead_nodes(sid_from_model(rod(Q4))) == ()

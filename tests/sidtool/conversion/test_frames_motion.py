@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.conversion.rereference import rereferenced
-from sidtool.convert import sid_from_model
+from sidtool.conversion.frame_change import change_frame
+from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
-from sidtool.formats.toml.reading import read_data, validated
+from sidtool.formats.toml.reading import read_data, validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from tests.places import SLIDER_CRANK
 
 from ..models import rod
@@ -34,7 +34,7 @@ def piston(sid: SID) -> np.ndarray:
     data["outputs"]["record"] = ["piston.x"]
     # The crank pin starts at the crank's end, wherever the frame is.
     data["bodies"]["rod"]["initial"]["position"] = [0.1 - sid.node(1).position[0], 0.0]
-    scene = validated(data, SceneFile)
+    scene = validate_data(data, SceneFile)
     result = sidtool.simulate(scene, sids={"rod": sid}, base_folder=SLIDER_CRANK)
     assert result.completed
     return result["piston.x"]
@@ -76,7 +76,7 @@ def test_with_the_second_order_field_nothing_is_left(
 
 @pytest.mark.parametrize("frame", ["tangent:2", "chord:1,2", "buckens"])
 def test_re_referenced_sids_move_the_same(frame: str, stiffened: np.ndarray) -> None:
-    sid = rereferenced(clamped_modes("tangent", stiffening={}), frame)
+    sid = change_frame(clamped_modes("tangent", stiffening={}), frame)
     assert np.abs(piston(sid) - stiffened).max() < 2e-9
 
 

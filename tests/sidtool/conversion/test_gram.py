@@ -9,14 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from sidtool.conversion.gram import inertia_blocks, moments
-from sidtool.convert import assembled_sid, finite_element_model
-from sidtool.formats.sid import OE_INDICES, Taylor, by_mode, symmetric_3x3
+from sidtool.conversion.inertia_integrals import inertia_blocks, mass_moments
+from sidtool.formats.base.sid import OE_INDICES, Taylor, by_mode, symmetric_3x3
 from sidtool.formats.sid_mass import skew
-from sidtool.frontends.iga import target_knots
-from sidtool.geometry.patch import patch_from_model, point_basis
-from sidtool.geometry.refine import refined
-from sidtool.reduction.frames import FRAMES
+from sidtool.geometry.nurbs_patch import patch_from_model, point_basis, refine_patch
+from sidtool.isogeometric.iga import target_knots
+from sidtool.pipeline.model_to_sid import assembled_sid, finite_element_model
+from sidtool.reduction.body_frames import FRAMES
 from sidtool.reduction.methods import REDUCTIONS
 
 from ..models import rod
@@ -80,7 +79,7 @@ def test_particles(seed: int, nq: int, dimension: int) -> None:
     w = random.uniform(0.1, 2, 30)
     c = random.normal(size=(30, dimension))
     phi = random.normal(size=(30, dimension, nq))
-    blocks = inertia_blocks(moments(sp.csr_matrix(sp.diags_array(w)), c, phi))
+    blocks = inertia_blocks(mass_moments(sp.csr_matrix(sp.diags_array(w)), c, phi))
     pad = 3 - dimension
     c = np.pad(c, ((0, 0), (0, pad)))
     phi = np.pad(np.swapaxes(phi, 1, 2), ((0, 0), (0, 0), (0, pad)))
@@ -99,7 +98,7 @@ def test_rod_against_quadrature_of_the_definitions(settings: dict) -> None:
     frame = FRAMES["tangent"](body, model.frame)
     basis = REDUCTIONS["modal"](body, frame, model.reduction)
     exact = patch_from_model(model.geometry)
-    patch = refined(exact, (3, 2), target_knots(model.discretisation, exact))
+    patch = refine_patch(exact, (3, 2), target_knots(model.discretisation, exact))
     x, g = np.polynomial.legendre.leggauss(8)
     u = ((np.arange(6)[:, None] + (x + 1) / 2) / 6).ravel()
     v = ((np.arange(2)[:, None] + (x + 1) / 2) / 2).ravel()

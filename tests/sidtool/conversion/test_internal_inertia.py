@@ -9,16 +9,16 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag, null_space
 
-from sidtool.conversion.gram import body_inertia
-from sidtool.frontends.elements.reference import reference_element
-from sidtool.frontends.elements.solid import elasticity
-from sidtool.frontends.finite_element_model import FiniteElementModel
-from sidtool.frontends.mesh.data import ElementBlock, Mesh
-from sidtool.frontends.solid_mesh import SolidMesh
-from sidtool.frontends.solids import mesh_matrices
+from sidtool.conversion.inertia_integrals import body_inertia
+from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.elements.solid_elements import elasticity
+from sidtool.elements.solid_matrices import mesh_matrices
+from sidtool.elements.solid_mesh import SolidMesh
+from sidtool.mesh.mesh import ElementBlock, Mesh
+from sidtool.mesh.reference_elements import reference_element
 from tests.metamorphic.parts.meshes import STEEL
 
-from ..frontends.drawn_parts import _box
+from ..elements.drawn_parts import _box
 from .test_gram import assert_defined, definitions
 
 NQ = 3

@@ -12,19 +12,19 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from sidtool.conversion.marker_motion import excess_of_rows
-from sidtool.conversion.rereference import rereferenced
-from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.conversion.frame_change import change_frame
+from sidtool.discretisation.marker_couplings import second_order_rows
+from sidtool.elements.finite_element_model import FiniteElementModel, MarkerRows
+from sidtool.formats.base.sid import SID
+from sidtool.formats.geometric_stiffening import load_stiffness
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID
 from sidtool.formats.sid_mass import coupled_mass_matrix
-from sidtool.formats.stiffening import load_stiffness
-from sidtool.formats.toml.reading import validated
-from sidtool.frontends.finite_element_model import FiniteElementModel, MarkerRows
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 from sidtool.validate import check
 
 from ..beams import beam_data
-from ..frontends.test_interfaces import DISCRETISATIONS, SOLIDS, block, markers
+from ..elements.test_interfaces import DISCRETISATIONS, SOLIDS, block, markers
 from ..models import rod
 
 TIES = ["rigid", "distributing"]
@@ -93,7 +93,7 @@ def test_a_finite_motion_arrives_at_the_marker(name: str) -> None:
         first = (ends[1] - ends[0]) / (2 * step)
         second = (ends[1] + ends[0]) / step**2
         assert_allclose(rows @ first, [*shift, *turn], atol=1e-4)
-        excess = excess_of_rows(body, marker, first[:, None])
+        excess = second_order_rows(body, marker, first[:, None])
         found = np.concatenate(excess)[:, 0, 0]
         scale = max(np.abs(rows @ second).max(), 0.1)
         assert_allclose(rows @ second, found, atol=1e-5 * scale)
@@ -110,7 +110,7 @@ def test_the_rows_of_a_tie_see_more_than_its_motion() -> None:
     point, tied = body.markers
     for marker, expected in ((point, 0.0), (tied, 0.02)):
         turning = body.rigid_body_modes(marker.position)[:, 2:]
-        shift, turn = excess_of_rows(body, marker, turning)
+        shift, turn = second_order_rows(body, marker, turning)
         assert_allclose(shift[:, 0, 0], [0.0, expected, 0.0], atol=1e-12)
         assert_allclose(turn, 0.0, atol=1e-12)
 
@@ -135,7 +135,7 @@ def plane_body(tie: str, frame: str) -> ModelFile:
     )
     points = [[[0.0, -0.1], [0.1, 0.15]], [[1.0, -0.1], [1.2, 0.15]]]
     data["geometry"]["control_points"] = points
-    return validated(data, ModelFile)
+    return validate_data(data, ModelFile)
 
 
 def solid_body(tie: str, frame: str) -> ModelFile:
@@ -151,7 +151,7 @@ def solid_body(tie: str, frame: str) -> ModelFile:
     data["frame"] = {"type": "tangent", "marker": frame}
     data["reduction"] = {"method": "modal", "modes": 7}
     data["stiffening"] = {}
-    return validated(data, ModelFile)
+    return validate_data(data, ModelFile)
 
 
 BODIES = {"plane": plane_body, "solid": solid_body}
@@ -194,7 +194,7 @@ def test_the_stiffness_of_loads_in_balance_is_that_in_any_frame(
     """
     found = []
     other = sid(kind, tie, "tip")
-    for body in (rereferenced(sid(kind, tie, "root"), "tangent:2"), other):
+    for body in (change_frame(sid(kind, tie, "root"), "tangent:2"), other):
         stiffness = load_stiffness(body, **balanced_loads(body, kind))
         found.append(scipy.linalg.eigvalsh(stiffness, body.Ke.m0))
     assert_allclose(found[0], found[1], atol=1e-9 * np.abs(found[1]).max())
@@ -223,7 +223,7 @@ def test_prestress_at_a_tie_is_its_stiffening(tie: str) -> None:
     expected = scipy.linalg.eigvalsh(plain.Ke.m0 + extra, plain.Me.m0)
     assert np.abs(expected / np.diag(plain.Ke.m0) - 1).max() > 1e-3
     alone = {"stiffening": {**given, "markers": []}}
-    loaded = sid_from_model(validated(data | alone, ModelFile))
+    loaded = sid_from_model(validate_data(data | alone, ModelFile))
     assert_allclose(np.diag(loaded.Ke.m0), expected, rtol=1e-9)
-    once = sid_from_model(validated(data | {"stiffening": given}, ModelFile))
+    once = sid_from_model(validate_data(data | {"stiffening": given}, ModelFile))
     assert_allclose(np.diag(once.Ke.m0), np.diag(plain.Ke.m0), rtol=1e-9)

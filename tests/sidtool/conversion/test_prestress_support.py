@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene
-from sidtool.solver.analyses.linear import linearise
-from sidtool.solver.analyses.static import static_equilibrium
+from sidtool.solver.analyses.linearisation import linearise
+from sidtool.solver.analyses.static_equilibrium import static_equilibrium
 
 from ..beams import beam_data as membrane_data
-from ..frontends.test_held_markers import FRAMES, slender
+from ..elements.test_held_markers import FRAMES, slender
 
 FORCES = {"beam": [150.0, 8.0, -5.0], "membrane": [2.0, 0.3]}
 
@@ -39,7 +39,7 @@ def part(kind: str, frame: str) -> Any:
 def body(kind: str, frame: str, **prestress: Any) -> SID:
     stiffening = {"prestress": prestress} if prestress else {}
     data = part(kind, frame) | {"stiffening": stiffening}
-    return sid_from_model(validated(data, ModelFile))
+    return sid_from_model(validate_data(data, ModelFile))
 
 
 def clamped(kind: str, sid: SID) -> Any:
@@ -63,7 +63,7 @@ def clamped(kind: str, sid: SID) -> Any:
         "forces": {"pull": {"type": "force", "marker": "soft.tip", "force": force}},
     }
     sids = {"soft": sid}
-    return compile_scene(validated(scene, SceneFile), ".", sids, keep_joints=True)
+    return compile_scene(validate_data(scene, SceneFile), ".", sids, keep_joints=True)
 
 
 def at_rest(system: Any) -> np.ndarray:

@@ -12,15 +12,26 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from sidtool.cli import run
-from sidtool.conversion.damping_law import damped_by
-from sidtool.conversion.rereference import changed, frame_change, rereferenced
-from sidtool.conversion.rotary import CENTRIFUGAL
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import BLOCK_SHAPES, J_INDICES, SID, Node, Taylor, axis_major
+from sidtool.cli.main import run
+from sidtool.conversion.damping import with_damping_law
+from sidtool.conversion.frame_change import (
+    apply_frame_change,
+    change_frame,
+    frame_change,
+)
+from sidtool.conversion.rotary_inertia import CENTRIFUGAL_PRODUCTS
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import (
+    BLOCK_SHAPES,
+    J_INDICES,
+    SID,
+    Node,
+    Taylor,
+    axis_major,
+)
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_mass import free_modal_mass, skew
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.validate import check
 from tests.places import SLIDER_CRANK
 
@@ -63,26 +74,26 @@ def assert_same(found: SID, expected: SID, tolerance: float) -> None:
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_there_and_back_is_the_identity(sid: SID, frame: str) -> None:
-    assert_same(rereferenced(rereferenced(sid, frame), "tangent:1"), sid, 1e-10)
+    assert_same(change_frame(change_frame(sid, frame), "tangent:1"), sid, 1e-10)
 
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_any_way_round_leads_to_the_same(sid: SID, frame: str) -> None:
     """Twice the same frame changes nothing the second time."""
-    once = rereferenced(sid, frame)
-    assert_same(rereferenced(once, frame), once, 1e-10)
+    once = change_frame(sid, frame)
+    assert_same(change_frame(once, frame), once, 1e-10)
 
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_every_check_passes_in_every_frame(sid: SID, frame: str) -> None:
-    found = check(rereferenced(sid, frame))
+    found = check(change_frame(sid, frame))
     assert [(c.id, c.measured) for c in found if c.failed] == []
 
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_the_free_body_keeps_its_frequencies(sid: SID, frame: str) -> None:
     """Whatever the frame, the body is the same."""
-    other = rereferenced(sid, frame)
+    other = change_frame(sid, frame)
     values = [scipy.linalg.eigvalsh(s.Ke.m0, free_modal_mass(s)) for s in (sid, other)]
     assert_allclose(values[1], values[0], rtol=1e-9)
 
@@ -100,8 +111,8 @@ def test_the_free_body_keeps_its_damping(modes: int, law: str, frame: str) -> No
         root = np.random.default_rng(5).normal(size=(modes, modes))
         old = replace(plain, De=Taylor(20 * root @ root.T))
     else:
-        old = damped_by(plain, law)
-    values = [decays(body) for body in (old, rereferenced(old, frame))]
+        old = with_damping_law(plain, law)
+    values = [decays(body) for body in (old, change_frame(old, frame))]
     assert np.abs(values[0].real).max() > 0.1
     assert_allclose(values[1], values[0], rtol=1e-8)
 
@@ -118,10 +129,10 @@ def test_one_mode_keeps_its_ratio() -> None:
     """beta omega / 2 with the frequency of the clamped body, and as it was after."""
     one = sid_from_model(rod(reduction={**MODES, "modes": 1}, damping=None))
     omega = float(np.sqrt(one.Ke.m0[0, 0]))
-    damped = damped_by(one, f"rayleigh:0,{2 * 0.158 / omega}")
+    damped = with_damping_law(one, f"rayleigh:0,{2 * 0.158 / omega}")
     assert float(damped.De.m0[0, 0]) / (2 * omega) == pytest.approx(0.158)
     before = decays(damped)
-    after = decays(rereferenced(damped, "buckens"))
+    after = decays(change_frame(damped, "buckens"))
     ratios = [-float(v[0].real / abs(v[0])) for v in (before, after)]
     assert ratios[1] == pytest.approx(ratios[0], rel=1e-9)
 
@@ -145,13 +156,13 @@ def test_another_law_of_damping_by_name(tmp_path: Path, capsys: Any) -> None:
 
 
 def test_frames_do_what_they_say(sid: SID) -> None:
-    tangent = rereferenced(sid, "tangent:2").node(2)
+    tangent = change_frame(sid, "tangent:2").node(2)
     assert_allclose(tangent.phi.m0, 0, atol=1e-12)
     assert_allclose(tangent.psi.m0, 0, atol=1e-12)
-    chord = rereferenced(sid, "chord:1,2")
+    chord = change_frame(sid, "chord:1,2")
     assert_allclose(chord.node(1).phi.m0, 0, atol=1e-12)
     assert_allclose(chord.node(2).phi.m0[1], 0, atol=1e-12)
-    mean = rereferenced(sid, "buckens")
+    mean = change_frame(sid, "buckens")
     assert_allclose(mean.Ct.m0, 0, atol=1e-12)
     assert_allclose(mean.Cr.m0, 0, atol=1e-12)
     assert_allclose(mean.mdCM.m0, 0, atol=1e-12)
@@ -162,7 +173,7 @@ def test_it_is_the_sid_of_the_model_in_that_frame(frame: str) -> None:
     """The same clamped modes: from the model, or from the SID, up to their basis."""
     fixed = {**MODES, "fix": "left"}
     direct = sid_from_model(rod(frame=MODEL_FRAMES[frame], reduction=fixed))
-    other = rereferenced(sid_from_model(rod(reduction=MODES)), frame)
+    other = change_frame(sid_from_model(rod(reduction=MODES)), frame)
     values = [scipy.linalg.eigvalsh(s.Ke.m0, s.Me.m0) for s in (direct, other)]
     assert_allclose(values[1], values[0], rtol=1e-7)
     assert_allclose(other.J.m0, direct.J.m0, atol=1e-12)
@@ -218,8 +229,8 @@ class Particles:
             "Gr": Taylor(axis_major(-2 * c4)),
             "Ge": Taylor(axis_major(2 * cross)),
             "Oe": Taylor(
-                np.einsum("kab,iab->ik", CENTRIFUGAL, x),
-                np.einsum("kab,liab->lik", CENTRIFUGAL, pairs + second),
+                np.einsum("kab,iab->ik", CENTRIFUGAL_PRODUCTS, x),
+                np.einsum("kab,liab->lik", CENTRIFUGAL_PRODUCTS, pairs + second),
             ),
             "ksigma": Taylor(np.zeros((nq, 1))),
             "Ke": Taylor(np.eye(nq)),
@@ -283,7 +294,7 @@ def test_every_block_follows_the_particles() -> None:
     sid = particles.sid()
     change = replace(frame_change(sid, "tangent:1"), origin=np.array([0.3, -0.2, 0.5]))
     moved = particles.moved(change.origin, change.shift, change.turn)
-    expected, found = moved.sid(), changed(sid, change)
+    expected, found = moved.sid(), apply_frame_change(sid, change)
     for name in ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe"):
         new, old = getattr(found, name), getattr(expected, name)
         scale = np.abs(old.first_order(3)).max() + np.abs(old.m0).max()
@@ -299,7 +310,7 @@ def test_every_block_follows_the_particles() -> None:
 def test_files_of_others_come_back(field_data: Path) -> None:
     """To a node's tangent frame and back to where the data came from."""
     sid = read_sid(field_data / "sid" / "Beam_3m.SID_FEM")
-    there = rereferenced(sid, "buckens")
+    there = change_frame(sid, "buckens")
     assert_allclose(there.Ct.m0, 0, atol=1e-9 * np.abs(sid.Ct.m0).max())
     change = frame_change(sid, "buckens")
     back = replace(
@@ -308,35 +319,35 @@ def test_files_of_others_come_back(field_data: Path) -> None:
         shift=-change.at(change.origin),
         turn=-change.turn,
     )
-    assert_same(changed(there, back), sid, 1e-10)
+    assert_same(apply_frame_change(there, back), sid, 1e-10)
 
 
 def test_a_rigid_body_only_moves_its_origin() -> None:
-    from sidtool.formats.sid import rigid_node, rigid_sid
+    from sidtool.formats.base.sid import rigid_node, rigid_sid
 
     body = rigid_sid(
         2.0, [1.0, 0, 0], np.diag([1.0, 3.0, 3.0]), (rigid_node("1", [0, 0, 0]),)
     )
-    moved = rereferenced(body, "buckens")
+    moved = change_frame(body, "buckens")
     assert_allclose(moved.mdCM.m0, 0, atol=1e-15)
     assert_allclose(moved.J.m0[:3, 0], [1.0, 1.0, 1.0])
-    assert_same(rereferenced(moved, "tangent:1"), body, 1e-12)
+    assert_same(change_frame(moved, "tangent:1"), body, 1e-12)
 
 
 @pytest.mark.parametrize("frame", ["", "chord:1", "tangent", "mean", "buckens:1,2"])
 def test_unknown_frames_are_refused(sid: SID, frame: str) -> None:
     with pytest.raises(InputError, match="expected tangent:NODE, chord:NODE,NODE"):
-        rereferenced(sid, frame)
+        change_frame(sid, frame)
 
 
 def test_nodes_that_cannot_carry_a_frame_are_refused(sid: SID) -> None:
     with pytest.raises(InputError, match="there is no node 7"):
-        rereferenced(sid, "tangent:7")
+        change_frame(sid, "tangent:7")
     with pytest.raises(InputError, match="at the same place"):
-        rereferenced(sid, "chord:1,1")
+        change_frame(sid, "chord:1,1")
     still = [replace(n, psi=Taylor(np.zeros((3, 5)))) for n in sid.nodes]
     with pytest.raises(InputError, match="moves but tells no rotation"):
-        rereferenced(replace(sid, nodes=tuple(still)), "tangent:2")
+        change_frame(replace(sid, nodes=tuple(still)), "tangent:2")
 
 
 def test_on_the_command_line(

@@ -10,13 +10,17 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
-from sidtool.analysing import linearise
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.api.analyses import linearise
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.geometric_stiffening import (
+    has_stiffening,
+    load_stiffness,
+    stiffening_ratio,
+)
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
-from sidtool.formats.stiffening import has_stiffening, load_stiffness, stiffening_ratio
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, describe
 from sidtool.validate import check
 
@@ -237,7 +241,7 @@ def pulled_rod(force: float) -> SceneFile:
         "joints": {"wall": {"type": "fixed", "markers": ["ground", "rod.root"]}},
         "forces": {"pull": {"type": "force", "marker": "rod.tip", "force": [force, 0]}},
     }
-    return validated(table, SceneFile)
+    return validate_data(table, SceneFile)
 
 
 @pytest.mark.parametrize("force", [5.0, 8.0])

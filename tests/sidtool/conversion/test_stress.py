@@ -11,19 +11,24 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.conversion.quadrature import QuadraturePart, quadrature
-from sidtool.conversion.stress import peak_points
-from sidtool.convert import finite_element_model, sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.conversion.quadrature import QuadraturePart, quadrature_parts
+from sidtool.conversion.stress_recovery import peak_points
+from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.elements.material_points import stress_rows
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.stress import (
+    node_stress,
+    peak_stress,
+    stress_nodes,
+    von_mises,
+)
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid_files import read_sid, write_sid
-from sidtool.formats.stress import node_stress, peak_stress, stress_nodes, von_mises
-from sidtool.formats.toml.reading import validated
-from sidtool.frontends.elements.continuum import stress_rows
-from sidtool.frontends.finite_element_model import FiniteElementModel
-from sidtool.reduction.frames import FRAMES
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from sidtool.reduction.admissible_space import constrained_space
+from sidtool.reduction.body_frames import FRAMES
 from sidtool.reduction.methods import REDUCTIONS
-from sidtool.reduction.space import admissible
 from sidtool.validate import check
 
 from ..beams import beam
@@ -69,7 +74,7 @@ def test_spanned_states_have_the_stress_of_the_full_model(mesh: str) -> None:
     sid, body = sid_from_model(model), finite_element_model(model)
     frame = FRAMES["tangent"](body, model.frame)
     load = body.marker("tip").displacement[1].T.toarray()
-    full = admissible(body, frame).static(load)[:, 0]
+    full = constrained_space(body, frame).static(load)[:, 0]
     rows = stress_rows(body.marker("top").gradient, body.continua[0])
     expected = rows @ full
     found = node_stress(sid, 3, tip_loaded(sid, 1.0))
@@ -108,7 +113,7 @@ def test_stress_of_the_rod_under_a_load_that_modes_do_not_span_converges(
         frame = FRAMES["tangent"](body, model.frame)
         load = body.marker("piston_pin").displacement[1].T.toarray()
         full = stress_rows(body.marker("top").gradient, body.continua[0])
-        full = full @ admissible(body, frame).static(load)[:, 0]
+        full = full @ constrained_space(body, frame).static(load)[:, 0]
         found = node_stress(sid, 3, tip_loaded(sid, 1.0))
         errors.append(np.abs(found - full).max() / np.abs(full).max())
     assert errors[0] > 4 * errors[1] > 16 * errors[2]
@@ -162,7 +167,7 @@ def test_peak_points_hold_few_points_of_quadrature(
     most = []
 
     def told(body: FiniteElementModel, points: int) -> Iterator[QuadraturePart]:
-        for part in quadrature(body, points=20):
+        for part in quadrature_parts(body, points=20):
             alive.add(part)
             most.append(sum(len(held.weights) for held in alive))
             yield part
@@ -173,7 +178,7 @@ def test_peak_points_hold_few_points_of_quadrature(
         body, FRAMES["tangent"](body, model.frame), model.reduction
     )
     expected = [point.position for point in peak_points(body, basis, 8)]
-    monkeypatch.setattr("sidtool.conversion.stress.quadrature", told)
+    monkeypatch.setattr("sidtool.conversion.stress_recovery.quadrature_parts", told)
     found = peak_points(body, basis, 8)
     assert_allclose([point.position for point in found], expected)
     assert len(most) > 8 and max(most) < 120
@@ -230,7 +235,7 @@ def test_prestress_in_plane_strain_is_triaxial() -> None:
         data = rod_data({**mesh, "state": state})
         data["stress"] = {"peak_points": 2}
         data["stiffening"] = {"prestress": {"stress": list(stress)}}
-        sid = sid_from_model(validated(data, ModelFile))
+        sid = sid_from_model(validate_data(data, ModelFile))
         told = [node.sigma.m0[:, 0] for node in sid.nodes if node.sigma is not None]
         assert len(told) == 4
         for sigma in told:
@@ -242,7 +247,7 @@ def test_stress_that_is_not_known_is_refused() -> None:
     """Not left out without a word: of beams, and where all markers are tied."""
     data = beam_rod({"type": "beam", "elements": 4}, 3) | {"stress": {}}
     with pytest.raises(InputError, match="stress: there is no stress in beams"):
-        validated(data, ModelFile)
+        validate_data(data, ModelFile)
     data = rod_data({"type": "q4", "elements": [8, 2]})
     data["stress"] = {"peak_points": 0}
     for marker in data["markers"].values():
@@ -250,7 +255,7 @@ def test_stress_that_is_not_known_is_refused() -> None:
         del marker["at"]
     data["frame"] = {"type": "buckens"}
     with pytest.raises(InputError, match="stress: tells no stress: all markers"):
-        sid_from_model(validated(data, ModelFile))
+        sid_from_model(validate_data(data, ModelFile))
 
 
 REFUSED = [
@@ -283,7 +288,7 @@ def test_what_cannot_be_had_is_refused_before_anything_is_solved(
     pin["tie"] = {"type": "distributing", "to": pin.pop("edge")}
     del pin["at"]
     with pytest.raises(InputError, match=re.escape(message)):
-        sid_from_model(validated(data, ModelFile))
+        sid_from_model(validate_data(data, ModelFile))
 
 
 def test_bodies_that_know_no_stress_are_refused_when_the_file_is_read() -> None:
@@ -299,7 +304,7 @@ def test_bodies_that_know_no_stress_are_refused_when_the_file_is_read() -> None:
         deck | {"stiffening": {}},
     ):
         with pytest.raises(InputError, match="there is no stress in beams"):
-            validated(data, ModelFile)
+            validate_data(data, ModelFile)
 
 
 def test_markers_that_tell_no_stress_are_told() -> None:
@@ -308,7 +313,7 @@ def test_markers_that_tell_no_stress_are_told() -> None:
     pin["tie"] = {"type": "distributing", "to": pin.pop("edge")}
     del pin["at"]
     with pytest.warns(UserWarning, match="no stress is told at piston_pin: tied"):
-        sid = sid_from_model(validated(data, ModelFile))
+        sid = sid_from_model(validate_data(data, ModelFile))
     assert [node.sigma is not None for node in sid.nodes][:2] == [True, False]
 
 
@@ -347,7 +352,7 @@ def bent_bar(discretisation: dict[str, Any], volume: bool) -> ModelFile:
         },
         "stress": {"markers": [], "peak_points": 10},
     }
-    return validated(data, ModelFile)
+    return validate_data(data, ModelFile)
 
 
 @pytest.mark.parametrize(
@@ -389,7 +394,7 @@ def test_peak_points_carry_the_stress_of_the_undeformed_body() -> None:
     data = bent_bar({"type": "q4", "elements": [8, 1]}, volume=False)
     pull = {"prestress": {"forces": {"tip": [2.0, 0.0]}}}
     table = data.model_dump(exclude_unset=True) | {"stiffening": pull}
-    sid = sid_from_model(validated(table, ModelFile))
+    sid = sid_from_model(validate_data(table, ModelFile))
     told = [node.sigma for node in sid.nodes if node.sigma is not None]
     assert told
     for sigma in told:

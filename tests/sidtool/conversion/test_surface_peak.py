@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID
+from sidtool.formats.base.stress import has_peak_nodes, peak_stress, stress_nodes
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID
-from sidtool.formats.stress import has_peak_nodes, peak_stress, stress_nodes
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import simulate
 from tests.solver.scenes import compiled, scene
 
@@ -70,7 +70,7 @@ def drawn(
     }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return sid_from_model(validated(model, ModelFile))
+        return sid_from_model(validate_data(model, ModelFile))
 
 
 def pulled(sid: SID, load: np.ndarray) -> float:

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.sid import SID
+from sidtool.formats.base.sid import SID
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .mesh_files import mesh_model
 

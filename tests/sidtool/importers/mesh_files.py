@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sidtool.frontends.mesh.data import Mesh
-from sidtool.frontends.sampled_volume import sampled_volume
-from sidtool.geometry.patch import patch_from_model
+from sidtool.geometry.nurbs_patch import patch_from_model
+from sidtool.isogeometric.sampled_patch import sampled_volume
+from sidtool.mesh.mesh import Mesh
 
 from ..bodies import volume, volume_data
 

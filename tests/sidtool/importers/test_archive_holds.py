@@ -9,10 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
-from sidtool.frontends.anisotropic import AnisotropicMaterial, CylindricalMaterial
-from sidtool.importers.meshes import read_mesh
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.materials import AnisotropicMaterial, CylindricalMaterial
 
 from .decks import STEEL, Block, frequencies
 from .test_decks_said_differently import assert_same

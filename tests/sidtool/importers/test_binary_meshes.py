@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sidtool.formats.errors import InputError
-from sidtool.importers.meshes import read_mesh
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.mesh_files import read_mesh
 
 from .mesh_files import msh_2, msh_4, rod_mesh
 

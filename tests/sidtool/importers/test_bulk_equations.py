@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.formats.errors import InputError
-from sidtool.frontends.anisotropic import orthotropic_law
-from sidtool.importers.meshes import read_mesh
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.materials import orthotropic_law
 
 from .decks import Block, calculix, frequencies
 from .test_import_anisotropy import TURN, WOOD, orientation, strain_of, wooden

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.importers.imported import ImportedMesh
-from sidtool.importers.meshes import read_mesh
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.imported_mesh import ImportedMesh
 
 from .test_bulk_shells import body
 

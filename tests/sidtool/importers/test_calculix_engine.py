@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
-from sidtool.importers.calculix.deck import free_deck, without_layers
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.importers.calculix_deck import free_deck, without_layers
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .decks import STEEL, calculix, frequencies, listed
 

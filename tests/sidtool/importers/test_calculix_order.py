@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
-from sidtool.importers.calculix.raised import raised_deck
-from sidtool.importers.deck_names import DeckNames
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.importers.calculix_quadratic import quadratic_deck
+from sidtool.importers.mesh_files import DeckNames
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .decks import MATERIAL, STEEL, Block, deck, frequencies
 
@@ -251,7 +251,7 @@ def test_middles_have_no_more_characters_than_calculix_reads() -> None:
     places |= {3: (0.2, 1.0, 0.1)}
     names = DeckNames(places, {}, 1, (), {})
     lines = ["*ELEMENT, TYPE=S3, ELSET=E", "1, 1, 2, 3"]
-    deck = raised_deck(lines, names)
+    deck = quadratic_deck(lines, names)
     rows = deck.lines[deck.lines.index("*NODE") + 1 :]
     assert len(rows) == 3
     assert max(len(word.strip()) for row in rows for word in row.split(",")) <= 20

@@ -12,18 +12,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.frontends.elements.internal_modes import relieved
-from sidtool.frontends.elements.reference import reference_element
-from sidtool.frontends.elements.solid import (
-    elasticity,
-    element_stiffness,
-    mapped_batch,
-)
-from sidtool.frontends.mesh.data import ElementBlock, Mesh
-from sidtool.frontends.solid_mesh import SolidMesh
+from sidtool.elements.locking_remedies import with_incompatible_modes
+from sidtool.elements.solid_elements import elasticity, element_stiffness, mapped_batch
+from sidtool.elements.solid_mesh import SolidMesh
+from sidtool.mesh.mesh import ElementBlock, Mesh
+from sidtool.mesh.reference_elements import reference_element
 from tests.metamorphic.parts.meshes import STEEL
 
-from ..frontends.drawn_parts import Part, drawn
+from ..elements.drawn_parts import Part, drawn
 from .decks import MATERIAL, body, calculix, frequencies, listed
 from .decks import STEEL as STEEL_OF_DECK
 from .twins import ELEMENTS, by_calculix, by_sidtool, calculix_matrices
@@ -132,7 +128,7 @@ def test_what_c3d8i_does_otherwise(seed: int, tmp_path: Path) -> None:
 
     nodes, basis = np.arange(8)[None], (cube.values[None], cube.gradients[None])
     batch = mapped_batch(nodes, positions, *basis, cube.weights)
-    own = relieved(batch, positions, cube)
+    own = with_incompatible_modes(batch, positions, cube)
     centre = np.linalg.inv(positions.T @ cube.at(np.full((1, 3), 0.5))[1][0])
     with_mean = (1 - 2 * cube.points)[None, :, :, None] * centre
     other = replace(own, internal=with_mean, directions=np.eye(9)[None])

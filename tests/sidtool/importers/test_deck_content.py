@@ -9,11 +9,11 @@ import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
-from sidtool.cli import cli
-from sidtool.formats.errors import InputError
-from sidtool.frontends.mesh.data import ElementBlock, Mesh
-from sidtool.frontends.patches.contact import check_contact
-from sidtool.importers.meshes import read_mesh
+from sidtool.cli.main import cli
+from sidtool.elements.mesh_contact import check_contact
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.mesh import ElementBlock, Mesh
 
 from .decks import STEEL, Block, body, deck, deck_file, frequencies, listed
 from .mesh_files import rod_mesh

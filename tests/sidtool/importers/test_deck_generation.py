@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sidtool.formats.errors import InputError
-from sidtool.importers.inp.deck import Scope
-from sidtool.importers.inp.reading import read_deck
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.abaqus.deck import Namespace
+from sidtool.importers.abaqus.input_file import read_deck
 
 from .decks import Block, body, deck, frequencies, listed
 
 ENDS = "*NODE\n1, 2., 0., 0.\n21, 0., 2., 0.\n99, 0., 0., 0.\n98, 2., 2., 0.\n"
 
 
-def scope_of(folder: Path, text: str) -> Scope:
+def scope_of(folder: Path, text: str) -> Namespace:
     (folder / "part.inp").write_text(text, encoding="utf-8")
     return read_deck(folder / "part.inp").assembly
 
 
-def places(scope: Scope, labels: range) -> np.ndarray:
+def places(scope: Namespace, labels: range) -> np.ndarray:
     return np.array([scope.nodes[n] for n in labels])
 
 

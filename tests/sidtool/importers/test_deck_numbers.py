@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import finite_element_model, sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
 from sidtool.formats.model import read_model
-from sidtool.formats.sid import SID
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 
 from .decks import STEEL, Block, body, calculix, deck, deck_file, frequencies, listed
 

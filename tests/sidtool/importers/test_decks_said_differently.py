@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
-from sidtool.importers.meshes import read_mesh
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.importers.mesh_files import read_mesh
 
 from . import decks
 from .decks import STEEL, Block, frequencies, listed

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.geometry.patch import patch_from_model
-from sidtool.importers.meshes import read_mesh
-from sidtool.importers.patches.reading import read_patches
+from sidtool.formats.base.errors import InputError
+from sidtool.geometry.nurbs_patch import patch_from_model
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.importers.nurbs_files import read_patches
 
-from ..frontends.test_frontend_patches import GISMO, geomdl
+from ..elements.test_frontend_patches import GISMO, geomdl
 from ..models import IGA, annulus
 from .mesh_files import msh_2, msh_4, rod_mesh
 

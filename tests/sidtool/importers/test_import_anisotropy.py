@@ -9,13 +9,13 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from sidtool.formats.errors import InputError
+from sidtool.discretisation.registry import finite_element_model
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import read_model
-from sidtool.frontends.anisotropic import orthotropic_law
-from sidtool.frontends.registry import finite_element_model
-from sidtool.importers.meshes import read_mesh
-from sidtool.reduction.frames import Frame
-from sidtool.reduction.space import admissible
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.materials import orthotropic_law
+from sidtool.reduction.admissible_space import constrained_space
+from sidtool.reduction.body_frames import Frame
 
 from .decks import Block, body, calculix, deck, deck_file, frequencies
 
@@ -86,7 +86,7 @@ def test_a_turned_bar_under_tension_strains_as_hookes_law_says(
         assert surface is not None
         weights = np.asarray(surface.mass.sum(axis=0)).ravel()
         loads[3 * nodes, 0] = sign * weights[nodes]
-    space = admissible(model, Frame(np.zeros(3), np.zeros(model.ndof, bool)))
+    space = constrained_space(model, Frame(np.zeros(3), np.zeros(model.ndof, bool)))
     found = space.static(loads)[:, 0]
     exact = (x @ strain_of(np.diag([1.0, 0, 0]), axes)).ravel()
     rigid = model.rigid_body_modes()

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.frontends.elements.reference import edge_nodes, reference_element
-from sidtool.frontends.mesh.data import ElementBlock, Mesh, check_mesh
-from sidtool.frontends.solids import mesh_matrices
-from sidtool.importers.cdb.elements import collapsed
-from sidtool.importers.meshes import read_mesh
+from sidtool.elements.solid_matrices import mesh_matrices
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.ansys.element_types import collapsed_element
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.mesh import ElementBlock, Mesh, check_mesh
+from sidtool.mesh.reference_elements import edge_nodes, reference_element
+from sidtool.pipeline.model_to_sid import sid_from_model
 from tests.metamorphic.parts.meshes import STEEL
 
 from .mesh_files import BDF, bdf_text, cdb_mesh, cdb_text, mesh_model, msh_2, rod_mesh
@@ -294,7 +294,7 @@ def test_collapsed_bricks_are_prisms_pyramids_and_tetrahedra(
     keys = [tuple(points[i]) for i in order]
     number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     count = 20 if quadratic else 8
-    kind, nodes = collapsed(
+    kind, nodes = collapsed_element(
         "hex20" if quadratic else "hex8", [number[key] for key in keys[:count]]
     )
     where = np.array([list(number)[n] for n in nodes])

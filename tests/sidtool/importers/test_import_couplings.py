@@ -12,12 +12,12 @@ import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
-from sidtool.cli import cli
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import J_INDICES, SID
-from sidtool.frontends.elements.reference import reference_element
-from sidtool.importers.meshes import read_mesh
+from sidtool.cli.main import cli
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import J_INDICES, SID
+from sidtool.importers.mesh_files import read_mesh
+from sidtool.mesh.reference_elements import reference_element
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .decks import STEEL, Block, deck, frequencies
 

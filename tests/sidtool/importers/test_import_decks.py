@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .mesh_files import mesh_model
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.formats.errors import InputError
-from sidtool.importers.meshes import read_mesh
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.mesh_files import read_mesh
 
 from .decks import MATERIAL, STEEL, Block, body, deck, frequencies
 

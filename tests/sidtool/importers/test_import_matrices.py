@@ -15,11 +15,11 @@ import scipy.io
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from sidtool.convert import finite_element_model, sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
-from sidtool.formats.toml.reading import validated
-from sidtool.frontends.finite_element_model import FiniteElementModel
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 from sidtool.validate import check
 
 from ..bodies import BEAMS, beam, volume, volume_data
@@ -378,7 +378,7 @@ def test_torsion_of_matrices_turns_the_inertia(
     section = {"shape": "rectangle", "height": height, "width": width}
     data["geometry"]["section"] = section
     data["discretisation"] = {"type": "beam", "elements": 10, "mass": mass}
-    body = finite_element_model(validated(data, ModelFile))
+    body = finite_element_model(validate_data(data, ModelFile))
     shape = np.zeros((body.ndof, 1))
     along = np.cos(np.pi * np.linspace(0.0, 1.0, 11))
     shape[body.table[:, 3:]] = (along[:, None] * axes[0])[..., None]
@@ -404,5 +404,5 @@ def test_torsion_of_matrices_turns_the_inertia(
     assert_allclose(found, [*np.diag(expected), 0.0, 0.0, 0.0], atol=1e-6)
     del data["damping"]
     data |= {"reduction": user, "frame": {"type": "buckens"}}
-    own = sid_from_model(validated(data, ModelFile))
+    own = sid_from_model(validate_data(data, ModelFile))
     assert_allclose(own.Oe.m1[0, 0], found, atol=1e-6)

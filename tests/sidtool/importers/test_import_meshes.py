@@ -13,11 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from sidtool.convert import finite_element_model, sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import read_model
-from sidtool.frontends.mesh.data import check_mesh
-from sidtool.importers.meshes import MESH_READERS, read_mesh
+from sidtool.importers.mesh_files import MESH_READERS, read_mesh
+from sidtool.mesh.mesh import check_mesh
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 
 from ..bodies import volume
 from .mesh_files import FORMATS, inp_text, mesh_model, msh_2, msh_4, rod_mesh

@@ -9,13 +9,13 @@ import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
-from sidtool.cli import cli
-from sidtool.formats.errors import InputError
+from sidtool.cli.main import cli
+from sidtool.discretisation.registry import finite_element_model
+from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import read_model
-from sidtool.frontends.finite_element_model import FiniteElementModel
-from sidtool.frontends.registry import finite_element_model
-from sidtool.reduction.frames import buckens_frame
-from sidtool.reduction.space import admissible
+from sidtool.reduction.admissible_space import constrained_space
+from sidtool.reduction.body_frames import buckens_frame
 
 from .decks import MATERIAL, STEEL, Block, body, calculix, deck, deck_file, frequencies
 
@@ -154,7 +154,7 @@ def discretised(folder: Path, text: str, **more: object) -> FiniteElementModel:
 
 def stretched(model: FiniteElementModel) -> tuple[np.ndarray, np.ndarray]:
     """Displacements under unit tension along x, and the exact ones, free of motion."""
-    space = admissible(model, buckens_frame(model, _Buckens()))
+    space = constrained_space(model, buckens_frame(model, _Buckens()))
     x = model.positions[:, 0]
     loads = np.zeros((model.ndof, 1))
     for end, sign in ((x.min(), -1.0), (x.max(), 1.0)):
@@ -238,7 +238,7 @@ def test_a_tie_across_a_gap_does_not_hold_the_body(tmp_path: Path) -> None:
     parts = Part((6, 2, 2), 0.0, 0), Part((6, 3, 3), SIZE[0] + 1.5e-3, AWAY)
     tie = surface_tie(parts, options=", POSITION TOLERANCE=0.002, ADJUST=NO")
     model = discretised(tmp_path, whole(parts, tie))
-    space = admissible(model, buckens_frame(model, _Buckens()))
+    space = constrained_space(model, buckens_frame(model, _Buckens()))
     energy = space.rigid.T @ (space.stiffness @ space.rigid)
     size = np.abs(space.stiffness.diagonal()).max()
     assert space.rigid.shape[1] == 6

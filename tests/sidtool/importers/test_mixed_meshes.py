@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.formats.errors import InputError
+from sidtool.elements.mesh_contact import check_conforming
+from sidtool.elements.solid_elements import elasticity
+from sidtool.elements.solid_matrices import mesh_matrices
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import Material
-from sidtool.frontends.elements.reference import (
-    all_edges,
+from sidtool.mesh.mesh import ElementBlock, Mesh, check_mesh
+from sidtool.mesh.reference_elements import (
     edge_nodes,
-    faces,
+    element_edges,
+    element_faces,
     reference_element,
 )
-from sidtool.frontends.elements.solid import elasticity
-from sidtool.frontends.mesh.data import ElementBlock, Mesh, check_mesh
-from sidtool.frontends.patches.conformity import check_conforming
-from sidtool.frontends.solids import mesh_matrices
 
 STEEL = Material(youngs_modulus=2.1e11, poissons_ratio=0.3, density=7850.0)
 
@@ -214,11 +214,14 @@ def test_faces_and_edges_are_those_of_the_element() -> None:
         "tri3": (3, 0, 0),
     }.items():
         nodes = reference_element(kind).nodes
-        assert len(all_edges(kind)) == edges
-        for a, b, middle in all_edges(kind):
+        assert len(element_edges(kind)) == edges
+        for a, b, middle in element_edges(kind):
             if middle >= 0:
                 assert_allclose(nodes[middle], (nodes[a] + nodes[b]) / 2)
-        assert (len(faces(kind, 3)), len(faces(kind, 4))) == (triangles, squares)
-        for face in faces(kind, 4):
+        assert (len(element_faces(kind, 3)), len(element_faces(kind, 4))) == (
+            triangles,
+            squares,
+        )
+        for face in element_faces(kind, 4):
             a, b, c, d = nodes[list(face)]
             assert_allclose(a + c, b + d)

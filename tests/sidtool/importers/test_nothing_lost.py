@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.importers.meshes import read_mesh
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.mesh_files import read_mesh
 
 from .decks import MATERIAL, STEEL, Block, deck
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.importers.meshes import read_mesh
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.mesh_files import read_mesh
 from tests.places import posix
 
 from .mesh_files import FORMATS, inp_text, rod_mesh

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
 
 from .bars.decks import body as bars_body
 from .bars.decks import bulk, grids

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .mesh_files import BDF, cdb_text, inp_text, mesh_model, msh_2, rod_mesh
 

@@ -12,7 +12,7 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 
 from .bars.decks import MATERIAL, NU, RHO, E, G, body, bulk
 from .decks import frequencies

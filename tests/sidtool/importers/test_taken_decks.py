@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .decks import MATERIAL, STEEL, Block, frequencies
 from .decks import deck as inp_deck

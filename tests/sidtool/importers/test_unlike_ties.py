@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.frontends.elements.reference import shape_of
+from sidtool.mesh.reference_elements import shape_of
 from tests.metamorphic.parts.meshes import split, with_middles
 
 from .decks import MATERIAL, STEEL, Block, body, frequencies, listed

@@ -11,25 +11,25 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.elements.material_points import stress_rows
+from sidtool.elements.mesh_markers import MeshPoints
+from sidtool.elements.mesh_surface import named_surface
+from sidtool.elements.solid_elements import MatrixSum, element_mass, mapped_batch
+from sidtool.elements.solid_matrices import mesh_continua, mesh_matrices
+from sidtool.elements.solid_mesh import SolidMesh
 from sidtool.formats.sid_mass import skew
-from sidtool.frontends.anisotropic import ElasticMaterial
-from sidtool.frontends.elements.continuum import stress_rows
-from sidtool.frontends.elements.quadrature_rules import prism_rule, quadrature_rule
-from sidtool.frontends.elements.reference import reference_element
-from sidtool.frontends.elements.solid import MatrixSum, element_mass, mapped_batch
-from sidtool.frontends.finite_element_model import FiniteElementModel
-from sidtool.frontends.mesh.data import Mesh
-from sidtool.frontends.mesh.points import MeshPoints
-from sidtool.frontends.mesh.surface import named_surface
-from sidtool.frontends.solid_mesh import SolidMesh
-from sidtool.frontends.solids import mesh_continua, mesh_matrices
-from sidtool.importers.calculix.deck import free_deck
-from sidtool.importers.calculix.engine import computed
-from sidtool.reduction.frames import Frame
-from sidtool.reduction.space import admissible
+from sidtool.importers.calculix_deck import free_deck
+from sidtool.importers.calculix_engine import run_calculix
+from sidtool.mesh.materials import ElasticMaterial
+from sidtool.mesh.mesh import Mesh
+from sidtool.mesh.quadrature_rules import prism_rule, quadrature_rule
+from sidtool.mesh.reference_elements import reference_element
+from sidtool.reduction.admissible_space import constrained_space
+from sidtool.reduction.body_frames import Frame
 from tests.metamorphic.parts.meshes import STEEL
 
-from ..frontends.drawn_parts import Part
+from ..elements.drawn_parts import Part
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def by_sidtool(part: Part, element: str, *, few: bool = False) -> Found:
     body = FiniteElementModel(mesh.positions, mass, k, {}, (), internal_inertia=inner)
     held = np.zeros(body.ndof, bool)
     held[body.dofs(part.fixed)] = True
-    space = admissible(body, Frame(np.zeros(3), held))
+    space = constrained_space(body, Frame(np.zeros(3), held))
     load = np.zeros((len(mesh.positions), 3))
     load[:, part.direction] = FORCE * weights(part)
     u = space.static(load.reshape(-1, 1))[:, 0]
@@ -116,7 +116,7 @@ def calculix_matrices(part: Part, element: str, folder: Path) -> tuple[Array, Ar
     (folder / "free.inp").write_text(
         _deck(part, ELEMENTS[element][1]), encoding="utf-8"
     )
-    free = computed(free_deck(folder / "free.inp"), folder / "free.inp")
+    free = run_calculix(free_deck(folder / "free.inp"), folder / "free.inp")
     order = np.lexsort(free.dofs.T[::-1])
     return tuple(a.toarray()[np.ix_(order, order)] for a in (free.stiffness, free.mass))
 
@@ -124,7 +124,7 @@ def calculix_matrices(part: Part, element: str, folder: Path) -> tuple[Array, Ar
 def by_calculix(part: Part, element: str, folder: Path) -> Found:
     text = _deck(part, ELEMENTS[element][1])
     (folder / "free.inp").write_text(text, encoding="utf-8")
-    free = computed(free_deck(folder / "free.inp"), folder / "free.inp")
+    free = run_calculix(free_deck(folder / "free.inp"), folder / "free.inp")
     here = free.dofs[:, 0] <= len(part.mesh.positions)
     where = np.zeros((len(free.dofs), 3))
     where[here] = part.mesh.positions[free.dofs[here, 0] - 1]

@@ -11,11 +11,11 @@ import pytest
 from click.testing import CliRunner
 from scipy.linalg import eigh, null_space
 
-from sidtool.cli import cli
-from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.cli.main import cli
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import validated
-from sidtool.reduction.frames import FRAMES, motion_rows
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from sidtool.reduction.body_frames import FRAMES, motion_rows
 from sidtool.reduction.methods import REDUCTIONS
 from tests.places import EXAMPLES
 
@@ -32,7 +32,7 @@ CHORD = {"type": "chord", "markers": PINS}
 def part(plane: bool, frame: dict[str, Any] | None, **reduction: Any) -> ModelFile:
     data = rod_data(PLANE) if plane else volume_data(SOLID)
     data["reduction"] = reduction
-    return validated(data | ({"frame": frame} if frame else {}), ModelFile)
+    return validate_data(data | ({"frame": frame} if frame else {}), ModelFile)
 
 
 def said(model: ModelFile) -> str:

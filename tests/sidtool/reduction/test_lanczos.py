@@ -8,10 +8,9 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from scipy.sparse.linalg import splu
 
-from sidtool.reduction.eigen import lowest_eigenpairs
-from sidtool.reduction.factors import symmetric_factors
-from sidtool.reduction.lanczos import dominant_vectors
-from sidtool.reduction.ordering import nested_dissection
+from sidtool.eigensolvers.eigenpairs import lowest_eigenpairs
+from sidtool.eigensolvers.factorisation import nested_dissection, symmetric_factors
+from sidtool.eigensolvers.lanczos import dominant_vectors
 
 
 def grid(*sizes: int) -> tuple[sp.csr_matrix, np.ndarray]:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.convert import NOTE, sid_from_model
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import Array
+from sidtool.pipeline.model_to_sid import NOTE_PREFIX, sid_from_model
 
 from ..beams import beam_data
 
@@ -29,7 +29,9 @@ def made(cells: int, tie: bool) -> tuple[float, list[str]]:
     told: list[str] = []
     sid = sid_from_model(ModelFile.model_validate(data), told.append)
     along: Array = sid.nodes[1].phi.m0[0]
-    notes = [text for text in told if text.startswith(NOTE) and "point of a" in text]
+    notes = [
+        text for text in told if text.startswith(NOTE_PREFIX) and "point of a" in text
+    ]
     return float(along @ np.linalg.solve(sid.Ke.m0, along)), notes
 
 

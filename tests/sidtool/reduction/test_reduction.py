@@ -8,14 +8,14 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from sidtool.convert import finite_element_model, sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.eigensolvers.eigenpairs import free_body_shift, lowest_eigenpairs
+from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModalReduction, ModelFile, TangentFrame
-from sidtool.formats.toml.reading import validated
-from sidtool.frontends.finite_element_model import FiniteElementModel
-from sidtool.reduction.eigen import free_body_shift, lowest_eigenpairs
-from sidtool.reduction.frames import FRAMES, Frame, tangent_frame
-from sidtool.reduction.methods import REDUCTIONS, ReducedBasis, oriented
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from sidtool.reduction.body_frames import FRAMES, Frame, tangent_frame
+from sidtool.reduction.methods import REDUCTIONS, ReducedBasis, orient_shapes
 from tests.steel_bars import bar_data
 
 from ..models import DISCRETISATIONS, Q4, rod, rod_data
@@ -68,7 +68,7 @@ def test_modes_of_one_frequency_are_those_along_the_axes(
     a pair, of which that in y stays: a planar scene can have it."""
     frames = {"tangent": {"type": "tangent", "marker": "root", "clamp": "start"}}
     data = bar_data(modes=modes, frame=frames.get(frame, {"type": frame}))
-    sid = sid_from_model(validated(data, ModelFile))
+    sid = sid_from_model(validate_data(data, ModelFile))
     moved = np.abs(sid.node(2).phi.m0[1:])
     assert (moved.min(axis=0) < 1e-6 * moved.max(axis=0)).all()
     assert (moved.argmax(axis=0) == np.arange(modes) % 2).all()
@@ -120,7 +120,7 @@ def test_modes_are_positive_at_the_last_marker_that_moves(
 ) -> None:
     pin = body.marker("piston_pin").displacement @ basis.shapes
     assert (pin[1, :4] > 0.5).all() and pin[0, 4] > 0.5
-    flipped = oriented(basis.shapes * [-1, 1, -1, 1, -1], body)
+    flipped = orient_shapes(basis.shapes * [-1, 1, -1, 1, -1], body)
     assert (flipped == basis.shapes).all()
 
 
@@ -211,7 +211,7 @@ def test_signs_between_two_pins_are_those_of_other_meshes(end: list[float]) -> N
     }
     for elements in (6, 8, 12, 16, 24):
         mesh = {"type": "beam", "elements": elements}
-        model = validated(data | {"discretisation": mesh}, ModelFile)
+        model = validate_data(data | {"discretisation": mesh}, ModelFile)
         body = finite_element_model(model)
         frame = FRAMES["chord"](body, model.frame)
         shapes = REDUCTIONS["modal"](body, frame, model.reduction).shapes

@@ -13,14 +13,14 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from scipy.sparse.linalg import splu
 
-from sidtool.convert import finite_element_model, sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID
+from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
 from sidtool.formats.sid_mass import IN_PLANE, free_modal_mass
-from sidtool.frontends.finite_element_model import FiniteElementModel
-from sidtool.reduction.basis import ReducedBasis
-from sidtool.reduction.frames import FRAMES, motion_rows
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from sidtool.reduction.body_frames import FRAMES, motion_rows
 from sidtool.reduction.methods import REDUCTIONS
+from sidtool.reduction.reduced_basis import ReducedBasis
 from sidtool.validate import check
 
 from ..models import rod

@@ -10,12 +10,16 @@ import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from sidtool.convert import finite_element_model, sid_from_model
-from sidtool.formats.errors import InputError
-from sidtool.reduction import running
-from sidtool.reduction.eigen import lowest_eigenpairs
-from sidtool.reduction.factors import ENGINES, engine_name, symmetric_factors
-from sidtool.reduction.memory import expected_gigabytes
+from sidtool.eigensolvers import slepc
+from sidtool.eigensolvers.eigenpairs import lowest_eigenpairs
+from sidtool.eigensolvers.factorisation import (
+    ENGINES,
+    engine_name,
+    expected_gigabytes,
+    symmetric_factors,
+)
+from sidtool.formats.base.errors import InputError
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 
 from ..bodies import SOLIDS, volume
 from ..models import rod
@@ -97,7 +101,7 @@ def test_progress_comes_from_inside_the_solution(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What is factorised, and how many blocks of vectors were solved for."""
-    monkeypatch.setattr(running, "_INTERVAL", -1.0)  # clocks may stand still
+    monkeypatch.setattr(slepc, "_REPORT_INTERVAL", -1.0)  # clocks may stand still
     heard: list[str] = []
     settings = {"type": "q4", "elements": [60, 4]}
     sid_from_model(rod(settings), heard.append, engine="superlu")
@@ -145,7 +149,7 @@ def test_many_modes_at_once_are_told_before_they_are_sought() -> None:
     heard: list[str] = []
     n = 330
     stiffness = sp.diags_array(np.arange(1.0, n + 1), format="csr")
-    with running.running(progress=heard.append):
+    with slepc.use_engine(progress=heard.append):
         values, _ = lowest_eigenpairs(stiffness, sp.eye_array(n, format="csr"), 120)
     assert heard == ["eigenvectors: 120 of 330 equations at once, by LAPACK"]
     assert_allclose(values, np.arange(1.0, 121.0), rtol=1e-12)

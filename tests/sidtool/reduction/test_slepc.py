@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.cli import run
-from sidtool.convert import sid_from_model
-from sidtool.formats.sid import SID
+from sidtool.cli.main import run
+from sidtool.formats.base.sid import SID
 from sidtool.formats.sid_files import read_sid
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from ..models import rod_data
 
-COMMAND = [sys.executable, "-c", "from sidtool.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from sidtool.cli.main import main; main()"]
 
 
 def held_rod() -> dict[str, Any]:

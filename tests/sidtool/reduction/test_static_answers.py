@@ -7,12 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh, null_space
 
-from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import validated
-from sidtool.reduction.frames import FRAMES, Frame, motion_rows
-from sidtool.reduction.methods import attachment
-from sidtool.reduction.space import Space, admissible
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from sidtool.reduction.admissible_space import AdmissibleSpace, constrained_space
+from sidtool.reduction.body_frames import FRAMES, Frame, motion_rows
+from sidtool.reduction.methods import attachment_modes
 
 from ..beams import IGA, beam
 from ..bodies import volume_data
@@ -23,8 +23,8 @@ HEX = {"type": "hex8", "elements": [14, 2, 1]}
 
 
 def free(data: dict) -> tuple:
-    body = finite_element_model(validated(data, ModelFile))
-    return body, admissible(body, Frame(np.zeros(3), np.zeros(body.ndof, bool)))
+    body = finite_element_model(validate_data(data, ModelFile))
+    return body, constrained_space(body, Frame(np.zeros(3), np.zeros(body.ndof, bool)))
 
 
 @pytest.mark.parametrize("data", [rod_data(Q4), volume_data(HEX)], ids=["q4", "hex8"])
@@ -78,20 +78,20 @@ def test_a_body_is_factored_once(
     method: str, frame: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It held two factorisations at once, and sought the modes of one space twice."""
-    searched, search = [], Space._lowest
+    searched, search = [], AdmissibleSpace._lowest_modes
 
-    def counted(space: Space, count: int) -> tuple:
+    def counted(space: AdmissibleSpace, count: int) -> tuple:
         searched.append(space)  # kept, so that no other one gets its identity
         return search(space, count)
 
-    monkeypatch.setattr(Space, "_lowest", counted)
+    monkeypatch.setattr(AdmissibleSpace, "_lowest_modes", counted)
     interfaces = ["piston_pin"] if frame == "tangent" else ["crank_pin", "piston_pin"]
     settings = {"method": method, "modes": 4, "interfaces": interfaces}
     data = rod_data(Q4, reduction=settings)
     if frame == "buckens":
         data["frame"] = {"type": "buckens"}
     told: list[str] = []
-    sid_from_model(validated(data, ModelFile), told.append)
+    sid_from_model(validate_data(data, ModelFile), told.append)
     assert len([text for text in told if text.startswith("factorising")]) == 1
     assert searched and len(searched) == len({id(space) for space in searched})
 
@@ -107,7 +107,7 @@ def test_a_centrifugal_mode_is_the_stretch_of_a_bar_that_turns() -> None:
     model = beam(IGA, reduction=reduction)
     body = finite_element_model(model)
     frame = FRAMES["tangent"](body, model.frame)
-    basis = attachment(body, frame, model.reduction)
+    basis = attachment_modes(body, frame, model.reduction)
     arms = np.zeros(body.ndof)
     arms[body.table[:, 0]] = body.positions[:, 0]
     load = basis.shapes.T @ (body.mass @ arms)
@@ -118,7 +118,7 @@ def test_a_centrifugal_mode_is_the_stretch_of_a_bar_that_turns() -> None:
 
 
 def test_fields_of_turning_bodies_hold_centripetal_accelerations() -> None:
-    body = finite_element_model(validated(volume_data(HEX), ModelFile))
+    body = finite_element_model(validate_data(volume_data(HEX), ModelFile))
     origin, spin = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, -3.0])
     found = np.zeros(body.ndof)
     arms = body.positions - origin

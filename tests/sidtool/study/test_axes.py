@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +13,24 @@ from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 import sidtool
-from sidtool.convert import sid_from_model
-from sidtool.formats.model.refine import refined
+from sidtool.formats.model.refine import refine_model
 from sidtool.formats.scene import SceneFile
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.plot.precision import draw_front
 from sidtool.solver import compile_scene, simulate
-from sidtool.study import Point, Setting, front, study
-from sidtool.study import whole as whole_module
+from sidtool.study import Point, Setting, pareto_front, run_study
 
 from ..accuracy.arms import cantilever, spun, swinging
 from ..beams import beam
 from .parts import IGA, ONE, Q4
 
+whole_module = importlib.import_module("sidtool.study.run_study")
+
 
 def test_errors_are_those_of_runs_by_hand(models: list[Path]) -> None:
     """Against dop853 on the finest mesh with most modes, all made without the study."""
     scene = swinging(0.4)
-    found = study(
+    found = run_study(
         scene,
         {"mesh": (-1, 0), "modes": (1, 3)},
         models={"arm": models[:1]},
@@ -59,7 +61,7 @@ def by_hand_of(scene: Any, modes: int, **how: Any) -> np.ndarray:
 
 def by_hand(scene: Any, level: int, modes: int, **how: Any) -> np.ndarray:
     model = beam(Q4, reduction={"method": "modal", "modes": modes})
-    finer = refined(model, level)
+    finer = refine_model(model, level)
     assert finer is not None
     system = compile_scene(scene, Path("."), {"arm": sid_from_model(finer, str)})
     return np.asarray(simulate(system, **how).values)
@@ -68,7 +70,9 @@ def by_hand(scene: Any, level: int, modes: int, **how: Any) -> np.ndarray:
 def test_no_modes_are_a_rigid_body(models: list[Path]) -> None:
     """Of a model with modes alone the physical pendulum stays; interfaces deform."""
     scene = swinging(0.4)
-    found = study(scene, {"modes": (0, 2)}, models={"arm": models[:1]}, settings=ONE)
+    found = run_study(
+        scene, {"modes": (0, 2)}, models={"arm": models[:1]}, settings=ONE
+    )
     rigid = next(p for p in found.points if p.choices["modes"] == "0")
     assert rigid.size == 0
     richest = by_hand(scene, 0, 2, integrator="dop853", rtol=1e-11)
@@ -78,7 +82,7 @@ def test_no_modes_are_a_rigid_body(models: list[Path]) -> None:
         told = rigid.errors[scene.outputs.record[k]]
         assert told == pytest.approx(error, rel=1e-3, abs=1e-6)
     axes = {"modes": (0, 2), "reduction": ("craig_bampton",)}
-    tied = study(scene, axes, models={"arm": models[:1]}, settings=ONE)
+    tied = run_study(scene, axes, models={"arm": models[:1]}, settings=ONE)
     assert {p.size - int(p.choices["modes"]) for p in tied.points} == {3}
 
 
@@ -95,7 +99,7 @@ def turned(times: np.ndarray) -> np.ndarray:
 
 def test_models_are_put_side_by_side(models: list[Path]) -> None:
     """The reference is the model that its own refinement changes least: smooth IGA."""
-    found = study(
+    found = run_study(
         swinging(0.4), {"mesh": (-2, -1, 0)}, models={"arm": models}, settings=ONE
     )
     assert {p.choices["model"] for p in found.points} == {"q4", "iga"}
@@ -108,7 +112,7 @@ def test_models_are_put_side_by_side(models: list[Path]) -> None:
 def test_all_frames_tell_the_same_motion() -> None:
     """Small deformations: where the frame sits changes them in second order only."""
     scene = swinging(0.4, outputs={"record": ["arm.tip.y", "arm.tip.uy", "arm.y"]})
-    found = study(scene, {"frame": ()}, sids={"arm": cantilever(3)}, settings=ONE)
+    found = run_study(scene, {"frame": ()}, sids={"arm": cantilever(3)}, settings=ONE)
     assert found.reference.names == ("arm.tip.y",)
     assert set(found.dropped) == {"arm.tip.uy", "arm.y"}
     assert {p.choices["frame"] for p in found.points} > {"chord", "buckens"}
@@ -122,7 +126,7 @@ def test_damping_laws_hold_in_the_frame_of_the_sid() -> None:
     scene = swinging(
         0.4, bodies={"arm": arm}, outputs={"record": ["pin.fx", "pin.fy", "arm.tip.y"]}
     )
-    found = study(
+    found = run_study(
         scene,
         {"frame": ("tangent", "buckens")},
         sids={"arm": cantilever(3)},
@@ -134,7 +138,7 @@ def test_damping_laws_hold_in_the_frame_of_the_sid() -> None:
 def test_what_the_last_modes_change_is_not_called_converged() -> None:
     """The third elastic coordinate is there in the richest variant alone."""
     scene = swinging(0.4, outputs={"record": ["arm.q*", "arm.tip.x"]})
-    found = study(
+    found = run_study(
         scene, {"modes": (0, 1, 3)}, sids={"arm": cantilever(3)}, settings=ONE
     )
     assert found.reference.unconverged["arm.q3"] == pytest.approx(1.0, abs=0.1)
@@ -148,7 +152,7 @@ def test_what_the_reference_errs_itself_is_part_of_an_error() -> None:
     """Four shape functions differ from five as much as these may err: the error
     against eight was told as that difference, and is more."""
     scene = swinging(0.1, outputs={"record": ["arm.tip.x"]})
-    points = study(
+    points = run_study(
         scene, {"modes": (1, 4, 5)}, sids={"arm": cantilever(5)}, settings=ONE
     ).points
     rich, poor = (
@@ -163,13 +167,13 @@ def test_what_the_reference_errs_itself_is_part_of_an_error() -> None:
 def test_what_keeps_a_reference_from_being_sharp_is_told_with_what_helps() -> None:
     """The tip bends by what the modes make of it, and is carried round by the drive."""
     scene, sids = spun(0.5, 4.0), {"arm": cantilever(3)}
-    found = study(scene, {"modes": (1, 2)}, sids=sids, settings=ONE)
+    found = run_study(scene, {"modes": (1, 2)}, sids=sids, settings=ONE)
     assert found.reference.uncertainty > 2e-3
     told = found.report()
     assert "That is due to arm.tip.uy (3e-03); more modes would tell more." in told
     assert "The others are known to 3e-05: --of arm.tip.x compares" in told
-    more = study(scene, {"modes": (1, 2, 3)}, sids=sids, settings=ONE)
-    alone = study(
+    more = run_study(scene, {"modes": (1, 2, 3)}, sids=sids, settings=ONE)
+    alone = run_study(
         scene, {"modes": (1, 2)}, outputs=["arm.tip.x"], sids=sids, settings=ONE
     )
     for better in (more, alone):
@@ -192,7 +196,7 @@ def test_a_front_of_one_point_is_drawn(pairs: list[tuple[float, float]]) -> None
 def test_a_spin_needs_its_geometric_stiffening() -> None:
     """Ten times the first frequency: without it the tip leaves (diverges or errs)."""
     scene = spun(2.5, 12.0, outputs={"record": ["arm.tip.x", "arm.tip.y", "hub.mz"]})
-    found = study(
+    found = run_study(
         scene,
         {"terms": ()},
         sids={"arm": cantilever(2, stiffened=True)},
@@ -206,7 +210,7 @@ def test_a_spin_needs_its_geometric_stiffening() -> None:
 def test_nothing_dominates_the_front() -> None:
     pairs = [(3.0, 1e-3), (1.0, 1e-2), (2.0, 5e-2), (4.0, 1e-6), (4.0, 1e-5)]
     points = [Point(Setting("radau9", 1e-6), e, s, 1) for s, e in pairs]
-    best = front(points, lambda p: p.seconds)
+    best = pareto_front(points, lambda p: p.seconds)
     assert [(p.seconds, p.error) for p in best] == [
         (1.0, 1e-2),
         (3.0, 1e-3),
@@ -219,7 +223,7 @@ def test_the_front_ends_where_errors_cannot_be_told() -> None:
     rows = [(1.0, 1e-2, True), (2.0, 4e-5, False), (9.0, 3e-5, False)]
     setting = Setting("radau9", 1e-6)
     points = [Point(setting, e, s, 1, told=told) for s, e, told in rows]
-    assert [p.seconds for p in front(points, lambda p: p.seconds)] == [1.0, 2.0]
+    assert [p.seconds for p in pareto_front(points, lambda p: p.seconds)] == [1.0, 2.0]
 
 
 ARM = {"sid": "arm", "markers": {"root": 1, "tip": 2}, "quadratic_inertia": False}
@@ -244,7 +248,7 @@ def test_what_is_outside_is_said_before_anything_is_compared(
         whole_module, "best_reference", lambda *rest: asked.append(rest)
     )
     with pytest.raises(sidtool.InputError, match=message):
-        study(
+        run_study(
             scene,
             {"mesh": (-1, 0, 1), "modes": (1, 2)},
             models={"arm": models[:1]},
@@ -263,7 +267,7 @@ def test_elements_can_be_larger() -> None:
             (7, 3),
         ),
     ):
-        coarse = refined(beam(mesh), -1)
+        coarse = refine_model(beam(mesh), -1)
         assert coarse is not None
         assert getattr(coarse.discretisation, key) == expected
 
@@ -281,7 +285,7 @@ def test_all_axes_together(models: list[Path]) -> None:
     """One choice at a time: the reference is converted although no point is like it."""
     settings = (*ONE, Setting("radau9", rtol=1e-8))
     given = {"arm": models[:1]}
-    found = study(swinging(0.2), SIX, models=given, settings=settings, differ=1)
+    found = run_study(swinging(0.2), SIX, models=given, settings=settings, differ=1)
     assert found.varied == (*SIX, "integrator") and found.whole == 2**6
     assert len(found.points) == 7
     assert not any(p.message for p in found.points)

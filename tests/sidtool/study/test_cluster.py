@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from sidtool.cli import run
-from sidtool.study import study
+from sidtool.cli.main import run
+from sidtool.study import run_study
 
 from ..accuracy.arms import swinging
 from .parts import ONE, written
@@ -32,8 +32,10 @@ def test_a_cluster_of_two_workers_tells_the_same(
 ) -> None:
     axes = {"modes": (1, 2)}
     given: dict[str, Any] = {"models": {"arm": models[1:]}, "settings": ONE}
-    here = study(swinging(0.3), axes, **given)
-    there = study(swinging(0.3), axes, dask=cluster, keep=tmp_path / "kept", **given)
+    here = run_study(swinging(0.3), axes, **given)
+    there = run_study(
+        swinging(0.3), axes, dask=cluster, keep=tmp_path / "kept", **given
+    )
     assert [p.choices for p in there.points] == [p.choices for p in here.points]
     for one, other in zip(here.points, there.points, strict=True):
         assert other.error == pytest.approx(one.error, rel=1e-6, abs=1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib
 import json
 import os
 import signal
@@ -12,14 +13,15 @@ from typing import Any
 import pytest
 
 import sidtool
-from sidtool.cli import run
-from sidtool.study import Ended, study
-from sidtool.study import whole as whole_module
-from sidtool.study.pool import pool
+from sidtool.cli.main import run
+from sidtool.measurement.tasks import make_executor
+from sidtool.study import StudyInterrupted, run_study
 from tests.places import posix
 
 from ..accuracy.arms import swinging
 from .parts import ONE, written
+
+whole_module = importlib.import_module("sidtool.study.run_study")
 
 
 def test_finished_points_are_not_computed_again(
@@ -27,13 +29,13 @@ def test_finished_points_are_not_computed_again(
 ) -> None:
     """After an end in the middle only the rest is run, and a wider study adds to it."""
     calls: list[Any] = []
-    original = whole_module.run
+    original = whole_module.run_task
 
     def counted(task: Any) -> Any:
         calls.append(task)
         return original(task)
 
-    monkeypatch.setattr(whole_module, "run", counted)
+    monkeypatch.setattr(whole_module, "run_task", counted)
     keep, given = tmp_path / "points", {"arm": models[1:]}
     again: dict[str, Any] = {"models": given, "settings": ONE, "keep": keep}
 
@@ -41,18 +43,20 @@ def test_finished_points_are_not_computed_again(
         return "enough" if len(calls) == 5 else ""
 
     axes = {"modes": (1, 2, 3, 4)}
-    with pytest.raises(Ended, match="enough"):
-        study(swinging(0.4), axes, stop=stop, **again)
+    with pytest.raises(StudyInterrupted, match="enough"):
+        run_study(swinging(0.4), axes, stop=stop, **again)
     assert len(calls) == 5
-    first = study(swinging(0.4), axes, **again)
+    first = run_study(swinging(0.4), axes, **again)
     assert len(calls) == 3 + 4
-    monkeypatch.setattr(whole_module, "convert", lambda _: pytest.fail("converted"))
-    second = study(swinging(0.4), axes, **again)
+    monkeypatch.setattr(
+        whole_module, "convert_model", lambda _: pytest.fail("converted")
+    )
+    second = run_study(swinging(0.4), axes, **again)
     assert len(calls) == 3 + 4
     assert [p.error for p in second.points] == [p.error for p in first.points]
     assert [p.seconds for p in second.points] == [p.seconds for p in first.points]
     assert second.points[0].conversion == first.points[0].conversion > 0.0
-    study(swinging(0.41), axes | {"modes": (1,)}, **again)
+    run_study(swinging(0.41), axes | {"modes": (1,)}, **again)
     assert len(calls) > 7
 
 
@@ -88,14 +92,14 @@ def test_an_end_tells_of_finished_points_where_there_are_some(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     path, out = written(tmp_path), tmp_path / "out"
-    name = "run" if points else "_bodies"
+    name = "run_task" if points else "_make_bodies"
     original = getattr(whole_module, name)
 
     def ended(*given: Any) -> Any:
         signal.raise_signal(signal.SIGINT)
         if points:
             return original(*given)
-        raise Ended("ended by Ctrl-C")
+        raise StudyInterrupted("ended by Ctrl-C")
 
     monkeypatch.setattr(whole_module, name, ended)
     command = ["study", str(path), "--over", "modes=1:2", "-o", str(out)]
@@ -157,7 +161,7 @@ def test_a_scene_that_stops_has_exit_status_1(
 @posix
 def test_a_signal_to_all_processes_ends_none_of_a_pool() -> None:
     """Ending is the parent's matter, which keeps what was finished."""
-    with pool(2, None) as (executor, _):
+    with make_executor(2, None) as (executor, _):
         process = executor.submit(os.getpid).result()
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             os.kill(process, getattr(signal, name))

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.cli import run
-from sidtool.formats.errors import InputError
+from sidtool.cli.main import run
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import SceneFile
+from sidtool.measurement import outputs
 from sidtool.solver import compile_scene
-from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.integrators.registry import INTEGRATORS
 from sidtool.study import (
     Point,
     Setting,
     default_settings,
     is_hopeless,
     make_reference,
-    measuring,
-    recommended,
-    study,
+    recommend_point,
+    run_study,
 )
 from tests.solver.scenes import scene
 
@@ -71,14 +71,14 @@ def test_the_reference_knows_the_pendulum() -> None:
 
 def test_tighter_tolerances_cost_steps_and_gain_digits() -> None:
     settings = default_settings(["radau5"], [1e-3, 1e-6, 1e-9])
-    points = study(pendulum(), settings=settings).points
+    points = run_study(pendulum(), settings=settings).points
     assert points[0].error > 10 * points[1].error > 100 * points[2].error
     assert points[0].steps < points[1].steps < points[2].steps
 
 
 def test_fixed_steps_gain_the_order_of_the_method() -> None:
     settings = default_settings(["trapezoidal"], (), [0.02, 0.01])
-    coarse, fine = study(pendulum(), settings=settings).points
+    coarse, fine = run_study(pendulum(), settings=settings).points
     assert coarse.error / fine.error == pytest.approx(4.0, rel=0.2)
 
 
@@ -94,7 +94,7 @@ def test_outputs_that_stay_zero_are_left_out() -> None:
 
 def test_a_scene_without_outputs_cannot_be_studied() -> None:
     with pytest.raises(InputError, match="records no outputs"):
-        study(scene({"ball": {"mass": 1.0}}))
+        run_study(scene({"ball": {"mass": 1.0}}))
 
 
 def test_all_integrators_are_studied_unless_told() -> None:
@@ -107,15 +107,15 @@ def test_what_is_far_too_slow_gets_no_tighter_tolerances(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Slower at all than another one that errs no more, where that is what counts."""
-    monkeypatch.setattr(measuring, "LONG", 0.0)
-    monkeypatch.setattr(measuring, "HOPELESS", 1.0)
+    monkeypatch.setattr(outputs, "LONG_RUN_SECONDS", 0.0)
+    monkeypatch.setattr(outputs, "HOPELESS_RATIO", 1.0)
     wanted = default_settings(["radau9", "trapezoidal"], [1e-4, 1e-5, 1e-6])
-    found = study(pendulum(), settings=wanted).points
+    found = run_study(pendulum(), settings=wanted).points
     assert [p.setting for p in found] == wanted
     trapezoidal = found[3:]
     assert trapezoidal[0].steps > 0
     assert trapezoidal[-1].message == "left out, far too slow"
-    assert study(pendulum(), settings=wanted[3:]).points[-1].steps > 0
+    assert run_study(pendulum(), settings=wanted[3:]).points[-1].steps > 0
 
 
 def test_only_long_runs_are_hopeless() -> None:
@@ -133,10 +133,10 @@ def test_the_fastest_setting_that_is_good_enough_is_recommended() -> None:
         Point(Setting("trapezoidal", rtol=1e-6), 1e-5, 2.0, 20),
         Point(Setting("trapezoidal", step=1e-3), np.inf, np.inf, 0, "stopped"),
     ]
-    assert recommended(points, 1e-2) is points[0]
-    assert recommended(points, 2e-5) is points[2]
-    assert recommended(points, 2e-6) is points[1]
-    assert recommended(points, 1e-9) is None
+    assert recommend_point(points, 1e-2) is points[0]
+    assert recommend_point(points, 2e-5) is points[2]
+    assert recommend_point(points, 2e-6) is points[1]
+    assert recommend_point(points, 1e-9) is None
     assert points[1].setting.key == 'integrator = "radau5", rtol = 1e-06'
 
 
@@ -185,13 +185,13 @@ def test_wrong_wishes_are_refused(
 
 def test_errors_below_the_reference_are_not_told() -> None:
     reference = make_reference(compile_scene(pendulum()))
-    point = study(pendulum(), settings=[Setting("radau13", rtol=1e-13)]).points[0]
+    point = run_study(pendulum(), settings=[Setting("radau13", rtol=1e-13)]).points[0]
     assert point.error >= reference.uncertainty > 0.0
 
 
 def test_auto_is_studied_when_asked_for() -> None:
     assert default_settings(["auto"], [1e-6]) == [Setting("auto", rtol=1e-6)]
-    point = study(pendulum(), settings=[Setting("auto", rtol=1e-6)]).points[0]
+    point = run_study(pendulum(), settings=[Setting("auto", rtol=1e-6)]).points[0]
     assert point.error < 1e-5
 
 

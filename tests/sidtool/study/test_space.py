@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.made import Source
+from sidtool.measurement.body_variants import BodyVariants
+from sidtool.measurement.variants import Variant
+from sidtool.pipeline.model_cache import BodyModel
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.system.bodies.data import body_data
-from sidtool.study import study
-from sidtool.study.axes import Variant
-from sidtool.study.bodies import Bodies
+from sidtool.solver.system.body_data import body_data
+from sidtool.study import run_study
 
 from .parts import ONE, bar, turning_bar
 
@@ -30,7 +30,7 @@ def test_a_twisting_bar_is_studied_without_terms(tmp_path: Path) -> None:
     path.write_text(json.dumps(bar()), encoding="utf-8")
     scene = turning_bar()
     axes = {"reduction": ("craig_bampton",), "terms": ("none", "quadratic")}
-    found = study(scene, axes, models={"bar": [path]}, settings=ONE)
+    found = run_study(scene, axes, models={"bar": [path]}, settings=ONE)
     assert [p.message for p in found.points] == [""] * 2
 
 
@@ -40,7 +40,7 @@ def test_meshes_and_reductions_in_space(tmp_path: Path) -> None:
     path.write_text(json.dumps(bar()), encoding="utf-8")
     scene = turning_bar()
     axes = {"mesh": (-1, 0), "reduction": ("modal", "craig_bampton")}
-    found = study(scene, axes, models={"bar": [path]}, settings=ONE, differ=2)
+    found = run_study(scene, axes, models={"bar": [path]}, settings=ONE, differ=2)
     assert not any(p.message for p in found.points)
     names = found.reference.names
     size = {(p.choices["mesh"], p.choices["reduction"]): p.size for p in found.points}
@@ -72,7 +72,7 @@ def test_frames_of_models_keep_their_interfaces(tmp_path: Path) -> None:
     path = tmp_path / "bar.json"
     path.write_text(json.dumps(bar(method="craig_bampton")), encoding="utf-8")
     axes = {"frame": ("tangent", "chord", "buckens")}
-    found = study(turning_bar(), axes, models={"bar": [path]}, settings=ONE)
+    found = run_study(turning_bar(), axes, models={"bar": [path]}, settings=ONE)
     assert [p.message for p in found.points] == [""] * 3
     assert len({p.size for p in found.points}) == 1
     assert max(p.error for p in found.points) < 1e-2
@@ -112,7 +112,7 @@ def test_frames_keep_the_damping_of_a_law(
     path.write_text(
         json.dumps(data | {"damping": of_model, "frame": frame}), encoding="utf-8"
     )
-    bodies = Bodies(scene, {}, {"bar": [Source(path, tmp_path)]})
+    bodies = BodyVariants(scene, {}, {"bar": [BodyModel(path, tmp_path)]})
     found = []
     for kind in dict.fromkeys((own, "tangent", "chord", "buckens")):
         variant = Variant(frame=kind)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib
 import json
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,14 @@ import pytest
 from scipy.special import ellipk
 
 import sidtool
-from sidtool.cli import run
-from sidtool.study import Ended
-from sidtool.study import whole as whole_module
-from sidtool.sweep import Sweep, sweep
+from sidtool.api.sweep import sweep
+from sidtool.cli.main import run
+from sidtool.study import StudyInterrupted
+from sidtool.sweep import Sweep
 
 from ..study.parts import bar
+
+whole_module = importlib.import_module("sidtool.study.run_study")
 
 GRAVITY, ANGLE = 9.81, 2.0
 PENDULUM = f"""
@@ -147,16 +150,16 @@ def test_what_was_finished_before_an_end_is_not_run_again(
     pendulum: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: list[Any] = []
-    original = whole_module.run
+    original = whole_module.run_task
 
     def counted(task: Any) -> Any:
         calls.append(task)
         return original(task)
 
-    monkeypatch.setattr(whole_module, "run", counted)
+    monkeypatch.setattr(whole_module, "run_task", counted)
     again: dict[str, Any] = {"over": "length=1:2:4", "of": "t.end"}
     again["folder"] = tmp_path / "kept"
-    with pytest.raises(Ended, match="enough"):
+    with pytest.raises(StudyInterrupted, match="enough"):
         sweep(pendulum, stop=lambda: "enough" if len(calls) == 2 else "", **again)
     found = sweep(pendulum, **again)
     assert len(calls) == 4

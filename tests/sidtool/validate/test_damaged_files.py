@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sidtool.convert import finite_element_model
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import read_model
-from sidtool.geometry.patch import patch_from_model
+from sidtool.geometry.nurbs_patch import patch_from_model
+from sidtool.pipeline.model_to_sid import finite_element_model
 
 from ..bodies import SOLIDS, volume, volume_data
-from ..frontends.test_frontend_patches import GISMO, geomdl, patches_model, written
+from ..elements.test_frontend_patches import GISMO, geomdl, patches_model, written
 from ..importers import test_import_matrices as matrices
 from ..importers.mesh_files import BDF, FORMATS, cdb_text, mesh_model, rod_mesh
 from ..models import IGA, annulus

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from sidtool.cli import cli
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import Taylor
+from sidtool.cli.main import cli
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Taylor
 from sidtool.formats.sid_files import read_sid, write_sid
-from sidtool.report.modes import modes_of
+from sidtool.report.sid import natural_modes
 from tests.bodies import particle_body
 from tests.places import posix
 
@@ -25,7 +25,7 @@ BODY = particle_body(3, 12, nodes=2)
 
 
 def _sidtool(*words: str, **more: object) -> subprocess.CompletedProcess[bytes]:
-    code = "from sidtool.cli import main; main()"
+    code = "from sidtool.cli.main import main; main()"
     command = [sys.executable, "-c", code, *words]
     return subprocess.run(command, capture_output=True, **more)  # type: ignore[call-overload, no-any-return]
 
@@ -51,7 +51,7 @@ def test_a_closed_standard_output_is_no_error(tmp_path: Path) -> None:
     target = tmp_path / "body.h5"
     words = f"convert {tmp_path / 'body.SID_FEM'} -o {target}".split()
     shell = ["sh", "-c", '"$0" "$@" >&-', sys.executable, "-c"]
-    code = "from sidtool.cli import main; main()"
+    code = "from sidtool.cli.main import main; main()"
     found = subprocess.run([*shell, code, *words], stderr=subprocess.PIPE)
     assert found.returncode == 0 and found.stderr == b""
     assert read_sid(target).nq == 3
@@ -86,7 +86,7 @@ def test_a_mode_that_only_turns_is_torsion(noise: float) -> None:
         for n in BODY.nodes
     ]
     body = replace(BODY, nodes=tuple(nodes), Ct=Taylor(noise * np.ones((3, 3))))
-    assert {mode.kind.split()[0] for mode in modes_of(body)} == {"torsion"}
+    assert {mode.kind.split()[0] for mode in natural_modes(body)} == {"torsion"}
 
 
 def test_what_sigma_holds_can_be_said(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sidtool.conversion.rereference import FrameChange, changed
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import (
+from sidtool.conversion.frame_change import FrameChange, apply_frame_change
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import (
     BLOCK_SHAPES,
     SID,
     Array,
@@ -35,7 +35,7 @@ from sidtool.validate import (
     verdict,
 )
 from sidtool.validate.checks import Check
-from sidtool.validate.registry import IDENTITIES
+from sidtool.validate.identity import IDENTITIES
 from tests.bodies import particle_body
 from tests.solver.scenes import with_cubic_energy
 
@@ -186,7 +186,7 @@ def _one_sided() -> SID:
     """Particles far from the origin of their frame, as those of a tower."""
     body = particle_body(4, 12, seed=7, stiffening=True)
     change = FrameChange(-np.array([0.0, 5.0, 9.0]), np.zeros((4, 3)), np.zeros((4, 3)))
-    return changed(body, change)
+    return apply_frame_change(body, change)
 
 
 @pytest.mark.parametrize("name", IDENTITIES)

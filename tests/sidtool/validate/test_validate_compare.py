@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import SID, Taylor, rigid_sid
+from sidtool.comparison.block_differences import Comparison
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Taylor, rigid_sid
 from sidtool.formats.sid_files import write_sid
 from sidtool.report.sid import describe_sid
 from sidtool.validate import change_basis, check, compare, comparison_report
-from sidtool.validate.comparisons.rows import Comparison
-from sidtool.validate.modal import free_body, held_body
+from sidtool.validate.body_modes import free_body, held_body
 from tests.bodies import particle_body
 from tests.sidtool.networks import clamped, mean_axis, random_network, sid_of
 

@@ -12,15 +12,15 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from sidtool.conversion.rereference import rereferenced
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.conversion.frame_change import change_frame
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Array, Node, Taylor, axis_major
+from sidtool.formats.geometric_stiffening import has_stiffening, load_stiffness
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array, Node, Taylor, axis_major
 from sidtool.formats.sid_mass import skew
-from sidtool.formats.stiffening import has_stiffening, load_stiffness
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene
 from sidtool.validate import check, repair
 from sidtool.validate.checks import Check
@@ -36,7 +36,7 @@ def _checks(sid: SID) -> dict[str, Check]:
 def _stiffened(data: dict[str, Any]) -> SID:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return sid_from_model(validated(data | {"stiffening": {}}, ModelFile))
+        return sid_from_model(validate_data(data | {"stiffening": {}}, ModelFile))
 
 
 @pytest.fixture(scope="module", params=["beam", "hex20"])
@@ -80,7 +80,7 @@ def test_a_reversed_sign_of_the_stiffening_is_found(
 def test_errors_of_cr_are_no_stiffening(seed: int, frame: str) -> None:
     """Magnitudes that were averaged leave a symmetric part, also in Ge = 2 Cr1."""
     body = particle_body(3, 20, seed=seed)
-    body = body if frame == "as it is" else rereferenced(body, frame)
+    body = body if frame == "as it is" else change_frame(body, frame)
     first = body.Cr.first_order(3).copy()
     first[0, 1] = first[1, 0] = np.abs(first[0, 1])
     wrong = replace(
@@ -185,7 +185,7 @@ def test_a_joint_needs_an_orientation(fault: str) -> None:
         "bodies": {"arm": {"sid": "arm.SID_FEM", "markers": {"foot": 1}}},
         "joints": {"hold": {"type": "fixed", "markers": ["ground.base", "arm.foot"]}},
     }
-    scene = validated(data, SceneFile)
+    scene = validate_data(data, SceneFile)
     spoilt = replace(body, nodes=(wrong, *body.nodes[1:]))
     with pytest.raises(InputError, match="node 1 of arm, whose AP is"):
         compile_scene(scene, sids={"arm": spoilt})

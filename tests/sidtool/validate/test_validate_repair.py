@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sidtool.conversion.rereference import FrameChange, changed
-from sidtool.formats.sid import BLOCK_SHAPES, SID, Array, Taylor, rigid_sid
+from sidtool.conversion.frame_change import FrameChange, apply_frame_change
+from sidtool.formats.base.sid import BLOCK_SHAPES, SID, Array, Taylor, rigid_sid
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.validate import check, repair
 from tests.bodies import particle_body
@@ -119,6 +119,6 @@ def test_a_sound_file_comes_back_as_it_is(
     """Twelve digits of a sound body, also stiffened and with its frame far away."""
     body = particle_body(4, 12, seed=seed, stiffening=True)
     change = FrameChange(shift * np.ones(3), np.zeros((4, 3)), np.zeros((4, 3)))
-    write_sid(tmp_path / "sound.SID_FEM", changed(body, change))
+    write_sid(tmp_path / "sound.SID_FEM", apply_frame_change(body, change))
     found = read_sid(tmp_path / "sound.SID_FEM")
     assert repair(found) == (found, ())

@@ -10,11 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.conversion.rereference import FrameChange, changed, rereferenced
-from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.conversion.frame_change import (
+    FrameChange,
+    apply_frame_change,
+    change_frame,
+)
+from sidtool.formats.base.sid import SID, Array, Taylor
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.validate import check, verdict
-from sidtool.validate.rounding import rounding_of
+from sidtool.validate.printed_digits import rounding_of
 from tests.bodies import particle_body
 
 FORMATS = ["%.4f", "%.6f", "%.5e", "%.7e", "%.9g"]
@@ -93,9 +97,9 @@ def test_a_change_of_frame_leaves_no_rounding(
         distance * np.ones(3), np.zeros((3, 3)), 0.3 * rng.normal(size=(3, 3))
     )
     far = tmp_path / "far.SID_FEM"
-    write_sid(far, changed(particle_body(3, 12, seed=seed), away))
+    write_sid(far, apply_frame_change(particle_body(3, 12, seed=seed), away))
     assert verdict(check(read_sid(far)))
     back = tmp_path / "back.SID_FEM"
-    write_sid(back, rereferenced(read_sid(far), "buckens"))
+    write_sid(back, change_frame(read_sid(far), "buckens"))
     failed = {c.id for c in check(read_sid(back)) if c.failed and c.severity == "error"}
     assert not failed

@@ -7,12 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import (
+    BLOCK_SHAPES,
+    NODE_SHAPES,
+    SID,
+    Array,
+    Taylor,
+    rigid_sid,
+)
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Taylor, rigid_sid
 from sidtool.formats.sid_mass import coupled_mass_matrix
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.mesh.unit_systems import UNIT_SYSTEMS, unit_system
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.validate import (
     change_basis,
     check,
@@ -20,9 +28,8 @@ from sidtool.validate import (
     guess_units,
     rescale,
 )
+from sidtool.validate.body_modes import free_body, held_body
 from sidtool.validate.frequencies import free_modes, held_modes
-from sidtool.validate.modal import free_body, held_body
-from sidtool.validate.units import UNIT_SYSTEMS, unit_system
 from tests.bodies import particle_body
 from tests.sidtool.bodies import beam_data
 from tests.sidtool.models import QM6, rod
@@ -239,5 +246,5 @@ def test_a_blade_in_si_is_in_si(
         "section": section,
     }
     data["material"] |= {"density": density, "youngs_modulus": 3e9}
-    guess = guess_units(sid_from_model(validated(data, ModelFile)))
+    guess = guess_units(sid_from_model(validate_data(data, ModelFile)))
     assert guess.system == "m-kg-s" and not guess.warnings

@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.cli import run
-from sidtool.convert import field_from_model
-from sidtool.formats.errors import InputError
+from sidtool.cli.main import run
+from sidtool.field.body_surfaces import surface_of_field, surface_of_sid
+from sidtool.field.surface import border_edges, decimate, plate_surface
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.field import Field, write_field
 from sidtool.formats.result import Result, write_result
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.view import library, ranges
-from sidtool.view import page as page_module
-from sidtool.view.animating import animate, shown
-from sidtool.view.drawn_bodies import of_field, of_sid
-from sidtool.view.played import played
-from sidtool.view.surface import border, plate, thinned
+from sidtool.pipeline.model_to_sid import field_from_model
+from sidtool.view import body_fields, html_player
+from sidtool.view import html_player as page_module
+from sidtool.view.animation import animate, animation_data
+from sidtool.view.motion import sample_motion
 from tests.places import SLIDER_CRANK
 
 from ..models import QM6, rod
@@ -64,7 +64,7 @@ def motion(
 
 
 def test_the_played_motion_is_that_of_the_outputs(result: Result) -> None:
-    shown_at = played(result)
+    shown_at = sample_motion(result)
     rows = [int(np.abs(shown_at.t - t).argmin()) for t in result.t]
     assert np.allclose(shown_at.t[rows], result.t, atol=1e-12)
     node = next(b for b in shown_at.system.bodies if b.name == "rod").sid.node(2)
@@ -113,7 +113,7 @@ def test_a_point_of_the_page_is_where_its_elastic_motion_puts_it(
     motion: Path, result: Result, made: tuple[sidtool.SID, Field]
 ) -> None:
     """The end of the rod on the page and the piston pin of the result."""
-    drawn = of_field("rod", made[1])
+    drawn = surface_of_field("rod", made[1])
     ends = np.flatnonzero(
         np.abs(drawn.positions[:, :2] - [1.0, 0.0]).max(axis=1) < 1e-9
     )
@@ -203,7 +203,7 @@ def test_a_slow_browser_plays_fewer_triangles_and_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Any browser is slower than a thousandth of a millisecond."""
-    monkeypatch.setattr(page_module, "SLOWEST", 1e-3)
+    monkeypatch.setattr(page_module, "SLOW_FRAME_TIME", 1e-3)
     monkeypatch.setattr(page_module, "FEW_TRIANGLES", 300)
     path = tmp_path / "slow.html"
     page_of(result, path, fields={"rod": made[1]}, colour="displacement")
@@ -274,21 +274,25 @@ def test_fields_beside_the_sids_are_found(
     (tmp_path / "s.toml").write_text(text, encoding="utf-8")
     result = sidtool.simulate(tmp_path / "s.toml")
     assert len(result.t) == 11
-    bodies = {body.name: body for body in shown(result, folder=tmp_path).bodies}
+    bodies = {
+        body.name: body for body in animation_data(result, folder=tmp_path).bodies
+    }
     assert "nodes of its SID" in bodies["rod"].source
     write_field(tmp_path / "rod.field.h5", field)
-    bodies = {body.name: body for body in shown(result, folder=tmp_path).bodies}
+    bodies = {
+        body.name: body for body in animation_data(result, folder=tmp_path).bodies
+    }
     assert bodies["rod"].source == "its full field"
     wrong = replace(field, stiffness=2 * field.stiffness)
     write_field(tmp_path / "rod.field.h5", wrong)
-    again = shown(result, folder=tmp_path)
+    again = animation_data(result, folder=tmp_path)
     assert any(
         "is not the field of rod: it has other Ke" in text for text in again.told
     )
     with pytest.raises(InputError, match="has other Ke than the SID"):
-        shown(result, {"rod": wrong})
+        animation_data(result, {"rod": wrong})
     with pytest.raises(InputError, match="no flexible body 'crank'"):
-        shown(result, {"crank": field})
+        animation_data(result, {"crank": field})
 
 
 def test_lines_of_a_sid_pass_through_its_nodes_and_bend_like_a_beam(
@@ -297,7 +301,7 @@ def test_lines_of_a_sid_pass_through_its_nodes_and_bend_like_a_beam(
     """The middle of the first mode lies within a few per cent of the full field: two
     nodes with rotations tell a cubic."""
     sid, field = made
-    drawn = of_sid("rod", sid, 0.01)
+    drawn = surface_of_sid("rod", sid, 0.01)
     axis = drawn.positions.reshape(-1, 4, 3).mean(axis=1)
     moved = drawn.shapes.reshape(-1, 4, 3, sid.nq).mean(axis=1)
     for node in sid.nodes:
@@ -321,12 +325,12 @@ def test_plates_are_closed_and_thinning_keeps_their_extent() -> None:
     )
     flat = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     points = np.column_stack([x, y, 0 * x])
-    made = plate(points, flat, 12.0)
-    assert not len(border(made.triangles))
+    made = plate_surface(points, flat, 12.0)
+    assert not len(border_edges(made.triangles))
     p, q, r = np.moveaxis(made.positions[made.triangles], 1, 0)
     inside = np.einsum("pa,pa->p", p, np.cross(q, r)).sum() / 6
     assert inside == pytest.approx(12.0 * n * n)
-    few = thinned(made.positions, made.triangles, 3000)
+    few = decimate(made.positions, made.triangles, 3000)
     assert 1000 < len(few) <= 3000
     extent = np.ptp(made.positions[np.unique(few)], axis=0)
     assert np.all(extent > [0.9 * n, 0.9 * n, 10.0])
@@ -381,7 +385,7 @@ def test_the_command_says_what_is_wrong(
 def test_without_three_js_the_page_says_how_to_get_it(
     result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(library, "PACKAGE", "no_such_package_of_three_js")
+    monkeypatch.setattr(html_player, "PACKAGE", "no_such_package_of_three_js")
     with pytest.raises(InputError, match=r"sidtool\[view\]"):
         animate(result, tmp_path / "m.html")
     assert not (tmp_path / "m.html").exists()
@@ -391,6 +395,6 @@ def test_without_three_js_the_page_says_how_to_get_it(
 def test_what_rounding_leaves_is_not_magnified(
     largest: float, scale: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ranges, "_most", lambda *_: largest)
+    monkeypatch.setattr(body_fields, "_largest_values", lambda *_: largest)
     mechanism = SimpleNamespace(size=1.0)
-    assert ranges.fitting_scale(mechanism, [None]) == scale
+    assert body_fields.fitting_scale(mechanism, [None]) == scale

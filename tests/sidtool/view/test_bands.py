@@ -12,7 +12,7 @@ from matplotlib.collections import PolyCollection
 
 import sidtool
 from sidtool.formats.result import AccuracyReport, OutputError, Result
-from sidtool.plot.results import drawn
+from sidtool.plot.results import draw_result
 
 NAMES = ("bob.x", "bob.y", "pin.angle", "energy.kinetic")
 #: Tables of a pendulum whose error is that of a loose tolerance.
@@ -44,7 +44,7 @@ def certified() -> sidtool.Result:
 
 def bands(result: Result, kind: str = "outputs") -> dict[str, tuple[Any, Any, Any]]:
     """By the name in the legend before the error: times, lower and upper edge."""
-    page, _ = drawn(result, kind)
+    page, _ = draw_result(result, kind)
     found = {}
     for axes in page.axes:
         filled = [c for c in axes.collections if isinstance(c, PolyCollection)]

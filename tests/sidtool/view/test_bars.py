@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sidtool.convert import field_from_model
+from sidtool.field.body_surfaces import surface_of_field
+from sidtool.formats.base.sid import SID
 from sidtool.formats.field import Field
-from sidtool.formats.sid import SID
-from sidtool.view.drawn_bodies import of_field
+from sidtool.pipeline.model_to_sid import field_from_model
 from tests.sidtool.beams import clamped_beam
 from tests.sidtool.importers.bars.decks import (
     AREA,
@@ -39,7 +39,7 @@ def test_bars_join_the_nodes_that_their_deck_joins(tmp_path: Path) -> None:
     frame = {"type": "tangent", "marker": "p"}
     path = model(tmp_path, deck(PLACES, LEGS), frame=frame, modes=2)
     _, field = field_from_model(path)
-    drawn = of_field("frame", field)
+    drawn = surface_of_field("frame", field)
     assert drawn.source == "its full field"
     corner = np.sqrt(3 * (IY + IZ) / AREA)
     ends = PLACES[np.array(LEGS)]

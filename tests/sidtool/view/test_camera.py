@@ -18,10 +18,10 @@ import pytest
 from PIL import Image
 
 import sidtool
-from sidtool.convert import field_from_model
 from sidtool.formats.field import Field
 from sidtool.formats.scene import read_scene
-from sidtool.view.animating import animate, shown
+from sidtool.pipeline.model_to_sid import field_from_model
+from sidtool.view.animation import animate, animation_data
 from tests.places import EXAMPLES, SLIDER_CRANK
 
 from ..models import QM6, rod
@@ -156,7 +156,7 @@ def test_nothing_that_moves_leaves_the_window(
     result, fields = made(link)
     path = tmp_path / "motion.html"
     animate(result, path, fields=fields, scale=20.0)
-    seen = shown(result, fields)
+    seen = animation_data(result, fields)
     places, t = points(seen, 20.0), seen.motion.t
     assert made is not cart or np.ptp(places, axis=0).max() > 20.0
     with opened(path) as page:
@@ -187,7 +187,7 @@ def test_no_body_is_behind_the_legend_and_a_view_left_by_hand_stays(
 ) -> None:
     result, fields = arm(link)
     animate(result, tmp_path / "m.html", fields=fields, colour="stress", scale=1.0)
-    places = points(shown(result, fields), 1.0)
+    places = points(animation_data(result, fields), 1.0)
     with opened(tmp_path / "m.html") as page:
         for size in WINDOWS[:2]:
             resized(page, size)

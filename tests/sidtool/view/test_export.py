@@ -13,18 +13,24 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.cli import run
-from sidtool.convert import field_from_model
-from sidtool.formats.errors import InputError
+from sidtool.cli.main import run
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.stress import von_mises
 from sidtool.formats.field import Field, write_field
 from sidtool.formats.result import Result, write_result
 from sidtool.formats.scene import read_scene
-from sidtool.formats.stress import von_mises
-from sidtool.solver.recording.motion import FrameMotion
-from sidtool.view import vtk_files
-from sidtool.view.exported import Exported, Part, _cells, exported
-from sidtool.view.peaks import peak_stresses
-from sidtool.view.vtk_files import write_pvd, write_vtkhdf
+from sidtool.pipeline.model_to_sid import field_from_model
+from sidtool.solver.output.body_outputs import FrameMotion
+from sidtool.view import export
+from sidtool.view.body_fields import peak_stresses
+from sidtool.view.export import (
+    ExportBody,
+    ExportMesh,
+    _join_cells,
+    export_mesh,
+    write_pvd,
+    write_vtkhdf,
+)
 from tests.places import SLIDER_CRANK
 
 from ..beams import clamped_beam
@@ -46,8 +52,8 @@ def result(made: tuple[sidtool.SID, Field]) -> Result:
 
 
 @pytest.fixture(scope="module")
-def mesh(result: Result, made: tuple[sidtool.SID, Field]) -> Exported:
-    return exported(result, {"rod": made[1]})
+def mesh(result: Result, made: tuple[sidtool.SID, Field]) -> ExportMesh:
+    return export_mesh(result, {"rod": made[1]})
 
 
 def vtk() -> Any:
@@ -99,7 +105,7 @@ def test_beams_are_tubes_with_the_volume_of_the_beam(tmp_path: Path) -> None:
         joints={"hold": sidtool.Fixed(markers=["ground", "bar.root"])},
     )
     ran = scene.simulate(sids={"bar": sid})
-    made = exported(ran, {"bar": field})
+    made = export_mesh(ran, {"bar": field})
     write_vtkhdf(tmp_path / "m.vtkhdf", made)
     grid = read_hdf(tmp_path / "m.vtkhdf", 0.0)
     for number, part in enumerate(made.parts):
@@ -122,7 +128,7 @@ def test_beams_are_tubes_with_the_volume_of_the_beam(tmp_path: Path) -> None:
 @pytest.mark.needs("vtk")
 @pytest.mark.parametrize("kind", ["vtkhdf", "pvd"])
 def test_vtk_reads_the_motion_of_the_markers(
-    kind: str, result: Result, mesh: Exported, tmp_path: Path
+    kind: str, result: Result, mesh: ExportMesh, tmp_path: Path
 ) -> None:
     """The points at both pins: places, velocities and displacements of the outputs."""
     path = tmp_path / f"motion.{kind}"
@@ -151,7 +157,7 @@ def test_vtk_reads_the_motion_of_the_markers(
 
 @pytest.mark.needs("vtk")
 def test_stresses_are_those_of_the_field_and_unknown_elsewhere(
-    result: Result, mesh: Exported, made: tuple[sidtool.SID, Field], tmp_path: Path
+    result: Result, mesh: ExportMesh, made: tuple[sidtool.SID, Field], tmp_path: Path
 ) -> None:
     write_vtkhdf(tmp_path / "m.vtkhdf", mesh)
     k = 30
@@ -182,7 +188,7 @@ def test_cells_have_the_order_of_vtk(kind: str, tmp_path: Path) -> None:
     _, field = field_from_model(volume(settings))
     still = FrameMotion(np.zeros((1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3)))
     none = np.zeros((1, field.nq))
-    part = Part(
+    part = ExportBody(
         "rod",
         field.positions,
         field.cells,
@@ -194,7 +200,7 @@ def test_cells_have_the_order_of_vtk(kind: str, tmp_path: Path) -> None:
         none,
         "",
     )
-    mesh = Exported(np.zeros(1), (part,), *_cells([part]), ())
+    mesh = ExportMesh(np.zeros(1), (part,), *_join_cells([part]), ())
     write_vtkhdf(tmp_path / "m.vtkhdf", mesh)
     sizes = vtk().vtkCellSizeFilter()
     sizes.SetInputData(read_hdf(tmp_path / "m.vtkhdf", 0.0))
@@ -207,7 +213,7 @@ def test_cells_have_the_order_of_vtk(kind: str, tmp_path: Path) -> None:
 
 
 def test_the_peak_is_the_largest_stress_of_all_points_and_times(
-    result: Result, mesh: Exported, made: tuple[sidtool.SID, Field]
+    result: Result, mesh: ExportMesh, made: tuple[sidtool.SID, Field]
 ) -> None:
     """Against all exported stresses, and E kappa y where it is."""
     field = made[1]
@@ -285,17 +291,17 @@ def test_thousands_of_bodies_are_named(tmp_path: Path) -> None:
     shapes, initial = np.zeros((1, 3, 0)), np.zeros((1, 6))
     names = tuple(f"body{k}" for k in range(5000))
     parts = tuple(
-        Part(name, point, cells, shapes, None, initial, still, none, none, "")
+        ExportBody(name, point, cells, shapes, None, initial, still, none, none, "")
         for name in names
     )
-    mesh = Exported(np.zeros(1), parts, *_cells(list(parts)), ())
+    mesh = ExportMesh(np.zeros(1), parts, *_join_cells(list(parts)), ())
     write_vtkhdf(tmp_path / "m.vtkhdf", mesh)
     with h5py.File(tmp_path / "m.vtkhdf") as file:
         body = file["VTKHDF/CellData/body"][()]
         assert tuple(file["bodies"].asstr()[body]) == names
 
 
-def still_points(count: int, x: float) -> Exported:
+def still_points(count: int, x: float) -> ExportMesh:
     """A point that rests at x."""
     zeros = np.zeros((count, 3))
     place = zeros + [x, 0.0, 0.0]
@@ -303,8 +309,8 @@ def still_points(count: int, x: float) -> Exported:
     point, cells = np.zeros((1, 3)), {"tri3": np.zeros((1, 3), int)}
     none, initial = np.zeros((count, 0)), np.zeros((1, 6))
     shapes = np.zeros((1, 3, 0))
-    part = Part("p", point, cells, shapes, None, initial, still, none, none, "")
-    return Exported(np.arange(float(count)), (part,), *_cells([part]), ())
+    part = ExportBody("p", point, cells, shapes, None, initial, still, none, none, "")
+    return ExportMesh(np.arange(float(count)), (part,), *_join_cells([part]), ())
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -327,10 +333,10 @@ def test_no_pvd_names_files_of_two_motions(
         return usual(*told)
 
     done: list[None] = []
-    name = "_vtu" if stop == "writing" else "replace_file"
-    usual = getattr(vtk_files, name)
+    name = "_vtu_text" if stop == "writing" else "replace_file"
+    usual = getattr(export, name)
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(vtk_files, name, interrupt)
+        patch.setattr(export, name, interrupt)
         write_pvd(tmp_path / "m.pvd", still_points(3, 2.0))
     if stop == "writing":
         assert content(tmp_path) == before
@@ -371,7 +377,7 @@ def test_links_are_lines_between_their_markers() -> None:
         outputs=sidtool.Outputs(record=["bar.tip.*", "bob.*", "spring.length"]),
     )
     result = scene.simulate()
-    made = exported(result)
+    made = export_mesh(result)
     names = [part.name for part in made.parts]
     assert sorted(names[-2:]) == ["rod", "spring"]
     rod, spring = (made.parts[names.index(name)] for name in ("rod", "spring"))
@@ -402,7 +408,7 @@ def test_lines_are_read_by_vtk(ending: str, tmp_path: Path) -> None:
     )
     result = scene.simulate()
     path = tmp_path / f"m.{ending}"
-    vtk_files.write_export(path, exported(result))
+    export.write_export(path, export_mesh(result))
     if ending == "vtkhdf":
         grid = read_hdf(path, 0.1)
     else:

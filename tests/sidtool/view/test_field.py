@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sidtool.cli import run
-from sidtool.convert import field_from_model
+from sidtool.cli.main import run
+from sidtool.discretisation.registry import finite_element_model
 from sidtool.field.body_field import sample_body
-from sidtool.formats.errors import InputError
-from sidtool.formats.field import Field, mismatch, read_field, write_field
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.stress import node_stress
+from sidtool.formats.field import Field, mismatch_text, read_field, write_field
 from sidtool.formats.model import ModelFile
-from sidtool.formats.stress import node_stress
-from sidtool.frontends.registry import finite_element_model
-from sidtool.kinds import kind_of
+from sidtool.pipeline.files import kind_of
+from sidtool.pipeline.model_to_sid import field_from_model
 from tests.places import EXAMPLES
 
 from ..bodies import WIDTH, beam, volume
@@ -131,11 +131,11 @@ def test_files_give_everything_back(tmp_path: Path) -> None:
         k: v.tolist() for k, v in field.cells.items()
     }
     assert kind_of(tmp_path / "rod.field.h5") == "field"
-    assert mismatch(back, sid) == ""
+    assert mismatch_text(back, sid) == ""
     stiffer = replace(sid, Ke=replace(sid.Ke, m0=1.001 * sid.Ke.m0))
-    assert mismatch(back, stiffer) == "has other Ke than the SID"
+    assert mismatch_text(back, stiffer) == "has other Ke than the SID"
     other, _ = field_from_model(rod(IGA, reduction={"method": "modal", "modes": 4}))
-    assert mismatch(back, other) == "has 5 elastic coordinates, the SID 4"
+    assert mismatch_text(back, other) == "has 5 elastic coordinates, the SID 4"
 
 
 def test_damaged_files_are_refused(tmp_path: Path) -> None:

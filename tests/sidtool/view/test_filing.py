@@ -14,7 +14,7 @@ import pytest
 from matplotlib.image import imread
 
 import sidtool
-from sidtool.cli import run
+from sidtool.cli.main import run
 from tests.optional import program
 from tests.places import SLIDER_CRANK
 

@@ -16,7 +16,7 @@ from PIL import Image
 import sidtool
 from sidtool.plot.figure import COLOURS
 from sidtool.view import film
-from sidtool.view.animating import shown
+from sidtool.view.animation import animation_data
 
 FRAMES = 21
 
@@ -66,9 +66,9 @@ def test_no_body_leaves_the_picture(ends: tuple[list[float], list[float]]) -> No
     """Two cubes at the ends of the mechanism are seen whole: the axes are a square in
     the middle of the page, and cut what was beyond."""
     result = bodies(dict(zip(("one", "two"), ends, strict=True)), [1.0, 0.5, 0.2])
-    motion = shown(result)
+    motion = animation_data(result)
     rows = [0, len(motion.motion.t) // 2, len(motion.motion.t) - 1]
-    for data in film.stills(motion.motion, motion.bodies, rows, 1.0):
+    for data in film.snapshots(motion.motion, motion.bodies, rows, 1.0):
         picture = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), float) / 255
         areas = [seen(picture, number).sum() for number in (0, 1)]
         assert min(areas) > 60

@@ -11,9 +11,9 @@ import pytest
 import sidtool
 from sidtool.formats.result import Result
 from sidtool.formats.scene import read_scene
-from sidtool.solver.system.bodies.rotations import shortest_rotation
+from sidtool.solver.system.rotations import shortest_rotation
 from sidtool.view import film
-from sidtool.view.animating import animate, shown
+from sidtool.view.animation import animate, animation_data
 from sidtool.view.links import X
 from tests.places import SLIDER_CRANK
 
@@ -58,7 +58,7 @@ def result() -> Result:
 
 def test_links_join_their_markers(result: Result) -> None:
     """Their ends are the places of the markers, deformation of the rod included."""
-    motion = shown(result).motion
+    motion = animation_data(result).motion
     found = {link.name: link for link in motion.links}
     assert {name: link.kind for name, link in found.items()} == {
         "rope": "rod",
@@ -89,7 +89,7 @@ def test_links_join_their_markers(result: Result) -> None:
 
 
 def test_ends_follow_the_magnified_deformation(result: Result) -> None:
-    motion = shown(result).motion
+    motion = animation_data(result).motion
     end = next(link for link in motion.links if link.name == "spring").ends[1]
     paths = [end.path(motion, scale) for scale in (0.0, 1.0, 50.0)]
     assert paths[2] - paths[0] == pytest.approx(50.0 * (paths[1] - paths[0]), abs=1e-12)
@@ -106,7 +106,7 @@ def test_a_turn_from_x_is_a_rotation() -> None:
 
 
 def test_films_show_links(result: Result) -> None:
-    seen = shown(result)
+    seen = animation_data(result)
     links = [link.triangles for link in seen.motion.links]
     parts = [body.triangles for body in seen.bodies]
     stage = film.Stage(seen.motion, seen.bodies, parts, None, "", 1.0)

@@ -9,9 +9,8 @@ import pytest
 
 import sidtool
 from sidtool.plot import results
-from sidtool.plot.courses import MOST_POINTS, extremes
-from sidtool.solver.recording.interpolation import interpolated
-from sidtool.solver.recording.sampling import Sampler
+from sidtool.plot.curves import MOST_POINTS, extremes
+from sidtool.solver.output.samples import StateSampler, interpolate_states
 
 
 def test_extremes_hold_every_peak() -> None:
@@ -57,10 +56,10 @@ def test_long_results_are_drawn_as_recorded(
     def played(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(results, "played_outputs", played)
+    monkeypatch.setattr(results, "interpolated_outputs", played)
     assert long.plot("stone.x", path=tmp_path / "p.svg") is not None
     assert (tmp_path / "p.svg").stat().st_size < 200_000
-    page, told = results.drawn(long)
+    page, told = results.draw_result(long)
     (line,) = page.axes[0].lines
     assert len(line.get_xdata()) <= MOST_POINTS and told == []
     np.testing.assert_allclose(line.get_ydata(), 2.0 * line.get_xdata(), atol=1e-12)
@@ -77,18 +76,18 @@ def test_few_states_are_interpolated_from_their_neighbours(
     long: sidtool.Result,
 ) -> None:
     """Of ten thousand states only those around the wanted times are looked at."""
-    from sidtool.solver.afterwards import replay
+    from sidtool.solver.simulation.replay import replay
 
     again = replay(long)
     seen: list[int] = []
 
-    class Counted(Sampler):
+    class Counted(StateSampler):
         def sample(self, times, z, v):  # type: ignore[no-untyped-def]
             seen.append(len(times))
             return super().sample(times, z, v)
 
     nodes = np.array([0.0, 0.12345, 0.99995, 1.0])
     sampler = Counted(again.system, again._sampler.closed)
-    z, _ = interpolated(sampler, (again.t, again.z, again.v), nodes)
+    z, _ = interpolate_states(sampler, (again.t, again.z, again.v), nodes)
     assert max(seen) <= 16
     np.testing.assert_allclose(z[:, 0], 2.0 * nodes, atol=1e-12)

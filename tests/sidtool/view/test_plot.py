@@ -10,24 +10,24 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.afterwards import outputs_at
-from sidtool.cli import run
-from sidtool.convert import field_from_model
-from sidtool.formats.errors import InputError
+from sidtool.cli.main import run
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.field import write_field
 from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result, write_result
 from sidtool.formats.scene import SceneFile, read_scene, unit_of
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.extra_outputs import outputs_at
+from sidtool.pipeline.model_to_sid import field_from_model
 from sidtool.plot import bodies, results
-from sidtool.plot.courses import grouped, label_of
-from sidtool.plot.figure import figure
+from sidtool.plot.curves import axis_label, group_outputs
+from sidtool.plot.figure import saved_figure
 from tests.places import SLIDER_CRANK
 from tests.solver.scenes import scene
 
 from ..bodies import volume
 from ..models import IGA, QM6, rod, rod_data
-from ..test_afterwards import spatial_wheel
+from ..pipeline.test_afterwards import spatial_wheel
 
 STARTS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 Shown = Callable[..., Any]
@@ -38,7 +38,7 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Figures in place of the files that they would become."""
     kept: list[Any] = []
     for module in (bodies, results):
-        monkeypatch.setattr(module, "saved", lambda page, path: kept.append(page))
+        monkeypatch.setattr(module, "save_figure", lambda page, path: kept.append(page))
     return kept
 
 
@@ -48,7 +48,7 @@ def wheel() -> Result:
     content = spatial_wheel(7.0, 0.1)
     content["bodies"]["wheel"]["markers"] = {"rim": {"position": [0.5, 0, 0]}}
     content["outputs"] = {"record": ["wheel.rim.x", "wheel.x"]}
-    return sidtool.simulate(validated(content, SceneFile))
+    return sidtool.simulate(validate_data(content, SceneFile))
 
 
 @pytest.mark.parametrize("with_field", [True, False])
@@ -114,7 +114,7 @@ def test_models_show_mesh_markers_net_and_ties(pages: list[Any]) -> None:
     tie = {"type": "rigid", "to": ["right"]}
     data = rod_data(IGA)
     data["markers"]["piston_pin"] = {"node": 2, "tie": tie}
-    model = validated(data, ModelFile)
+    model = validate_data(data, ModelFile)
     assert bodies.plot_model(Path("x.png"), model) == ["grey lines: the control net"]
     (axes,) = pages[0].axes
     texts = [text.get_text().strip() for text in axes.texts]
@@ -143,7 +143,7 @@ def test_curves_follow_the_motion_between_output_times(
 def test_coarse_output_times_are_told(pages: list[Any]) -> None:
     content = spatial_wheel(7.0, 0.8)
     content["outputs"] = {"record": ["wheel.wz"]}
-    result = sidtool.simulate(validated(content, SceneFile))
+    result = sidtool.simulate(validate_data(content, SceneFile))
     (told,) = results.plot_result(Path("x.png"), result)
     assert "between output times curves may be off by" in told
 
@@ -196,7 +196,7 @@ def test_forces_of_an_analysis_are_drawn_as_it_found_them(pages: list[Any]) -> N
 def test_axes_have_numbers_without_an_offset() -> None:
     """Of 12 m that vary by 1 um matplotlib writes 1.19999e1 beside the axis."""
     t = np.linspace(0.0, 1.0, 50)
-    with figure(None, size=(4, 3)) as axes:
+    with saved_figure(None, size=(4, 3)) as axes:
         axes.plot(t, 12.0 + 1e-6 * np.sin(9 * t))
         axes.figure.canvas.draw()
     assert axes.yaxis.get_offset_text().get_text() == ""
@@ -205,7 +205,7 @@ def test_axes_have_numbers_without_an_offset() -> None:
 
 def test_spectra_show_amplitudes(wheel: Result, pages: list[Any]) -> None:
     t = np.linspace(0, 10, 2000, endpoint=False)
-    found = results.amplitudes(3.0 + 0.7 * np.sin(2 * np.pi * 12.0 * t))
+    found = results.amplitude_spectrum(3.0 + 0.7 * np.sin(2 * np.pi * 12.0 * t))
     assert found.argmax() == 120 and found.max() == pytest.approx(0.7, rel=1e-3)
     results.plot_result(Path("x.png"), wheel, "spectrum", "wheel.rim.x")
     line = pages[0].axes[0].lines[0]
@@ -224,13 +224,13 @@ def test_energies_are_drawn_with_their_sum(wheel: Result, pages: list[Any]) -> N
 
 def test_groups_and_units() -> None:
     names = ["rod.q1", "rod.q2", "piston.x", "rod.q10", "rod.tip.vx"]
-    assert grouped(names) == [
+    assert group_outputs(names) == [
         ["rod.q1", "rod.q2", "rod.q10"],
         ["piston.x"],
         ["rod.tip.vx"],
     ]
-    assert label_of(["rod.q1", "rod.q2"], unit_of) == "rod.q"
-    assert label_of(["rod.tip.vx"], unit_of) == "rod.tip.vx [m/s]"
+    assert axis_label(["rod.q1", "rod.q2"], unit_of) == "rod.q"
+    assert axis_label(["rod.tip.vx"], unit_of) == "rod.tip.vx [m/s]"
     units = {
         "a.x": "m",
         "a.angle": "rad",

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.filing.page import write_report
-from sidtool.plot.figure import figure, use_log_scale
+from sidtool.plot.figure import saved_figure, use_log_scale
 from sidtool.plot.precision import plot_precision
+from sidtool.view.html_report import write_report
 
 #: Mathematics for matplotlib, wrong and right; letters that no font of it has; control
 #: characters; the byte of a name that is not UTF-8.
@@ -71,14 +71,14 @@ def test_labels_are_no_mathematics(odd: str, tmp_path: Path) -> None:
 
 
 def test_powers_of_ten_are_characters(tmp_path: Path) -> None:
-    with figure(tmp_path / "p.svg", size=(4.0, 3.0)) as axes:
+    with saved_figure(tmp_path / "p.svg", size=(4.0, 3.0)) as axes:
         axes.plot([1.0, 2.0], [3e-7, 2e4])
         use_log_scale(axes.yaxis)
     found = texts(tmp_path / "p.svg")
     powers = [text for text in found if text.startswith("10")]
     assert {"10⁻⁶", "10⁰", "10³"} & set(powers) and len(powers) > 3
     assert not [text for text in found if set(text) & set("${}\\^")]
-    with figure(tmp_path / "q.svg", size=(4.0, 3.0)) as axes:
+    with saved_figure(tmp_path / "q.svg", size=(4.0, 3.0)) as axes:
         axes.plot([1.0, 2.0], np.array([2e-4, 7e-4]))
         use_log_scale(axes.yaxis)
     assert "2×10⁻⁴" in "".join(texts(tmp_path / "q.svg")).replace(" ", "")

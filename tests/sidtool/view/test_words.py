@@ -17,11 +17,10 @@ from scipy.spatial import ConvexHull
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import unit_of
 from sidtool.formats.study import StudyFile, StudyPoint
-from sidtool.formats.toml.reading import validated
-from sidtool.plot import bodies, courses, figure, precision, results
-from sidtool.plot.figure import styled
-from sidtool.plot.pictures import Picture, drawn
-from sidtool.plot.words import broken
+from sidtool.formats.toml.reading import validate_data
+from sidtool.plot import bodies, curves, figure, precision, results
+from sidtool.plot.body_pictures import BodyPicture, draw_bodies
+from sidtool.plot.figure import figure_style, wrap_label
 
 from ..models import IGA, rod_data
 
@@ -58,7 +57,7 @@ def crossing(page: Any) -> list[tuple[str, ...]]:
 def pages(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     kept: list[Any] = []
     for module in (bodies, results, figure):
-        monkeypatch.setattr(module, "saved", lambda page, path: kept.append(page))
+        monkeypatch.setattr(module, "save_figure", lambda page, path: kept.append(page))
     return kept
 
 
@@ -78,9 +77,11 @@ def test_legends_and_labels_of_many_outputs(error: float, width: float) -> None:
     t = np.linspace(0.0, 1.0, 50)
     columns = {name: np.sin(k * t) for k, name in enumerate(NAMES)}
     errors = dict.fromkeys(NAMES, error)
-    groups = courses.grouped(NAMES)
-    with styled():
-        page, axes = courses.drawn(t, groups, columns, errors, unit_of, (width, 1.4))
+    groups = curves.group_outputs(NAMES)
+    with figure_style():
+        page, axes = curves.draw_curves(
+            t, groups, columns, errors, unit_of, (width, 1.4)
+        )
         assert not crossing(page)
         heights = [place.get_window_extent().height for place in axes]
         assert min(heights) > 70  # legends leave room for the curves
@@ -107,9 +108,9 @@ def test_legends_and_labels_of_many_outputs(error: float, width: float) -> None:
 @pytest.mark.parametrize("label", [*NAMES, "rod.tip.vx [m/s]", "__a__.b [N m]", "x"])
 def test_broken_labels_lose_no_letter(label: str) -> None:
     for room in (0.3, 1.2, 9.0):
-        lines = broken(label, room)
+        lines = wrap_label(label, room)
         assert lines.replace("\n", "").replace(" ", "") == label.replace(" ", "")
-    assert broken(label, 9.0) == label
+    assert wrap_label(label, 9.0) == label
 
 
 @pytest.mark.parametrize(
@@ -132,9 +133,9 @@ def test_names_numbers_and_labels_of_bodies(
     low, high = -0.1 * np.array(ends), 0.9 * np.array(ends)
     marks = {f"marker_{k}": rng.uniform(low, high) for k in range(22)}
     corners = np.array([low, high, [low[0], high[1], (low[2] + high[2]) / 2]])
-    picture = Picture("a body", corners, np.array([[0, 1, 2]]), marks=marks)
-    with styled():
-        page, left = drawn([picture] * count, "drawn from something")
+    picture = BodyPicture("a body", corners, np.array([[0, 1, 2]]), marks=marks)
+    with figure_style():
+        page, left = draw_bodies([picture] * count, "drawn from something")
         assert not crossing(page)
     told = [text.get_text() for text in words(page)]
     assert sorted([*left, *(name for name in told if "marker" in name)]) == sorted(
@@ -148,7 +149,7 @@ def test_names_of_many_markers_of_a_model(pages: list[Any]) -> None:
     at = data["markers"]["piston_pin"]
     for k in range(30):
         data["markers"][f"gauge_{k}"] = {**at, "node": k + 10}
-    told = bodies.plot_model(Path("x.png"), validated(data, ModelFile))
+    told = bodies.plot_model(Path("x.png"), validate_data(data, ModelFile))
     assert not crossing(pages[0])
     names = {text.get_text() for text in words(pages[0])}
     assert "crank_pin" in names  # those of one place have one name
@@ -195,8 +196,8 @@ def test_legends_leave_the_power_of_ten_free() -> None:
     """Rows of a full legend began on top of it."""
     t = np.linspace(0.0, 1.0, 30)
     columns = {f"a.q{k}": 1e-5 * np.sin(k * t) for k in range(1, 8)}
-    with styled():
-        page, (axes,) = courses.drawn(
+    with figure_style():
+        page, (axes,) = curves.draw_curves(
             t, [list(columns)], columns, {}, unit_of, (5.2, 1.4)
         )
         page.draw_without_rendering()
@@ -211,8 +212,10 @@ def test_tied_nodes_are_seen_through_the_body() -> None:
     corners = np.vstack([np.eye(3), -np.eye(3)])
     faces = ConvexHull(corners).simplices
     inside = {"pin: rigid tie": 0.1 * np.eye(3)}
-    with styled():
-        page, _ = drawn([Picture("octahedron", corners, faces, groups=inside)])
+    with figure_style():
+        page, _ = draw_bodies(
+            [BodyPicture("octahedron", corners, faces, groups=inside)]
+        )
         stream = io.BytesIO()
         page.savefig(stream, dpi=100, format="png")
     stream.seek(0)
@@ -229,7 +232,7 @@ def test_errors_of_a_result_are_bands_in_its_page() -> None:
     t = np.linspace(0.0, 2.0, 40)
     columns = {"a.x": np.sin(t), "a.y": np.cos(t), "a.z": t}
     errors = {"a.x": 0.25, "a.z": 0.0, "b.x": 3.0}
-    text, left, right = courses.drawn_svg(t, columns, errors, unit_of)
+    text, left, right = curves.draw_curves_svg(t, columns, errors, unit_of)
     assert 0 < left < right < 1
     assert text.count('id="FillBetweenPolyCollection') == 1
     assert "a.x ± 2.5e-01" in text and "a.z ±" not in text

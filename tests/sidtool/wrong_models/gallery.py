@@ -11,11 +11,11 @@ from collections.abc import Callable
 from typing import Any
 
 import sidtool
-from sidtool.convert import NOTE, sid_from_model
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile
-from sidtool.formats.sid import SID
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import NOTE_PREFIX, sid_from_model
 from tests.solver.scenes import polynomial, scene, slender_rod
 from tests.steel_bars import bar_data, steel_bar
 
@@ -52,10 +52,10 @@ def simulated(described: Any, **sids: SID) -> str:
 def converted(data: Any) -> str:
     told: list[str] = []
     try:
-        sid_from_model(validated(data, ModelFile), told.append)
+        sid_from_model(validate_data(data, ModelFile), told.append)
     except InputError as error:
         return str(error)
-    return "\n".join(text for text in told if text.startswith(NOTE))
+    return "\n".join(text for text in told if text.startswith(NOTE_PREFIX))
 
 
 # Parts ---------------------------------------------------------------------------

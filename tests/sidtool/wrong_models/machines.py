@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from sidtool.formats.sid import Taylor
-from sidtool.validate.units import convert_units
+from sidtool.formats.base.sid import Taylor
+from sidtool.mesh.unit_systems import convert_units
 from tests.solver.scenes import polynomial, scene, slender_rod
 
 from .gallery import (

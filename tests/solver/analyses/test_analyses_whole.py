@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from sidtool.convert import sid_from_model
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Taylor
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.analyses.inverse import inverse_dynamics
-from sidtool.solver.analyses.linear import linearise
-from sidtool.solver.analyses.static import static_equilibrium
-from sidtool.solver.errors import SimulationError
+from sidtool.solver.analyses.inverse_dynamics import inverse_dynamics
+from sidtool.solver.analyses.linearisation import linearise
+from sidtool.solver.analyses.static_equilibrium import static_equilibrium
+from sidtool.solver.system.errors import SimulationError
 from tests.sidtool.beams import beam
 from tests.solver.integrators.test_singular_positions import slider_crank
 from tests.solver.scenes import polynomial, scene, slender_rod
@@ -186,11 +186,11 @@ def test_inertia_is_needed_where_the_frame_of_a_body_moves() -> None:
     started = content.model_dump(by_alias=True, exclude_none=True, mode="json")
     started["bodies"]["bar"]["initial"] = {"elastic": elastic}
     again = compile_scene(
-        validated(started, SceneFile), ".", {"bar": sid}, keep_joints=True
+        validate_data(started, SceneFile), ".", {"bar": sid}, keep_joints=True
     )
     with pytest.raises(SimulationError, match="t = 0 s; bar has deformed so far"):
         simulate(again)
-    run = simulate(compile_scene(validated(started, SceneFile), ".", {"bar": sid}))
+    run = simulate(compile_scene(validate_data(started, SceneFile), ".", {"bar": sid}))
     assert run.completed
     assert not any("cannot start" in note for note in result.notes)
 

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.formats.sid import SID, Taylor
 from sidtool.formats.sid_files import read_sid
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.analyses.inverse import inverse_dynamics
-from sidtool.solver.analyses.linear import linearise
-from sidtool.solver.analyses.static import static_equilibrium
-from sidtool.solver.errors import SimulationError
+from sidtool.solver.analyses.inverse_dynamics import inverse_dynamics
+from sidtool.solver.analyses.linearisation import linearise
+from sidtool.solver.analyses.static_equilibrium import static_equilibrium
+from sidtool.solver.system.errors import SimulationError
 from tests.places import SLIDER_CRANK
 
 G = 9.81
@@ -28,7 +28,9 @@ def scene(dimension: str, record: list[str] | None = None, **tables: Any) -> Sce
     head = {"format": "sidtool scene", "version": 1, "dimension": dimension}
     time = {"end": 1.0, "output_step": 0.05}
     outputs = {"record": record or []}
-    return validated({**head, "time": time, "outputs": outputs, **tables}, SceneFile)
+    return validate_data(
+        {**head, "time": time, "outputs": outputs, **tables}, SceneFile
+    )
 
 
 def compiled(content: SceneFile, sids: dict[str, SID] | None = None) -> Any:
@@ -262,7 +264,7 @@ def rigid_slider_crank(record: list[str]) -> SceneFile:
     }
     content["time"] = {"end": 2.5, "output_step": 0.05}
     content["outputs"] = {"record": record}
-    return validated(content, SceneFile)
+    return validate_data(content, SceneFile)
 
 
 def test_inverse_dynamics_finds_the_forces_of_the_transient() -> None:
@@ -295,7 +297,7 @@ def flexible_slider_crank(factor: float, record: list[str]) -> Any:
     content["time"] = {"end": 2.5, "output_step": 0.05}
     content["outputs"] = {"record": record}
     content["bodies"]["rod"]["quadratic_inertia"] = False
-    return compiled(validated(content, SceneFile), {"rod": sid})
+    return compiled(validate_data(content, SceneFile), {"rod": sid})
 
 
 def test_a_stiff_rod_deforms_as_quasi_statics_say() -> None:

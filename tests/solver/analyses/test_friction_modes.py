@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.solver import compile_scene
-from sidtool.solver.analyses.linear import Linearisation, linearise
+from sidtool.solver.analyses.linearisation import Linearisation, linearise
 
-from ..equations.joint_scenes import scene
+from ..dynamics.joint_scenes import scene
 
 G = 9.81
 

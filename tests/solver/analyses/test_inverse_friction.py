@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sidtool.formats.sid import Taylor
+from sidtool.formats.base.sid import Taylor
 from sidtool.solver import simulate
-from sidtool.solver.analyses.inverse import inverse_dynamics
+from sidtool.solver.analyses.inverse_dynamics import inverse_dynamics
 from tests.solver.scenes import compiled, polynomial, scene, soft_body
 
 MU, RADIUS = 0.3, 0.05

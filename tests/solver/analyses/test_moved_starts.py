@@ -8,9 +8,9 @@ import pytest
 
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene
-from sidtool.solver.analyses.inverse import inverse_dynamics
-from sidtool.solver.analyses.linear import linearise
-from sidtool.solver.analyses.static import static_equilibrium
+from sidtool.solver.analyses.inverse_dynamics import inverse_dynamics
+from sidtool.solver.analyses.linearisation import linearise
+from sidtool.solver.analyses.static_equilibrium import static_equilibrium
 from tests.solver.scenes import polynomial, scene
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from sidtool.solver import compile_scene, linearise, simulate
-from sidtool.solver.errors import SimulationError
-from sidtool.solver.system.scene import System
+from sidtool.solver.system.errors import SimulationError
+from sidtool.solver.system.system import System
 from tests.steel_bars import steel_bar
 
 from ..scenes import polynomial, scene

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.solver.analyses.static import Equilibrium, static_equilibrium
-from sidtool.solver.errors import SimulationError
+from sidtool.solver.analyses.static_equilibrium import Equilibrium, static_equilibrium
+from sidtool.solver.system.errors import SimulationError
 from tests.solver.scenes import compiled, scene
 
 G, MASS, ARM = 9.81, 3.0, 0.4

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.toml.reading import validate_data
 from sidtool.solver import compile_scene
-from sidtool.solver.analyses.linear import linearise
-from sidtool.solver.analyses.static import static_equilibrium
+from sidtool.solver.analyses.linearisation import linearise
+from sidtool.solver.analyses.static_equilibrium import static_equilibrium
 from tests.places import SLIDER_CRANK
 from tests.solver.scenes import polynomial, scene, slender_rod
 
@@ -99,7 +99,7 @@ def test_a_driven_slider_crank_with_gravity_weighs_what_it_weighs(speed: float) 
     content["drives"]["crank_angle"]["function"] = polynomial(angle, speed, 2.0)
     content["outputs"] = {"record": ["bearing.fy", "slider.fy", "piston.vx"]}
     system = compile_scene(
-        validated(content, SceneFile), SLIDER_CRANK, keep_joints=True
+        validate_data(content, SceneFile), SLIDER_CRANK, keep_joints=True
     )
     result = static_equilibrium(system).result()
     masses = [body.sid.mass for body in system.bodies[1:]]
@@ -108,7 +108,9 @@ def test_a_driven_slider_crank_with_gravity_weighs_what_it_weighs(speed: float) 
     assert result["piston.vx"][0] == 0.0
     held = content | {"drives": dict(content["drives"])}
     held["drives"]["crank_angle"]["function"] = {"type": "constant", "value": angle}
-    other = compile_scene(validated(held, SceneFile), SLIDER_CRANK, keep_joints=True)
+    other = compile_scene(
+        validate_data(held, SceneFile), SLIDER_CRANK, keep_joints=True
+    )
     same = static_equilibrium(other).result()
     assert result.values == pytest.approx(same.values, rel=1e-8, abs=1e-9)
     assert result.multipliers == pytest.approx(same.multipliers, rel=1e-8, abs=1e-8)

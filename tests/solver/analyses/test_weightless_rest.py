@@ -15,7 +15,7 @@ import pytest
 import sidtool
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene
-from sidtool.solver.analyses.static import static_equilibrium
+from sidtool.solver.analyses.static_equilibrium import static_equilibrium
 
 from ..scenes import scene
 

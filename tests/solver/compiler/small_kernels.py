@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import float64
 
-from sidtool.solver.compiler.compiling import Entry, entry, inner
+from sidtool.solver.compiler.kernels import Entry, entry, inner
 
 
 def scaled(factor: float) -> Entry:

@@ -14,10 +14,9 @@ import pytest
 from numba import float64
 from numba.extending import intrinsic
 
-from sidtool.solver import warmup
-from sidtool.solver.compiler import stored
-from sidtool.solver.compiler.compiling import entry
-from sidtool.solver.integrators import all_step_loops
+from sidtool.solver.compiler import kernel_cache, precompile
+from sidtool.solver.compiler.kernels import entry
+from sidtool.solver.integrators.registry import all_step_loops
 from tests.places import ROOT
 from tests.solver.compiler.small_kernels import scaled
 
@@ -32,9 +31,9 @@ def stamps() -> dict[str, str]:
     """Of all entry kernels, by their names."""
     found = {}
     for name in (
-        name for group in warmup.all_groups(all_step_loops()) for name in group
+        name for group in precompile.all_groups(all_step_loops()) for name in group
     ):
-        found[name] = warmup._find(name).stamp
+        found[name] = precompile._find_kernel(name).code_digest
     return found
 
 
@@ -54,19 +53,21 @@ def test_every_process_finds_the_same_kernels() -> None:
 
 
 def test_a_kernel_on_disk_is_used() -> None:
-    name = "integrators.radau.method:advance"
-    kernel = warmup._find(name)
+    name = "integrators.radau:advance"
+    kernel = precompile._find_kernel(name)
     for signature in kernel.signatures:
         kernel.address(signature)
-        assert kernel.found(signature) is not None
+        assert kernel.cached_code(signature) is not None
 
 
 def test_every_kernel_has_a_file_of_its_own() -> None:
     """Else two kernels would push each other out of the cache at every run."""
-    names = [name for group in warmup.all_groups(all_step_loops()) for name in group]
-    kernels = [warmup._find(name) for name in names]
+    names = [
+        name for group in precompile.all_groups(all_step_loops()) for name in group
+    ]
+    kernels = [precompile._find_kernel(name) for name in names]
     files = [
-        kernel.place(signature)[0]
+        kernel.cache_location(signature)[0]
         for kernel in kernels
         for signature in kernel.signatures
     ]
@@ -85,23 +86,23 @@ def test_processes_help_only_where_kernels_can_be_kept(
         numbers.append(number)
         yield
 
-    monkeypatch.setattr(stored, "_told", set())
-    monkeypatch.setattr(warmup, "_helpers", helpers)
-    monkeypatch.setattr(warmup, "_compile_here", here.append)
-    monkeypatch.setattr(warmup, "processors", lambda: 3)
+    monkeypatch.setattr(kernel_cache, "_warned", set())
+    monkeypatch.setattr(precompile, "_helpers", helpers)
+    monkeypatch.setattr(precompile, "_compile_here", here.append)
+    monkeypatch.setattr(precompile, "processors", lambda: 3)
     groups = [("a:a", "a:b"), ("b:a",), ("c:a",)]
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    warmup._compile(groups, None)
+    precompile._compile(groups, None)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(Path(__file__) / "cache"))
-    with pytest.warns(stored.KernelCacheWarning):
-        warmup._compile(groups, None)
+    with pytest.warns(kernel_cache.KernelCacheWarning):
+        precompile._compile(groups, None)
     assert numbers == [3, 0] and here == 2 * ["a:a", "a:b", "b:a", "c:a"]
 
 
 def test_another_constant_in_a_kernel_below_is_another_kernel() -> None:
     two, three = scaled(2.0), scaled(3.0)
     assert two(1.5) == 3.0 and three(1.5) == 4.5
-    ones = [kernel.stamp for kernel in (two, three, scaled(2.0))]
+    ones = [kernel.code_digest for kernel in (two, three, scaled(2.0))]
     assert ones[0] == ones[2] != ones[1]
 
 

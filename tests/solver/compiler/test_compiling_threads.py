@@ -15,7 +15,7 @@ from numba.extending import intrinsic
 
 from sidtool.formats.result import Result
 from sidtool.solver import simulate
-from sidtool.solver.compiler.compiling import Entry, entry
+from sidtool.solver.compiler.kernels import Entry, entry
 from tests.solver.scenes import compiled, scene, slender_rod
 
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.recording import told
-from sidtool.solver.recording.told import tells_of_bodies
+from sidtool.solver.output import evaluated_forces
+from sidtool.solver.output.evaluated_forces import needs_body_quantities
 from tests.solver.scenes import scene, slender_rod
 
 ASKED = ["energy.kinetic", "energy.balance", "momentum.x", "rod.momentum_x"]
@@ -20,15 +20,15 @@ def test_what_is_compiled_is_what_is_called(
     output: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     called = []
-    kernels = told.kernels
+    kernels = evaluated_forces.kernels
 
     def counted(*arrays: object) -> None:
         called.append(output)
-        kernels.tell_bodies_in_plane(*arrays)
+        kernels.write_bodies_in_plane(*arrays)
 
-    replaced = SimpleNamespace(**vars(kernels) | {"tell_bodies_in_plane": counted})
-    monkeypatch.setattr(told, "kernels", replaced)
+    replaced = SimpleNamespace(**vars(kernels) | {"write_bodies_in_plane": counted})
+    monkeypatch.setattr(evaluated_forces, "kernels", replaced)
     pin = {"type": "revolute", "markers": ["ground", "rod.a"]}
     pendulum = scene({"rod": slender_rod(1.0)}, {"pin": pin}, record=[output])
     simulate(compile_scene(pendulum))
-    assert bool(called) == tells_of_bodies(pendulum) == (output in ASKED)
+    assert bool(called) == needs_body_quantities(pendulum) == (output in ASKED)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numba import int64, types
 
-from sidtool.solver.compiler.compiling import entry
-from sidtool.solver.compiler.lanes import LANES, row_times
-from sidtool.solver.space.layout import C1, F1
+from sidtool.solver.compiler.inner_kernels import LANES, row_dot
+from sidtool.solver.compiler.kernels import entry
+from sidtool.solver.spatial.system_arrays import C1, F1
 
 SIGNATURES = {
     kind: types.void(F1, int64, view, int64, int64, view)
@@ -18,12 +18,12 @@ SIGNATURES = {
 
 @entry(*SIGNATURES.values())
 def product(a, i, x, k, n, out):  # type: ignore[no-untyped-def]
-    out[0] = row_times(a, i, x, k, n)
+    out[0] = row_dot(a, i, x, k, n)
 
 
 @pytest.mark.parametrize("kind", [float, complex])
 def test_every_term_counts_once(kind: type) -> None:
-    rng, times = np.random.default_rng(3), product.called(SIGNATURES[kind])
+    rng, times = np.random.default_rng(3), product.python_callable(SIGNATURES[kind])
     for n in (1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES, 5 * LANES + 3):
         for i, k in ((0, 0), (1, 2), (5, 3)):
             a = rng.integers(-99, 99, i + n + 1).astype(float)

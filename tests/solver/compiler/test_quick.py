@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 from numba import complex128, float64, int64, types
 
-from sidtool.solver.compiler import quick
-from sidtool.solver.compiler.compiling import _called_from_python, inner
-from sidtool.solver.compiler.machine import compiled, load
-from sidtool.solver.compiler.views import ViewType
+from sidtool.solver.compiler import fast_lowering
+from sidtool.solver.compiler.arrays import ViewType
+from sidtool.solver.compiler.kernels import (
+    _python_wrapper,
+    compile_kernel,
+    inner,
+    load_object_code,
+)
 
 WAYS = pytest.mark.parametrize("is_tried", [True, False], ids=["quick", "plain"])
 
@@ -54,14 +58,16 @@ def fails(n: int, z: complex, found: Any) -> None:
 
 def called(function: Any, signature: Any) -> Callable[..., Any]:
     """The function, compiled now."""
-    return _called_from_python(load(compiled(function, signature)), signature)
+    return _python_wrapper(
+        load_object_code(compile_kernel(function, signature)), signature
+    )
 
 
 @WAYS
 def test_kernels_compute_as_python_does(
     is_tried: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(quick, "is_tried", lambda: is_tried)
+    monkeypatch.setattr(fast_lowering, "is_tested_version", lambda: is_tried)
     kernel = called(numbers, types.void(float64, float64, int64, ViewType(float64, 2)))
     for x, y, n in [(1.5, -2.25, 4), (-3.75, 0.3, 7), (-0.5, 8.0, -5)]:
         found, expected = np.zeros((3, 3)), np.zeros((3, 3))
@@ -75,7 +81,7 @@ def test_no_number_is_neither_least_nor_largest(
     is_tried: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in Python: what comes first stays, if it cannot be compared."""
-    monkeypatch.setattr(quick, "is_tried", lambda: is_tried)
+    monkeypatch.setattr(fast_lowering, "is_tested_version", lambda: is_tried)
     kernel = called(extremes, types.void(float64, float64, ViewType(float64, 1)))
     for x, y in [(math.nan, 1.0), (1.0, math.nan), (math.inf, -math.inf)]:
         found, expected = np.zeros(3), np.zeros(3)
@@ -89,9 +95,9 @@ def test_kernels_that_may_fail_are_refused(
     is_tried: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nobody would be told."""
-    monkeypatch.setattr(quick, "is_tried", lambda: is_tried)
+    monkeypatch.setattr(fast_lowering, "is_tested_version", lambda: is_tried)
     with pytest.raises(TypeError, match="fails needs"):
-        compiled(fails, types.void(int64, complex128, ViewType(complex128, 1)))
+        compile_kernel(fails, types.void(int64, complex128, ViewType(complex128, 1)))
 
 
 def test_what_it_does_not_know_is_compiled_as_numba_compiles_everything() -> None:

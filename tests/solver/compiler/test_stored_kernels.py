@@ -15,8 +15,8 @@ import pytest
 from numba import float64
 from numba.extending import intrinsic
 
-from sidtool.solver.compiler import compiling, machine, stored
-from sidtool.solver.compiler.compiling import Entry, entry
+from sidtool.solver.compiler import kernel_cache, kernels
+from sidtool.solver.compiler.kernels import Entry, entry
 from tests.places import ROOT, posix
 from tests.solver.compiler.small_kernels import scaled
 
@@ -28,7 +28,7 @@ NO_FOLDER = Path(__file__)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache, and no trouble told yet."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(stored, "_told", set())
+    monkeypatch.setattr(kernel_cache, "_warned", set())
     return tmp_path / "cache"
 
 
@@ -39,14 +39,14 @@ _made: list[Any] = []
 def made(monkeypatch: pytest.MonkeyPatch) -> None:
     """Notes the functions that are compiled."""
 
-    compile_kernel = machine.compiled
+    compile_kernel = kernels.compile_kernel
 
     def compiled(function: Any, signature: Any) -> bytes:
         _made.append(function)
         return compile_kernel(function, signature)
 
     _made.clear()
-    monkeypatch.setattr(compiling, "compiled", compiled)
+    monkeypatch.setattr(kernels, "compile_kernel", compiled)
 
 
 def from_disk(kernel: Entry) -> bool:
@@ -91,7 +91,7 @@ def test_versions_of_a_kernel_replace_each_other(cache: Path) -> None:
 def test_a_full_disk_leaves_no_kernel_of_older_code(size: int, cache: Path) -> None:
     """What could not be written is not there, and nobody takes what was for it."""
     assert scaled(2.0)(1.5) == 3.0
-    with files_up_to(size), pytest.warns(stored.KernelCacheWarning) as told:
+    with files_up_to(size), pytest.warns(kernel_cache.KernelCacheWarning) as told:
         assert scaled(3.0)(1.5) == 4.5
     assert len(told) == 1 and "File too large" in str(told[0].message)
     again = scaled(3.0)
@@ -120,14 +120,14 @@ def test_damaged_kernels_are_compiled_anew(
     (file,) = entries(cache)
     good = file.read_bytes()
     for kind, content in damages(good).items():
-        monkeypatch.setattr(stored, "_told", set())
+        monkeypatch.setattr(kernel_cache, "_warned", set())
         file.write_bytes(content)
         kernel = scaled(5.0)
-        with pytest.warns(stored.KernelCacheWarning) as told:
+        with pytest.warns(kernel_cache.KernelCacheWarning) as told:
             assert not kernel.is_cached(kernel.signatures[0]), kind
         assert len(told) == 1 and str(file) in str(told[0].message)
     assert kernel(1.5) == 7.5
-    assert file.read_bytes()[: len(stored.MAGIC)] == stored.MAGIC
+    assert file.read_bytes()[: len(kernel_cache.MAGIC)] == kernel_cache.MAGIC
     again = scaled(5.0)
     assert again(1.5) == 7.5 and from_disk(again)
 
@@ -145,7 +145,7 @@ def test_a_whole_file_of_another_kernel_is_not_taken(cache: Path) -> None:
 def test_another_compiler_makes_another_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     kernel = scaled(2.0)
     assert kernel(1.5) == 3.0
-    monkeypatch.setattr(compiling, "machinery", lambda: "of the next version")
+    monkeypatch.setattr(kernels, "compiler_digest", lambda: "of the next version")
     assert not scaled(2.0).is_cached(kernel.signatures[0])
 
 
@@ -173,7 +173,7 @@ def test_machine_code_that_others_may_have_written_is_not_loaded(
     path = file if what == "file" else file.parent
     foreign(path, monkeypatch) if mode is None else path.chmod(mode)
     again = scaled(2.0)
-    with pytest.warns(stored.KernelCacheWarning) as told:
+    with pytest.warns(kernel_cache.KernelCacheWarning) as told:
         assert again(1.5) == 3.0 and not from_disk(again)
     assert len(told) == 1 and str(path) in str(told[0].message)
 
@@ -192,7 +192,7 @@ def test_a_link_of_another_user_to_kernels_is_not_followed(
     if not os.geteuid():
         os.chown(folder, 12345, -1, follow_symlinks=False)
         again = scaled(2.0)
-        with pytest.warns(stored.KernelCacheWarning):
+        with pytest.warns(kernel_cache.KernelCacheWarning):
             assert again(1.5) == 3.0 and not from_disk(again)
 
 
@@ -226,7 +226,7 @@ def with_intrinsic(factor: float) -> Entry:
 def test_an_intrinsic_is_part_of_the_code() -> None:
     """Its body writes machine code: another one is another kernel."""
     ones = [with_intrinsic(f) for f in (2.0, 3.0, 2.0)]
-    assert ones[0].stamp == ones[2].stamp != ones[1].stamp
+    assert ones[0].code_digest == ones[2].code_digest != ones[1].code_digest
     assert [kernel(1.5) for kernel in ones] == [3.0, 4.5, 3.0]
 
 
@@ -238,7 +238,7 @@ def unreachable(monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(stored, "HERE", NO_FOLDER / "package")
+    monkeypatch.setattr(kernel_cache, "COMPILER_FOLDER", NO_FOLDER / "package")
     if where == "home":
         for name in ("HOME", "USERPROFILE"):
             monkeypatch.setenv(name, str(NO_FOLDER / "home"))
@@ -256,8 +256,8 @@ def test_without_a_cache_kernels_are_compiled_in_memory(
     where: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     unreachable(monkeypatch, where)
-    with pytest.warns(stored.KernelCacheWarning) as told:
-        assert not stored.is_writable()
+    with pytest.warns(kernel_cache.KernelCacheWarning) as told:
+        assert not kernel_cache.is_writable()
         assert [scaled(f)(1.5) for f in (2.0, 3.0)] == [3.0, 4.5]
     (warning,) = told
     assert "NUMBA_CACHE_DIR may name another folder" in str(warning.message)
@@ -269,19 +269,19 @@ def test_kernels_of_a_package_that_cannot_be_written_are_used(
     """What an administrator compiled serves all; others keep theirs at home."""
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
-    monkeypatch.setattr(stored, "HERE", tmp_path / "package")
+    monkeypatch.setattr(kernel_cache, "COMPILER_FOLDER", tmp_path / "package")
     assert scaled(2.0)(1.5) == 3.0
     made = tmp_path / "package" / "__pycache__"
     (file,) = entries(tmp_path)
     assert file.parent == made
-    write = stored.atomic_path
+    write = kernel_cache.atomic_path
 
     def read_only(path: Path, **more: bool) -> Any:
         if path.parent == made:
             raise OSError(30, "Read-only file system")
         return write(path, **more)
 
-    monkeypatch.setattr(stored, "atomic_path", read_only)
+    monkeypatch.setattr(kernel_cache, "atomic_path", read_only)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for factor in (2.0, 3.0, 3.0):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numba import float64, int64
 
-from sidtool.solver.compiler.compiling import entry
+from sidtool.solver.compiler.kernels import entry
 from sidtool.solver.compiler.tables import Table, TableType
-from sidtool.solver.space.layout import Reals, Reals2
+from sidtool.solver.spatial.system_arrays import Reals, Reals2
 
 
 class Pair(Table):

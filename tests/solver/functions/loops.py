@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Array
 from sidtool.solver import (
     compile_scene,
     simulate,
 )
-from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.integrators.registry import INTEGRATORS
 from tests.solver.scenes import scene
 
 METHODS = tuple(INTEGRATORS)

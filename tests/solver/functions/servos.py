@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Array
 from tests.solver.scenes import GRAVITY, scene, slender_rod
 
 LENGTH, MASS = 0.9, 1.7

@@ -11,13 +11,13 @@ import pytest
 from numpy.polynomial.polynomial import polyder, polyval
 from scipy.interpolate import make_interp_spline
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import Array
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.solver import Timed, compile_scene, simulate
-from sidtool.solver.advice.description import describe
-from sidtool.solver.functions.callables import Derivatives, interpolate
-from tests.solver.equations.test_drives import cart
-from tests.solver.equations.test_forces import pushed
+from sidtool.solver.diagnostics.run_summary import describe
+from sidtool.solver.functions.callables import Derivatives, interpolate_callable
+from tests.solver.dynamics.test_drives import cart
+from tests.solver.dynamics.test_forces import pushed
 
 Function = Callable[[float], float]
 SPAN = (2.0, 12.0)
@@ -43,7 +43,7 @@ def pulse(shape: str, begin: float, width: float, height: float = 500.0) -> Func
 
 def impulse(program: Derivatives) -> float:
     """The integral over the span of what is made of a function."""
-    edges, terms, _ = interpolate(program, SPAN, "forces.push.function", False)
+    edges, terms, _ = interpolate_callable(program, SPAN, "forces.push.function", False)
     powers = np.arange(terms.shape[1])
     even = np.where(powers % 2 == 0, 1.0 / (powers + 1), 0.0)
     return float(np.diff(edges) @ terms @ even)
@@ -112,7 +112,7 @@ def test_a_short_force_moves_what_it_pushes(begin: float) -> None:
     ],
 )
 def test_what_is_smooth_stays_cheap(given: Function, pieces: int) -> None:
-    edges, _, kinks = interpolate(given, SPAN, "drives.motor.function")
+    edges, _, kinks = interpolate_callable(given, SPAN, "drives.motor.function")
     assert len(edges) <= pieces + 1
     assert kinks == ()
 
@@ -144,7 +144,9 @@ def test_no_place_of_a_jump_is_overlooked(
 @pytest.mark.parametrize("t0", PLACES)
 def test_no_force_that_jumps_is_taken(t0: float) -> None:
     with pytest.raises(InputError, match="the callable jumps by 3 at"):
-        interpolate(lambda t: 3.0 * (t >= t0), (0.0, 1.0), "forces.a.function", False)
+        interpolate_callable(
+            lambda t: 3.0 * (t >= t0), (0.0, 1.0), "forces.a.function", False
+        )
 
 
 @pytest.mark.parametrize("t0", PLACES)
@@ -153,7 +155,7 @@ def test_kinks_are_stepped_to_wherever_they_are(power: int, t0: float) -> None:
     def given(t: float) -> float:
         return float(max(t - t0, 0.0) ** power)
 
-    _, _, kinks = interpolate(given, (0.0, 1.0), "forces.a.function", False)
+    _, _, kinks = interpolate_callable(given, (0.0, 1.0), "forces.a.function", False)
     assert kinks == pytest.approx((t0,), abs=1e-9)
 
 
@@ -176,7 +178,7 @@ def test_a_drive_by_a_spline_has_the_acceleration_of_the_spline(
     times = np.array([0.0, *np.sort(random.uniform(0.05, 0.75, 4 + seed)), 0.8])
     spline = make_interp_spline(times, random.normal(size=len(times)), k=degree)
     knots = np.unique(spline.t)
-    edges, terms, kinks = interpolate(
+    edges, terms, kinks = interpolate_callable(
         lambda t: float(spline(t)), (0.0, 0.8), "drives.a.function"
     )
     if degree == 3:
@@ -207,7 +209,7 @@ def test_jumps_up_to_the_third_derivative_are_found_wherever_they_are(
     """At random places, also close to both ends, and steps end at them."""
     random = np.random.default_rng([power, len(shape)])
     for t0 in (*random.uniform(0.02, 0.78, 8), random.uniform(0.02, 0.04)):
-        edges, terms, kinks = interpolate(
+        edges, terms, kinks = interpolate_callable(
             lambda t, t0=t0: bent(shape, power, t0, t),  # type: ignore[misc]
             (0.0, 0.8),
             "forces.a.function",
@@ -235,7 +237,9 @@ def test_smooth_functions_have_no_kinks_however_quick(seed: int) -> None:
             lambda t, omega=omega: math.sin(omega * t * t),
         )
         for function in functions:
-            _, _, kinks = interpolate(function, (0.0, 0.8), "forces.a.function", False)
+            _, _, kinks = interpolate_callable(
+                function, (0.0, 0.8), "forces.a.function", False
+            )
             assert kinks == ()
 
 
@@ -243,7 +247,7 @@ def test_jumps_of_the_fourth_derivative_are_followed_found_or_not() -> None:
     """No claim that each is an end of steps: values and accelerations are right."""
     random = np.random.default_rng(4)
     for t0 in random.uniform(0.05, 0.75, 6):
-        edges, terms, kinks = interpolate(
+        edges, terms, kinks = interpolate_callable(
             lambda t, t0=t0: bent("cosine", 4, t0, t),  # type: ignore[misc]
             (0.0, 0.8),
             "forces.a.function",

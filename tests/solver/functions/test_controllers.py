@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Array
 from sidtool.solver import (
     Law,
     compile_scene,
     linearise,
     static_equilibrium,
 )
-from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.integrators.registry import INTEGRATORS
 from tests.solver.functions.loops import (
     GAINS,
     GIVEN,

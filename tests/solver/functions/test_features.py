@@ -12,11 +12,11 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.functions.features import of_characteristic
-from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.functions.features import characteristic_features
+from sidtool.solver.integrators.registry import INTEGRATORS
 from tests.solver.scenes import polynomial, scene
 
 MASS = 2.0
@@ -166,7 +166,7 @@ def test_smooth_tables_are_few_pieces(function: Any, most: int) -> None:
     def value(g: Array) -> Array:
         return np.asarray(curve(g))
 
-    assert len(of_characteristic(value, x).starts) <= most + 2
+    assert len(characteristic_features(value, x).starts) <= most + 2
 
 
 def braked(

@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigvals
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Array
 from sidtool.solver import (
     compile_scene,
     linearise,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene.units import unit_of
 from sidtool.solver import (
     Law,

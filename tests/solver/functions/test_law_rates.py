@@ -6,11 +6,10 @@ import math
 
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import parse_expression
-from sidtool.solver.functions.law_rates import rate_of
-from sidtool.solver.functions.law_times import value_at
-from sidtool.solver.functions.laws import Kept, Parts
+from sidtool.solver.functions.control_laws import LawInstructions, LawState
+from sidtool.solver.functions.law_derivatives import evaluate_law, time_derivative
 
 FORMULAS = (
     "x*v - x/v + 3*t + 2",
@@ -27,7 +26,7 @@ FORMULAS = (
 STATES = {"x": (0.7, "v"), "v": (1.1, "-x + sin(t)")}
 
 
-def parsed(text: str) -> Parts:
+def parsed(text: str) -> LawInstructions:
     return parse_expression(text, {})
 
 
@@ -41,22 +40,22 @@ def course(t: float) -> dict[str, float]:
 
 @pytest.mark.parametrize("formula", FORMULAS)
 def test_rates_are_those_along_the_motion(formula: str) -> None:
-    states = {name: Kept(x, parsed(rate)) for name, (x, rate) in STATES.items()}
+    states = {name: LawState(x, parsed(rate)) for name, (x, rate) in STATES.items()}
     value, t, h = parsed(formula), 0.3, 1e-3
-    rate = rate_of(value, states, "here", smooth=False)
+    rate = time_derivative(value, states, "here", smooth=False)
 
     def at(time: float) -> float:
-        return value_at(value, time, course(time))
+        return evaluate_law(value, time, course(time))
 
     wide, near = (at(t + 2 * h) - at(t - 2 * h), at(t + h) - at(t - h))
     differences = (8.0 * near - wide) / (12.0 * h)
-    assert value_at(rate, t, course(t)) == pytest.approx(
+    assert evaluate_law(rate, t, course(t)) == pytest.approx(
         differences, rel=1e-8, abs=1e-9
     )
 
 
 @pytest.mark.parametrize("formula", ["abs(x)", "min(x, v)", "sign(x)", "clip(x, 0, 1)"])
 def test_what_bends_has_no_smooth_rate(formula: str) -> None:
-    states = {name: Kept(x, parsed(rate)) for name, (x, rate) in STATES.items()}
+    states = {name: LawState(x, parsed(rate)) for name, (x, rate) in STATES.items()}
     with pytest.raises(InputError, match="jumps, or its rate does"):
-        rate_of(parsed(formula), states, "here", smooth=True)
+        time_derivative(parsed(formula), states, "here", smooth=True)

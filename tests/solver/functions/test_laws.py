@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Array
 from sidtool.solver import (
     Law,
     compile_scene,
 )
-from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.integrators.registry import INTEGRATORS
 from tests.solver.functions.loops import GIVEN, METHODS, expression, pid, run
 from tests.solver.scenes import scene, slender_rod
 
@@ -68,7 +68,7 @@ def test_callables_are_compiled_where_they_can_be() -> None:
     for name, wanted in {"compiled": True, "uncompiled": False}.items():
         law = SAID[name][1]
         system = compile_scene(pendulum(force), forces={"motor": law})  # type: ignore[dict-item]
-        assert [native.compiled for native in system.natives] == [wanted]
+        assert [native.compiled_function for native in system.natives] == [wanted]
 
 
 def _steps(law: Law) -> tuple[int, int]:

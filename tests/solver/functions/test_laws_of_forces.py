@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.result import Result
 from sidtool.solver import Law, compile_scene, simulate
 
-from ..equations.joint_scenes import scene
+from ..dynamics.joint_scenes import scene
 
 MASS, K, D, REST, WALL = 2.0, 80.0, 3.0, 0.4, 3.0
 TABLE = {"deflection": [-1.0, 0.1, 0.2, 1.0], "force": [-40.0, 4.0, 20.0, 90.0]}

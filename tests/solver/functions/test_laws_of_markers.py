@@ -10,7 +10,7 @@ import pytest
 from sidtool.formats.result import Result
 from sidtool.solver import compile_scene, simulate
 
-from ..equations.joint_scenes import scene, soft_body
+from ..dynamics.joint_scenes import scene, soft_body
 
 K, D = 7.0, 0.4
 TURNING = {

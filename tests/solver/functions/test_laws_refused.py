@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import Array
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.solver import (
     Law,
     compile_scene,
 )
-from sidtool.solver.errors import SimulationError
+from sidtool.solver.system.errors import SimulationError
 from tests.solver.functions.loops import GIVEN, METHODS, expression, pid, run
 from tests.solver.functions.test_laws import READS, pendulum
 from tests.solver.scenes import scene, slender_rod

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import Time
-from sidtool.formats.sid import Array
 from sidtool.solver import (
     Law,
     compile_scene,
@@ -19,8 +19,8 @@ from sidtool.solver import (
     simulate,
     static_equilibrium,
 )
-from sidtool.solver.errors import SimulationError
-from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system.errors import SimulationError
 from tests.solver.functions.loops import GIVEN, expression, pid
 from tests.solver.scenes import scene
 

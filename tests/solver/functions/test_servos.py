@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Array
 from sidtool.solver import (
     Law,
     compile_scene,

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.sid import Array
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.equations.drives import drive_value
+from sidtool.solver.dynamics.drives import function_value
 from tests.solver.scenes import scene, slender_rod
 
 RAMP = {"type": "sine_ramp", "from": 0.3, "to": 1.1, "start": 0.2, "end": 1.5}
@@ -62,7 +62,7 @@ def exact(times: Array) -> tuple[Array, Array, Array]:
 def test_a_sum_has_the_values_and_derivatives_of_its_parts() -> None:
     system = driven(SUM)
     times = np.linspace(0.0, 2.0, 41)
-    found = np.array([drive_value.py_func(system.arrays, 0, t, t) for t in times]).T
+    found = np.array([function_value.py_func(system.arrays, 0, t, t) for t in times]).T
     for values, wanted in zip(found, exact(times), strict=True):
         assert np.abs(values - wanted).max() < 1e-11 * np.abs(wanted).max()
     assert {0.3, 1.1} <= set(system.breaks)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile, Spline
-from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.analyses.static import static_equilibrium
-from sidtool.solver.functions.curves import Pieces
-from sidtool.solver.functions.table import compile_function
+from sidtool.solver.analyses.static_equilibrium import static_equilibrium
+from sidtool.solver.functions.function_table import compile_function
+from sidtool.solver.functions.piecewise import PiecewisePolynomial
 from tests.solver.scenes import scene
 
 MASS, STIFFNESS, GAP = 2.0, 1e5, 1e-3
@@ -90,15 +90,15 @@ def test_a_smooth_table_has_no_corners_and_no_overshoot() -> None:
 TIMES, VALUES = (0.5, 1.0, 2.5, 3.0), (1.0, -2.0, 4.0, 3.0)
 
 
-def value(pieces: Pieces, t: float) -> float:
+def value(pieces: PiecewisePolynomial, t: float) -> float:
     k = max(int(np.searchsorted(pieces.starts, t, side="right")) - 1, 0)
     return float(np.polyval(pieces.terms[k][::-1], t - pieces.starts[k]))
 
 
-def compiled(joined: int, **settings: Any) -> Pieces:
+def compiled(joined: int, **settings: Any) -> PiecewisePolynomial:
     table = Spline(times=TIMES, values=VALUES, **settings)
     found = compile_function(table, "forces.f.function", joined)
-    assert isinstance(found, Pieces)
+    assert isinstance(found, PiecewisePolynomial)
     return found
 
 

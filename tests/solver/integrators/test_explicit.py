@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from sidtool.formats.base.sid import Taylor
 from sidtool.formats.result import Result
-from sidtool.formats.sid import Taylor
 from sidtool.solver import simulate
-from sidtool.solver.errors import SimulationError
-from sidtool.solver.integrators.dop853 import END, STAGES, tableau
-from sidtool.solver.system.scene import System
+from sidtool.solver.integrators.dop853_tableau import END_STAGE, N_STAGES, tableau
+from sidtool.solver.system.errors import SimulationError
+from sidtool.solver.system.system import System
 from tests.solver.scenes import GRAVITY, compiled, scene, soft_body
 
 
@@ -56,11 +56,13 @@ def error(result: Result, planar: bool) -> float:
 def test_the_tableau_integrates_powers_and_its_estimates_see_them(order: int) -> None:
     """Order 8 of the step, and of the estimates 5, three of them, and 3."""
     method = tableau()
-    power = method.c[:END] ** (order - 1)
-    assert method.A[END, :END] @ power == pytest.approx(1.0 / order, abs=1e-15)
+    power = method.c[:END_STAGE] ** (order - 1)
+    assert method.A[END_STAGE, :END_STAGE] @ power == pytest.approx(
+        1.0 / order, abs=1e-15
+    )
     fifth = [(weights, 5) for weights in method.fifth]
     for weights, kept in (*fifth, (method.third, 3)):
-        seen = abs(weights[:END] @ power)
+        seen = abs(weights[:END_STAGE] @ power)
         assert (seen < 1e-14) == (order <= kept)
 
 
@@ -68,9 +70,13 @@ def test_the_tableau_integrates_powers_and_its_estimates_see_them(order: int) ->
 def test_the_dense_output_integrates_powers_up_to_its_order(share: float) -> None:
     method = tableau()
     x, u = share, 1.0 - share
-    last = method.A[END]
+    last = method.A[END_STAGE]
     weights = (x - x * u + 2.0 * x * x * u) * last
-    weights = weights + x * u * u * np.eye(STAGES)[0] - x * x * u * np.eye(STAGES)[END]
+    weights = (
+        weights
+        + x * u * u * np.eye(N_STAGES)[0]
+        - x * x * u * np.eye(N_STAGES)[END_STAGE]
+    )
     terms = x * x * u * u * np.array([1.0, x, x * u, x * x * u])
     weights = weights + terms @ method.dense
     for order in range(1, 8):

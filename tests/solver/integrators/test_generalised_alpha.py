@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sidtool.formats.sid import Array, Taylor
+from sidtool.formats.base.sid import Array, Taylor
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.integrators.alpha.table import coefficients
-from tests.solver.equations.joint_scenes import scene as free_scene
+from sidtool.solver.integrators.generalised_alpha_step import coefficients
+from tests.solver.dynamics.joint_scenes import scene as free_scene
 from tests.solver.scenes import compiled, scene, soft_body
 
 RADII = [0.0, 0.5, 0.8, 1.0]

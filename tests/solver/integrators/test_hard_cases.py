@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Array, Taylor
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.sid_files import read_sid
 from sidtool.solver import simulate
-from sidtool.solver.errors import SimulationError
+from sidtool.solver.system.errors import SimulationError
 from tests.places import SLIDER_CRANK
 from tests.solver.scenes import GRAVITY, compiled, polynomial, scene, slender_rod
 from tests.solver.transformed import BLOCKS, first_modes

@@ -17,9 +17,9 @@ import pytest
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.system.scene import System
-from tests.solver.equations.joint_scenes import soft_body
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system.system import System
+from tests.solver.dynamics.joint_scenes import soft_body
 from tests.solver.scenes import GRAVITY, compiled, scene, slender_rod
 from tests.solver.test_invariance import arm_in_space
 

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.result import Result
 from sidtool.solver import simulate
-from sidtool.solver.errors import SimulationError
-from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.system.scene import System
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system.errors import SimulationError
+from sidtool.solver.system.system import System
 from tests.solver.scenes import (
     GRAVITY,
     Probe,

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.sid import SID
+from sidtool.formats.base.sid import SID
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 E, NU, RHO = 2.1e11, 0.3, 7850.0
 G = E / (2 * (1 + NU))

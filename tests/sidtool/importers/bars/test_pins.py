@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.sid import SID
-from sidtool.importers.bdf.bar_sections import section_of
+from sidtool.formats.base.sid import SID
+from sidtool.importers.nastran.bar_sections import section_of
+from sidtool.pipeline.model_to_sid import sid_from_model
 
 from ..decks import frequencies
 from .decks import AREA, IY, IZ, MATERIAL, RHO, TORSION, E, bulk, grids, model

@@ -10,8 +10,8 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from sidtool.formats.errors import InputError
-from sidtool.importers.bdf.bar_sections import section_of
+from sidtool.formats.base.errors import InputError
+from sidtool.importers.nastran.bar_sections import section_of
 from tests.sidtool.importers.bars.decks import (
     AREA,
     IY,

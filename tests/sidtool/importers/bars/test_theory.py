@@ -15,9 +15,9 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.sid import J_INDICES
-from sidtool.importers.bdf.bar_sections import section_of
+from sidtool.formats.base.sid import J_INDICES
+from sidtool.importers.nastran.bar_sections import section_of
+from sidtool.pipeline.model_to_sid import sid_from_model
 from tests.sidtool.importers.bars.decks import MATERIAL, NU, RHO, E, body, bulk, grids
 from tests.sidtool.importers.decks import frequencies
 

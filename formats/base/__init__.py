@@ -1,0 +1,10 @@
+"""Data types that all packages use: errors, expansions, the SID, progress.
+
+errors              input errors and warnings
+taylor              matrices that depend on the elastic coordinates
+compliance_shares   static compliance that the shape functions represent
+sid                 Standard Input Data of one flexible body
+stress              stresses at the nodes of a SID
+progress            progress of long computations
+html                tables for notebooks and reports
+"""

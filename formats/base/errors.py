@@ -1,0 +1,87 @@
+"""The one exception that bad input raises, and warnings, wherever they arise."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import re
+import warnings
+from collections.abc import Iterable
+
+#: What a terminal obeys instead of showing it, and what is no character.
+_CONTROL = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]"
+)
+
+
+def printable(text: str) -> str:
+    """A text of a file as a terminal or a picture may show it: "?" for control
+    characters and for what is none, such as the bytes of a name that is not UTF-8."""
+    return _CONTROL.sub("?", text)
+
+
+class InputError(Exception):
+    """A file or a value that the user gave cannot be used.
+
+    Attributes
+    ----------
+    problem : what was found
+    source : the file (or other origin) it was found in, if known
+    place : line number, key or object inside the source, if known
+    expected : what would have been right, if it can be stated
+    also : sentences on what else is wrong in the source
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        source: str | os.PathLike[str] | None = None,
+        place: str | None = None,
+        expected: str | None = None,
+        also: Iterable[str] = (),
+    ) -> None:
+        super().__init__(problem)
+        self.problem = problem
+        self.source = None if source is None else os.fspath(source)
+        self.place = place
+        self.expected = expected
+        self.also = tuple(also)
+
+    def __str__(self) -> str:
+        where = ": ".join(part for part in (self.source, self.place) if part)
+        text = f"{where}: {self.problem}" if where else self.problem
+        text = f"{text}; expected {self.expected}" if self.expected else text
+        return printable("\n  also ".join([text, *self.also]))
+
+    def located(self, source: str | os.PathLike[str]) -> InputError:
+        """The same error with its file named, unless one is named already."""
+        if self.source is not None:
+            return self
+        return type(self)(
+            self.problem,
+            source=source,
+            place=self.place,
+            expected=self.expected,
+            also=self.also,
+        )
+
+
+class ValidityWarning(UserWarning):
+    """Numbers of a result may be wrong, as a body leaves linear theory."""
+
+
+class NoteWarning(UserWarning):
+    """A note on a model or a run, where nobody listens to notes."""
+
+
+def warn_caller(text: str, category: type[Warning] = NoteWarning) -> None:
+    """Warn of the line outside of sidtool from which it was called."""
+    frame, level = inspect.currentframe(), 1
+    while frame is not None and _is_ours(frame.f_globals.get("__name__", "")):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, stacklevel=level)
+
+
+def _is_ours(module: str) -> bool:
+    return module.partition(".")[0] == "sidtool"

@@ -1,0 +1,294 @@
+"""Accuracy of a result: output errors, decisions, deformation of flexible bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from ..geometric_stiffening import LoadStiffening
+from ..scene.base import Table
+
+
+class OutputError(Table):
+    """The error of one output: the largest difference over time to the finest model."""
+
+    name: str
+    unit: str = ""
+    error: float = Field(description="estimate, in the unit of the output")
+    variation: float = Field(description="greatest less least value in the run")
+    allowed: float = Field(description="error that was asked for, in that unit")
+    bound: float | None = Field(
+        default=None,
+        description="what the error against all that the SIDs hold cannot exceed, in "
+        "that unit; none where nothing of the kind is known",
+    )
+    theory: float | None = Field(
+        default=None,
+        description="estimate of what small deformations leave out, in that unit, from "
+        "a run in another body frame; it is no part of the error; none where that was "
+        "not measured",
+    )
+
+    @property
+    def relative(self) -> float:
+        """Error relative to the variation."""
+        return self.error / self.variation if self.variation else 0.0
+
+
+class BudgetLine(Table):
+    """One kind of choice: what it adds to the errors, and what it saves."""
+
+    part: str
+    choice: str = Field(description="what was chosen, in words")
+    errors: dict[str, float] = Field(description="by output, in its unit")
+    seconds: float = Field(description="of the run as it was chosen")
+    finest: float | None = Field(
+        default=None, description="seconds of the run with this choice at its finest"
+    )
+
+
+class Decision(Table):
+    """A possible simplification of the model, and whether it was made."""
+
+    body: str = Field(description="empty for space, which all bodies share")
+    what: Literal[
+        "shape function",
+        "shape functions",
+        "flexibility",
+        "geometric stiffening",
+        "quadratic inertia",
+        "space",
+    ]
+    number: int | None = Field(default=None, description="of the shape function")
+    numbers: tuple[int, ...] = Field(
+        default=(), description="of shape functions that were left out together"
+    )
+    output: str = Field(description="in which leaving it out is seen most")
+    effect: float = Field(description="on that output, in its unit")
+    allowed: float = Field(description="error of it that was asked for")
+    unit: str = ""
+    kept: bool
+    sentence: str
+
+
+class AccuracyReport(Table):
+    """Result of a requested accuracy."""
+
+    wanted: dict[str, str]
+    outputs: tuple[OutputError, ...]
+    budget: tuple[BudgetLine, ...]
+    decisions: tuple[Decision, ...]
+    sentences: tuple[str, ...] = Field(description="decisions and all else, in words")
+    runs: int = Field(description="that were made to choose")
+    seconds: float = Field(description="that choosing took")
+    notes: tuple[str, ...] = Field(
+        default=(), description="of the run that errors are measured against"
+    )
+    searched: bool = Field(
+        default=True, description="false: what was found before was kept and used"
+    )
+
+    def errors(self) -> dict[str, float]:
+        """Errors by output, relative to the variation."""
+        return {output.name: output.relative for output in self.outputs}
+
+    def absolute(self) -> dict[str, float]:
+        """Errors by output, in the unit of the output."""
+        return {output.name: output.error for output in self.outputs}
+
+
+Array = NDArray[np.float64]
+#: Linear theory holds to this elastic displacement over the size of a body, and to
+#: this elastic rotation [rad].
+MAX_DEFLECTION, MAX_ROTATION = 0.1, 0.15
+#: Elastic displacement over the size of a body from which numbers mean nothing.
+MEANINGLESS_DEFLECTION = 1.0
+_REMEDY = (
+    "Cut the body into parts, each with a SID of its own, tied by joints of type fixed."
+)
+#: Bodies beyond linear theory that have a sentence of their own.
+MAX_WARNINGS = 8
+#: The highest retained frequency should be this many times the excitation.
+MIN_FREQUENCY_RATIO = 3.0
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """The fastest excitation of a body that drives and forces imply.
+
+    Attributes
+    ----------
+    frequency : [Hz], 0 if none is known, infinite for a jump
+    by : its source, in words
+    """
+
+    frequency: float = 0.0
+    by: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class FlexibleBody:
+    """One flexible body of a run.
+
+    Attributes
+    ----------
+    highest_frequency : of the modes of (Ke, Me) [Hz]
+    excitation : of the scene
+    expected : stiffening estimated before the run
+    found : largest stiffening at output times and ends of steps; None before the run
+    labels : (nq,) labels of the elastic coordinates
+    names : (nq,) their names in outputs, q1, ...
+    frequencies : (nq,) of each elastic coordinate alone [Hz]
+    amplitudes : (nq,) largest |q| at output times and ends of steps
+    energy_shares : (nq,) share of each coordinate, q_i (Ke q)_i / 2, in the elastic
+        energy of the body, mean over time; they add up to one
+    deflection : largest elastic displacement of a node over the size of the body
+    rotation : largest elastic rotation of a node [rad]
+    """
+
+    highest_frequency: float
+    excitation: Excitation
+    expected: LoadStiffening
+    found: LoadStiffening | None = None
+    labels: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    frequencies: Array = field(default_factory=lambda: np.zeros(0))
+    amplitudes: Array = field(default_factory=lambda: np.zeros(0))
+    energy_shares: Array = field(default_factory=lambda: np.zeros(0))
+    deflection: float = 0.0
+    rotation: float = 0.0
+
+    @property
+    def before(self) -> str:
+        """A sentence on frequencies and one on stiffening, known before a run."""
+        known = f"expected: {self.expected.sentence()}"
+        if not self.expected.load:
+            known = "no load that changes its stiffness is known before the run"
+        return f"{self._frequency_range()}; {known}"
+
+    @property
+    def after(self) -> str:
+        """Sentences on stiffening and on deflection, known after a run."""
+        if self.found is None:
+            return "not reached by the run"
+        text = self.found.sentence(f" at t = {self.found.time:.6g} s")
+        if self.deflection > MAX_DEFLECTION:
+            text += (
+                f"; it deforms by {self.deflection:.2g} of its size, beyond the small "
+                "deformations that a SID describes"
+            )
+        return text
+
+    def beyond_theory(self, name: str) -> str:
+        """How far a body of this name left linear theory in the run; empty if it did
+        not."""
+        if self.found is None:
+            return ""
+        cause = ""
+        if self.found.diverges:
+            cause = f"{name} {self.found.sentence(f' at t = {self.found.time:.6g} s')}."
+        return deformation_text(name, self.deflection, self.rotation, cause) or cause
+
+    @property
+    def severity(self) -> tuple[bool, float, float]:
+        """A key that sorts bodies by how little their numbers can be relied on.
+
+        Divergence; then deformation, and stiffness that the SID lacks, over what linear
+        theory holds to; then the change of stiffness.
+        """
+        stage = self.found or self.expected
+        lacking = abs(stage.ratio) if stage.lacks_stiffening else 0.0
+        return (
+            stage.diverges,
+            max(self.excess, lacking / MAX_DEFLECTION),
+            abs(stage.ratio),
+        )
+
+    @property
+    def excess(self) -> float:
+        """Deformation over what linear theory holds to; above 1 beyond it."""
+        return max(self.deflection / MAX_DEFLECTION, self.rotation / MAX_ROTATION)
+
+    @property
+    def diverges(self) -> bool:
+        """Before or in the run, deformations grow without bound."""
+        return self.expected.diverges or (
+            self.found is not None and self.found.diverges
+        )
+
+    def _frequency_range(self) -> str:
+        text = f"frequencies to {self.highest_frequency:.6g} Hz"
+        excitation = self.excitation
+        if not excitation.frequency:
+            return f"{text}, excitation unknown"
+        if math.isinf(excitation.frequency):
+            return f"{text}, excitation at all frequencies ({excitation.by})"
+        ratio = self.highest_frequency / excitation.frequency
+        text += f", {ratio:.3g} times the excitation of {excitation.frequency:.4g} Hz"
+        text += f" ({excitation.by})"
+        if ratio < MIN_FREQUENCY_RATIO:
+            text += (
+                f", too few: keep shape functions up to {MIN_FREQUENCY_RATIO:g} "
+                "times it"
+            )
+        return text
+
+
+def deformation_text(
+    name: str, deflection: float, rotation: float, cause: str = ""
+) -> str:
+    """How far a deformation leaves linear theory; empty if it does not.
+
+    Parameters
+    ----------
+    deflection : largest elastic displacement over the size of the body
+    rotation : largest elastic rotation [rad]
+    cause : a sentence that replaces the remedy
+    """
+    if deflection > MAX_DEFLECTION:
+        amount = f"{_per_cent(deflection)} of"
+        if deflection > 1.0:
+            amount = f"{deflection:.2g} times"
+        fact, limit = f"deforms by {amount} its size", _per_cent(MAX_DEFLECTION)
+    elif rotation > MAX_ROTATION:
+        fact, limit = (
+            f"turns elastically by {rotation:.2g} rad",
+            f"{MAX_ROTATION:g} rad",
+        )
+    else:
+        return ""
+    return f"{name} {fact}; linear theory holds to {limit}. {cause or _REMEDY}"
+
+
+def validity_warnings(bodies: Mapping[str, FlexibleBody]) -> tuple[str, ...]:
+    """One sentence for each body that left linear theory in a run, the worst first."""
+    found = {name: body.beyond_theory(name) for name, body in bodies.items()}
+    order = [n for n in sorted(found, key=lambda n: -bodies[n].excess) if found[n]]
+    return limit_notes([(name, found[name]) for name in order])
+
+
+def limit_notes(found: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """The first sentences, and of the rest the bodies: (name, sentence), sorted."""
+    shown = tuple(sentence for _, sentence in found[:MAX_WARNINGS])
+    rest = [name for name, _ in found[MAX_WARNINGS:]]
+    if rest:
+        shown += (f"{', '.join(rest)} leave linear theory by less.",)
+    return shown
+
+
+def failure_text(bodies: Mapping[str, FlexibleBody]) -> str:
+    """Why the numbers of a run mean nothing; empty where they mean something."""
+    worst = max(bodies, key=lambda n: bodies[n].deflection, default="")
+    if not worst or not bodies[worst].deflection > MEANINGLESS_DEFLECTION:
+        return ""
+    return f"gives numbers without meaning: {bodies[worst].beyond_theory(worst)}"
+
+
+def _per_cent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"

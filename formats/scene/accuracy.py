@@ -1,0 +1,123 @@
+"""Requested accuracy of a run: the key `wanted` of [accuracy]."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+from pydantic import StringConstraints
+
+from ..base.errors import InputError
+from ..toml.constructor_types import Field
+from .units import unit_of
+from .wildcards import has_wildcard
+
+if TYPE_CHECKING:
+    from .file import SceneFile
+
+#: Limits of the requested relative error; what is feasible is measured.
+MIN_RELATIVE_ERROR, MAX_RELATIVE_ERROR = 1e-10, 0.5
+Relative = Annotated[float, Field(ge=MIN_RELATIVE_ERROR, le=MAX_RELATIVE_ERROR)]
+Amount = Annotated[str, StringConstraints(min_length=1)]
+Wanted = Relative | Annotated[dict[str, Relative | Amount], Field(min_length=1)]
+
+_AMOUNT = re.compile(r"([-+0-9.eE]++)\s*+(\S.*)?")
+_PREFIXES = {
+    "n": 1e-9,
+    "u": 1e-6,
+    "\N{MICRO SIGN}": 1e-6,
+    "m": 1e-3,
+    "": 1.0,
+    "k": 1e3,
+    "M": 1e6,
+    "G": 1e9,
+}
+_PREFIXED = {"m", "m/s", "m/s\N{SUPERSCRIPT TWO}", "N", "N m", "Pa", "J", "W", "rad"}
+_DEGREE = math.pi / 180.0
+
+
+class Tolerance(NamedTuple):
+    """An error that is allowed: in the unit of the output, or of its variation."""
+
+    value: float
+    absolute: bool
+
+
+def tolerance(
+    name: str, wanted: float | str, scene: SceneFile | None = None
+) -> Tolerance:
+    """Return the requested error of an output: 1e-3, "0.1 %" of its variation, or "1e-6
+    m".
+
+    Raises
+    ------
+    InputError : no such text, a unit that the output does not have, or no positive
+        number.
+    """
+    if not isinstance(wanted, str):
+        return Tolerance(wanted, False)
+    found = _AMOUNT.fullmatch(wanted.strip())
+    value = _parse_number(found[1]) if found else math.nan
+    unit = (found[2] or "") if found else ""
+    if not 0.0 < value < math.inf:
+        raise _invalid_amount(name, wanted, scene)
+    if unit == "%":
+        if not MIN_RELATIVE_ERROR <= value / 100.0 <= MAX_RELATIVE_ERROR:
+            raise _invalid_amount(name, wanted, scene)
+        return Tolerance(value / 100.0, False)
+    factor = _unit_factors(unit_of(name, scene)).get(_without_prefix(unit))
+    if factor is None:
+        raise _invalid_amount(name, wanted, scene)
+    return Tolerance(value * factor, True)
+
+
+def request_texts(wanted: float | Mapping[str, float | str]) -> dict[str, str]:
+    """Return the request as texts by output; `*` for all recorded outputs."""
+    if not isinstance(wanted, Mapping):
+        return {"*": f"{wanted:g}"}
+    return {n: w if isinstance(w, str) else f"{w:g}" for n, w in wanted.items()}
+
+
+def check_wanted(
+    wanted: float | Mapping[str, float | str] | None, scene: SceneFile
+) -> None:
+    """Check the requests for outputs without wildcards, whose units are known.
+
+    Raises
+    ------
+    InputError : see `tolerance`.
+    """
+    for name, amount in wanted.items() if isinstance(wanted, Mapping) else ():
+        if not has_wildcard(name):
+            tolerance(name, amount, scene)
+
+
+def _parse_number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _without_prefix(unit: str) -> str:
+    return unit.replace("^2", "2").replace("s2", "s\N{SUPERSCRIPT TWO}")
+
+
+def _unit_factors(unit: str) -> dict[str, float]:
+    """Return the factor of a number in each unit that can be written."""
+    if unit not in _PREFIXED:
+        return {unit: 1.0}
+    found = {prefix + unit: factor for prefix, factor in _PREFIXES.items()}
+    return found | ({"deg": _DEGREE} if unit == "rad" else {})
+
+
+def _invalid_amount(name: str, wanted: str, scene: SceneFile | None) -> InputError:
+    unit = unit_of(name, scene)
+    amount = f'"1e-6 {unit}"' if unit else '"1e-6"'
+    return InputError(
+        f"found {wanted!r}",
+        place=f"accuracy.wanted, {name}",
+        expected=f'an error such as 1e-3 or "0.1 %" of its variation, or {amount}',
+    )

@@ -1,1 +1,0 @@
-"""What must hold of a scene beyond the types of its keys."""

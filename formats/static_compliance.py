@@ -1,0 +1,99 @@
+"""Static compliance of a body by its shape functions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .base.compliance_shares import ComplianceShares
+from .base.sid import SID, Array
+from .sid_mass import coupled_mass_matrix, mean_axes_motion, skew
+
+#: Forces and moments.
+_KINDS = (slice(0, 3), slice(3, 6))
+
+
+def unit_load_compliances(sid: SID, free: bool) -> tuple[dict[str, Array], Array]:
+    """Displacements along and rotations about the body axes under unit loads.
+
+    Parameters
+    ----------
+    free : the loads are balanced by the inertia of a free body, whose displacements
+        carry no momentum
+
+    Returns
+    -------
+    node id -> (6,) [m/N, rad/(N m)], and (6,) the work [J] of the inertia of the body
+    when its frame is accelerated along and about its axes
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError : Ke is singular.
+    """
+    inverse = np.linalg.inv(np.linalg.cholesky(sid.Ke.m0))
+    inertia = coupled_mass_matrix(sid)[:6, 6:]
+    rigid = np.zeros_like(inertia)
+    if free:
+        rigid, inertia = mean_axes_motion(sid), rigid
+
+    def work(rows: Array) -> Array:
+        return np.asarray(((rows @ inverse.T) ** 2).sum(axis=1))
+
+    at_nodes = {}
+    for node in sid.nodes:
+        moved = rigid[:3] - skew(node.position) @ rigid[3:]
+        shapes = np.vstack([node.phi.m0 - moved, node.psi.m0 - rigid[3:]])
+        at_nodes[node.id] = work(shapes)
+    return at_nodes, work(inertia)
+
+
+def remaining_compliance_shares(sid: SID, small: SID) -> ComplianceShares | None:
+    """Return the compliance shares of a SID with fewer shape functions."""
+    if sid.carried is None or not small.nq:
+        return None
+    try:
+        before, inertia = unit_load_compliances(sid, sid.carried.free)
+        after, less = unit_load_compliances(small, sid.carried.free)
+    except np.linalg.LinAlgError:
+        return None
+    shares = {
+        name: tuple(map(_share_product, row, *pairs))
+        for name, row in sid.carried.shares.items()
+        if name in before
+        for pairs in [(after[name], before[name])]
+    }
+    return ComplianceShares(
+        sid.carried.free, shares, _missing_shares(sid.carried.lost, inertia, less)
+    )
+
+
+def _share_product(share: float | None, after: float, before: float) -> float | None:
+    return None if share is None or not before else share * float(after / before)
+
+
+def inertia_work_of_full_body(lost: tuple[float, ...], inertia: Array) -> Array:
+    """The work of inertia (6,) of the full body, of which some is `lost`."""
+    full = inertia.copy()
+    for kind in _KINDS:
+        missing = np.array(lost[kind])
+        largest = (inertia[kind] / np.maximum(1.0 - missing, 1e-300)).max()
+        full[kind] += missing * largest
+    return full
+
+
+def _missing_shares(
+    lost: tuple[float, ...], inertia: Array, less: Array
+) -> tuple[float, ...]:
+    return (
+        missing_inertia_shares(inertia_work_of_full_body(lost, inertia), less)
+        if lost
+        else ()
+    )
+
+
+def missing_inertia_shares(full: Array, carried: Array) -> tuple[float, ...]:
+    """Return the missing shares of the work (6,) under own inertia, see
+    `ComplianceShares.lost`.
+    """
+    largest = np.repeat([full[kind].max() for kind in _KINDS], 3)
+    missing = np.clip(full - carried, 0.0, None)
+    return tuple((missing / np.where(largest > 0.0, largest, 1.0)).tolist())

@@ -1,0 +1,278 @@
+"""HDF5 files: check sums, finite numbers, versions, lists of texts, links.
+
+libhdf5 can loop forever on damaged metadata. HDF5 leaves the first 512 bytes of a file
+to the user ("user block"). A check sum is stored there and verified before libhdf5
+opens the file; other HDF5 tools skip it.
+
+A dataset may be stored in other files or be composed of them, and a link may lead into
+another file or form a circle. A foreign file could so copy any file of the reader into
+what is written next; such files are refused. A dataset may also claim to be of any
+size without a number stored.
+
+A list of texts is a dataset. As an attribute it must fit into the 64 kB of an object
+header, which 4 096 texts fill.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import platform
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import h5py
+import numpy as np
+
+from ..base.errors import InputError
+from ..base.sid import NODE_SHAPES, SID, Taylor
+from .growing import GrowingFile, undisturbed
+
+if TYPE_CHECKING:
+    import h5py
+
+
+def check_finite(sid: SID) -> None:
+    """Refuse NaN and infinity anywhere in the body.
+
+    Raises
+    ------
+    InputError : names the block or the node.
+    """
+    if not math.isfinite(sid.mass):
+        raise InputError(f"the mass is {sid.mass}", expected="a finite number")
+    for place, block in named_expansions(sid):
+        for part in (block.m0, block.m1, block.mn):
+            if part is not None and not np.isfinite(part).all():
+                raise InputError(
+                    "contains NaN or infinity", place=place, expected="finite numbers"
+                )
+
+
+def named_expansions(sid: SID) -> Iterator[tuple[str, Taylor]]:
+    """Every Taylor expansion of a body with a name for messages."""
+    for name, block in (sid.blocks | dict(sid.extra)).items():
+        yield f"block {name}", block
+    for node in sid.nodes:
+        for name in NODE_SHAPES:
+            entry = getattr(node, name)
+            if entry is not None:
+                yield f"node {node.id}, {name}", entry
+
+
+BLOCK = 512
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+SEAL_SIGNATURE = b"\x89SID\r\n\x1a\n"
+
+
+class SealedFile:
+    """A sealed HDF5 file that is written piece by piece, wholly or not at all.
+
+    Its root names this program in the attribute written_by.
+
+    Attributes
+    ----------
+    target : the file below libhdf5, see `GrowingFile`
+
+    Raises
+    ------
+    InputError : see `atomic_path`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], elsewhere: bool = False) -> None:
+        import h5py
+
+        self.target = GrowingFile(path, elsewhere)
+        with undisturbed():
+            self._file = h5py.File(cast(Any, self.target), "w", userblock_size=BLOCK)
+            self._file.attrs["written_by"] = written_by()
+
+    def put(self, fill: Callable[[h5py.File], None]) -> None:
+        """Puts some content into the file.
+
+        Raises
+        ------
+        OSError : there is no place for it.
+        """
+        with undisturbed():
+            fill(self._file)
+        self.target.check()
+
+    def close(self) -> None:
+        """Seals the file, which takes its place.
+
+        Raises
+        ------
+        OSError : there is no place for it; nothing is left.
+        """
+        with undisturbed():
+            self._file.close()
+        self.target.seek(BLOCK)
+        digest = hashlib.file_digest(cast(Any, self.target), "sha256").digest()
+        self.target.seek(0)
+        self.target.write((SEAL_SIGNATURE + digest).ljust(BLOCK, b"\0"))
+        self.target.close()
+
+    def discard(self) -> None:
+        """Leaves no trace."""
+        with undisturbed():
+            self._file.close()
+        self.target.discard()
+
+
+def write_sealed(
+    path: str | os.PathLike[str], fill: Callable[[h5py.File], None]
+) -> None:
+    """Write a sealed HDF5 file, wholly or not at all.
+
+    fill : puts the content into the open file
+
+    Raises
+    ------
+    InputError, OSError : see `atomic_path`.
+    """
+    file = SealedFile(path)
+    try:
+        file.put(fill)
+        file.close()
+    except BaseException:
+        file.discard()
+        raise
+
+
+def check_seal(path: Path) -> None:
+    """Refuse a sealed file that is not what was sealed; unsealed HDF5 files pass.
+
+    Raises
+    ------
+    InputError : the file was damaged, cut short or edited, or is not HDF5 at all.
+    """
+    with path.open("rb") as stream:
+        start = stream.read(BLOCK)
+        if start.startswith(HDF5_SIGNATURE):
+            return
+        if not start.startswith(SEAL_SIGNATURE):
+            raise InputError("is not an HDF5 file", source=path, expected="HDF5")
+        stream.seek(BLOCK)
+        expected = SEAL_SIGNATURE + hashlib.file_digest(stream, "sha256").digest()
+    if start != expected.ljust(BLOCK, b"\0"):
+        raise InputError(
+            "was damaged or changed after it was written",
+            source=path,
+            place=f"check sum in the first {BLOCK} bytes",
+            expected="an unchanged file (remove the user block after edits by hand)",
+        )
+
+
+@cache
+def version_of(package: str) -> str:
+    """The version of an installed package."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def written_by() -> str:
+    """Return the mark of files of this program, such as "sidtool 0.1.0"."""
+    return f"sidtool {version_of('sidtool')}"
+
+
+def versions() -> dict[str, str]:
+    """Versions of this program and of what computes under it."""
+    packages = ("sidtool", "numpy", "scipy", "numba")
+    return {"python": platform.python_version()} | {p: version_of(p) for p in packages}
+
+
+#: A packed dataset has at most this many times the size of its file.
+PACKED = 100
+
+
+def check_own_data(file: h5py.File) -> None:
+    """Refuse soft and external links, external storage and virtual datasets.
+
+    Raises
+    ------
+    InputError : names the place in the file.
+    """
+    found: list[InputError] = []
+
+    def check_link(name: str, link: object) -> bool | None:
+        if not isinstance(link, h5py.HardLink):
+            found.append(_refused(name, "is a link to another place"))
+        else:
+            item = file[name]
+            if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+                found.append(_refused(name, "holds the data of other files"))
+        return True if found else None
+
+    file.visititems_links(check_link)
+    if found:
+        raise found[0]
+
+
+def check_sizes(file: h5py.File) -> None:
+    """Refuse datasets that claim more data than the file can hold.
+
+    Raises
+    ------
+    InputError : names the place in the file.
+    """
+    most_packed = PACKED * file.id.get_filesize()
+
+    def check_item(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            check_size(item, most_packed)
+
+    file.visititems(check_item)
+
+
+def check_size(dataset: h5py.Dataset, most_packed: float = math.inf) -> None:
+    """Refuse a dataset that claims more data than are stored.
+
+    most_packed : bytes that a compressed one may have
+
+    Raises
+    ------
+    InputError : names the dataset.
+    """
+    size = (dataset.size or 0) * dataset.dtype.itemsize
+    stored = dataset.id.get_storage_size()
+    packed = dataset.id.get_create_plist().get_nfilters() > 0
+    if size > (most_packed if packed and stored else stored):
+        raise InputError(
+            f"has shape {dataset.shape} and type {dataset.dtype}",
+            place=f"dataset {dataset.name}",
+            expected="no more data than the file holds",
+        )
+
+
+def put_texts(group: h5py.Group, name: str, texts: Sequence[str]) -> None:
+    """Store a list of texts as a dataset, also an empty one."""
+    shape, kind = len(texts), h5py.string_dtype()
+    group.create_dataset(name, data=list(texts), dtype=kind, shape=shape)
+
+
+def read_texts(dataset: h5py.Dataset) -> tuple[str, ...]:
+    """Inverse of `put_texts`.
+
+    Raises
+    ------
+    TypeError : the dataset is no list of texts.
+    """
+    if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
+        raise TypeError(
+            f"{dataset.name} has shape {dataset.shape} and type {dataset.dtype}, "
+            "not that of a list of texts"
+        )
+    return tuple(map(str, dataset.asstr()[:]))
+
+
+def _refused(name: str, problem: str) -> InputError:
+    return InputError(
+        problem, place=f"/{name}", expected="data that stand in this file itself"
+    )

@@ -1,0 +1,326 @@
+"""Selection of a model in an initial interval of a long run, verified over all of it.
+
+A search makes some dozens of tight runs. Where these are long all of them are of the
+first part of the motion only. What is chosen there runs to the end, and so does
+everything that the SIDs have, so much more tightly that it tells what the chosen run
+errs: errors that are told are seen on all of the time, as in a search of short runs.
+What does not keep the request there is chosen again from less. Motions that have hardly
+begun in the first part get a longer one, or a few runs of all of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.result import BudgetLine
+
+from ..measurement.candidates import Choice
+from ..measurement.request import Request
+from ..measurement.runs import Runs, Setting
+from ..measurement.validity import OutsideTheory, check_validity
+from .error_budget import error_budget
+from .frames import select_frames
+from .integrator_choice import TIGHTEST_RTOL
+from .long_run_reference import (
+    LONG_RUN_SECONDS,
+    REFERENCE_SAFETY,
+    REFERENCE_SHARE,
+    TIGHTER_RUN_TEXT,
+    InitialInterval,
+    VerifiedChoice,
+    reference_setting,
+    select_with_few_runs,
+    verify_full_interval,
+)
+from .reference_run import MEASURING_INTEGRATOR, Reference, initial_rtol, make_reference
+from .selection import FULL_SHARE, SelectedModel, select_model
+from .sid_rounding import with_rounding_error
+
+#: Shortest and longest initial interval, as fractions of the time span.
+FIRST_FRACTION, LARGEST_FRACTION = 1.0 / 128.0, 1.0 / 8.0
+#: Tight runs of all of the time that choices in a first part may cost.
+MAX_FULL_RUNS = 2.0
+#: Share of the variation of each output that must occur in the interval.
+MIN_VARIATION_SHARE = 0.7
+#: Share of the allowed error that is requested in the initial interval; ratio of the
+#: next request where the full run exceeded it, and number of repetitions.
+REQUEST_SHARE, REDUCTION_FACTOR, MAX_ROUNDS = 0.5, 0.6, 3
+#: Ratio of the tolerance of the full run to that of the initial interval with friction:
+#: errors grow by jumps there, and few of the steps are as long as tolerances allow.
+FRICTION_RTOL_RATIO = 0.2
+#: Share of the allowed error that printed digits may leave open in the initial
+#: interval.
+MAX_DIGITS_SHARE = 1e-3
+#: Rows of results that a first part has at least.
+MIN_ROWS = 16
+
+
+def select_in_initial_interval(
+    runs: Runs, whole: Choice, request: Request, meshes: Array
+) -> VerifiedChoice | None:
+    """Select a model of a long run; None if all runs have to cover the full interval.
+
+    Parameters
+    ----------
+    whole : the model with everything that the SIDs have
+    meshes : (n,) errors by the meshes of bodies and by missing modes
+
+    Raises
+    ------
+    InputError : the request needs runs that take too long.
+    OutsideTheory : a body leaves the range of its SID.
+    """
+    ends = _interval_ends(runs)
+    first = runs.until(ends[0]) if ends else runs
+    if not ends or not _is_long(first, runs, whole, request):
+        return None
+    part = _reference_or_none(lambda: _initial_interval(first, whole, request, meshes))
+    while part is None and len(ends) > 1:  # nothing may move at first
+        ends = ends[1:]
+        first = runs.until(ends[0])
+        part = _reference_or_none(
+            lambda first=first: _initial_interval(first, whole, request, meshes)
+        )  # type: ignore[misc]
+    if part is None:
+        return None
+    found = (
+        _select_in_shortest_interval(runs, part, request, ends)
+        if _is_cheap(runs, first)
+        else None
+    )
+    return found or select_with_few_runs(runs, part, request)
+
+
+def _select_in_shortest_interval(
+    runs: Runs, part: InitialInterval, request: Request, ends: list[float]
+) -> VerifiedChoice | None:
+    """Select a model in the shortest initial interval that shows the motion."""
+    first = _select_for_share(runs, part, part.reference, REQUEST_SHARE)
+    if first is None:
+        return None
+    result = runs.attempt(first.choice, first.found.setting)
+    if result is None:
+        return None
+    judged = np.isfinite(part.reference.allowed)
+    values = runs.columns(first.choice, result)[:, judged]
+    end = next((e for e in ends if _shows_motion(result.t, values, e)), None)
+    if end is None:
+        return None
+    if end == ends[0]:
+        return _verify_selection(runs, part, request, first)
+    whole, meshes = part.reference.choice, part.reference.meshes
+    longer = _reference_or_none(
+        lambda: _initial_interval(runs.until(end), whole, request, meshes)
+    )
+    if longer is None:
+        return None
+    again = _select_for_share(runs, longer, longer.reference, REQUEST_SHARE)
+    return None if again is None else _verify_selection(runs, longer, request, again)
+
+
+def _select_for_share(
+    runs: Runs, part: InitialInterval, reference: Reference, share: float
+) -> SelectedModel | None:
+    """Select a model that keeps a share of the request, integrated for the full
+    interval.
+
+    Parameters
+    ----------
+    reference : reference of the full or of the initial interval
+    """
+    decided = _with_error_share(part, reference, share)
+    found = _reference_or_none(lambda: select_model(part.runs, decided))
+    if found is None:
+        return None
+    return (
+        found if reference is not part.reference else _with_full_tolerance(runs, found)
+    )
+
+
+def _reference_or_none(make: Callable):  # type: ignore[type-arg, no-untyped-def]
+    """Return the result of the initial interval, or None if it cannot be run.
+
+    Raises
+    ------
+    OutsideTheory : a body leaves the range of its SID, then also in the full interval.
+    """
+    from sidtool.solver.system.errors import SimulationError
+
+    try:
+        return make()
+    except OutsideTheory:
+        raise
+    except (InputError, SimulationError):
+        return None
+
+
+def _interval_ends(runs: Runs) -> list[float]:
+    """Ends of first parts, the shortest first, that have rows enough."""
+    time = runs.scene.time
+    if time.output_step is None:
+        return []
+    rows = np.rint((time.end - time.start) / time.output_step)
+    if rows < 1:
+        return []
+    counts, count = [], int(np.ceil(rows * FIRST_FRACTION))
+    while count <= rows * LARGEST_FRACTION:
+        if count >= MIN_ROWS:
+            counts.append(count)
+        count *= 2
+    return [float(time.start + n * time.output_step) for n in counts]
+
+
+def _time_share(runs: Runs, part: Runs) -> float:
+    """The part of the time."""
+    long, short = runs.scene.time, part.scene.time
+    return (short.end - short.start) / (long.end - long.start)
+
+
+def _is_long(part: Runs, runs: Runs, whole: Choice, request: Request) -> bool:
+    """Whether a tight run on the whole takes long, by one of the first part."""
+    setting = Setting(MEASURING_INTEGRATOR, initial_rtol(request))
+    seconds = part.seconds(whole, setting, short=np.inf)
+    return np.isfinite(seconds) and bool(
+        seconds > LONG_RUN_SECONDS * _time_share(runs, part)
+    )
+
+
+def _is_cheap(runs: Runs, part: Runs) -> bool:
+    """Whether choices in the part take no longer than a few runs of all of the time."""
+    return sum(runs.expected.values()) * _time_share(runs, part) <= MAX_FULL_RUNS
+
+
+def _initial_interval(
+    part: Runs, whole: Choice, request: Request, meshes: Array
+) -> InitialInterval | None:
+    """The tight reference of a first part; None where that does not do."""
+    reference = make_reference(part, whole, request).with_mesh_errors(meshes)
+    check_validity(reference.result)
+    reference, digits = with_rounding_error(part, reference)
+    frames = select_frames(part, reference, request, fixed=True)
+    if reference.use(reference.digits) > MAX_DIGITS_SHARE:
+        return None
+    return InitialInterval(part, reference, frames.theory, (*digits, *frames.sentences))
+
+
+def _shows_motion(times: Array, values: Array, end: float) -> bool:
+    """Check that most of the variation of each output (nt, n) occurs before a time."""
+    variation_until_end = np.ptp(values[times <= end], axis=0)
+    return bool(
+        (variation_until_end >= MIN_VARIATION_SHARE * np.ptp(values, axis=0)).all()
+    )
+
+
+def _with_error_share(
+    part: InitialInterval, reference: Reference, share: float
+) -> Reference:
+    """The reference of the part, of which a share of what is not open is allowed."""
+    open_ = reference.use(reference.difference_uncertainty)
+    if reference is part.reference:
+        open_ += (
+            REFERENCE_SAFETY * REFERENCE_SHARE
+        )  # what that of all of the time will leave open
+    allowed = share * (FULL_SHARE - open_) / FULL_SHARE * reference.allowed
+    return replace(
+        part.reference_without_mesh_errors, allowed=allowed
+    )  # these are open
+
+
+def _verify_selection(
+    runs: Runs, part: InitialInterval, request: Request, found: SelectedModel | None
+) -> VerifiedChoice | None:
+    """Verify over the full interval what was selected in the initial interval.
+
+    Parameters
+    ----------
+    found : first selection
+    """
+    reference, share = part.reference, REQUEST_SHARE
+    for _ in range(MAX_ROUNDS):
+        if found is None:
+            return None
+        sharp = reference_setting(found.found.setting, part, runs, request, reference)
+        if sharp is None or not _shows_finest_model(runs, sharp, part):
+            return None
+        check_validity(sharp.result)
+        verified_reference, chosen = verify_full_interval(runs, sharp, found)
+        use, open_ = (
+            verified_reference.use(chosen.errors),
+            sharp.use(sharp.difference_uncertainty),
+        )
+        if use <= 1.0:
+            return VerifiedChoice(
+                runs,
+                verified_reference,
+                chosen,
+                replace(part.reference, allowed=verified_reference.allowed),
+                part.theory,
+                _budget_lines(part, verified_reference, found, chosen),
+                (_interval_notes(runs, part), *part.sentences),
+            )
+        share *= REDUCTION_FACTOR * (FULL_SHARE - open_) / (use - open_)
+        reference = sharp
+        found = _select_for_share(runs, part, reference, share)
+    return None
+
+
+def _with_full_tolerance(runs: Runs, found: SelectedModel) -> SelectedModel:
+    """Return the selection with a tolerance for the full interval."""
+    setting = found.found.setting
+    if not any(getattr(j, "friction", None) for j in runs.scene.joints.values()):
+        return found
+    careful = Setting(
+        setting.integrator, max(FRICTION_RTOL_RATIO * setting.rtol, TIGHTEST_RTOL)
+    )
+    return replace(found, found=replace(found.found, setting=careful))
+
+
+def _shows_finest_model(
+    runs: Runs, reference: Reference, part: InitialInterval
+) -> bool:
+    """Whether the part shows what the finest model does, too."""
+    values = runs.columns(reference.choice, reference.result)
+    judged = np.isfinite(reference.allowed)
+    return _shows_motion(
+        reference.result.t, values[:, judged], part.runs.scene.time.end
+    )
+
+
+def _budget_lines(
+    part: InitialInterval,
+    reference: Reference,
+    found: SelectedModel,
+    chosen: SelectedModel,
+) -> tuple[BudgetLine, ...]:
+    """The budget: single choices in the first part, their sum on the whole."""
+    lines = error_budget(
+        part.runs, part.reference, found, part.theory, TIGHTER_RUN_TEXT
+    )
+    slower = chosen.found.seconds / part.runs.seconds(found.choice, found.found.setting)
+    known_errors = {"reference": reference.uncertainty, "all together": chosen.errors}
+    result = []
+    for line in lines:
+        finest = None if line.finest is None else slower * line.finest
+        changes: dict[str, object] = {"seconds": chosen.found.seconds, "finest": finest}
+        if line.part in known_errors:
+            pairs = zip(
+                part.runs.names, known_errors[line.part], reference.allowed, strict=True
+            )
+            changes["errors"] = {n: float(e) for n, e, a in pairs if np.isfinite(a)}
+        elif line.part != "mesh":
+            changes["choice"] = f"{line.choice}; {part.told}"
+        result.append(line.model_copy(update=changes))
+    return tuple(result)
+
+
+def _interval_notes(runs: Runs, part: InitialInterval) -> str:
+    time = runs.scene.time
+    return (
+        f"long runs: choices were made, and single effects seen, in {part.told}; the "
+        f"errors of all together were seen on all {time.end - time.start:.3g} s"
+    )

@@ -1,0 +1,375 @@
+"""Reference of a long run: one run of the finest model over the full interval.
+
+The reference is integrated with a thirtieth of the tolerance of the run that it is
+compared with, or more tightly where the initial interval shows that this is not enough.
+Its own error in that interval counts twice as uncertainty. Later growth of errors is
+not visible there: the selected run is integrated so much more loosely that the
+difference of both is the error of that run, and a part of the difference counts as
+uncertainty as well.
+
+`select_with_few_runs` serves long runs of which no initial interval shows enough.
+Everything that the SIDs have is run to the end loosely, and again much more tightly,
+until the second run shows that the first one keeps the request. Shape functions of the
+least elastic energy are then omitted in `MAX_TRIALS` loose runs, all of which are
+compared with the tight one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.result import BudgetLine
+
+from ..measurement.candidates import SHAPES, Candidate, Choice
+from ..measurement.request import Request
+from ..measurement.runs import Runs, Setting, max_difference
+from ..measurement.validity import check_validity
+from .error_budget import error_budget
+from .frames import select_frames
+from .integrator_choice import (
+    STAGNATION_RATIO,
+    TIGHTEST_RTOL,
+    AcceptedRun,
+    loosest_tolerance,
+)
+from .reference_run import (
+    CHECKING_INTEGRATOR,
+    MEASURING_INTEGRATOR,
+    MIN_COMPARISON_RTOL,
+    REFERENCE_SAFETY,
+    Reference,
+    reference_of_one_run,
+)
+from .report import format_ranges
+from .selection import FULL_SHARE, SelectedModel, estimate_errors
+
+#: Runs are long that take more than this [s].
+LONG_RUN_SECONDS = 0.1
+#: Shares of the allowed error: of a loose run of the finest model in the initial
+#: interval, of its reference there, and of the uncertainty over the full interval.
+LOOSE_SHARE, REFERENCE_SHARE, MAX_UNCERTAINTY_SHARE = 0.3, 0.03, 0.3
+#: Share of the allowed error that two runs at loose tolerances may have in common, as
+#: methods that both step from one output to the next have similar errors.
+COMMON_ERROR_SHARE = 0.005
+#: The loosest tolerance of a run of the finest model, and of its reference; that of the
+#: reference over that of the run that it is compared with, as it is asked for and at
+#: most.
+MAX_RTOL, MAX_REFERENCE_RTOL, REFERENCE_RTOL_RATIO, MAX_REFERENCE_RTOL_RATIO = (
+    3e-3,
+    3e-4,
+    0.03,
+    0.1,
+)
+#: Share of the difference to the reference that counts as uncertainty.
+OWN_ERROR_SHARE = 0.3
+#: Origin of the errors of the reference, in words.
+TIGHTER_RUN_TEXT = "a tighter run"
+
+
+@dataclass(frozen=True, eq=False)
+class VerifiedChoice:
+    """A choice whose errors were verified over the full interval.
+
+    Attributes
+    ----------
+    decided : reference that the simplifications were compared with
+    theory : (n,) terms neglected by linear theory
+    lines : error budget
+    bounds : error bounds by output, where there are any
+    frames : other frames of bodies
+    """
+
+    runs: Runs
+    reference: Reference
+    chosen: SelectedModel
+    decision_reference: Reference
+    theory: Array
+    lines: tuple[BudgetLine, ...]
+    sentences: tuple[str, ...]
+    bounds: Mapping[str, float] = field(default_factory=dict)
+    frames: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class InitialInterval:
+    """The first part of the motion: its runs, and the finest of them."""
+
+    runs: Runs
+    reference: Reference
+    theory: Array
+    sentences: tuple[str, ...]
+
+    @property
+    def told(self) -> str:
+        time = self.runs.scene.time
+        return f"the first {time.end - time.start:.3g} s"
+
+    @property
+    def reference_without_mesh_errors(self) -> Reference:
+        """The reference, of which meshes leave nothing open."""
+        return self.reference.with_mesh_errors(np.zeros(len(self.runs.names)))
+
+    def errors(self, setting: Setting) -> Array:
+        """Return the errors (n,) in this interval of a full run of the finest model."""
+        choice, best = self.reference.choice, self.reference.result
+        one = self.runs.begun(choice, setting).result
+        if one is None:
+            return np.full(len(self.runs.names), np.inf)
+        rows = slice(len(best.t))
+        found = one.t[rows], self.runs.columns(choice, one)[rows]
+        errors = max_difference(found, (best.t, self.runs.columns(choice, best)))
+        return errors + self.reference.uncertainty
+
+
+def relaxed_setting(part: InitialInterval) -> Setting:
+    """Return the setting of a finest run whose error is a part of the allowed one."""
+    reference = part.reference_without_mesh_errors
+    found = loosest_tolerance(
+        part.runs, reference, reference.choice, MEASURING_INTEGRATOR, LOOSE_SHARE
+    )
+    return Setting(
+        MEASURING_INTEGRATOR, min(found.rtol if found else TIGHTEST_RTOL, MAX_RTOL)
+    )
+
+
+def reference_setting(
+    setting: Setting,
+    part: InitialInterval,
+    runs: Runs,
+    request: Request,
+    known: Reference,
+    methods: tuple[str, ...] = (MEASURING_INTEGRATOR, CHECKING_INTEGRATOR),
+) -> Reference | None:
+    """Return the cheapest reference that resolves the error of a run, or None.
+
+    Parameters
+    ----------
+    known : reference that was run already, or that of the initial interval
+    """
+    most = min(MAX_REFERENCE_RTOL_RATIO * setting.rtol, MAX_REFERENCE_RTOL)
+    if known is not part.reference and known.setting.rtol <= most:
+        return known
+    rtol = min(REFERENCE_RTOL_RATIO * setting.rtol, MAX_REFERENCE_RTOL)
+    settings = [_tighten_setting(part, Setting(method, rtol)) for method in methods]
+    best = min(
+        (setting for setting in settings if setting is not None),
+        key=lambda setting: part.runs.cost(part.reference.choice, setting),
+        default=None,
+    )
+    return None if best is None else full_reference(part, runs, request, best)
+
+
+def _tighten_setting(part: InitialInterval, setting: Setting) -> Setting | None:
+    """Tighten a setting until its error in the initial interval is small; None if it
+    stays.
+    """
+    while setting.rtol >= MIN_COMPARISON_RTOL:
+        if part.reference.use(part.errors(setting)) <= REFERENCE_SHARE:
+            return setting
+        setting = Setting(setting.integrator, REFERENCE_RTOL_RATIO * setting.rtol)
+    return None
+
+
+def full_reference(
+    part: InitialInterval, runs: Runs, request: Request, setting: Setting
+) -> Reference | None:
+    """The reference; None where it leaves too much open."""
+    choice = part.reference.choice
+    if runs.attempt(choice, setting) is None:
+        return None
+    found = reference_of_one_run(runs, choice, request, setting)
+    unseen = np.where(
+        np.isfinite(found.allowed), COMMON_ERROR_SHARE * found.allowed, 0.0
+    )
+    errors = REFERENCE_SAFETY * np.maximum(part.errors(setting), unseen)
+    digits = REFERENCE_SAFETY * part.reference.digits  # they may do more later on
+    found = replace(
+        found,
+        uncertainty=found.uncertainty + errors,
+        meshes=part.reference.meshes,
+        digits=digits,
+    )
+    return found if found.use(found.uncertainty) <= MAX_UNCERTAINTY_SHARE else None
+
+
+def verify_full_interval(
+    runs: Runs, reference: Reference, found: SelectedModel
+) -> tuple[Reference, SelectedModel]:
+    """Run the selection to the end, with the uncertainty that its reference has."""
+    choice, setting = found.choice, found.found.setting
+    one = runs.attempt(choice, setting)
+    errors = runs.between((choice, one), (reference.choice, reference.result))
+    there = AcceptedRun(setting, errors, runs.seconds(choice, setting))
+    verified_reference = replace(
+        reference, uncertainty=reference.uncertainty + OWN_ERROR_SHARE * errors
+    )
+    return verified_reference, replace(
+        found, found=there, errors=estimate_errors(errors, verified_reference)
+    )
+
+
+#: Loose runs of everything at most; of the tolerance, what the next one gets of it at
+#: least and at most, and of what a run errs at the tolerance that would just do.
+MAX_LEVELS, MIN_RTOL_RATIO, MAX_RTOL_RATIO, RTOL_SAFETY = 4, 0.03, 0.5, 0.6
+#: Models with fewer shape functions that are tried.
+MAX_TRIALS = 2
+
+
+def select_with_few_runs(
+    runs: Runs, part: InitialInterval, request: Request
+) -> VerifiedChoice | None:
+    """Select a looser run of the reference, with fewer shape functions if possible.
+
+    None if loose runs do not meet the request and are short: a search over the full
+    interval is cheap then, whatever an initial interval took on a busy machine.
+
+    Parameters
+    ----------
+    part : initial interval, which determines the tolerances
+
+    Raises
+    ------
+    InputError : tighter runs do not converge.
+    OutsideTheory : a body leaves the range of its SID.
+    """
+    settled = _reference_and_accepted_run(runs, part, request)
+    if settled is None:
+        return None
+    reference, bare = settled
+    verified_reference, chosen = _with_fewer_shapes(runs, reference, bare)
+    frames = select_frames(runs, reference, request, fixed=True)
+    lines = _budget_of_few_runs(runs, verified_reference, chosen, bare, frames.theory)
+    sentences = (*_trial_notes(runs, reference, bare, chosen), *frames.sentences)
+    return VerifiedChoice(
+        runs,
+        verified_reference,
+        chosen,
+        verified_reference,
+        frames.theory,
+        lines,
+        sentences,
+    )
+
+
+def _reference_and_accepted_run(
+    runs: Runs, part: InitialInterval, request: Request
+) -> tuple[Reference, SelectedModel] | None:
+    """Return the reference and the loosest run of the full model that keeps the
+    request.
+    """
+    reference, last, setting = part.reference, np.inf, relaxed_setting(part)
+    choice, nothing = reference.choice, np.zeros(len(runs.names))
+    for _ in range(MAX_LEVELS):
+        sharp = reference_setting(
+            setting, part, runs, request, reference, (MEASURING_INTEGRATOR,)
+        )
+        if sharp is None:
+            break
+        check_validity(sharp.result)
+        reference = sharp
+        bare = SelectedModel(choice, AcceptedRun(setting, nothing, 0.0), (), nothing)
+        verified_reference, bare = verify_full_interval(runs, reference, bare)
+        use = verified_reference.use(bare.errors)
+        if use <= FULL_SHARE:
+            return reference, bare
+        stuck = use > STAGNATION_RATIO * last
+        factor = (
+            MIN_RTOL_RATIO
+            if stuck
+            else float(
+                np.clip(RTOL_SAFETY * FULL_SHARE / use, MIN_RTOL_RATIO, MAX_RTOL_RATIO)
+            )
+        )
+        setting, last = Setting(setting.integrator, factor * setting.rtol), use
+    seconds = runs.seconds(choice, setting)
+    if seconds <= LONG_RUN_SECONDS:
+        return None
+    raise InputError(
+        f"runs of {seconds:.2g} s at rtol {setting.rtol:.0e} do "
+        "not show that the request can be kept, and tighter ones would take longer",
+        place="accuracy.wanted",
+        expected="a larger error, a shorter time span, or other outputs",
+    )
+
+
+def _with_fewer_shapes(
+    runs: Runs, reference: Reference, bare: SelectedModel
+) -> tuple[Reference, SelectedModel]:
+    """Return the fastest run that keeps the request among some with fewer shape
+    functions.
+    """
+    best = verify_full_interval(runs, reference, bare)
+    setting, fits, fails = bare.found.setting, 0.0, 1.0
+    for _ in range(MAX_TRIALS):
+        share = 0.5 * (fits + fails)
+        choice = _without_low_energy_shapes(reference, share)
+        found = replace(bare, choice=choice)
+        if choice == best[1].choice or runs.attempt(choice, setting) is None:
+            fails = share
+            continue
+        verified_reference, chosen = verify_full_interval(runs, reference, found)
+        if verified_reference.use(chosen.errors) > FULL_SHARE:
+            fails = share
+            continue
+        fits = share
+        if chosen.found.seconds < best[1].found.seconds:
+            best = verified_reference, chosen
+    return best
+
+
+def _without_low_energy_shapes(reference: Reference, share: float) -> Choice:
+    """Each body without a share of its shape functions, those of least energy."""
+    choice = reference.choice
+    for name, kept in choice.kept:
+        if kept:
+            shares = reference.result.bodies[name].energy_shares
+            order = [k for _, k in sorted(zip(shares, kept, strict=True))]
+            less = tuple(sorted(order[: int(share * len(order))]))
+            choice = choice.without(Candidate(name, SHAPES, numbers=less))
+    return choice
+
+
+def _budget_of_few_runs(
+    runs: Runs,
+    reference: Reference,
+    chosen: SelectedModel,
+    bare: SelectedModel,
+    theory: Array,
+) -> tuple[BudgetLine, ...]:
+    """Build the budget: loose runs show the omissions, a tight one their integration
+    error.
+    """
+    alike = replace(reference, setting=chosen.found.setting)
+    lines = error_budget(runs, alike, chosen, theory, TIGHTER_RUN_TEXT)
+    pairs = zip(runs.names, bare.errors, reference.allowed, strict=True)
+    known_errors = {
+        "errors": {n: float(e) for n, e, a in pairs if np.isfinite(a)},
+        "finest": runs.seconds(reference.choice, reference.setting),
+    }
+    return tuple(
+        line.model_copy(update=known_errors) if line.part == "integration" else line
+        for line in lines
+    )
+
+
+def _trial_notes(
+    runs: Runs, reference: Reference, bare: SelectedModel, chosen: SelectedModel
+) -> tuple[str, ...]:
+    """Describe the trials and their result."""
+    seconds = runs.seconds(reference.choice, reference.setting)
+    head = (
+        f"few runs, as they take up to {seconds:.2g} s and no first part of the motion "
+    )
+    head += "shows in less what the rest needs"
+    left = []
+    for name, kept in chosen.choice.kept:
+        gone = [k for k in dict(bare.choice.kept)[name] if k not in kept]
+        if gone:
+            left.append(f"modes {format_ranges(gone)} of {name}")
+    what = ", ".join(left) or "nothing"
+    return (f"{head}: {what} left out, of least energy; terms were not looked at",)

@@ -1,0 +1,411 @@
+"""Meshes and numbers of shape functions of bodies that are given by models.
+
+Where the model asks for modes alone, static answers to forces and moments at the nodes
+that the scene loads, and to the loads of its own inertia, are added first, and stay if
+they change what is wanted by more than a small part: the modes that stretch a slender
+body as it turns stand far above those that bend it. A body is made on a mesh and on one
+of half the size, with as many modes as its model asks for and with twice as many, until
+neither changes what is wanted by more than a small part. The finer of both is used.
+What is left of the error of a mesh is what a geometric series leaves of the last two
+changes; half of the last one at least, where second order would leave a third. Changes
+by forces at points of plane bodies and solids do not get smaller: they have no limit.
+Of the modes it is all of the last change, as nothing is known of those that follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.progress import EqualStages, count_within
+from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.geometric_stiffening import SIGNIFICANT_CHANGE
+from sidtool.formats.scene import SceneFile
+
+from ..measurement.candidates import finest_model, loaded_nodes
+from ..measurement.reference import (
+    MAX_CONVERGENCE_RATIO,
+    convergence_ratios,
+    mesh_error_estimate,
+)
+from ..measurement.request import Request
+from ..measurement.runs import Compile, Runs
+from ..measurement.validity import (
+    check_validity,
+    is_incomparable,
+    missing_stiffening_notes,
+)
+from ..pipeline.model_cache import BodyModel, ConvertedBody, Refinement
+from .reference_run import Reference, make_reference
+
+#: Share of the allowed error for meshes and omitted shape functions.
+MESH_ERROR_SHARE = 0.1
+#: Halvings of the mesh and doublings of the modes at most, and modes at most, but for
+#: the first doubling.
+MAX_HALVINGS, MAX_DOUBLINGS, MAX_MODES = 3, 3, 48
+#: Bodies that are made of one model, about.
+EXPECTED_CHANGES = 4
+#: Why they may not.
+POINT_LOAD_TEXT = "a body yields the more to a force at a point, the finer its mesh is"
+#: What helps then.
+TIE = "a tie (markers.NAME.tie) of {} to an edge, a face or a node set, which spreads "
+TIE += "the load"
+#: In all, from which on the search gives up.
+MAX_STIFFENING_EFFECT = 0.5
+
+#: What finer bodies leave, (n,), and how fine they are, by name and from where on.
+Finer = Callable[[str, Refinement], tuple[Array, Refinement]]
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedBodies:
+    """Refined bodies, and their remaining errors (n,) by output.
+
+    Attributes
+    ----------
+    unstiffened : bodies whose missing geometric stiffening is reported here
+    """
+
+    made: Mapping[str, ConvertedBody]
+    refinements: Mapping[str, Refinement]
+    errors: Array
+    sentences: tuple[str, ...]
+    unstiffened: frozenset[str] = frozenset()
+
+    def sids(self, others: Mapping[str, SID]) -> dict[str, SID]:
+        return {**others, **{name: made.sid for name, made in self.made.items()}}
+
+    def scene(self, scene: SceneFile) -> SceneFile:
+        """The scene that names the SIDs that were made."""
+        bodies = dict(scene.bodies)
+        for name, made in self.made.items():
+            text = made.file or f"(made of {bodies[name].model})"  # type: ignore[union-attr]
+            bodies[name] = bodies[name].model_copy(update={"sid": text, "model": None})
+        return scene.model_copy(update={"bodies": bodies})
+
+
+def bodies_from_cache(
+    sources: Mapping[str, BodyModel], found: Mapping[str, Refinement]
+) -> RefinedBodies:
+    """Return the bodies of an earlier search; their errors are not reported."""
+    bodies = {name: source.sid(found[name]) for name, source in sources.items()}
+    return RefinedBodies(bodies, found, np.zeros(0), ())
+
+
+def refine_bodies(
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    sources: Mapping[str, BodyModel],
+    request: Request,
+    compile_: Compile,
+) -> RefinedBodies:
+    """Refine the bodies of models one after the other.
+
+    Raises
+    ------
+    InputError : a model cannot be converted, or not with the requested accuracy.
+    """
+    search = _Search(scene, sids, sources, request, compile_)
+    with count_within(EqualStages(EXPECTED_CHANGES * len(sources))) as search.steps:
+        for name in sources:
+            search.settle(name)
+    if sources and search.use(search.errors) > MAX_STIFFENING_EFFECT:
+        cause = search.largest[1]
+        helps = (
+            "a larger error, models with finer meshes and more modes, or loads that "
+        )
+        helps += "do not begin at once, which moves all modes"
+        if cause in search.points:
+            helps = f"{TIE.format(search.points[cause])}, or a larger error"
+        raise InputError(
+            f"models cannot be made as fine as is asked for: {cause}",
+            place="measurement.request",
+            expected=helps,
+        )
+    search.assess_stiffening()
+    if search.others:
+        listed = ", ".join(sorted(search.others))
+        search.sentences.append(
+            f"not judged over meshes and modes, whose shape functions differ: {listed}"
+        )
+    bodies = {name: search.made(name, fine) for name, fine in search.state.items()}
+    sentences, judged = tuple(search.sentences), frozenset(search.stiffness)
+    return RefinedBodies(bodies, search.state, search.errors, sentences, judged)
+
+
+class _Search:
+    """Bodies of models, refined one after the other.
+
+    state : how fine each is
+    """
+
+    def __init__(
+        self,
+        scene: SceneFile,
+        sids: Mapping[str, SID],
+        sources: Mapping[str, BodyModel],
+        request: Request,
+        compile_: Compile,
+    ) -> None:
+        self.scene, self.sids, self.request = scene, sids, request
+        self.sources, self.compile = sources, compile_
+        self.steps = EqualStages(1)
+        self.state = {name: Refinement() for name in sources}
+        self.sentences: list[str] = []
+        self.errors: Array = np.zeros(len(request.names))
+        #: What takes most of what is allowed, and its sentence.
+        self.largest = (0.0, "")
+        #: Whether the last changes by finer meshes hardly got smaller, (n,).
+        self.slow = np.zeros(len(request.names), dtype=bool)
+        #: Markers at single points of continua, by the sentence on the changes there.
+        self.points: dict[str, str] = {}
+        #: Elastic coordinates that mean something else on another mesh.
+        self.others: set[str] = set()
+        #: What geometric stiffening would change, of the stiffness of bodies without.
+        self.stiffness: dict[str, float] = {}
+        self.reference: Reference | None = None
+        self._made: dict[tuple[str, Refinement], ConvertedBody] = {}
+        self._runs: dict[tuple[Refinement, ...], Runs] = {}
+
+    def made(self, name: str, fineness: Refinement) -> ConvertedBody:
+        key = name, fineness
+        if key not in self._made:
+            self._made[key] = self.sources[name].sid(fineness)
+        return self._made[key]
+
+    def settle(self, name: str) -> None:
+        """The mesh and the modes of one body."""
+        self.steps.next()
+        if self.reference is None:
+            self.reference = self._initial_reference()
+            check_validity(self.reference.result)
+        source = self.sources[name]
+        found = self._more_modes(name, source, self._static_shapes(name))
+        self.state[name] = self._finer_mesh(name, source, found)
+
+    def assess_stiffening(self) -> None:
+        """Compare models without geometric stiffening with those that have it.
+
+        The SID of such a body does not describe what rotation does to it.
+
+        Raises
+        ------
+        OutsideTheory : stiffening changes a stiffness considerably, and an output by a
+            hundredth of its variation and more than is allowed.
+        """
+        rich = {
+            name: Refinement(static=self._loaded_nodes(name)) for name in self.state
+        }
+        lacking = [n for n, s in self.sources.items() if s.model.stiffening is None]
+        stiff = rich | {n: replace(rich[n], stiffened=True) for n in lacking}
+        if not lacking or self.reference is None:
+            return
+        try:
+            runs = [self._runs_of(state) for state in (rich, stiff)]
+        except InputError:
+            return
+        found = [
+            (choice, r.attempt(choice, self.reference.setting))
+            for r in runs
+            for choice in [finest_model(self.scene, r.sids)]
+        ]
+        change, result = runs[1].between(*found), found[1][1]
+        if result is None or not np.isfinite(change).all():
+            return
+        for name in lacking:
+            body = result.bodies[name]
+            self.stiffness[name] = (body.found or body.expected).ratio
+        visible = np.maximum(
+            self.reference.allowed, SIGNIFICANT_CHANGE * self.reference.variation
+        )
+        matters = bool((change > visible).any())
+        self.sentences += missing_stiffening_notes(
+            self.stiffness, self._seen(change), matters
+        )
+
+    def _initial_reference(self) -> Reference:
+        """Return the reference with static shape functions for all loads.
+
+        Outputs may be constant without them. If it does not run, the models are used as
+        they are.
+        """
+        from sidtool.solver.system.errors import SimulationError
+
+        rich = {
+            name: Refinement(static=self._loaded_nodes(name)) for name in self.state
+        }
+        if rich != self.state:
+            with suppress(InputError, SimulationError):
+                return self._reference(rich)
+        return self._reference(self.state)
+
+    def _reference(self, state: Mapping[str, Refinement]) -> Reference:
+        runs = self._runs_of(state)
+        return make_reference(runs, finest_model(self.scene, runs.sids), self.request)
+
+    def _loaded_nodes(self, name: str) -> tuple[int, ...]:
+        """Nodes with loads that static shape functions can be had for; all nodes with
+        markers of a body that nothing loads but its own inertia."""
+        loaded = loaded_nodes(self.scene, name).values()
+        nodes = tuple(sorted(int(node) for node in loaded if node.isdecimal()))
+        if not nodes:
+            markers = self.sources[name].model.markers.values()
+            nodes = tuple(sorted(marker.node for marker in markers))
+        return nodes if self.sources[name].can_have_static_shapes(nodes) else ()
+
+    def _static_shapes(self, name: str) -> Refinement:
+        """Add static shape functions for the loads of this scene if these matter."""
+        nodes = self._loaded_nodes(name)
+        if not nodes:
+            return Refinement()
+        change = self._change(name, Refinement(static=nodes))
+        matters = self.use(change) > MESH_ERROR_SHARE
+        if not matters:
+            self.state[name] = Refinement()
+        loaded = ", ".join(loaded_nodes(self.scene, name))
+        sentence = f"static shape functions of {name} for its own inertia"
+        sentence += f", and for loads at {loaded}" if loaded else ""
+        verdict = "kept" if matters else "dropped"
+        left = np.zeros_like(change) if matters else change
+        self._record_step(f"{sentence}: {self._seen(change)}, {verdict}", left)
+        return self.state[name]
+
+    def _more_modes(
+        self, name: str, source: BodyModel, fineness: Refinement
+    ) -> Refinement:
+        if not source.modes:
+            self.sentences.append(
+                f"shape functions of {name}: its reduction counts no modes, so that "
+                "others than these are not judged"
+            )
+            return fineness
+        left, found = self._separate_step_errors(
+            name, fineness, self._error_with_more_modes
+        )
+        sentence = f"{source.modes} to {found.modes} modes of {name}"
+        self._record_step(f"{sentence}: the last change {self._seen(left)}", left)
+        return found
+
+    def _error_with_more_modes(
+        self, name: str, fineness: Refinement
+    ) -> tuple[Array, Refinement]:
+        """Return the remaining error (n,) with more modes, and their number."""
+        own = self.sources[name].modes or 0
+        most = max(MAX_MODES, 2 * own)
+        for _ in range(MAX_DOUBLINGS):
+            count = min(2 * (fineness.modes or own), most)
+            fineness = replace(fineness, modes=count)
+            left = self._change(name, fineness)
+            if self.use(left) <= MESH_ERROR_SHARE or count == most:
+                break
+        return left, fineness
+
+    def _finer_mesh(
+        self, name: str, source: BodyModel, fineness: Refinement
+    ) -> Refinement:
+        if not source.can_refine():
+            self.sentences.append(f"mesh of {name}: as it is, not judged")
+            return fineness
+        left, found = self._separate_step_errors(
+            name, fineness, self._error_with_finer_mesh
+        )
+        times = "once" if found.level == 1 else f"{found.level} times"
+        sentence = f"mesh of {name}: halved {times}, the rest {self._seen(left)}"
+        if self.slow[self._worst_output(left)]:
+            sentence += ", as changes hardly get smaller"
+            points = source.point_markers(loaded_nodes(self.scene, name).values())
+            if points and self.use(left) > MESH_ERROR_SHARE:
+                listed = ", ".join(points)
+                sentence += f"; {POINT_LOAD_TEXT}, as joints and forces do at {listed}"
+                self.points[sentence] = f"{listed} of {name}"
+        self._record_step(sentence, left)
+        return found
+
+    def _error_with_finer_mesh(
+        self, name: str, fineness: Refinement
+    ) -> tuple[Array, Refinement]:
+        """Return the remaining error (n,) with finer meshes, and the refinement."""
+        changes: list[Array] = []
+        for level in range(1, MAX_HALVINGS + 1):
+            fineness = replace(fineness, level=level)
+            changes.insert(0, self._change(name, fineness))
+            left = np.asarray(mesh_error_estimate(changes))
+            if self.use(left) <= MESH_ERROR_SHARE:
+                break
+        self.slow = convergence_ratios(*changes[:2]) == MAX_CONVERGENCE_RATIO
+        return left, fineness
+
+    def _separate_step_errors(
+        self, name: str, fineness: Refinement, finer: Finer
+    ) -> tuple[Array, Refinement]:
+        """Once more with tighter runs, if what is left may be that of their steps."""
+        left, found = finer(name, fineness)
+        if self.use(left) <= MESH_ERROR_SHARE or not self._needs_tighter_runs():
+            return left, found
+        self.state[name] = fineness
+        return finer(name, fineness)
+
+    def _needs_tighter_runs(self) -> bool:
+        """Whether finer bodies need tighter runs, which are made from then on."""
+        from sidtool.solver.system.errors import SimulationError
+
+        assert self.reference is not None
+        before = self.reference.setting.rtol
+        with suppress(InputError, SimulationError):
+            self.reference = self._reference(self.state)
+        return self.reference.setting.rtol < before
+
+    def _record_step(self, sentence: str, left: Array) -> None:
+        """A step of the search, and the errors (n,) that it leaves."""
+        self.sentences.append(sentence)
+        self.errors += left
+        self.largest = max(self.largest, (self.use(left), sentence))
+
+    def _change(self, name: str, fineness: Refinement) -> Array:
+        """Return the changes (n,) by a finer body, which is used from then on."""
+        assert self.reference is not None
+        before, runs = self._runs_of(self.state), []
+        self.steps.next()
+        with count_within(EqualStages(3)) as parts:
+            parts.next()
+            self.state[name] = fineness
+            after = self._runs_of(self.state)
+            for found in (before, after):
+                parts.next()
+                whole = finest_model(self.scene, found.sids)
+                runs.append((whole, found.attempt(whole, self.reference.setting)))
+        change = after.between(*runs)
+        for row, output in enumerate(self.request.names):
+            if np.isfinite(change[row]) and is_incomparable(
+                output, before.sids, after.sids
+            ):
+                self.others.add(output)
+                change[row] = 0.0
+        return change
+
+    def use(self, errors: Array) -> float:
+        assert self.reference is not None
+        return self.reference.use(errors)
+
+    def _worst_output(self, errors: Array) -> int:
+        assert self.reference is not None
+        return self.reference.worst(errors)
+
+    def _seen(self, errors: Array) -> str:
+        """The output that sees most of it."""
+        assert self.reference is not None
+        row = self._worst_output(errors)
+        name = self.request.names[row]
+        return f"{errors[row]:.1e} {self.reference.units[row]}".rstrip() + f" in {name}"
+
+    def _runs_of(self, state: Mapping[str, Refinement]) -> Runs:
+        key = tuple(state.values())
+        if key not in self._runs:
+            found = {name: self.made(name, fine).sid for name, fine in state.items()}
+            sids = {**self.sids, **found}
+            self._runs[key] = Runs(self.scene, sids, self.compile, self.request.names)
+        return self._runs[key]

@@ -1,0 +1,304 @@
+"""Reference of the accuracy search: the finest model, tightly integrated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, unit_of
+
+from ..measurement.candidates import Choice, is_out_of_plane, planar_scene
+from ..measurement.reference import MUCH
+from ..measurement.request import Request
+from ..measurement.runs import Runs, Setting, max_difference
+from ..study import is_varying
+
+#: The uncertainty of the reference is at most this part of what is allowed.
+UNCERTAINTY_SHARE = 0.05
+#: Of the request, the tolerance at which models are compared; at most and at least.
+COMPARISON_RTOL_RATIO, MAX_COMPARISON_RTOL, MIN_COMPARISON_RTOL = 1e-2, 1e-4, 1e-11
+#: The reference may be as far off as the looser run.
+REFERENCE_SAFETY = 2.0
+#: Of the variation: what rounding alone does between two tight runs of one motion,
+#: which different methods, factorisations and processors share in part.
+RUN_ROUNDING = 5e-12
+#: Errors are taken to fall like the tolerance: to this part of what is needed, for the
+#: reference and for models that are compared; by how much it changes at most and least.
+AIMED_SHARE, AIMED_SHARE_OF_MODELS, MIN_RTOL_CHANGE, MAX_RTOL_CHANGE = (
+    0.1,
+    0.5,
+    1e-5,
+    0.2,
+)
+#: The part of the time at whose rows both are compared with a run as tight as can be.
+START_FRACTION = 1.0 / 16.0
+#: Two methods whose difference estimates the error of each; the second one has this
+#: fraction of the tolerance.
+MEASURING_INTEGRATOR, CHECKING_INTEGRATOR, CHECKING_RTOL_RATIO = (
+    "radau9",
+    "radau13",
+    0.1,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The finest model and its uncertainty.
+
+    Attributes
+    ----------
+    choice : the finest model result : its run setting : integration of models that are
+    compared with each other variation : (n,) range of each output allowed : (n,)
+    requested errors, infinite if the output is only rounding uncertainty : (n,) twice
+    the difference of the run by `MEASURING_INTEGRATOR` to the reference,
+        and rounding
+    blur : (n,) the same for a looser run, by which models are compared
+    left_out : outputs that are only rounding
+    units : (n,) units of the outputs
+    rounding : (n,) effect of rounding on each output, see `rounding_levels`
+    meshes : (n,) errors by the meshes of bodies and by missing modes
+    digits : (n,) errors by the printed digits of files
+    frames : (n,) changes by other frames of bodies
+    """
+
+    choice: Choice
+    result: Result
+    setting: Setting
+    variation: Array
+    allowed: Array
+    uncertainty: Array
+    comparison_uncertainty: Array
+    left_out: tuple[str, ...]
+    units: tuple[str, ...]
+    rounding: Array
+    meshes: Array
+    digits: Array
+    frames: Array
+
+    def worst(self, errors: Array) -> int:
+        """The output of which errors use most."""
+        shares = np.full(len(errors), -1.0)
+        np.divide(errors, self.allowed, out=shares, where=np.isfinite(self.allowed))
+        return int(shares.argmax())
+
+    def with_mesh_errors(self, errors: Array) -> Reference:
+        """Return the reference with the errors (n,) by meshes and missing modes."""
+        return replace(self, meshes=errors)
+
+    @property
+    def resolution(self) -> Array:
+        """Return the differences (n,) of two models below which they are
+        indistinguishable.
+        """
+        return np.maximum(self.uncertainty, self.comparison_uncertainty)
+
+    @property
+    def difference_uncertainty(self) -> Array:
+        """Return the uncertainty (n,) of a difference to the reference."""
+        return self.uncertainty + self.meshes + self.digits + self.frames
+
+    def use(self, errors: Array) -> float:
+        """The largest share of what is allowed, 1 for all of it."""
+        counts = np.isfinite(self.allowed)
+        return float((errors[counts] / self.allowed[counts]).max())
+
+
+def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
+    """Run the finest model as tightly as the request needs.
+
+    Its uncertainty is twice the difference of two methods of different order, of which
+    the tighter one is the reference, and the part of rounding that both may share.
+    Both also step over initial oscillations that are too small for their tolerances;
+    these are found in the first rows, integrated much more tightly.
+
+    Raises
+    ------
+    InputError : an output cannot be predicted with the requested accuracy, or no output
+        varies.
+    SimulationError : the run stopped early.
+    """
+    first = rtol = initial_rtol(request)
+    start = _tight_first_rows(runs, choice)
+    while True:
+        setting = Setting(MEASURING_INTEGRATOR, rtol)
+        tighter = Setting(
+            CHECKING_INTEGRATOR,
+            max(CHECKING_RTOL_RATIO * rtol, 0.1 * MIN_COMPARISON_RTOL),
+        )
+        found = reference_of_two_runs(runs, choice, request, setting, tighter)
+        found = _with_initial_error(runs, found, start)
+        use = found.use(found.uncertainty)
+        if use <= UNCERTAINTY_SHARE:
+            return _at_sufficient_tolerance(runs, found, first)
+        if rtol <= MIN_COMPARISON_RTOL:
+            found = _without_rounding(found, request)
+            if found.use(found.uncertainty) <= UNCERTAINTY_SHARE:
+                return found
+            raise _is_unpredictable(request, found)
+        rtol = max(
+            MIN_COMPARISON_RTOL,
+            _next_tolerance(rtol, AIMED_SHARE * UNCERTAINTY_SHARE / use),
+        )
+
+
+def _without_rounding(found: Reference, request: Request) -> Reference:
+    """Drop relative requests for unpredictable outputs below the rounding of their
+    terms.
+
+    They remain if nothing else is requested.
+    """
+    absolute = np.array([t.absolute for t in request.tolerances.values()])
+    rounding = found.uncertainty > UNCERTAINTY_SHARE * found.allowed
+    rounding &= ~absolute & (found.variation <= MUCH * found.rounding)
+    allowed = np.where(rounding, np.inf, found.allowed)
+    if not np.isfinite(allowed).any():
+        return found
+    names = np.array(request.names)[rounding].tolist()
+    return replace(found, allowed=allowed, left_out=(*found.left_out, *names))
+
+
+def _next_tolerance(rtol: float, share: float) -> float:
+    """A tolerance at which errors are about a share of what they are at this one."""
+    return rtol * float(np.clip(share, MIN_RTOL_CHANGE, MAX_RTOL_CHANGE))
+
+
+def _at_sufficient_tolerance(runs: Runs, found: Reference, rtol: float) -> Reference:
+    """Return the reference with models compared at the loosest sufficient tolerance.
+
+    That is the first tolerance, or the one that this reference needs. Outputs that are
+    only rounding, as conserved momenta, are recognised at tight tolerances alone, and
+    need none.
+    """
+    while rtol > found.setting.rtol / MAX_RTOL_CHANGE:
+        setting = Setting(MEASURING_INTEGRATOR, rtol)
+        run = found.choice, runs.tight_run(found.choice, setting)
+        blur = REFERENCE_SAFETY * runs.between(run, (found.choice, found.result))
+        use = found.use(blur)
+        if use <= UNCERTAINTY_SHARE:
+            return replace(found, setting=setting, comparison_uncertainty=blur)
+        rtol = _next_tolerance(rtol, AIMED_SHARE_OF_MODELS * UNCERTAINTY_SHARE / use)
+    return found
+
+
+def _tight_first_rows(runs: Runs, choice: Choice) -> tuple[Array, Array] | None:
+    """Times and outputs of the first rows, if they can be had."""
+    time = runs.scene.time
+    if time.output_step is None:
+        return None
+    rows = np.ceil(START_FRACTION * (time.end - time.start) / time.output_step)
+    part = runs.until(min(time.end, float(time.start + rows * time.output_step)))
+    found = part.attempt(choice, Setting(CHECKING_INTEGRATOR, MIN_COMPARISON_RTOL))
+    return None if found is None else (found.t, part.columns(choice, found))
+
+
+def _with_initial_error(
+    runs: Runs, reference: Reference, start: tuple[Array, Array] | None
+) -> Reference:
+    """Return the reference with twice its error in the first rows."""
+    if start is None:
+        return reference
+    count, result = len(start[0]), reference.result
+    columns = runs.columns(reference.choice, result)
+    errors = max_difference(start, (result.t[:count], columns[:count]))
+    errors = np.where(np.isfinite(errors), REFERENCE_SAFETY * errors, 0.0)
+    return replace(reference, uncertainty=np.maximum(reference.uncertainty, errors))
+
+
+def reference_of_two_runs(
+    runs: Runs, choice: Choice, request: Request, setting: Setting, tighter: Setting
+) -> Reference:
+    """The tighter of two runs as a reference.
+
+    Raises
+    ------
+    InputError : no output moves.
+    SimulationError : a run stopped early.
+    """
+    coarse, fine = runs.tight_run(choice, setting), runs.tight_run(choice, tighter)
+    found = reference_of_one_run(runs, choice, request, tighter)
+    between = REFERENCE_SAFETY * runs.between((choice, coarse), (choice, fine))
+    return replace(found, setting=setting, uncertainty=between + found.uncertainty)
+
+
+def reference_of_one_run(
+    runs: Runs, choice: Choice, request: Request, setting: Setting
+) -> Reference:
+    """A run as a reference, of which no more than rounding is open yet.
+
+    Raises
+    ------
+    InputError : no output moves.
+    SimulationError : the run stopped early.
+    """
+    result = runs.tight_run(choice, setting)
+    values = runs.columns(choice, result)
+    variation = np.ptp(values, axis=0)
+    rounding = runs.rounding(choice, result)
+    moving = is_varying(request.names, values, variation, rounding)
+    largest = np.abs(values).max(axis=0)
+    moving &= ~out_of_plane_zeros(runs.scene, request.names, largest, rounding)
+    absolute = np.array([t.absolute for t in request.tolerances.values()])
+    judged = moving | absolute
+    if not judged.any():
+        raise InputError(
+            "no output can be told from rounding",
+            place="accuracy.wanted",
+            expected="outputs that move",
+        )
+    nothing = np.zeros(len(request.names))
+    return Reference(
+        choice=choice,
+        result=result,
+        setting=setting,
+        variation=variation,
+        allowed=np.where(judged, request.allowed(variation), np.inf),
+        uncertainty=RUN_ROUNDING * variation,
+        comparison_uncertainty=nothing,
+        left_out=tuple(np.array(request.names)[~judged].tolist()),
+        units=tuple(unit_of(name, runs.scene) for name in request.names),
+        rounding=rounding,
+        meshes=nothing,
+        digits=nothing,
+        frames=nothing,
+    )
+
+
+def out_of_plane_zeros(
+    scene: SceneFile, names: tuple[str, ...], largest: Array, rounding: Array
+) -> NDArray[np.bool_]:
+    """(n,) outputs across the plane of a scene that can be written in it, where they
+    are as good as zero.
+
+    largest, rounding : (n,) their absolute values, and what rounding may leave of them
+    """
+    if scene.dimension == "planar" or planar_scene(scene) is None:
+        return np.zeros(len(names), dtype=bool)
+    return np.array([*map(is_out_of_plane, names)]) & (largest <= MUCH * rounding)
+
+
+def initial_rtol(request: Request) -> float:
+    """The first tolerance to try: absolute requests show what they need."""
+    relative = [t.value for t in request.tolerances.values() if not t.absolute]
+    wanted = min(relative, default=1.0)
+    return float(
+        np.clip(
+            COMPARISON_RTOL_RATIO * wanted, MIN_COMPARISON_RTOL, MAX_COMPARISON_RTOL
+        )
+    )
+
+
+def _is_unpredictable(request: Request, found: Reference) -> InputError:
+    worst = int((found.uncertainty / found.allowed).argmax())
+    name, off = request.names[worst], found.uncertainty[worst]
+    return InputError(
+        f"{name} cannot be predicted as exactly as is asked for: two references at "
+        f"{MIN_COMPARISON_RTOL:.0e} differ by {off:.1e} where "
+        f"{found.allowed[worst]:.1e} may be wrong",
+        place="accuracy.wanted",
+        expected="a larger error, a shorter time span, or other outputs",
+    )

@@ -1,0 +1,284 @@
+"""Search for the fastest model and integration that keep a request.
+
+Shape functions and terms may use `MODEL_SHARE` of what is allowed, integration the rest
+up to `FULL_SHARE`; whatever is chosen has been run and compared with the reference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.scene import expand_names, unit_of
+
+from ..measurement.candidates import (
+    FLEXIBILITY,
+    IN_PLANE,
+    QUADRATIC,
+    SHAPES,
+    SPACE,
+    STIFFENING,
+    Candidate,
+    Choice,
+    bodies_with_stiffening,
+    is_out_of_plane,
+    planar_scene,
+)
+from ..measurement.candidates import shape_function_candidates as shapes_of
+from ..measurement.runs import Runs
+from .integrator_choice import AcceptedRun, fastest_setting
+from .reference_run import Reference
+
+#: Shares of the allowed error: for the plane, for rigid bodies, with groups of shape
+#: functions, with single ones, with terms, with integration.
+PLANE_SHARE, RIGID_SHARE, GROUP_SHARE, SHAPE_SHARE, MODEL_SHARE, FULL_SHARE = (
+    0.05,
+    0.2,
+    0.25,
+    0.4,
+    0.5,
+    0.95,
+)
+#: Shape functions of one body that are tested one by one; of more, those of least
+#: elastic energy are omitted in groups first.
+MAX_SINGLE_SHAPES = 10
+#: Factor on differences that are reported as errors.
+ERROR_SAFETY = 1.01
+#: A term is omitted if that alone uses at most this share.
+TERM_SHARE = 0.1
+#: Shape functions that are tested one by one after the first that must remain.
+MAX_LATER_TRIALS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredReduction:
+    """Errors (n,) caused by one simplification of the finest model."""
+
+    candidate: Candidate
+    errors: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SelectedModel:
+    """The selected model and its integration.
+
+    Attributes
+    ----------
+    measured : all simplifications that were measured
+    errors : (n,) errors of the selected run, with the uncertainty of the reference
+    """
+
+    choice: Choice
+    found: AcceptedRun
+    measured: tuple[MeasuredReduction, ...]
+    errors: Array
+
+
+def select_model(runs: Runs, reference: Reference) -> SelectedModel:
+    """Simplify the model as far as the request allows, then loosen the integration.
+
+    Raises
+    ------
+    InputError : no model and no integration keeps the request.
+    """
+    search = _Search(runs, reference)
+    runs.begin("plane")
+    search.plane()
+    runs.begin("rigid bodies")
+    choice = search.rigid_bodies(search.base)
+    runs.begin("shape functions")
+    choice = search.fewer_shapes(choice)
+    runs.begin("terms")
+    choice = search.fewer_terms(choice)
+    runs.begin("integration")
+    found = fastest_setting(runs, reference, choice, FULL_SHARE)
+    if found is None:
+        choice = reference.choice
+        found = fastest_setting(runs, reference, choice, FULL_SHARE)
+    if found is None:
+        raise InputError(
+            "no integrator keeps what is asked for",
+            place="accuracy.wanted",
+            expected="a larger error",
+        )
+    errors = estimate_errors(found.errors, reference)
+    return SelectedModel(choice, found, tuple(search.measured), errors)
+
+
+def estimate_errors(errors: Array, reference: Reference) -> Array:
+    """Return estimated errors (n,) from differences to the reference."""
+    return ERROR_SAFETY * errors + reference.difference_uncertainty
+
+
+class _Search:
+    """Compares models at one tight tolerance.
+
+    base : everything, in the plane if that does
+    """
+
+    def __init__(self, runs: Runs, reference: Reference) -> None:
+        self.runs, self.reference = runs, reference
+        self.base = reference.choice
+        self.measured: list[MeasuredReduction] = []
+
+    def plane(self) -> None:
+        """A spatial scene of which nothing leaves the plane is planar from here on."""
+        scene, candidate = self.runs.scene, Candidate("", SPACE)
+        if (
+            scene.dimension == "planar"
+            or planar_scene(scene) is None
+            or self._leaves_plane()
+        ):
+            return
+        if self.alone(candidate) <= PLANE_SHARE:
+            self.base = self.base.without(candidate)
+
+    def _leaves_plane(self) -> bool:
+        """Whether an output across the plane, which is zero there, may not be."""
+        result, names = self.reference.result, self.runs.names
+        scene, sids = self.runs.scene, self.runs.sids
+        recorded = expand_names(scene.outputs.record, scene, sids, "outputs.record")
+        if any(map(is_out_of_plane, set(recorded) - set(names))):
+            return True
+        columns = self.runs.columns(self.reference.choice, result)
+        sizes = dict(zip(names, np.abs(columns).max(axis=0), strict=True))
+        kinds: dict[str, float] = {}
+        for name, size in sizes.items():
+            unit = unit_of(name, scene)
+            kinds[unit] = max(kinds.get(unit, 0.0), size)
+        return any(
+            size > IN_PLANE * kinds[unit_of(name, scene)]
+            for name, size in sizes.items()
+            if is_out_of_plane(name) and name not in self.reference.left_out
+        )
+
+    def use(self, choice: Choice) -> float:
+        """The share of what is allowed that a model costs."""
+        finest, setting = self.reference.choice, self.reference.setting
+        return self.reference.use(self.runs.difference(finest, choice, setting))
+
+    def alone(self, candidate: Candidate, of: Choice | None = None) -> float:
+        """Return the share of the allowed error that one simplification uses alone.
+
+        The result is stored in `measured`.
+
+        Parameters
+        ----------
+        of : model that is simplified, default the finest one
+        """
+        whole = of or self.base
+        less = whole.without(candidate)
+        errors = self._missing_output_errors(whole, less)
+        if self.reference.use(errors) <= MODEL_SHARE:
+            errors = self.runs.difference(whole, less, self.reference.setting)
+        self.measured.append(MeasuredReduction(candidate, errors))
+        return self.reference.use(errors)
+
+    def _missing_output_errors(self, whole: Choice, less: Choice) -> Array:
+        """The errors (n,) of outputs that a model does not have, which are zero there:
+        known without a run."""
+        names, result = (
+            self.runs.names,
+            self.runs.attempt(whole, self.reference.setting),
+        )
+        if result is None or all(map(less.has_output, names)):
+            return np.zeros(len(names))
+        sizes = np.abs(self.runs.columns(whole, result)).max(axis=0)
+        return np.where([*map(less.has_output, names)], 0.0, sizes)
+
+    def rigid_bodies(self, choice: Choice) -> Choice:
+        """Bodies that may be rigid, those first that cost least."""
+        bodies = [Candidate(n, FLEXIBILITY) for n, kept in choice.kept if kept]
+        return self._without_together(choice, bodies, RIGID_SHARE, RIGID_SHARE)
+
+    def fewer_shapes(self, choice: Choice) -> Choice:
+        """The shape functions of the other bodies, those first that cost least."""
+        whole, choice = choice, self._without_groups(choice)
+        base = None if choice == whole else choice
+        costs = {c: self.alone(c, base) for c in shapes_of(choice)}
+        order = sorted(
+            (c for c in costs if costs[c] <= SHAPE_SHARE), key=costs.__getitem__
+        )
+        sums = accumulate((costs[c] for c in order), initial=self.use(choice))
+        guess = sum(total <= SHAPE_SHARE for total in sums) - 1
+        count = self._largest_removable_group(choice, order, max(guess, 0))
+        choice = choice.without(*order[:count])
+        for candidate in order[count + 1 : count + 1 + MAX_LATER_TRIALS]:
+            less = choice.without(candidate)
+            choice = less if self.use(less) <= SHAPE_SHARE else choice
+        return choice
+
+    def _without_groups(self, choice: Choice) -> Choice:
+        """Bodies of many shape functions without those that hardly deform them."""
+        for name, kept in choice.kept:
+            waiting = self._by_energy(name, kept)
+            count = len(waiting) // 2
+            while len(waiting) > MAX_SINGLE_SHAPES and count > 1:
+                numbers = tuple(sorted(waiting[:count]))
+                group = Candidate(name, SHAPES, numbers=numbers)
+                less = choice.without(group)
+                if self.use(less) > GROUP_SHARE:
+                    count //= 2
+                    continue
+                self.alone(group, choice)
+                choice, waiting = less, waiting[count:]
+                count = len(waiting) // 2
+        return choice
+
+    def _by_energy(self, name: str, numbers: tuple[int, ...]) -> list[int]:
+        """Shape functions by their share in the elastic energy, least first."""
+        shares = self.reference.result.bodies[name].energy_shares if numbers else ()
+        order = (
+            sorted(zip(shares, numbers, strict=True))
+            if len(numbers) > MAX_SINGLE_SHAPES
+            else []
+        )
+        return [number for _, number in order]
+
+    def _largest_removable_group(
+        self, choice: Choice, order: list[Candidate], guess: int
+    ) -> int:
+        """Return how many of the first candidates can be omitted together, from a first
+        guess.
+        """
+        fits, fails = 0, len(order) + 1
+        count = guess
+        while fails - fits > 1:
+            if not 0 < count < fails:
+                count = (fits + fails) // 2
+            if self.use(choice.without(*order[:count])) <= SHAPE_SHARE:
+                fits, count = count, count + 1
+            else:
+                fails, count = count, count - 1
+            if not fits < count < fails:
+                count = (fits + fails) // 2
+        return fits
+
+    def fewer_terms(self, choice: Choice) -> Choice:
+        """Terms of the bodies that stay flexible."""
+        flexible = [n for n, kept in choice.kept if kept]
+        terms_of = bodies_with_stiffening(self.runs.scene, self.runs.sids, choice.flat)
+        terms = [Candidate(n, STIFFENING) for n in flexible if terms_of.get(n)]
+        choice = self._without_together(choice, terms, TERM_SHARE, MODEL_SHARE)
+        bare = [n for n in flexible if n not in terms_of or n in choice.unstiffened]
+        squares = [Candidate(n, QUADRATIC) for n in bare if n in choice.quadratic]
+        return self._without_together(choice, squares, TERM_SHARE, MODEL_SHARE)
+
+    def _without_together(
+        self, choice: Choice, candidates: list[Candidate], single: float, whole: float
+    ) -> Choice:
+        """Omit candidates that use at most `single` alone and at most `whole`
+        together.
+        """
+        costs = {c: self.alone(c) for c in candidates}
+        for candidate in sorted(costs, key=costs.__getitem__):
+            if costs[candidate] > single:
+                break
+            less = choice.without(candidate)
+            if self.use(less) <= whole:
+                choice = less
+        return choice

@@ -1,0 +1,198 @@
+"""Error of outputs by the printed digits of SID files.
+
+A number that was printed with d digits stands for all that are printed alike: it may be
+off by half a unit of the last digit. The finest model is run again with every number
+moved by that much, up or down by what its digits are: equal numbers stay equal, so that
+symmetric blocks stay symmetric, as printing keeps them. In one such run the changes may
+cancel by chance, so that there are `RANDOM_RUNS` of them; theory, section 16.
+
+How many digits there are is seen in the numbers themselves, so that copies of a text
+file as HDF5 count as well, and what was computed, which has sixteen, does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import NODE_SHAPES, SID, Array, Node, Taylor
+
+from ..measurement.runs import Runs
+from .reference_run import Reference
+
+#: More digits than this are indistinguishable from full precision.
+MAX_DIGITS = 13
+#: Of the distinct numbers: how many are needed, which share has no more digits than the
+#: printed ones, and which share has all of them.
+MIN_DISTINCT_NUMBERS, PRINTED_SHARE, FULL_DIGITS_SHARE = 10, 0.9, 0.5
+#: Numbers that end this many digits earlier were not rounded: one in a thousand would.
+ROUND_DIGITS = 3
+#: Of a product with a power of ten, by rounding.
+RELATIVE_ROUNDING = 1e-15
+#: Number of runs with other signs, and the factor on the largest change found.
+RANDOM_RUNS, CHANGE_SAFETY = 3, 3.0
+#: Rounding is negligible if it is below this share after magnification by the motion
+#: and by positions.
+MOTION_MAGNIFICATION, POSITION_MAGNIFICATION, NEGLIGIBLE_SHARE = 1e5, 10.0, 0.05
+#: The upper bits of a product with it are those of no pattern in the digits.
+HASH_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
+#: Of what is allowed, the most that digits may take.
+MAX_ROUNDING_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class NumberFormat:
+    """How the numbers of a file were printed.
+
+    count : significant digits, or decimals
+    fixed : whether it counts decimals
+    """
+
+    count: int
+    fixed: bool
+
+    @property
+    def relative(self) -> float:
+        """Half a unit of the last digit over the number, at most."""
+        return np.inf if self.fixed else 5.0 * 10.0**-self.count
+
+    def __str__(self) -> str:
+        return f"{self.count} {'decimals' if self.fixed else 'digits'}"
+
+
+def printed_digits(sid: SID) -> NumberFormat | None:
+    """How its numbers were printed; None where they have all digits."""
+    numbers = np.unique(np.abs(np.concatenate(list(_printed_numbers(sid)))))
+    numbers = numbers[numbers > 0.0]
+    if len(numbers) < MIN_DISTINCT_NUMBERS:
+        return None
+    found = []
+    for fixed in (False, True):
+        counts = _digit_counts(numbers, fixed)
+        count = int(np.quantile(counts, PRINTED_SHARE, method="higher"))
+        share = float((counts == count).mean())
+        if count <= MAX_DIGITS and share >= FULL_DIGITS_SHARE:
+            found.append((share, NumberFormat(count, fixed)))
+    return max(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def perturb_last_digit(sid: SID, how: NumberFormat, draw: int) -> SID:
+    """The SID with its numbers half a unit of the last digit away."""
+
+    def part(values: Array | None) -> Array | None:
+        return None if values is None else _perturb_numbers(values, how, draw)
+
+    def block(one: Taylor) -> Taylor:
+        m0 = _perturb_numbers(one.m0, how, draw)
+        return replace(one, m0=m0, m1=part(one.m1), mn=part(one.mn))
+
+    def node(one: Node) -> Node:
+        entries = {name: getattr(one, name) for name in NODE_SHAPES}
+        found = {n: block(entry) for n, entry in entries.items() if entry is not None}
+        return replace(one, **found)  # type: ignore[arg-type]
+
+    return replace(
+        sid,
+        mass=float(_perturb_numbers(np.array([sid.mass]), how, draw)[0]),
+        nodes=tuple(map(node, sid.nodes)),
+        **{name: block(one) for name, one in sid.blocks.items()},  # type: ignore[arg-type]
+    )
+
+
+def with_rounding_error(
+    runs: Runs, reference: Reference
+) -> tuple[Reference, tuple[str, ...]]:
+    """Return the reference with the error by printed digits, and notes on it.
+
+    Raises
+    ------
+    InputError : the printed digits leave more than half of the allowed error open.
+    """
+    every = {n: printed_digits(runs.sids[n]) for n in runs.scene.sid_bodies}
+    found = {n: how for n, how in every.items() if how is not None}
+    if not found:
+        return reference, ()
+    formats_text = ", ".join(f"{how} of {name}" for name, how in found.items())
+    if _is_rounding_negligible(runs, reference, found):
+        return reference, (f"{formats_text}: far below what is asked for",)
+    changes = [
+        _change_by_rounding(runs, reference, found, draw) for draw in range(RANDOM_RUNS)
+    ]
+    open_ = CHANGE_SAFETY * np.max(changes, axis=0)
+    if not np.isfinite(open_).all():
+        text = "the scene does not run with others that are printed alike"
+        return reference, (f"{formats_text}: not judged, as {text}",)
+    row = reference.worst(open_)
+    largest_text = f"{open_[row]:.1e} {reference.units[row]}".rstrip()
+    name = runs.names[row]
+    if reference.use(open_) > MAX_ROUNDING_SHARE:
+        raise InputError(
+            f"{formats_text} tell {name} to {largest_text} only, where "
+            f"{reference.allowed[row]:.1e} may be wrong",
+            place="accuracy.wanted",
+            expected="a larger error, or files with more digits",
+        )
+    return replace(reference, digits=open_), (
+        f"{formats_text}: leave {largest_text} in {name} open",
+    )
+
+
+def _change_by_rounding(
+    runs: Runs, reference: Reference, found: Mapping[str, NumberFormat], draw: int
+) -> Array:
+    """Return the changes (n,) of outputs by other numbers that are printed alike."""
+    others = {
+        n: perturb_last_digit(runs.sids[n], how, draw) for n, how in found.items()
+    }
+    return runs.max_change_by(others, reference.choice, reference.setting)
+
+
+def _is_rounding_negligible(
+    runs: Runs, reference: Reference, found: Mapping[str, NumberFormat]
+) -> bool:
+    """Whether digits are far below what is allowed, so that no run is needed."""
+    most = max(how.relative for how in found.values())
+    if most >= 1.0:
+        return False
+    sizes = np.abs(runs.columns(reference.choice, reference.result)).max(axis=0)
+    changes = most * (
+        MOTION_MAGNIFICATION * reference.variation + POSITION_MAGNIFICATION * sizes
+    )
+    return reference.use(changes) <= NEGLIGIBLE_SHARE
+
+
+def _printed_numbers(sid: SID) -> Iterator[Array]:
+    yield np.array([sid.mass])
+    entries = [getattr(node, name) for node in sid.nodes for name in NODE_SHAPES]
+    for one in (*sid.blocks.values(), *entries):
+        if one is not None:
+            parts = (one.m0, one.m1, one.mn)
+            yield from (part.ravel() for part in parts if part is not None)
+
+
+def _digit_counts(numbers: Array, fixed: bool) -> Array:
+    """Digits that positive numbers need, `MAX_DIGITS` + 1 for all that they have."""
+    counts = np.full(numbers.shape, MAX_DIGITS + 1)
+    shift = 0 if fixed else np.floor(np.log10(numbers)) + 1.0
+    for count in range(MAX_DIGITS + 1):
+        scaled = numbers * 10.0 ** (count - shift)
+        exact = np.abs(scaled - np.rint(scaled)) <= RELATIVE_ROUNDING * scaled
+        counts[exact & (scaled < 10.0**MAX_DIGITS) & (counts > MAX_DIGITS)] = count
+    return counts
+
+
+def _perturb_numbers(values: Array, how: NumberFormat, draw: int) -> Array:
+    result = values.copy()
+    rows = values != 0.0
+    numbers = np.abs(values[rows])
+    exponents = np.floor(np.log10(numbers))
+    last = np.full(len(numbers), -how.count) if how.fixed else exponents - how.count + 1
+    digits = np.rint(numbers * 10.0**-last).astype(np.uint64)
+    up = (digits * HASH_MULTIPLIER >> np.uint64(63 - draw) & np.uint64(1)).astype(bool)
+    rounded = _digit_counts(numbers, how.fixed) > how.count - ROUND_DIGITS
+    step = np.where(rounded, np.where(up, 0.5, -0.5) * 10.0**last, 0.0)
+    result[rows] += np.sign(values[rows]) * step
+    return result

@@ -1,0 +1,181 @@
+"""SID with only the shape functions and nodes that a scene needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.result import AccuracyReport
+from sidtool.formats.scene import PEAK_STRESS, SceneFile
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.sid_subset import select_shape_functions
+
+from ..pipeline.model_cache import convert_bodies
+from . import plan_for
+
+#: The accuracy where neither the scene nor the command asks for one.
+DEFAULT_ACCURACY = 1e-3
+
+
+@dataclass(frozen=True)
+class TrimmedSid:
+    """A reduced SID, and its cost for the scene.
+
+    Attributes
+    ----------
+    bodies : bodies that have this SID
+    numbers : numbers of the retained shape functions in the full SID
+    sizes : number of shape functions and nodes of the full SID
+    """
+
+    sid: SID
+    bodies: tuple[str, ...]
+    numbers: tuple[int, ...]
+    sizes: tuple[int, int]
+    report: AccuracyReport
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes of the reference run."""
+        return self.report.notes
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """None: what leaves linear theory is refused."""
+        return ()
+
+    @property
+    def sentences(self) -> list[str]:
+        """Describe what was removed, the new numbers of coordinates, and the cost."""
+        modes, nodes = self.sizes
+        names = ", ".join(self.bodies)
+        found = [
+            f"{self.sid.nq} of {modes} shape functions and {len(self.sid.nodes)} of "
+            f"{nodes} nodes are kept for {names}"
+        ]
+        moved = [f"q{i} was q{k}" for i, k in enumerate(self.numbers, 1) if i != k]
+        found += [f"in the new SID {', '.join(moved)}"] if moved else []
+        if not self.numbers:
+            found.append("what is left is rigid")
+        line = next(x for x in self.report.budget if x.part == "shape functions")
+        found += [
+            f"{o.name}: {line.errors[o.name]:.1e} {o.unit}".rstrip()
+            + f" by the shape functions that are out, of {o.allowed:.1e} allowed"
+            for o in self.report.outputs
+        ]
+        return [*found, *(f"note: {text}" for text in self.notes)]
+
+    def data(self) -> dict[str, Any]:
+        """The same for programs; numbers of shape functions as in the whole SID."""
+        modes, nodes = self.sizes
+        return {
+            "bodies": list(self.bodies),
+            "shape_functions": {"kept": list(self.numbers), "of": modes},
+            "nodes": {"kept": [node.id for node in self.sid.nodes], "of": nodes},
+            "sentences": self.sentences,
+            "accuracy": self.report.model_dump(mode="json"),
+        }
+
+
+def trim_sid(
+    path: Path,
+    scene: SceneFile,
+    folder: Path,
+    accuracy: Any = None,
+) -> TrimmedSid:
+    """The SID of a file with the shape functions and nodes that a scene needs.
+
+    Parameters
+    ----------
+    folder : relative paths of the scene begin here
+    accuracy : of the scene; default what it asks for, else 1e-3
+
+    Raises
+    ------
+    InputError : no body of the scene has this SID, or see `plan_for`.
+    """
+    bodies = tuple(_with_file(scene, path, folder))
+    if not bodies:
+        raise InputError(
+            f"no body of the scene has the SID {path}",
+            place="bodies",
+            expected=", ".join(_scene_files(scene)) or "a scene with flexible bodies",
+        )
+    if accuracy is None and scene.accuracy.wanted is None:
+        accuracy = DEFAULT_ACCURACY
+    sid = read_sid(path)
+    scene, model_sids, _ = convert_bodies(scene, folder)
+    plan = plan_for(scene, folder, model_sids, accuracy, {}, frames=False)
+    assert plan is not None
+    kept_numbers: set[int] = set()
+    for name in bodies:
+        kept_numbers |= set(plan.scene.sid_bodies[name].numbers(sid.nq))
+    numbers = tuple(sorted(kept_numbers))
+    small = select_shape_functions(sid, [k - 1 for k in numbers])
+    used = used_nodes(scene, bodies, sid)
+    small = replace(small, nodes=tuple(n for n in small.nodes if n.id in used))
+    sizes = sid.nq, len(sid.nodes)
+    return TrimmedSid(small, bodies, numbers, sizes, plan.report)
+
+
+def used_nodes(scene: SceneFile, bodies: Iterable[str], sid: SID) -> set[str]:
+    """Ids of the nodes that the scene names; all where a stress is looked for.
+
+    Named are markers, also those that nothing else speaks of, and ids in joints,
+    forces, drives and outputs.
+    """
+    content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+    texts = set(_all_texts(content))
+    found: set[str] = set()
+    for name in bodies:
+        if any(_names_all_nodes(text, name) for text in texts):
+            return {node.id for node in sid.nodes}
+        found |= set(scene.sid_bodies[name].markers.values())
+        found |= {
+            node.id
+            for node in sid.nodes
+            if any(_names_node(text, name, node.id) for text in texts)
+        }
+    return found
+
+
+def _names_node(text: str, body: str, node: str) -> bool:
+    start = f"{body}.{node}"
+    return text == start or text.startswith(f"{start}.")
+
+
+def _names_all_nodes(text: str, body: str) -> bool:
+    """An output of all nodes of a body, or a pattern that may mean some of them."""
+    owner, _, rest = text.partition(".")
+    return text == f"{body}.{PEAK_STRESS}" or (
+        "*" in owner + rest.partition(".")[0] and "." in rest
+    )
+
+
+def _all_texts(value: Any) -> Iterable[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for key, part in value.items():
+            yield str(key)
+            yield from _all_texts(part)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            yield from _all_texts(part)
+
+
+def _scene_files(scene: SceneFile) -> list[str]:
+    return list(dict.fromkeys(body.sid for body in scene.sid_bodies.values()))
+
+
+def _with_file(scene: SceneFile, path: Path, folder: Path) -> Iterable[str]:
+    for name, body in scene.sid_bodies.items():
+        try:
+            if (folder / body.sid).samefile(path):
+                yield name
+        except OSError:
+            continue

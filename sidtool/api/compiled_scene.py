@@ -1,0 +1,171 @@
+"""Scene that is compiled once and run with other numbers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.toml.files import locate_errors
+
+from ..pipeline.model_cache import convert_bodies
+from ..pipeline.scene_changes import (
+    apply_changes,
+    changed_shape_notes,
+    reduced_body_notes,
+    replace_sids,
+    rigid_body_notes,
+    take_as_rigid,
+)
+from .interrupts import run_interruptible, wrap_errors
+from .result import Result
+
+if TYPE_CHECKING:
+    from sidtool.solver.system.system import System
+
+Sids = Mapping[str, SID | str | os.PathLike[str]]
+
+
+class CompiledScene:
+    """A scene with its files read and its tables made; see `Scene.compile`::
+
+        compiled = sidtool.Scene.load("slider_crank.toml").compile()
+        for mass in masses:
+            result = compiled.run({"crank.mass": mass})
+
+    Runs do not change it: each has the numbers that it is given, else those of the
+    scene, and gives what `simulate` gives with them, to the last bit.
+
+    Raises
+    ------
+    InputError : as `simulate`; or the scene asks for an accuracy.
+    """
+
+    def __init__(
+        self,
+        scene: SceneFile,
+        *,
+        sids: Sids | None = None,
+        rigid: Iterable[str] = (),
+        accept_defects: bool = False,
+        drives: Mapping[str, Any] | None = None,
+        forces: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.scene = scene.model_copy(deep=True)
+        self._rigid, self._accepts_defects = tuple(rigid), accept_defects
+        self._programs = drives, forces
+        self._before: System | None = None
+        with locate_errors(scene):
+            plain = take_as_rigid(self.scene, self._rigid)
+            content, self._given = replace_sids(plain, sids or {}, scene.folder)
+            self._former = {name: self._read(plain, name) for name in self._given}
+            self._content, model_sids, self._notes = convert_bodies(
+                content, scene.folder
+            )
+            self._before = self._compiled(self._content, self._given | model_sids)
+
+    def __repr__(self) -> str:
+        return f"<CompiledScene of {self.scene!r}>"
+
+    def run(
+        self,
+        changes: Mapping[str, Any] | None = None,
+        *,
+        sids: Sids | None = None,
+        integrator: str | None = None,
+        rtol: float | None = None,
+        step: float | None = None,
+        spectral_radius: float | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Result:
+        """The motion with other numbers.
+
+        Parameters
+        ----------
+        changes : values by the keys of the file, as of `Scene.with_`: masses, places,
+            initial values, functions of drives, parameters; the scene is compiled anew
+            where they change more than numbers
+        sids : SIDs, or files with one, in the place of those of the scene, by body
+        integrator, rtol, step, spectral_radius, progress : as of `sidtool.simulate`
+
+        Raises
+        ------
+        sidtool.Interrupted, InputError, sidtool.SimulationError : as `simulate`.
+        """
+        settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol}
+        settings |= {"step": step, "spectral_radius": spectral_radius}
+        with locate_errors(self.scene), wrap_errors(*self._programs) as stop:
+            system, notes = self._with(changes or {}, sids or {})
+            settings |= {"progress": progress, "told": notes}
+            return run_interruptible(system, stop, *self._programs, **settings)
+
+    def _with(
+        self, changes: Mapping[str, Any], sids: Sids
+    ) -> tuple[System, Iterable[str]]:
+        """Return the system with other numbers, and the notes on it."""
+        assert self._before is not None
+        content = self._content.with_(changes) if changes else self._content
+        if _files(content) != _files(self._content):
+            changed, given = self.scene.with_(changes), {**self._given, **sids}
+            content, found, notes = apply_changes(
+                changed, self.scene.folder, given, self._rigid
+            )
+            return self._compiled(content, found), notes
+        content, found = replace_sids(content, sids, self.scene.folder)
+        same = content is self._content
+        system = self._before if same else self._compiled(content, found)
+        return system, self._told(changes, found)
+
+    def _told(
+        self, changes: Mapping[str, Any], sids: Mapping[str, SID]
+    ) -> Iterator[str]:
+        """Yield the notes as of `apply_changes`, computed on demand."""
+        plain = take_as_rigid(self.scene.with_(changes), self._rigid)
+        yield from changed_shape_notes(plain, {**self._given, **sids}, self._former_of)
+        yield from rigid_body_notes(plain)
+        for name, lines in self._notes.items():
+            yield from lines if name not in sids else ()
+        yield from reduced_body_notes(plain)
+
+    def _former_of(self, name: str) -> SID:
+        """The SID that the scene names for a body."""
+        assert self._before is not None
+        found = self._former.get(name, self._before.sids[name])
+        if found is None:
+            raise InputError("cannot be read", place=f"bodies.{name}.sid")
+        return found
+
+    def _read(self, scene: SceneFile, name: str) -> SID | None:
+        """The SID that the scene names, if there is one."""
+        try:
+            return read_sid(scene.folder / (scene.sid_bodies[name].sid or ""))
+        except InputError:
+            return None
+
+    def _compiled(self, content: SceneFile, sids: Mapping[str, SID]) -> System:
+        from sidtool.solver import compile_scene
+
+        if content.accuracy.wanted is not None:
+            raise InputError(
+                "asks for an accuracy, for which models are chosen and compared",
+                place="accuracy.wanted",
+                expected="`simulate`, or a scene with rtol and integrator",
+            )
+        drives, forces = self._programs
+        return compile_scene(
+            content,
+            self.scene.folder,
+            sids,
+            self._accepts_defects,
+            drives,
+            forces=forces,
+            before=self._before,
+        )
+
+
+def _files(scene: SceneFile) -> list[tuple[str | None, str | None]]:
+    return [(body.sid, body.model) for body in scene.sid_bodies.values()]

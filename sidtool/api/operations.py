@@ -1,0 +1,137 @@
+"""Functions of a script or notebook: convert, validate, simulate, compare."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from sidtool.formats.base.sid import SID
+from sidtool.formats.file_names import path_of, scene_given
+from sidtool.formats.model import ModelFile
+from sidtool.formats.result import Result as Stored
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.toml.files import locate_errors
+
+from ..pipeline.scene_changes import apply_changes
+from ..validate import check, compare, repair
+from .result import Result
+
+__all__ = ["compare", "convert", "repair", "simulate", "validate"]
+
+Path_ = str | os.PathLike[str]
+
+
+def convert(model: ModelFile | Path_) -> SID:
+    """The SID of a body from its model file; see ``examples/slider_crank``.
+
+    Raises
+    ------
+    InputError : names the file and the key that is wrong.
+    """
+    from ..pipeline.model_to_sid import sid_from_model
+
+    if not isinstance(model, ModelFile):
+        model = path_of(model, "model", "a sidtool.Model")
+    return sid_from_model(model)
+
+
+def validate(sid: SID | Path_) -> Any:
+    """The checks of identities I1 to I21, one `Check` each; see `verdict`."""
+    if not isinstance(sid, SID):
+        sid = read_sid(path_of(sid, "sid", "a SID"))
+    return check(sid)
+
+
+def simulate(
+    scene: SceneFile | Path_,
+    *,
+    sids: Mapping[str, SID | Path_] | None = None,
+    base_folder: Path_ | None = None,
+    integrator: str | None = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    spectral_radius: float | None = None,
+    rigid: Iterable[str] = (),
+    accuracy: float | Mapping[str, float | str] | None = None,
+    accept_defects: bool = False,
+    progress: Callable[[float], None] | None = None,
+    searching: Callable[[str, float | None], None] | None = None,
+    drives: Mapping[str, Any] | None = None,
+    forces: Mapping[str, Any] | None = None,
+    unfinished: Stored | None = None,
+) -> Result:
+    """Compile a scene and integrate its motion.
+
+    Parameters
+    ----------
+    scene : a scene file, or its content
+    sids : SIDs, or files with one, that replace those of the scene, by body
+    base_folder : folder of the scene's relative paths; by default the folder of
+        its file, of a scene made in Python the working folder
+    integrator, rtol, step, spectral_radius : replace those of the table [accuracy] of
+        the scene
+    rigid : bodies with a SID that are taken as rigid, as `rigid = true` in the scene
+    accuracy : error that outputs may have, as `[accuracy] wanted` of the scene: the
+        fastest model that keeps it is found and simulated, and `result.error` holds
+        the estimated errors; 1e-3 of the variation of all outputs, or a mapping such as
+        {"piston.x": "1e-6 m", "pin.fx": "0.1 %"} of those that count
+    accept_defects : simulate bodies whose mass matrix is impossible, and joints and
+        forces on nodes that no shape function moves
+    progress : called with the simulated time [s]
+    searching : called with the stage of the search for `accuracy` and the share that is
+        done, 0 to 1, or None if it is unknown
+    drives : functions of time f(t), or tuples of f and its first or first two
+        derivatives, that replace those of the scene's drives, by name; of one with
+        `of = "acceleration"` a `Law`
+    forces : the same for functions that scale forces, or are actuators; a `Law` also
+        takes outputs of the motion
+    unfinished : the result of a run with the same scene and settings that was ended, as
+        by Ctrl-C, or is complete to an earlier `time.end`; this run continues from its
+        last state and returns the whole
+
+    Raises
+    ------
+    sidtool.Interrupted : Ctrl-C; its `result` holds the motion so far.
+    InputError : the scene or one of its SIDs cannot be simulated, or not with the
+        requested accuracy.
+    sidtool.SimulationError : the run stopped; its `result` holds the motion so far.
+    """
+    from sidtool.solver import compile_scene
+
+    from ..accuracy import plan_for
+    from .interrupts import run_interruptible, wrap_errors
+    from .result import to_user_result
+
+    content = scene_given(scene)
+    folder = Path(base_folder or content.folder)
+    settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "step": step}
+    settings["spectral_radius"] = spectral_radius
+    with locate_errors(content), wrap_errors(drives, forces) as stop:
+        content, replaced, notes = apply_changes(content, folder, sids or {}, rigid)
+        plan = plan_for(
+            content,
+            folder,
+            replaced,
+            accuracy,
+            settings,
+            accept_defects=accept_defects,
+            drives=drives,
+            forces=forces,
+            progress=searching,
+        )
+        if plan is not None:
+            content, notes = plan.scene, [*notes, *plan.told]
+            replaced = dict(plan.sids)
+        system = compile_scene(
+            content, folder, replaced, accept_defects, drives, forces=forces
+        )
+        if plan is not None and unfinished is None:
+            known = plan.known_result((*system.notes, *notes))
+            if known is not None:
+                return to_user_result(known, drives, forces)
+        settings |= {"progress": progress, "unfinished": unfinished, "told": notes}
+        result = run_interruptible(system, stop, drives, forces, **settings)
+        return result if plan is None else plan.with_errors(result)

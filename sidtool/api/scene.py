@@ -1,0 +1,244 @@
+"""Scenes and models of scripts and notebooks, and reading of files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
+
+from ..pipeline.files import Path_, kind_of
+
+if TYPE_CHECKING:
+    from sidtool.formats import result as stored
+
+    from ..study import Study
+    from ..sweep import Sweep
+    from .analyses import Equilibrium, Linearisation
+    from .compiled_scene import CompiledScene
+    from .result import Result
+
+Sids = Mapping[str, SID | str | os.PathLike[str]]
+Programs = Mapping[str, Any]
+
+
+class Model(ModelFile):
+    """A flexible body from its geometry to its shape functions; a model file.
+
+        model = sidtool.Model.load("rod_q4.toml")
+        sid = model.with_({"geometry.thickness": 0.02}).convert()
+
+    Raises
+    ------
+    InputError : names the argument, what was found and what was expected.
+    """
+
+    def convert(self) -> SID:
+        """The SID of the body.
+
+        Raises
+        ------
+        InputError : the body cannot be made or reduced.
+        """
+        from .operations import convert
+
+        return convert(self)
+
+    def __repr__(self) -> str:
+        parts = f"{self.geometry.type}, {self.discretisation.type}"
+        return f"<Model {self.title!r}: {parts}, {self.reduction.method}>"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        from ..report.input_files import model_parts
+
+        return "".join(part.html for part in model_parts(self))
+
+
+class Scene(SceneFile):
+    """What moves, how it is joined and driven, and what is recorded; a scene file.
+
+        scene = sidtool.Scene.load("slider_crank.toml")
+        result = scene.with_({"time.end": 1.0}).simulate(rtol=1e-8)
+
+    Lengths, masses and times in SI units, angles in radians. Relative paths begin in
+    the folder of the file, or in the working folder.
+
+    Raises
+    ------
+    InputError : names the argument, what was found and what was expected.
+    """
+
+    def simulate(
+        self,
+        *,
+        sids: Sids | None = None,
+        integrator: str | None = None,
+        rtol: float | None = None,
+        step: float | None = None,
+        spectral_radius: float | None = None,
+        rigid: Iterable[str] = (),
+        accuracy: float | Mapping[str, float | str] | None = None,
+        accept_defects: bool = False,
+        progress: Callable[[float], None] | None = None,
+        searching: Callable[[str, float | None], None] | None = None,
+        drives: Programs | None = None,
+        forces: Programs | None = None,
+        unfinished: stored.Result | None = None,
+    ) -> Result:
+        """The motion; arguments and errors as of `sidtool.simulate`."""
+        from .operations import simulate
+
+        return simulate(
+            self,
+            sids=sids,
+            integrator=integrator,
+            rtol=rtol,
+            step=step,
+            spectral_radius=spectral_radius,
+            rigid=rigid,
+            accuracy=accuracy,
+            accept_defects=accept_defects,
+            progress=progress,
+            searching=searching,
+            drives=drives,
+            forces=forces,
+            unfinished=unfinished,
+        )
+
+    def compile(
+        self,
+        *,
+        sids: Sids | None = None,
+        rigid: Iterable[str] = (),
+        accept_defects: bool = False,
+        drives: Programs | None = None,
+        forces: Programs | None = None,
+    ) -> CompiledScene:
+        """The scene with its files read and its tables made, for many runs.
+
+            compiled = scene.compile()
+            results = [compiled.run({"crank.mass": m}) for m in (0.3, 0.4)]
+
+        Arguments as of `sidtool.simulate`, errors as of `CompiledScene`.
+        """
+        from .compiled_scene import CompiledScene
+
+        return CompiledScene(
+            self,
+            sids=sids,
+            rigid=rigid,
+            accept_defects=accept_defects,
+            drives=drives,
+            forces=forces,
+        )
+
+    def study(self, over: Any = (), **settings: Any) -> Study:
+        """Error against time and size of its variants, see `sidtool.study`."""
+        from .study import study
+
+        return study(self, over, **settings)
+
+    def sweep(self, over: Any, of: str | Iterable[str], **settings: Any) -> Sweep:
+        """Measures of outputs for values of its keys, see `sidtool.sweep`."""
+        from .sweep import sweep
+
+        return sweep(self, over, of, **settings)
+
+    def static_equilibrium(self, **settings: Any) -> Equilibrium:
+        """Return its static equilibrium, see `sidtool.static_equilibrium`."""
+        from .analyses import static_equilibrium
+
+        return static_equilibrium(self, **settings)
+
+    def linearise(self, **settings: Any) -> Linearisation:
+        """Its natural modes, see `sidtool.linearise`."""
+        from .analyses import linearise
+
+        return linearise(self, **settings)
+
+    def inverse_dynamics(self, **settings: Any) -> Result:
+        """The forces of a prescribed motion, see `sidtool.inverse_dynamics`."""
+        from .analyses import inverse_dynamics
+
+        return inverse_dynamics(self, **settings)
+
+    def __repr__(self) -> str:
+        from ..report.tables import counted_noun
+
+        flexible = f", {len(self.flexible)} flexible" if self.flexible else ""
+        parts = counted_noun(len(self.bodies), "body") + flexible
+        parts += f", {counted_noun(len(self.joints), 'joint')}"
+        return f"<Scene {self.title!r}: {parts}, to {self.time.end:g} s>"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        from ..report.input_files import scene_parts
+
+        return "".join(part.html for part in scene_parts(self))
+
+
+def read(path: Path_) -> Any:
+    """The content of a file: SID, Model, Scene, StudyFile, Result or Field.
+
+    Raises
+    ------
+    InputError : the file cannot be read; names file and place.
+    """
+    kind = kind_of(path)
+    if kind not in READERS:
+        raise InputError(
+            f"is a {kind}", source=path, expected="a SID, model, scene or result"
+        )
+    return READERS[kind](path)
+
+
+def _read_sid(path: Path_) -> Any:
+    from sidtool.formats.sid_files import read_sid
+
+    return read_sid(path)
+
+
+def _read_model(path: Path_) -> Any:
+    return Model.load(path)
+
+
+def _read_scene(path: Path_) -> Any:
+    return Scene.load(path)
+
+
+def _read_result(path: Path_) -> Any:
+    from sidtool.formats.result import read_result
+
+    from .result import to_user_result
+
+    return to_user_result(read_result(Path(path)))
+
+
+def _read_field(path: Path_) -> Any:
+    from sidtool.formats.field import read_field
+
+    return read_field(path)
+
+
+def _read_study(path: Path_) -> Any:
+    from sidtool.formats.study import read_study
+
+    return read_study(Path(path))
+
+
+READERS: dict[str, Callable[[Path_], Any]] = {
+    "sid": _read_sid,
+    "model": _read_model,
+    "scene": _read_scene,
+    "result": _read_result,
+    "field": _read_field,
+    "study": _read_study,
+}

@@ -1,0 +1,239 @@
+"""Sweeps as requested on the command line and in Python."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.file_names import scene_given
+from sidtool.formats.scene import SceneFile, matching_names, unit_of
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.toml.files import locate_errors
+
+from ..measurement.outputs import RunRecord
+from ..measurement.tasks import ConversionOutcome, RunTask, compile_task
+from ..measurement.variants import setting_of
+from ..pipeline.model_cache import model_digest
+from ..study.run_study import Say, Workers, workers
+from ..sweep.axes import Over, axis_combinations, parse_axes
+from ..sweep.design import Design, Designs, models_of_designs
+from ..sweep.measures import MEASURES, TIME, Measure, parse_measures
+from ..sweep.sweep_result import Sweep, SweepPoint
+from .result import warn_of_validity
+from .study import programs_here
+
+Path_ = str | os.PathLike[str]
+Programs = Mapping[str, Any]
+
+
+def sweep(
+    scene: SceneFile | Path_,
+    over: Over,
+    of: str | Iterable[str],
+    *,
+    sids: Mapping[str, SID | Path_] | None = None,
+    folder: Path_ | None = None,
+    jobs: int = 1,
+    dask: str | None = None,
+    title: str = "",
+    stop: Callable[[], str] | None = None,
+    progress: Say | None = None,
+    drives: Programs | None = None,
+    forces: Programs | None = None,
+) -> Sweep:
+    """Simulate a scene for values of its keys, as `sidtool sweep` does.
+
+        found = sidtool.sweep("arm.toml", {"parameters.h": [0.01, 0.02]}, "tip.y.max")
+        found["tip.y.max"]
+        found.to_dataframe()
+
+    Parameters
+    ----------
+    scene : a scene file, or its content
+    over : values by keys of the scene, or of the model of a body as `BODY.model.KEY`;
+        or texts as behind `--over`, "parameters.h=0.01:0.02:11". Several keys make a
+        full grid
+    of : outputs with `.max`, `.min`, `.end`, `.mean`, `.rms` or `.amplitude` behind
+        them; `t.end` is the time at which a run ends
+    sids : SIDs, or files with one, that replace those of the scene, by body
+    folder : finished runs are kept here and are not run again
+    jobs : processes; 1 for this one
+    dask : address of a Dask scheduler, whose cluster is used instead
+    title : of pictures, default that of the scene
+    stop : asked from time to time why to end, if at all
+    progress : told a text, points that are done and all, and seconds left or None
+    drives, forces : callables by name, as of `sidtool.simulate`; they run in this
+        process only, and their runs are not kept
+
+    Raises
+    ------
+    InputError : an axis or a measure has another form, or no point can be set up.
+        Single points that cannot be set up or run have a `message` instead.
+    sidtool.study.StudyInterrupted : `stop` said why.
+    """
+    programs = programs_here(drives, forces, jobs, dask, folder)
+    points, measures = axis_combinations(parse_axes(over)), parse_measures(of)
+    content = scene_given(scene)
+    given = {
+        name: sid if isinstance(sid, SID) else read_sid(sid)
+        for name, sid in (sids or {}).items()
+    }
+    keep = None if folder is None else Path(folder)
+    with locate_errors(content), workers(jobs, dask, keep, stop, progress) as doing:
+        record = [m.output for m in measures if m.output != TIME]
+        designs = Designs(content, given, list(dict.fromkeys(record)))
+        found = _Sweep(designs, points, measures, doing, programs).whole(
+            title or content.title
+        )
+    for text in dict.fromkeys(text for p in found.points for text in p.warnings):
+        warn_of_validity(text)
+    return found
+
+
+class _Sweep:
+    def __init__(
+        self,
+        designs: Designs,
+        values: Sequence[Mapping[str, Any]],
+        measures: Sequence[Measure],
+        doing: Workers,
+        programs: Mapping[str, Any],
+    ) -> None:
+        self.designs, self.values, self.measures = designs, values, measures
+        self.doing, self.programs = doing, programs
+        self.points: dict[int, SweepPoint] = {}
+        self.names: dict[str, None] = {}
+        self.made: dict[str, ConversionOutcome] = {}
+
+    def whole(self, title: str) -> Sweep:
+        """All points.
+
+        Raises
+        ------
+        InputError : none can be set up.
+        """
+        designs = self._set_up()
+        self.made = self.doing.convert(models_of_designs(list(designs.values())))
+        self._run(designs)
+        points = tuple(self.points[row] for row in range(len(self.values)))
+        if all(point.message for point in points):
+            self._refuse(next(iter(designs.values())))
+        axes = tuple(self.values[0])
+        measures = self._names(next(iter(designs.values())).scene)
+        units = {key: self.designs.unit(key) for key in axes} | measures
+        return Sweep(
+            points=points,
+            axes=axes,
+            measures=tuple(measures),
+            units=units,
+            title=title,
+        )
+
+    def _set_up(self) -> dict[int, Design]:
+        """Designs by the numbers of their points."""
+        designs: dict[int, Design] = {}
+        first: InputError | None = None
+        for row, values in enumerate(self.values):
+            try:
+                designs[row] = self.designs.design(values)
+            except InputError as error:
+                first = first or error
+                self.points[row] = SweepPoint(values, message=str(error))
+        if first is not None and not designs:
+            raise first
+        return designs
+
+    def _run(self, designs: Mapping[int, Design]) -> None:
+        rows: dict[int, int] = {}
+        tasks_alive: list[RunTask] = []  # so that no other task takes its id
+
+        def tasks() -> Iterator[RunTask]:
+            for row, design in designs.items():
+                try:
+                    task = self._task(design)
+                except InputError as error:
+                    self._add(row, message=str(error))
+                    continue
+                rows[id(task)] = row
+                tasks_alive.append(task)
+                yield task
+
+        began, count = time.perf_counter(), 0
+        for task, record, now in self.doing.runs(tasks()):
+            row = rows[id(task)]
+            self._add(
+                row,
+                self._measured(record),
+                record.message,
+                record.notes,
+                record.warnings,
+            )
+            count += now
+            left = (len(self.values) - len(self.points)) * (time.perf_counter() - began)
+            text = ", ".join(f"{k} = {v}" for k, v in self.values[row].items())
+            done = len(self.points), len(self.values)
+            self.doing.say(text, *done, left / count if count else None)
+
+    def _add(self, row: int, *found: Any, **more: Any) -> None:
+        self.points[row] = SweepPoint(self.values[row], *found, **more)
+
+    def _task(self, design: Design) -> RunTask:
+        """The run of a design.
+
+        Raises
+        ------
+        InputError : a model cannot be converted, or a SID does not fit.
+        """
+        model_sids: dict[str, SID] = {}
+        for name, model in design.models.items():
+            converted = self.made[model_digest(model)]
+            if converted.sid is None:
+                raise InputError(converted.message, place=f"bodies.{name}.model")
+            model_sids[name] = converted.sid
+        scene, sids = design.with_sids(model_sids)
+        setting = setting_of(scene)
+        return RunTask(scene, sids, setting, once=True, programs=self.programs)
+
+    def _measured(self, record: RunRecord) -> dict[str, float]:
+        if record.message:
+            return {}
+        found: dict[str, float] = {}
+        for output, name in self.measures:
+            if output == TIME:
+                names, columns = [TIME], record.times[:, None]
+            else:
+                names = matching_names(output, record.names)
+                columns = record.columns(names)
+            for each, column in zip(names, columns.T, strict=True):
+                found[f"{each}.{name}"] = MEASURES[name](record.times, column)
+        return found
+
+    def _names(self, scene: SceneFile) -> dict[str, str]:
+        """Return measures without wildcards, in the requested order, with
+        their units.
+        """
+        found: dict[str, str] = {}
+        measured = dict.fromkeys(n for p in self.points.values() for n in p.measures)
+        for output, name in self.measures:
+            names = [n.rpartition(".") for n in measured]
+            outputs = [o for o, _, measure in names if measure == name]
+            listed = matching_names(output, outputs) if "*" in output else [output]
+            for each in listed:
+                unit = "s" if each == TIME else unit_of(each, scene)
+                found[f"{each}.{name}"] = unit
+        return found
+
+    def _refuse(self, design: Design) -> None:
+        """Raise the error that prevents every run.
+
+        Raises
+        ------
+        InputError : the scene cannot be compiled.
+        """
+        task = self._task(design)
+        compile_task(task.scene, task.sids, self.programs)

@@ -1,0 +1,216 @@
+"""Bodies of Euler-Bernoulli and Timoshenko beams."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.model import ModelFile, NodeMarker
+from sidtool.formats.model.beams import BeamGeometry, GeneralSection, RectangularSection
+from sidtool.formats.model.discretisation import BeamDiscretisation
+
+from ..elements.finite_element_model import BeamOutline, FiniteElementModel, MarkerRows
+from ..elements.markers import check_length, name_marker_in_errors
+from ..elements.markers import markers_with_position as with_places
+from ..elements.mass_properties import GeometryMass
+from .axis import Axis, beam_axis
+from .cross_section import section_at, side_profile
+from .element import BeamElement, BeamProperties, ElementRows
+from .integration_points import (
+    MaterialPointCollector,
+    ParticleCollector,
+    RowCollector,
+    rotate_tensor,
+    scatter_rows,
+)
+from .profiles import Profile, profile
+
+#: Degree of the area up to which elements of any length have the exact moments.
+EXACT_AREA_DEGREE = 6
+#: Gauss points of a panel of an axis, and the least number of panels.
+_POINTS, _PANELS = 16, 32
+
+
+def beam_mass(geometry: BeamGeometry, axis: Axis, density: float) -> GeometryMass:
+    """Return mass and first moments of a beam from its area over the length and its
+    lumps.
+    """
+    area, first = _area(geometry), np.zeros(3)
+    mass = density * axis.length * area.integral()
+    x, w = np.polynomial.legendre.leggauss(_POINTS)
+    edges = np.union1d(np.linspace(0.0, 1.0, _PANELS + 1), area.edges)
+    sizes = np.diff(edges)[:, None]
+    at = (edges[:-1, None] + sizes * (x + 1) / 2).ravel()
+    weights = density * axis.length * (sizes * w / 2).ravel()
+    frames = axis.at(at)
+    first = (weights * area(at)) @ frames.places
+    for i, fraction in enumerate(at if not axis.straight else ()):
+        section = section_at(geometry, fraction)
+        arm = section.centre(frames.curvatures[i])
+        first += weights[i] * section.area * arm @ frames.axes[i]
+    for lump in geometry.masses:
+        mass += lump.mass
+        first += lump.mass * axis.at(np.array([lump.at])).places[0]
+    sampled = not axis.straight or area.degree > EXACT_AREA_DEGREE
+    return GeometryMass(mass, first, sampled=sampled)
+
+
+def _area(geometry: BeamGeometry) -> Profile:
+    """The cross-section over the fraction of the length."""
+    section = geometry.section
+    if isinstance(section, GeneralSection):
+        return profile(section.area, "linear")
+    return side_profile(geometry, "height") * side_profile(geometry, "width")
+
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+#: Positions of markers this near to the axis, relative to its length, are on it: a
+#: spline follows a curve only so well.
+_ON_LINE, _ON_CURVE = 1e-9, 1e-4
+#: Least number of pieces that pictures draw a beam in.
+_SECTIONS = 48
+
+
+def beam_model(model: ModelFile) -> FiniteElementModel:
+    """The body of a model file as a beam.
+
+    Raises
+    ------
+    InputError : the axis is degenerate, a section is unsound, or a marker lies outside.
+    """
+    geometry, settings, material = model.geometry, model.discretisation, model.material
+    assert isinstance(geometry, BeamGeometry) and material is not None
+    assert isinstance(settings, BeamDiscretisation)
+    axis = beam_axis(geometry)
+    e, g = material.youngs_modulus, material.youngs_modulus
+    g /= 2 * (1 + material.poissons_ratio)
+    section = partial(section_at, geometry)
+    beam = BeamProperties(section, axis, e, g, settings.theory == "timoshenko")
+    ends = _element_ends(geometry, axis, settings.elements)
+    n, ndof = len(ends), 6 * len(ends)
+    stiffness = sp.lil_matrix((ndof, ndof))
+    particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
+    elements = [BeamElement(beam, *pair) for pair in pairwise(ends)]
+    for i, element in enumerate(elements):
+        part = slice(6 * i, 6 * i + 12)
+        stiffness[part, part] += element.stiffness()
+        points.add(element, _element_dofs(i))
+        if settings.mass == "lumped":
+            particles.add_half_elements(element, _element_dofs(i), material.density)
+        else:
+            particles.add_slices(element, _element_dofs(i), material.density)
+    for lump in geometry.masses:
+        frames = axis.at(np.array([lump.at]))
+        tensor = rotate_tensor(np.diag(np.array(lump.inertia, float)), frames.axes[0])
+        rows, dofs = _marker_rows(beam, ends, lump.at)
+        move = (rows.displacement, rows.rotation, dofs)
+        particles.add(frames.places[0], lump.mass, tensor, *move)
+    markers = []
+    for name, marker in with_places(model.markers):
+        with name_marker_in_errors(name):
+            at = _marker_fraction(marker, axis)
+            rows, dofs = _marker_rows(beam, ends, at)
+            frames = axis.at(np.array([at]))
+            markers.append(
+                MarkerRows(
+                    name=name,
+                    node=marker.node,
+                    position=frames.places[0],
+                    displacement=_without_zeros(rows.displacement, dofs, ndof),
+                    rotation=_without_zeros(rows.rotation, dofs, ndof),
+                    tangent=frames.axes[0, 0],
+                )
+            )
+    return FiniteElementModel(
+        positions=axis.at(ends).places,
+        scalar_mass=None,
+        stiffness=sp.csr_matrix(stiffness),
+        node_sets={"start": np.array([0]), "end": np.array([n - 1])},
+        markers=tuple(markers),
+        inertia_points=particles.points(),
+        dof_table=np.arange(ndof).reshape(n, 6),
+        beam_material=points.material(),
+        outlines=(_outline(beam, elements, ndof),),
+        geometry_mass=lambda: beam_mass(geometry, axis, material.density),
+    )
+
+
+def _element_ends(geometry: BeamGeometry, axis: Axis, elements: int) -> Array:
+    """(n + 1,) fractions between elements. Stations are among them, as the section or
+    its twist has corners there; between two of them elements have equal lengths."""
+    stations = np.array(axis.twist.edges)
+    if isinstance(geometry.section, RectangularSection):
+        for name in ("height", "width"):
+            stations = np.union1d(stations, side_profile(geometry, name).edges)
+    stations = stations[np.append(True, np.diff(stations) > 1e-12)]
+    parts = [
+        np.linspace(a, b, max(1, round(elements * (b - a))), endpoint=False)
+        for a, b in pairwise(stations.tolist())
+    ]
+    return np.concatenate([*parts, [1.0]])
+
+
+def _outline(
+    beam: BeamProperties, elements: list[BeamElement], ndof: int
+) -> BeamOutline:
+    """In pieces so short that its waves are drawn as they bend."""
+    pieces = -(-_SECTIONS // len(elements))
+    shares = np.arange(pieces) / pieces
+    starts = [e.first + shares * (e.last - e.first) for e in elements]
+    fractions = np.concatenate([*starts, [1.0]])
+    frames = beam.axis.at(fractions)
+    halves = np.array([beam.section(fraction).halves for fraction in fractions])
+    motion = RowCollector(ndof)
+    for i, element in enumerate(elements):
+        places = np.arange(pieces + (i == len(elements) - 1)) / pieces
+        for rows in element.rows_at(places, element.frames(places)):
+            motion.add(
+                np.concatenate([rows.displacement, rows.rotation]), _element_dofs(i)
+            )
+    return BeamOutline(frames.places, frames.axes[:, 1:], halves, motion.matrix())
+
+
+def _marker_rows(
+    beam: BeamProperties, ends: Array, at: float
+) -> tuple[ElementRows, Indices]:
+    """Return rows at a fraction of the length, and the degrees of freedom there."""
+    i = min(int(np.searchsorted(ends, at, side="right")) - 1, len(ends) - 2)
+    place = float((at - ends[i]) / (ends[i + 1] - ends[i]))
+    return BeamElement(beam, ends[i], ends[i + 1]).rows(place), _element_dofs(i)
+
+
+def _element_dofs(i: int) -> Indices:
+    """Return the degrees of freedom of element i."""
+    return np.arange(6 * i, 6 * i + 12)
+
+
+def _without_zeros(dense: Array, dofs: Indices, ndof: int) -> sp.csr_matrix:
+    rows = scatter_rows(dense, dofs, ndof)
+    rows.data[np.abs(rows.data) < 1e-14] = 0
+    rows.eliminate_zeros()
+    return rows
+
+
+def _marker_fraction(marker: NodeMarker, axis: Axis) -> float:
+    if marker.edge is not None:
+        return 0.0 if marker.edge == "start" else 1.0
+    if marker.parameters is not None:
+        check_length(marker.parameters, 1, "parameters")
+        return marker.parameters[0]
+    if marker.position is None:
+        raise InputError("is for meshes", place="mesh_node", expected="another place")
+    check_length(marker.position, 3, "position")
+    fraction, distance = axis.nearest(np.array(marker.position))
+    if distance > (_ON_LINE if axis.straight else _ON_CURVE) * axis.length:
+        raise InputError(
+            "lies off the axis of the beam",
+            place="position",
+            expected="a point between start and end",
+        )
+    return fraction

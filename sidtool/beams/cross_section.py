@@ -1,0 +1,151 @@
+"""Cross-sections of beams: their properties, and the law of their resultants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.model.beams import BeamGeometry, GeneralSection
+
+from .profiles import Profile, profile
+
+Array = NDArray[np.float64]
+#: Sections are smaller than this [m].
+LARGEST_SECTION = 1e9
+#: Gauss points per direction of a rectangle, and terms of its warping.
+_POINTS, _TERMS = 10, 6
+
+
+@dataclass(frozen=True)
+class Section:
+    """Properties of a cross-section, see `GeneralSection`; sides of a rectangle."""
+
+    area: float
+    iy: float
+    iz: float
+    torsion: float
+    shear_y: float
+    shear_z: float
+    sides: tuple[float, float] | None = None
+
+    @property
+    def halves(self) -> Array:
+        """(2,) half the sides, along y and z, of the rectangle with the same area and
+        moments; of the square where these are not known [m]."""
+        squares = 3 * np.array([self.iz, self.iy]) / self.area
+        return np.asarray(np.sqrt(np.where(squares > 0, squares, self.area / 4)))
+
+    def law(self, e: float, g: float, curvatures: Array) -> Array:
+        """(6, 6) resultants N, Qy, Qz, T, My, Mz of strains in their order.
+
+        Strains: stretch, shears xy and xz, twist, curvatures about y and z. A fibre at
+        (y, z) of a beam of curvatures (t, ky, kz) has the length 1 + z ky - y kz, and
+        its strain is the product of (1, t e, z, -y) and the stretch, the twist and the
+        two curvatures, divided by that length (Winkler); t e is what the warping of
+        the section makes of pre-twist, e = z dw/dy - y dw/dz with Saint-Venant's
+        warping function w. Of e a general section knows the mean only, the polar
+        moment less the torsion constant.
+        """
+        result = np.zeros((6, 6))
+        axial = np.ix_([0, 3, 4, 5], [0, 3, 4, 5])
+        moments = self._of_rectangle if self.sides else self._of_general
+        result[axial] = e * moments(np.asarray(curvatures))
+        result[3, 3] += g * self.torsion
+        result[1, 1], result[2, 2] = (
+            g * self.area * share for share in (self.shear_y, self.shear_z)
+        )
+        return result
+
+    def centre(self, curvatures: Array) -> Array:
+        """(3,) of the mass of a slice: a bent one is longer outside [m]."""
+        _, ky, kz = curvatures
+        return np.array([0.0, -kz * self.iz, ky * self.iy]) / self.area
+
+    def _of_general(self, curvatures: Array) -> Array:
+        twist, ky, kz = curvatures
+        mean = twist * (self.iy + self.iz - self.torsion) / self.area
+        stretch = self.area + ky**2 * self.iy + kz**2 * self.iz
+        bend = np.array([-ky * self.iy, -kz * self.iz])
+        result = np.diag([stretch, mean**2 * self.area, self.iy, self.iz])
+        result[0, 1] = result[1, 0] = mean * self.area
+        result[0, 2:] = result[2:, 0] = bend
+        return result
+
+    def _of_rectangle(self, curvatures: Array) -> Array:
+        assert self.sides is not None
+        (height, width), (twist, ky, kz) = self.sides, curvatures
+        x, w = np.polynomial.legendre.leggauss(_POINTS)
+        y, z = (a.ravel() for a in np.meshgrid(height / 2 * x, width / 2 * x))
+        area = np.multiply.outer(w, w).ravel() * self.area / 4
+        length = 1 + z * ky - y * kz
+        slanted = twist * _warping_slope(y, z, height, width) if twist else 0 * y
+        strains = np.stack([np.ones_like(y), slanted, z, -y])
+        return np.asarray((strains * area / length) @ strains.T)
+
+
+def _warping_slope(y: Array, z: Array, height: float, width: float) -> Array:
+    """z dw/dy - y dw/dz of the warping function w of a rectangle.
+
+    w = -y z + 8 b^2 / pi^3 sum (-1)^((n - 1) / 2) / n^3 sinh(n pi y / b) /
+    cosh(n pi h / 2 b) sin(n pi z / b), n odd, h along y and b along z (Timoshenko and
+    Goodier, Theory of Elasticity, section 109).
+    """
+    n = 2 * np.arange(_TERMS)[:, None] + 1
+    k = n * np.pi / width
+    sign = (-1) ** ((n - 1) // 2) * 8 / np.pi**2 / n**2 * width
+    near = np.exp(k * (np.abs(y) - height / 2)) / (1 + np.exp(-k * height))
+    mirrored = np.exp(-2 * k * np.abs(y))
+    sinh, cosh = np.sign(y) * near * (1 - mirrored), near * (1 + mirrored)
+    along_y = -z + (sign * cosh * np.sin(k * z)).sum(axis=0)
+    along_z = -y + (sign * sinh * np.cos(k * z)).sum(axis=0)
+    return np.asarray(z * along_y - y * along_z)
+
+
+def section_at(geometry: BeamGeometry, fraction: float) -> Section:
+    """The cross-section at a fraction of the length.
+
+    The torsion constant of a rectangle a x b, a >= b, is
+    a b^3 (1/3 - 0.21 b/a (1 - (b/a)^4 / 12)) (Roark, table 10.1).
+
+    Raises
+    ------
+    InputError : a height or width is not positive there, or no length of a section.
+    """
+    section = geometry.section
+    if isinstance(section, GeneralSection):
+        torsion = section.torsion or section.iy + section.iz
+        shear = section.shear_y, section.shear_z
+        return Section(section.area, section.iy, section.iz, torsion, *shear)
+    h, w = (_side_at(geometry, name, fraction) for name in ("height", "width"))
+    a, b = max(h, w), min(h, w)
+    if not a < LARGEST_SECTION:
+        raise InputError(
+            f"is {a:g} m at {fraction:.3g} of the length",
+            place="geometry.section",
+            expected=f"a section below {LARGEST_SECTION:g} m",
+        )
+    torsion = a * b**3 * (1 / 3 - 0.21 * b / a * (1 - (b / a) ** 4 / 12))
+    return Section(h * w, h * w**3 / 12, w * h**3 / 12, torsion, 5 / 6, 5 / 6, (h, w))
+
+
+def _side_at(geometry: BeamGeometry, name: str, fraction: float) -> float:
+    value = float(side_profile(geometry, name)(np.array(fraction)))
+    if value <= 0:
+        raise InputError(
+            f"becomes {value:.3g} at {fraction:.3g} of the length",
+            place=f"geometry.section.{name}",
+            expected='values that stay positive, as with interpolation = "linear"',
+        )
+    return value
+
+
+def side_profile(geometry: BeamGeometry, name: str) -> Profile:
+    """The height or the width of a rectangular section along a beam [m]."""
+    return _positive_sides(getattr(geometry.section, name), geometry.interpolation)
+
+
+_positive_sides = lru_cache(maxsize=64)(profile)

@@ -1,0 +1,204 @@
+"""A beam element whose shapes are those of its exact static solution.
+
+With the forces and moments f at its end, the resultants at s are B(s) f, its strains
+C B f with the compliance C of the section, and the motion of the end relative to that
+of the start is F f, F the integral of B^T C B (flexibility method; J. S.
+Przemieniecki, Theory of Matrix Structural Analysis, 1968, chapter 6). So elements are
+curved, twisted and tapered as the beam is, and thin ones do not lock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.sid_mass import skew
+
+from .axis import Axis, AxisFrames
+from .cross_section import Section
+
+Array = NDArray[np.float64]
+_X, _W = np.polynomial.legendre.leggauss(4)
+#: Gauss points in [0, 1] and their weights.
+GAUSS_POINTS, GAUSS_WEIGHTS = (_X + 1) / 2, _W / 2
+_CUTS = np.concatenate([[0.0], GAUSS_POINTS, [1.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class BeamProperties:
+    """The beam that elements are parts of.
+
+    Attributes
+    ----------
+    section : by the fraction of its length
+    e, g : Young's and the shear modulus [Pa]
+    shear : whether cross-sections shear (Timoshenko)
+    """
+
+    section: Callable[[float], Section]
+    axis: Axis
+    e: float
+    g: float
+    shear: bool
+
+
+class ElementRows(NamedTuple):
+    """Rows of the motion of an element at one position, by its degrees of freedom.
+
+    Attributes
+    ----------
+    displacement, rotation : (3, 12) in the axes of the model
+    strains, resultants : (6, 12) in those of the section: stretch, shears xy and xz,
+        twist, curvatures about y and z; N, Qy, Qz, T, My, Mz
+    """
+
+    displacement: Array
+    rotation: Array
+    strains: Array
+    resultants: Array
+
+
+@dataclass(frozen=True, eq=False)
+class BeamElement:
+    """The part of a beam between two fractions of its length."""
+
+    beam: BeamProperties
+    first: float
+    last: float
+
+    @property
+    def length(self) -> float:
+        """[m]"""
+        return (self.last - self.first) * self.beam.axis.length
+
+    def frames(self, places: Array) -> AxisFrames:
+        """Return the frames at fractions (n,) of the element."""
+        return self.beam.axis.at(self.first + places * (self.last - self.first))
+
+    def section(self, place: float) -> Section:
+        """Return the section at a fraction of the element."""
+        fraction = self.first + place * (self.last - self.first)
+        return self.beam.section(fraction)
+
+    def rows(self, place: float) -> ElementRows:
+        """Return the rows at a fraction of the element."""
+        (found,) = self.rows_at(np.array([place]), self.frames(np.array([place])))
+        return found
+
+    def rows_at(self, places: Array, frames: AxisFrames) -> tuple[ElementRows, ...]:
+        """Return the rows at fractions (n,) of the element with given frames."""
+        covered = np.stack([self._flexibility_before(place) for place in places])
+        back = translate_motion(frames.places - self._ends[1])
+        motion = back @ covered @ self._forces
+        motion[:, :, :6] += translate_motion(frames.places - self._ends[0])
+        resultants = self._resultants(frames) @ self._forces
+        strains = self._compliances(places, frames) @ resultants
+        parts = (motion[:, :3], motion[:, 3:], strains, resultants)
+        return tuple(map(ElementRows, *parts))
+
+    @cached_property
+    def gauss_frames(self) -> AxisFrames:
+        """Return the frames at `GAUSS_POINTS`."""
+        return self.frames(GAUSS_POINTS)
+
+    @cached_property
+    def gauss_rows(self) -> tuple[ElementRows, ...]:
+        """Return the rows at `GAUSS_POINTS`."""
+        return self.rows_at(GAUSS_POINTS, self.gauss_frames)
+
+    def stiffness(self) -> Array:
+        """(12, 12) in the axes of the model."""
+        total = self._end_motion.T @ self._forces
+        return np.asarray((total + total.T) / 2)
+
+    @cached_property
+    def _ends(self) -> Array:
+        return self.frames(np.array([0.0, 1.0])).places
+
+    @cached_property
+    def _end_motion(self) -> Array:
+        """(6, 12) motion of the end relative to the start as a rigid body."""
+        return np.hstack([-translate_motion(self._ends[1] - self._ends[0]), np.eye(6)])
+
+    @cached_property
+    def _forces(self) -> Array:
+        """(6, 12) forces and moments at the end."""
+        return np.asarray(
+            np.linalg.solve(self._flexibility_before(1.0), self._end_motion)
+        )
+
+    @cached_property
+    def _parts(self) -> Array:
+        """(6, 6, 6) flexibilities of what lies before `_CUTS`."""
+        parts = self._flexibilities(_CUTS[:-1], _CUTS[1:])
+        return np.concatenate([np.zeros((1, 6, 6)), np.cumsum(parts, axis=0)])
+
+    def _flexibility_before(self, place: float) -> Array:
+        """(6, 6) flexibility of what lies before a fraction of the element."""
+        at = np.flatnonzero(place == _CUTS)
+        if at.size:
+            return np.asarray(self._parts[at[0]])
+        return np.asarray(self._flexibilities(np.zeros(1), np.array([place]))[0])
+
+    def _flexibilities(self, starts: Array, ends: Array) -> Array:
+        """(n, 6, 6) of n parts: motion of the end by forces and moments there."""
+        sizes = (ends - starts)[:, None]
+        places = (starts[:, None] + sizes * GAUSS_POINTS).ravel()
+        frames = self.frames(places)
+        weights = (sizes * GAUSS_WEIGHTS * self.length).reshape(-1, 1, 1)
+        b = self._resultants(frames)
+        work = b.swapaxes(1, 2) @ (weights * self._compliances(places, frames)) @ b
+        return np.asarray(work.reshape(len(starts), -1, 6, 6).sum(axis=1))
+
+    def _resultants(self, frames: AxisFrames) -> Array:
+        """(n, 6, 6) in the sections, of forces and moments at the end."""
+        moved = translate_motion(self._ends[1] - frames.places).swapaxes(1, 2)
+        turned = frames.axes @ moved[:, :3], frames.axes @ moved[:, 3:]
+        return np.concatenate(turned, axis=1)
+
+    def _compliances(self, places: Array, frames: AxisFrames) -> Array:
+        """(n, 6, 6) strains of resultants."""
+        beam = self.beam
+        found = [
+            _section_compliance(
+                self.section(place), beam.e, beam.g, tuple(bent), beam.shear
+            )
+            for place, bent in zip(
+                places.tolist(), frames.curvatures.tolist(), strict=True
+            )
+        ]
+        return np.stack(found)
+
+
+@lru_cache(maxsize=4096)
+def _section_compliance(
+    section: Section, e: float, g: float, curvatures: tuple[float, ...], shear: bool
+) -> Array:
+    bent = np.array(curvatures[1:])
+    halves = np.sqrt(3 * np.array([section.iy, section.iz]) / section.area)
+    if float(halves @ np.abs(bent)) >= 1:
+        raise InputError(
+            f"is larger than the radius of the axis, {1 / np.linalg.norm(bent):.3g} m",
+            place="geometry.section",
+            expected="a section that does not reach the centre of curvature",
+        )
+    compliance: Array = np.asarray(
+        np.linalg.inv(section.law(e, g, np.array(curvatures)))
+    )
+    if not shear:
+        compliance[[1, 2]] = 0.0
+    compliance.setflags(write=False)
+    return compliance
+
+
+def translate_motion(arm: Array) -> Array:
+    """(..., 6, 6) motion of points fixed at arms (..., 3) from one: of its motion."""
+    result = np.tile(np.eye(6), (*arm.shape[:-1], 1, 1))
+    result[..., :3, 3:] = -skew(arm)
+    return result

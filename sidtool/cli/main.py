@@ -1,0 +1,236 @@
+"""The command line: ``sidtool COMMAND``. Answers before anything heavy is imported."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from traceback import walk_tb
+from typing import NoReturn, TextIO
+
+import click
+
+from sidtool.formats.base.errors import InputError, NoteWarning, ValidityWarning
+from sidtool.formats.storage.operating_system import (
+    DEFAULT,
+    ENDING_SIGNALS,
+    INTERRUPT,
+    handle_console_close,
+    handle_signal,
+    is_closed_pipe,
+    is_usual_interrupt,
+    present_signals,
+    signal_handler,
+)
+from sidtool.formats.storage.unreadable import failure_reason
+
+from .. import __version__
+from .analyse import analyse
+from .animate import animate, export
+from .common import JSON, QUIET
+from .convert import convert
+from .outputs import outputs
+from .plot import plot, report
+from .progress import show_progress
+from .simulate import simulate
+from .small_commands import demo, info, new, schema, warmup
+from .study import study, sweep
+from .validate import trim, validate
+
+BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+#: New objects between two searches for garbage: a command makes little, and all that
+#: it imports would be searched through again and again. At its end nothing is.
+GARBAGE_THRESHOLD = 500_000
+_show_warning = warnings.showwarning
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="sidtool")
+@click.pass_context
+def cli(ctx: click.Context) -> None:
+    """Flexible bodies for multibody simulation.
+
+    Takes a part from its geometry to Standard Input Data (SID), judges any SID, and
+    simulates mechanisms with it. A first look, and the same by hand:
+
+    \b
+      sidtool demo
+      sidtool new my_first --from beam
+      sidtool convert rod_q4.toml -o rod.SID_FEM
+      sidtool validate rod.SID_FEM
+      sidtool simulate slider_crank.toml -o motion.csv
+
+    Each command explains itself: sidtool COMMAND --help
+    """
+    ctx.with_resource(show_progress())
+
+
+for command in (
+    new,
+    convert,
+    simulate,
+    analyse,
+    validate,
+    info,
+    outputs,
+    plot,
+    animate,
+    export,
+    report,
+    study,
+    sweep,
+    trim,
+    demo,
+    schema,
+    warmup,
+):
+    cli.add_command(command)
+
+#: Commands whose numbers `tell` gives; validate, outputs and export have their own.
+for command in (
+    convert,
+    simulate,
+    info,
+    study,
+    sweep,
+    trim,
+    *analyse.commands.values(),
+):
+    command.params.append(JSON)
+for command in (convert, simulate, study, validate, outputs, plot, animate, export):
+    command.params.append(QUIET)
+for command in (sweep, report, trim, warmup, demo, *analyse.commands.values()):
+    command.params.append(QUIET)
+
+
+class TerminationRequested(BaseException):
+    """Raised by a signal that terminates the program, which cleans up as after
+    Ctrl-C.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+def _terminate(number: int, frame: object) -> NoReturn:
+    raise TerminationRequested(number)
+
+
+def _interrupt(number: int, frame: object) -> NoReturn:
+    """The first Ctrl-C cleans up; the second one ends the program as it is."""
+    handle_signal(number, DEFAULT)
+    raise KeyboardInterrupt
+
+
+def _ending_signals() -> list[int]:
+    """Return signals that terminate without clean-up and are not ignored (nohup)."""
+    numbers = [n for n in present_signals(ENDING_SIGNALS) if n != INTERRUPT]
+    return [n for n in numbers if signal_handler(n) is DEFAULT]
+
+
+def main() -> NoReturn:
+    """Run the command line and leave with its exit status."""
+    _open_standard_streams()
+    gc.set_threshold(GARBAGE_THRESHOLD)
+    warnings.showwarning = _print_warning
+    handle_console_close()
+    before = {number: handle_signal(number, _terminate) for number in _ending_signals()}
+    if is_usual_interrupt(signal_handler(INTERRUPT)):
+        before[INTERRUPT] = handle_signal(INTERRUPT, _interrupt)
+    status = run(sys.argv[1:])
+    for number, handler in before.items():
+        handle_signal(number, handler)
+    gc.freeze()
+    sys.exit(status)
+
+
+def _open_standard_streams() -> None:
+    """Open standard streams that a caller has closed (``>&-``); their text is
+    discarded.
+
+    Otherwise the next file that is opened would be the standard output. Characters that
+    a terminal or pipe cannot show, as of Greek in a code page of Windows, are escaped.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            setattr(sys, name, os.fdopen(nowhere, "w", encoding="utf-8"))
+        stream = getattr(sys, name)
+        if stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command; the exit status is 0 done, 1 failed, 2 bad input, 130 interrupted.
+
+    It is 128 and the number of the signal after a terminating signal, 143 for SIGTERM.
+    """
+    try:
+        status = cli.main(list(arguments), prog_name="sidtool", standalone_mode=False)
+        sys.stdout.flush()
+        return status if isinstance(status, int) else 0
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except InputError as error:
+        return _print_error(str(error), BAD_INPUT)
+    except TerminationRequested as ended:
+        return _print_error("ended by a signal", 128 + ended.number)
+    except (KeyboardInterrupt, click.Abort):
+        return _print_error("interrupted", INTERRUPTED)
+    except (BrokenPipeError, SystemExit):  # click makes the second of the first
+        return _quit_quietly()
+    except MemoryError:
+        return _print_error("there is not enough memory for this", FAILED)
+    except OSError as error:
+        if is_closed_pipe(error) and _is_from_standard_output(error):
+            return _quit_quietly()
+        name = f"{error.filename}: " if error.filename else ""
+        return _print_error(f"{name}{failure_reason(error)}", FAILED)
+
+
+def _print_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Our own warnings as messages, without the line of code that they come from."""
+    if issubclass(category, ValidityWarning):
+        click.echo(f"warning: {message}", err=True)
+    elif issubclass(category, NoteWarning):
+        click.echo(f"note: {message}", err=True)
+    elif category.__module__.partition(".")[0] == "sidtool":
+        _print_error(str(message), 0)
+    else:
+        _show_warning(message, category, filename, lineno, file, line)
+
+
+def _print_error(message: str, status: int) -> int:
+    click.echo(f"sidtool: {message}", err=True)
+    return status
+
+
+def _is_from_standard_output(error: OSError) -> bool:
+    """Whether it arose where the standard output is written, not of another file."""
+    frames = [frame for frame, _ in walk_tb(error.__traceback__)]
+    writers = click.echo.__code__, run.__code__
+    return frames[-1].f_code in writers or any(f.f_code == writers[0] for f in frames)
+
+
+def _quit_quietly() -> int:
+    """Suppress messages at exit after the reader closed the pipe (``sidtool info x |
+    head``).
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0

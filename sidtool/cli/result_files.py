@@ -1,0 +1,102 @@
+"""Files that a run fills while it goes on: a result, a table, or both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import click
+
+from sidtool.formats.result import ResultFile, TableFile
+from sidtool.formats.storage.atomic import StoredUnderOtherName
+from sidtool.formats.storage.unreadable import failure_reason
+
+if TYPE_CHECKING:
+    from sidtool.formats.result import Result
+    from sidtool.formats.result.rows import Columns, Rows
+
+File = ResultFile | TableFile
+
+
+class OutputFiles:
+    """Sink for a result, a table, both or nothing.
+
+    A file that cannot be written ends alone; the other continues. A complete file that
+    cannot replace another one is stored beside it. Used as a context: files that are
+    incomplete at its end are removed.
+
+    Attributes
+    ----------
+    span : first and last output time [s] and number of output times
+    failed : a file is missing or has another name than requested
+    """
+
+    def __init__(self, result: Path | None, table: Path | None) -> None:
+        self._open: dict[Path, File] = {}
+        if table is not None:
+            self._open[table] = TableFile(table, elsewhere=True)
+        if result is not None:
+            self._open[result] = ResultFile(result, elsewhere=True)
+        self._told: list[str] = []
+        self.span: tuple[float, float, int] = (0.0, 0.0, 0)
+        self.failed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for file in self._open.values():
+            file.discard()
+
+    def begin(self, columns: Columns, most: int) -> None:
+        self._each(lambda file: file.begin(columns, most))
+
+    def add(self, rows: Rows) -> None:
+        if len(rows.t):
+            first, _, count = self.span
+            first = first if count else float(rows.t[0])
+            self.span = first, float(rows.t[-1]), count + len(rows.t)
+        self._each(lambda file: file.add(rows))
+
+    def finish(self, result: Result) -> None:
+        self._each(lambda file: file.finish(result))
+        for path, file in self._open.items():
+            assert file.file is not None
+            moved = file.file.moved
+            if moved is None:
+                self._told.append(f"{path} written")
+                continue
+            self._fail(path, moved)
+            self._told.append(f"sidtool: {file.file.target} written instead")
+        self._open = {}
+
+    def tell(self, err: bool) -> None:
+        """Print where the files are, or why they are missing."""
+        for text in self._told:
+            click.echo(text, err=err or text.startswith("sidtool:"))
+
+    def _each(self, act: Callable[[File], None]) -> None:
+        """Raises what ends the last file."""
+        for path, file in list(self._open.items()):
+            try:
+                act(file)
+            except OSError as error:
+                file.discard()
+                del self._open[path]
+                self._fail(path, error)
+                if not self._open and not isinstance(error, StoredUnderOtherName):
+                    self._told.append(
+                        "sidtool: nothing was kept: run again with another -o"
+                    )
+                    raise
+
+    def _fail(self, path: Path, error: OSError) -> None:
+        self.failed = True
+        self._told.append(f"sidtool: {path}: {failure_reason(error)}")

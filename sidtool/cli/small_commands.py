@@ -1,0 +1,234 @@
+"""The commands info, new, schema, demo and warmup."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..pipeline.examples import EXAMPLE_TITLES, copy_example
+from .common import output_path, piped_path, print_result
+
+
+@click.command()
+@click.argument("file", metavar="FILE", type=piped_path)
+def info(file: Path) -> None:
+    """Tell what is in a SID, model, scene or result.
+
+    \b
+    For a SID: modes with frequency, kind, boundary condition, effective mass and share
+    in the static deformation; frame, stiffening, stress, nodes, dialect.
+    For a model: geometry, material, discretisation, frame, reduction, damping, and
+    where every marker is; for the last the body is discretised. Of an imported mesh or
+    matrices also mass, centre, inertia, free frequencies and node sets.
+    For a scene: bodies, joints, drives and forces with their numbers, degrees of
+    freedom, redundancies, total mass, what the simulation keeps or drops, and of
+    flexible bodies frequencies, excitation and expected stiffening.
+    For a result: outputs with their range, cost, drift of the constraints, and what
+    each shape function contributed; of a run that was asked for an accuracy the error
+    of each output, the error budget beside its cost, and what was left out and why.
+
+    \b
+    Examples:
+      sidtool info rod.SID_FEM
+      sidtool info slider_crank.toml
+
+    Exit status: 0 done; 2 the file cannot be read, or the body of a model cannot be
+    made: what the model says is told, and the reason.
+    """
+    from ..api.scene import read
+    from ..pipeline.files import expect_kind
+    from ..report.json_data import content_data
+
+    kind = expect_kind(file, "sid", "model", "scene", "result")
+    content = read(file)
+    if kind == "model":
+        _describe_model_file(content, file)
+    else:
+        print_result(DESCRIBERS[kind](content, file), lambda: content_data(content))
+
+
+def _describe_sid_file(content: Any, _: Path) -> str:
+    from ..report.sid import describe_sid
+
+    return describe_sid(content)
+
+
+def _describe_model_file(content: Any, path: Path) -> None:
+    """Print what a model file states, also if its body cannot be discretised.
+
+    Raises
+    ------
+    InputError : the body cannot be discretised.
+    """
+    from sidtool.formats.base.errors import InputError
+
+    from ..discretisation.registry import finite_element_model
+    from ..report.input_files import describe_import, describe_model
+
+    try:
+        body = finite_element_model(content)
+        text = describe_model(content, body)
+        if content.geometry.type in ("mesh", "matrices"):
+            text += f"\n\n{describe_import(body)}"
+        failure = None
+    except InputError as error:
+        text, failure = describe_model(content), error
+    print_result(text, content.said)
+    if failure is not None:
+        raise failure.located(path)
+
+
+def _describe_scene_file(content: Any, path: Path) -> str:
+    from sidtool.formats.base.errors import InputError
+    from sidtool.solver import compile_scene, describe
+
+    from ..pipeline.model_cache import convert_bodies
+    from ..pipeline.scene_changes import with_initial_state
+    from ..report.input_files import describe_scene
+
+    folder = path.parent
+    try:
+        whole, model_sids, notes = convert_bodies(
+            with_initial_state(content, folder), folder
+        )
+        lines = describe(compile_scene(whole, folder, model_sids, accept_defects=True))
+    except InputError as error:
+        raise error.located(path) from None
+    return "\n".join(
+        [
+            describe_scene(content),
+            "",
+            *(line for of_body in notes.values() for line in of_body),
+            *lines,
+        ]
+    )
+
+
+def _describe_result_file(content: Any, _: Path) -> str:
+    from ..report.result import describe_result
+
+    return describe_result(content)
+
+
+DESCRIBERS: dict[str, Callable[[Any, Path], str]] = {
+    "sid": _describe_sid_file,
+    "scene": _describe_scene_file,
+    "result": _describe_result_file,
+}
+
+
+_WIDTH = max(map(len, EXAMPLE_TITLES)) + 2
+_LIST = "\n      ".join(
+    f"{name:{_WIDTH}}{text}" for name, text in EXAMPLE_TITLES.items()
+)
+
+
+def _examples_help() -> str:
+    return f"""Make the folder NAME with a commented start: model, scene, README.
+
+    The README of the folder has its equation or a sketch, and the commands to go on
+    with, step by step. The starts are the examples of sidtool:
+
+    \b
+      {_LIST}
+
+    \b
+    Examples:
+      sidtool new my_arm --from robot_arm
+      cd my_arm
+    """
+
+
+@click.command(help=_examples_help())
+@click.argument("name", metavar="NAME", type=click.Path(path_type=Path))
+@click.option(
+    "--from",
+    "start",
+    type=click.Choice(list(EXAMPLE_TITLES)),
+    default="slider_crank",
+    show_default=True,
+    help="What to start from.",
+)
+def new(name: Path, start: str) -> None:
+    """Copy an example; the help text is that of `_examples_help`."""
+    for file in copy_example(name, start):
+        click.echo(f"  {name / file}")
+    click.echo(f"Go on in the folder {name}: README.md has the commands, step by step.")
+
+
+KINDS = {
+    "model": ("sidtool.formats.model", "ModelFile"),
+    "scene": ("sidtool.formats.scene", "SceneFile"),
+    "reference": ("sidtool.formats.reference", "ReferenceFile"),
+}
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(list(KINDS)))
+def schema(kind: str) -> None:
+    """Print the JSON Schema of a model, scene or reference file, for editors.
+
+    \b
+    Example:
+      sidtool schema scene > scene.schema.json
+    """
+    module, name = KINDS[kind]
+    file = getattr(import_module(module), name)
+    click.echo(json.dumps(file.model_json_schema(), indent=2))
+
+
+@click.command()
+@click.option(
+    "-o",
+    "--output",
+    type=output_path,
+    default=Path("demo"),
+    show_default=True,
+    help="Folder for the plots, SIDs and results.",
+)
+def demo(output: Path) -> None:
+    """Run the founding example: a slider-crank with a flexible rod, built twice.
+
+    The rod goes from its geometry to a SID by bilinear quadrilaterals (Q4) and by
+    isogeometric analysis (IGA). The frequencies stand beside the published ones, the
+    mechanism is simulated with both rods, and speed is shown beside error. With
+    `pip install "sidtool[view]"` motion.html in the folder plays it in a browser.
+    """
+    from .demo_run import run_demo
+
+    run_demo(output, click.echo)
+
+
+@click.command()
+def warmup() -> None:
+    """Compile all kernels once, so that no simulation has to wait for it.
+
+    Planar and spatial equations and all integrators, on all processors. The result is
+    kept on disk, in the package or in your cache folder, or where the environment
+    variable NUMBA_CACHE_DIR says; a changed scene compiles nothing, a new version of
+    sidtool does.
+
+    \b
+    Example, after an installation:
+      sidtool warmup && sidtool simulate slider_crank.toml -o motion.csv
+
+    Exit status: 0 all kernels are on disk; 1 they cannot be kept.
+    """
+    from sidtool.solver.compiler.kernel_cache import has_failed_to_write
+    from sidtool.solver.compiler.precompile import precompile_all
+    from sidtool.solver.integrators.registry import all_step_loops
+
+    begin = time.perf_counter()
+    count = precompile_all(all_step_loops(), lambda line: click.echo(line, err=True))
+    if count == 0:
+        click.echo("all kernels are ready; there was nothing to compile")
+        return
+    click.echo(f"{count} kernels compiled in {time.perf_counter() - begin:.1f} s")
+    if has_failed_to_write():
+        raise click.exceptions.Exit(1)

@@ -1,0 +1,208 @@
+"""Error of linear elements: frequencies of the same mesh with better elements.
+
+Linear elements without internal modes bend too stiffly: by a factor where one of them
+spans a thickness, by per cents where several do. How much is measured on the free body,
+so that it does not depend on what holds it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, lobpcg
+
+from sidtool.formats.base.errors import InputError
+
+from ..eigensolvers.slepc import notify
+from ..elements.finite_element_model import ElementAlternative, FiniteElementModel
+from ..elements.locking_remedies import KINDS_WITH_INCOMPATIBLE_MODES
+from ..elements.solid_mesh import SolidMesh, to_quadratic, with_internal_modes
+from ..mesh.connections import Equations
+from ..reduction.admissible_space import AdmissibleSpace, constrained_space
+from ..reduction.body_frames import Frame
+from ..reduction.reduced_basis import to_hertz
+
+Array = NDArray[np.float64]
+
+#: Number of compared frequencies, and the difference that gets a note.
+_COMPARED_FREQUENCIES, _NOTED_DIFFERENCE = 3, 0.01
+#: The same for elements of another program.
+_COMPARED_FREQUENCIES_OF_PROGRAM = 6
+#: Degrees of freedom of the better mesh above which comparing would dominate the time,
+#: and below which its eigenvectors are computed outright.
+_LARGEST_MESH, _DIRECT_SOLUTION_SIZE = 150_000, 2_000
+#: Iterations leave less than a hundredth of the difference.
+_ITERATIONS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class _BetterElements:
+    """The same mesh with better elements, and how to carry displacements over."""
+
+    mesh: SolidMesh
+    between: sp.csr_matrix
+    words: str
+
+
+def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
+    """A sentence on linear elements that make this body too stiff or too soft."""
+    if body.alternative is not None:
+        return _compare_frequencies(body, body.alternative)
+    if body.solids is None or not body.solids.kinds_with_locking:
+        return ()
+    kinds = " and ".join(body.solids.kinds_with_locking)
+    better = _with_better_elements(body.solids)
+    size = better.mesh.mesh.positions.size
+    refined = size > body.positions.size
+    if size > _LARGEST_MESH or (refined and body.equations is not None):
+        untied = "has nodes that no equation of the file ties"
+        why = f"has {size} degrees of freedom" if size > _LARGEST_MESH else untied
+        return (
+            f"{kinds} elements without incompatible modes bend too stiffly where few "
+            "of them span a thickness; what that costs here is not measured, as the "
+            f"same mesh with {better.words} {why}",
+        )
+    notify(f"comparing {kinds} elements with {better.words}")
+    own, other = _frequencies(body, better)
+    return _difference_note(kinds, own, other, better.words)
+
+
+def _difference_note(
+    kinds: str, own: Array, other: Array, better: str
+) -> tuple[str, ...]:
+    """A sentence on frequencies [Hz] that differ from those with better elements."""
+    apart = own / other - 1
+    if np.abs(apart).max() <= _NOTED_DIFFERENCE:
+        return ()
+    ways = {"bend too stiffly": apart.max(), "are too soft": -apart.min()}
+    text = " and ".join(
+        words for words, most in ways.items() if most > _NOTED_DIFFERENCE
+    )
+    soft = text == "are too soft"
+    shares = ", ".join(_percent(-x if soft else x) for x in apart)
+    listed = ", ".join(f"{f:.5g}" for f in own)
+    return (
+        f"{kinds} elements {text} in this mesh: the first frequencies of the free "
+        f"body, {listed} Hz, are {shares} {'below' if soft else 'above'} those of the "
+        f"same mesh with {better}; use these, or a finer mesh",
+    )
+
+
+def _compare_frequencies(
+    body: FiniteElementModel, other: ElementAlternative
+) -> tuple[str, ...]:
+    """How the elements of another program differ from better ones of its own."""
+    what = f"{other.own} elements of CalculiX"
+    try:
+        if other.size > _LARGEST_MESH:
+            raise InputError(f"it would have {other.size} degrees of freedom")
+        notify(f"comparing {other.own} elements with {other.better}")
+        better = other.discretise()
+    except InputError as error:
+        return (
+            f"{what} may be too stiff by a factor; what that costs here is not "
+            f"measured with {other.better} on the same mesh: {error.problem}",
+        )
+    own, found = (
+        to_hertz(_full_mass(model).modes(_COMPARED_FREQUENCIES_OF_PROGRAM)[0])
+        for model in (body, better)
+    )
+    apart = own / found - 1
+    if np.abs(apart).max() <= _NOTED_DIFFERENCE:
+        return ()
+    listed = ", ".join(f"{f:.5g}" for f in own)
+    shares = ", ".join(_percent(x) for x in apart)
+    return (
+        f"{what}: the first frequencies of the free body, {listed} Hz, differ by "
+        f"{shares} from those with {other.better} on the same mesh; {other.remedy} "
+        "takes these",
+    )
+
+
+def _full_mass(body: FiniteElementModel) -> AdmissibleSpace:
+    nothing = np.zeros(body.ndof, bool)
+    return constrained_space(body, Frame(np.zeros(3), nothing))
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.{1 if abs(share) < 0.1 else 0}f} %"
+
+
+def _with_better_elements(solids: SolidMesh) -> _BetterElements:
+    if set(solids.kinds_with_locking) <= set(KINDS_WITH_INCOMPATIBLE_MODES):
+        same = sp.csr_matrix(sp.eye_array(len(solids.mesh.positions)))
+        return _BetterElements(with_internal_modes(solids), same, "incompatible modes")
+    finer, between = to_quadratic(solids)
+    known = {block.kind for block in solids.mesh.blocks}
+    kinds = dict.fromkeys(block.kind for block in finer.mesh.blocks)
+    return _BetterElements(
+        finer, between, " and ".join(k for k in kinds if k not in known)
+    )
+
+
+def _frequencies(
+    body: FiniteElementModel, better: _BetterElements
+) -> tuple[Array, Array]:
+    """The lowest ones of the free body, and of the free body of better elements [Hz].
+
+    The latter by a few steps from the modes of the body, which are bounds from above.
+    """
+    tied, positions = body.equations, body.positions
+    own = _free_space(body.stiffness, body.field_mass, positions, tied)
+    values, modes = own.modes(_COMPARED_FREQUENCIES)
+    mass, stiffness = better.mesh.matrices()
+    other = _free_space(stiffness, mass, better.mesh.mesh.positions, tied)
+    if tied is not None or len(other.rigid) <= _DIRECT_SOLUTION_SIZE:
+        return to_hertz(values), to_hertz(other.modes(_COMPARED_FREQUENCIES)[0])
+    between = sp.csr_matrix(sp.kron(better.between, sp.eye_array(body.dimension)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # That so few do not converge.
+        found, _ = lobpcg(
+            stiffness,
+            between @ modes,
+            B=mass,
+            M=_two_level_solver(stiffness, between, own),
+            Y=other.rigid,
+            tol=1e-12,
+            maxiter=_ITERATIONS,
+            largest=False,
+        )
+    return to_hertz(values), to_hertz(np.sort(found))
+
+
+def _free_space(
+    stiffness: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    positions: Array,
+    tied: Equations | None = None,
+) -> AdmissibleSpace:
+    """All displacements of a mesh."""
+    model = FiniteElementModel(
+        positions, None, stiffness, {}, (), full_mass=mass, equations=tied
+    )
+    nothing = np.zeros(stiffness.shape[0], bool)
+    return constrained_space(model, Frame(np.zeros(3), nothing))
+
+
+def _two_level_solver(
+    stiffness: sp.csr_matrix, between: sp.csr_matrix, coarse: AdmissibleSpace
+) -> LinearOperator:
+    """Solutions on the body's own elements, and node by node on the better ones."""
+    d = coarse.places.shape[1]
+    nodes = stiffness.shape[0] // d
+    blocks = stiffness.tobsr((d, d))
+    rows = np.repeat(np.arange(nodes), np.diff(blocks.indptr))
+    alone = np.linalg.inv(blocks.data[rows == blocks.indices])
+
+    def apply(load: Array) -> Array:
+        load = np.ascontiguousarray(load.reshape(len(load), -1))
+        local = alone @ load.reshape(nodes, d, -1)
+        return between @ coarse.factors.solve(between.T @ load) + local.reshape(
+            load.shape
+        )
+
+    return LinearOperator(stiffness.shape, matvec=apply, matmat=apply, dtype=float)

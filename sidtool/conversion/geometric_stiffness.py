@@ -1,0 +1,333 @@
+"""Geometric stiffness of a body from the stress states of unit loads.
+
+Every load that a moving body feels causes a stress state; its geometric stiffness
+enters the SID as a first-order term that multiplies the load (theory, section 6). For
+forces and moments at markers it is the second derivative of the marker's motion, see
+`second_order_rows`.
+
+Source: O. Wallrapp, R. Schwertassek, "Representation of geometric stiffening in
+multibody system simulation", Int. J. Numer. Methods Eng. 32, 1991.
+
+A point (y, z) of a cross-section moves with the gradient g_x = a + y b + z c along the
+beam, and with g_y and g_z across it:
+
+    a = (u', v', w'),   b = (-kz, 0, theta'),   c = (ky, -theta', 0),
+    g_y = (-psi_z, 0, theta),   g_z = (psi_y, -theta, 0),
+
+with the rotation (theta, psi_y, psi_z) of the cross-section and its curvatures ky, kz.
+The integral of sigma_xx g_x . g_x + 2 sigma_xy g_x . g_y + 2 sigma_xz g_x . g_z over
+a doubly symmetric section, with the stresses of its resultants N, My, Mz, Qy, Qz and T,
+is the quadratic form below. The torsional moment acts through
+integral (y sigma_xz) = -integral (z sigma_xy) = T / 2.
+
+In a beam that is bent at rest by ky0 and kz0 a fibre has the length 1 + z ky0 - y kz0:
+what strains it is divided by that, (0, psi_z, -psi_y) of a is not, and volumes are
+multiplied by it. To first order this adds (ky0 My + kz0 Mz) (psi_y^2 + psi_z^2) and
+T theta (ky0 psi_y + kz0 psi_z).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.sid import SID, Node, Taylor
+from sidtool.formats.model.reduction import Stiffening
+
+from ..discretisation.marker_couplings import (
+    second_order_rows,
+    second_order_work_of_ties,
+)
+from ..elements.finite_element_model import FiniteElementModel, MarkerRows
+from ..elements.material_points import BeamMaterial, stress_from_gradient
+from ..reduction.admissible_space import constrained_space
+from ..reduction.body_frames import Frame
+from ..reduction.reduced_basis import ReducedBasis
+from .quadrature import quadrature_parts
+from .rotary_inertia import CENTRIFUGAL_PRODUCTS, centrifugal_loads
+
+Array = NDArray[np.float64]
+
+
+def add_geometric_stiffening(
+    sid: SID,
+    body: FiniteElementModel,
+    frame: Frame,
+    basis: ReducedBasis,
+    settings: Stiffening,
+) -> SID:
+    """The SID with the geometric stiffening that the settings ask for.
+
+    Raises
+    ------
+    InputError : the body came without elements, so that no stress is known.
+    """
+    loads = _InertiaLoads(body, frame)
+    marked = stiffening_markers(body, settings)
+    acceleration = loads.acceleration() if settings.acceleration else None
+    angular = loads.angular_acceleration() if settings.angular_acceleration else None
+    centrifugal = loads.centrifugal() if settings.centrifugal else None
+    rows = [part for m in marked for part in (m.displacement, m.rotation)]
+    parts = [acceleration, angular, centrifugal, *(part.T.toarray() for part in rows)]
+    results = iter(geometric_stiffness(body, frame, basis.shapes, parts))
+    blocks: dict[str, Taylor] = {}
+    for name in ("Ct", "Cr", "Oe"):
+        blocks[name] = _add_stiffness(getattr(sid, name), next(results))
+    loaded = {}
+    for marker in marked:
+        excess = second_order_rows(body, marker, basis.shapes)
+        loaded[marker.node] = (next(results), next(results)), excess
+    nodes = tuple(_loaded_node(node, loaded.get(int(node.id))) for node in sid.nodes)
+    changes: dict[str, Any] = {**blocks, "nodes": nodes}
+    return replace(sid, **changes)
+
+
+def stiffening_markers(
+    body: FiniteElementModel, settings: Stiffening
+) -> list[MarkerRows]:
+    """Markers at which forces and moments stiffen."""
+    names = settings.markers
+    return [m for m in body.markers if names is None or m.name in names]
+
+
+def geometric_stiffness(
+    body: FiniteElementModel,
+    frame: Frame,
+    shapes: Array,
+    groups: list[Array | None],
+) -> list[Array | None]:
+    """Phi^T Kg Phi for the stress states of loads that the frame supports.
+
+    Parameters
+    ----------
+    shapes : (ndof, nq)
+    groups : load vectors (ndof, n) in groups; None stays None
+
+    Returns
+    -------
+    (n, nq, nq) per group, symmetric in the modes; positive for tension
+
+    Raises
+    ------
+    InputError : the body came without elements.
+    """
+    given = [group for group in groups if group is not None]
+    if not given:
+        return [None for _ in groups]
+    loads = balanced_loads(body, frame, np.hstack(given))
+    states = constrained_space(body, frame).static(loads)
+    total = projected_stiffness(body, states, shapes)
+    total += piece_stiffness(body, loads, states, shapes)
+    results: list[Array | None] = []
+    start = 0
+    for group in groups:
+        count = 0 if group is None else group.shape[1]
+        results.append(None if group is None else total[start : start + count])
+        start += count
+    return results
+
+
+def balanced_loads(body: FiniteElementModel, frame: Frame, loads: Array) -> Array:
+    """Loads (ndof, n) with the reactions of a frame that is defined by conditions.
+
+    It reacts with the forces that do no work on admissible displacements.
+    """
+    if frame.rows is None:
+        return loads
+    rigid = body.rigid_body_modes(frame.origin)
+    reactions = np.linalg.solve((frame.rows @ rigid).T, rigid.T @ loads)
+    balanced: Array = loads - frame.rows.T @ reactions
+    return balanced
+
+
+def piece_stiffness(
+    body: FiniteElementModel, loads: Array, states: Array, shapes: Array
+) -> Array:
+    """(n, nq, nq) stiffness of the forces that hold rigid ties together.
+
+    They are what the static displacements (ndof, n) of loads leave open.
+    """
+    if not body.rigid_sets:
+        return np.zeros((loads.shape[1], shapes.shape[1], shapes.shape[1]))
+    return second_order_work_of_ties(body, body.stiffness @ states - loads, shapes)
+
+
+def projected_stiffness(
+    body: FiniteElementModel, states: Array, shapes: Array
+) -> Array:
+    """(n, nq, nq) geometric stiffness of the stresses of displacements (ndof, n).
+
+    The integral of sigma_ab d(phi_k)_c/dx_a d(phi_l)_c/dx_b over the body.
+
+    Raises
+    ------
+    InputError : the body came without elements.
+    """
+    if body.beam_material is not None:
+        return beam_stiffness(body.beam_material, states, shapes)
+    nq = shapes.shape[1]
+    total = np.zeros((states.shape[1], nq, nq))
+    for part in quadrature_parts(body):
+        stress = stress_from_gradient(part.gradients(states), part.law)
+        slopes = part.gradients(shapes)
+        total += contract_stress(stress * part.weights[:, None, None, None], slopes)
+    return (total + np.swapaxes(total, 1, 2)) / 2
+
+
+def contract_stress(stress: Array, slopes: Array) -> Array:
+    """sum over points of stress (p, n, d, d) with slopes (p, nq, c, d) twice."""
+    p, n, d, _ = stress.shape
+    nq = slopes.shape[1]
+    result = np.zeros((n, nq, nq))
+    for a in range(d):
+        for b in range(d):
+            for k in range(nq):
+                pairs = np.einsum("pc,plc->pl", slopes[:, k, :, a], slopes[..., b])
+                result[:, k] += stress[..., a, b].T @ pairs
+    return result
+
+
+class _InertiaLoads:
+    """D'Alembert loads of a unit motion of the frame, (ndof, n) each."""
+
+    def __init__(self, body: FiniteElementModel, frame: Frame) -> None:
+        self._body, self._origin = body, frame.origin
+
+    def acceleration(self) -> Array:
+        """-rho e_a; in the plane the third one is zero."""
+        return -self._body.mass @ self._rigid()[:, :3]
+
+    def angular_acceleration(self) -> Array:
+        """-rho e_a x c."""
+        return -self._body.mass @ self._rigid()[:, 3:]
+
+    def centrifugal(self) -> Array:
+        """-rho W_k c; of particles with rotary inertia their moments, too."""
+        d = self._body.dimension
+        arms = self._body.positions - self._origin[:d]
+        fields = np.zeros((self._body.ndof, 6))
+        for k, products in enumerate(CENTRIFUGAL_PRODUCTS):
+            for axis in range(d):
+                numbers = self._body.table[:, axis]
+                there = numbers >= 0
+                fields[numbers[there], k] = (arms @ products[axis, :d])[there]
+        loads: Array = -self._body.field_mass @ fields
+        points = self._body.inertia_points
+        if points is None or self._body.full_mass is not None:
+            return loads
+        return loads + centrifugal_loads(points, self._origin)
+
+    def _rigid(self) -> Array:
+        rigid = self._body.rigid_body_modes(self._origin)
+        if self._body.dimension == 3:
+            return rigid
+        full = np.zeros((len(rigid), 6))
+        full[:, [0, 1, 5]] = rigid
+        return full
+
+
+def _add_stiffness(block: Taylor, stiffness: Array | None) -> Taylor:
+    """First-order terms plus stiffness (columns, nq, nq): m1[l, k, column]."""
+    if stiffness is None:
+        return block
+    first = block.first_order(stiffness.shape[1])
+    return replace(block, m1=first + np.moveaxis(stiffness, 0, -1), order=1)
+
+
+def _loaded_node(node: Node, stiffness: Any) -> Node:
+    """Add the stiffness of forces and moments to a node, and second-order terms of its
+    rows.
+
+    A marker without rotation has no second-order terms; if it is fixed, the frame takes
+    its moments.
+    """
+    if stiffness is None:
+        return node
+    (force, moment), (shift, turn) = stiffness
+    if not node.psi.m0.any():
+        return replace(node, phi=_with_load_stiffness(node.phi, force))
+    phi, psi = (
+        _with_load_stiffness(node.phi, force + shift),
+        _with_load_stiffness(node.psi, moment + turn),
+    )
+    return replace(node, phi=phi, psi=psi)
+
+
+def _with_load_stiffness(block: Taylor, stiffness: Array) -> Taylor:
+    """phi or psi on the side of the load: m1[l, axis, k] = -Kg."""
+    if not stiffness.any():
+        return block
+    return replace(block, m1=-np.moveaxis(stiffness, 0, 1), order=1)
+
+
+def beam_stiffness(material: BeamMaterial, states: Array, shapes: Array) -> Array:
+    """(n, nq, nq) geometric stiffness of the stresses of displacements (ndof, n).
+
+    Parameters
+    ----------
+    states : (ndof, n) displacements whose stress acts
+    shapes : (ndof, nq)
+    """
+    a, b, c, across_y, across_z = _gradients(material, shapes)
+    iy, iz = material.gyration.T[:, :, None, None]
+    normal = (
+        _field_products(a, a) + iz * _field_products(b, b) + iy * _field_products(c, c)
+    )
+    resultants = np.moveaxis(material.resultants_of(states), 1, 0)
+    normal_force, shear_y, shear_z, twisting, bending_y, bending_z = resultants
+    terms = (
+        (normal_force, normal),
+        (bending_y, 2 * _field_products(a, c)),
+        (-bending_z, 2 * _field_products(a, b)),
+        (shear_y, 2 * _field_products(a, across_y)),
+        (shear_z, 2 * _field_products(a, across_z)),
+        (twisting, _field_products(b, across_z) - _field_products(c, across_y)),
+        *_initial_curvature_terms(material, resultants, shapes),
+    )
+    total: Array = sum(
+        np.einsum("p,pn,pkl->nkl", material.weights, force, form)
+        for force, form in terms
+    )
+    return (total + np.swapaxes(total, 1, 2)) / 2
+
+
+def _gradients(material: BeamMaterial, shapes: Array) -> tuple[Array, ...]:
+    """a, b, c, g_y and g_z at the points, (p, 3, nq) each."""
+    strain = np.moveaxis(material.strains_of(shapes), 1, 0)
+    turn = np.moveaxis(material.turns_of(shapes), 1, 0)
+    stretch, shear_y, shear_z, twist, curved_y, curved_z = strain
+    theta, psi_y, psi_z = turn
+    zero = np.zeros_like(theta)
+    vectors = (
+        (stretch, psi_z + shear_y, shear_z - psi_y),
+        (-curved_z, zero, twist),
+        (curved_y, -twist, zero),
+        (-psi_z, zero, theta),
+        (psi_y, -theta, zero),
+    )
+    return tuple(np.stack(vector, axis=1) for vector in vectors)
+
+
+def _initial_curvature_terms(
+    material: BeamMaterial, resultants: Array, shapes: Array
+) -> tuple[tuple[Array, Array], ...]:
+    """Forces (p, n) and forms (p, nq, nq) that curvature at rest adds."""
+    _, ky, kz = material.curvatures.T[:, :, None]
+    if not (ky.any() or kz.any()):
+        return ()
+    *_, twisting, bending_y, bending_z = resultants
+    turns = material.turns_of(shapes)
+    across = turns[:, 1:]
+    along = (ky * turns[:, 1] + kz * turns[:, 2])[:, None]
+    return (
+        (ky * bending_y + kz * bending_z, _field_products(across, across)),
+        (twisting, _field_products(turns[:, :1], along)),
+    )
+
+
+def _field_products(first: Array, second: Array) -> Array:
+    """(p, nq, nq) scalar products of two vector fields (p, 3, nq)."""
+    return np.einsum("pck,pcl->pkl", first, second)

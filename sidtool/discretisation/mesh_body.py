@@ -1,0 +1,332 @@
+"""Bodies with a mesh of another program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.model import Material, ModelFile
+from sidtool.formats.model.discretisation import MeshDiscretisation
+from sidtool.formats.model.geometry import MeshGeometry
+
+from ..elements.finite_element_model import FiniteElementModel, fixed_marker
+from ..elements.markers import markers_with_position, name_marker_in_errors
+from ..elements.mass_properties import GeometryMass, mesh_moments
+from ..elements.mesh_contact import check_conforming, check_contact
+from ..elements.mesh_markers import MeshPoints, position_of
+from ..elements.mesh_surface import named_surface
+from ..elements.solid_matrices import mesh_continua, mesh_matrices
+from ..elements.solid_mesh import SolidMesh
+from ..importers.mesh_files import read_mesh
+from ..importers.nastran.shells import beyond_calculix, is_bulk
+from ..mesh.connections import NamedSets
+from ..mesh.imported_mesh import ImportedMesh, undefined_notes
+from ..mesh.materials import AnisotropicMaterial, CylindricalMaterial, ElasticMaterial
+from ..mesh.mesh import Mesh, check_mesh, counter_clockwise, without_free_nodes
+from ..mesh.unit_systems import UnitSystem, unit_system
+from .bars_body import bars_model
+from .calculix_body import DependentNodes, calculix_model
+from .imported_constraints import (
+    body_couplings,
+    body_equations,
+    body_masses,
+    nodes_in_equations,
+    nodes_of_equations,
+)
+
+#: No solid is as heavy [kg/m^3] or as stiff [Pa]: such a material has other units.
+_MAX_DENSITY, _MAX_STIFFNESS = 1e5, 1e13
+Materials = Mapping[str | None, ElasticMaterial]
+
+
+def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
+    """Return the body of a model file whose geometry is a mesh file.
+
+    Nodes that no element uses (reference points of couplings, construction points)
+    are removed; a tied marker may be at one. A material in the model file applies to
+    all elements.
+
+    Raises
+    ------
+    InputError : names the file and what is wrong in it.
+    """
+    geometry, settings = model.geometry, model.discretisation
+    assert isinstance(geometry, MeshGeometry)
+    assert isinstance(settings, MeshDiscretisation)
+    units = _file_units(geometry)
+    bending = geometry.engine == "calculix"
+    density = file_density(model, units)
+    engine_notes: tuple[str, ...] = ()
+    if bending:
+        try:
+            reason = beyond_calculix(Path(geometry.file), geometry.ignore, density)
+            if not reason:
+                return calculix_model(model, units, density)
+        except DependentNodes as error:
+            if not is_bulk(geometry.file):
+                raise error.located(geometry.file) from None
+            reason = "edges where its shells meet"
+        engine_notes = (
+            "own shells, bars and springs instead of those of CalculiX: the deck has "
+            f"{reason}, which CalculiX does not have or joins by rigid knots as large "
+            "as the sections are thick",
+        )
+    elif geometry.order is not None:
+        raise InputError(
+            "is for elements of CalculiX alone",
+            place="geometry.order",
+            expected='geometry.engine = "calculix", or a mesh of that order',
+        )
+    imported = read_mesh(
+        geometry.file, geometry.ignore, geometry.part, density, bending=bending
+    )
+    imported = replace(imported, notes=(*imported.notes, *engine_notes))
+    try:
+        if density == 0 and not imported.is_structure:
+            raise InputError(
+                "is zero, and solids and plane elements need mass at every node",
+                place="geometry.density",
+                expected="a density above zero",
+            )
+        if imported.is_structure:
+            held = _file_materials(imported, geometry, units)
+            laws = _body_materials(model, imported.mesh, held)
+            return bars_model(model, imported, units, laws)
+        upright, turned = counter_clockwise(imported.mesh)
+        whole = _scale_mesh(upright, geometry, settings, units)
+        mesh = without_free_nodes(whole)
+        couplings = body_couplings(imported, whole, mesh, model)
+        masses = body_masses(imported, couplings, mesh, units)
+        equations, equation_notes = body_equations(imported, whole, mesh, units.length)
+        joined = [c.nodes for c in couplings if c.rigid]
+        check_mesh(
+            mesh, "mesh", [*joined, *nodes_of_equations(equations, mesh.dimension)]
+        )
+        straight = np.flatnonzero(np.isin(mesh.labels, list(imported.straight)))
+        check_conforming(mesh, "mesh", straight)
+        check_contact(mesh, "mesh", nodes_in_equations(equations, mesh, imported.ties))
+        own = _file_materials(imported, geometry, units)
+        materials = _body_materials(model, mesh, own)
+        plane = mesh.dimension == 2
+        state = _plane_state(settings, imported) if plane else "solid"
+        if plane:
+            _check_thickness(mesh)
+        mass, stiffness = mesh_matrices(mesh, materials, state, incompatible_modes=True)
+    except InputError as error:
+        raise error.located(geometry.file) from None
+    continua = mesh_continua(mesh, materials, state, incompatible_modes=True)
+    solids = SolidMesh(mesh, materials, state, incompatible_modes=True)
+    points = MeshPoints(mesh, continua)
+    markers = []
+    apart = {name for coupling in couplings for name in coupling.markers}
+    for name, marker in markers_with_position(model.markers):
+        with name_marker_in_errors(name):
+            if marker.tie is None and name not in apart:
+                where = position_of(mesh, marker)
+                markers.append(points.rows(name, marker.node, where))
+            else:
+                where = position_of(whole, marker)
+                markers.append(
+                    fixed_marker(name, marker.node, where, mesh.positions.size)
+                )
+    return FiniteElementModel(
+        positions=mesh.positions,
+        scalar_mass=mass,
+        stiffness=stiffness,
+        node_sets=NamedSets(mesh.node_sets, imported.undefined),
+        surface=named_surface(mesh, mesh.node_sets),
+        markers=tuple(markers),
+        continua=continua,
+        internal_inertia=solids.internal_inertia(),
+        solids=solids,
+        couplings=couplings,
+        point_masses=masses,
+        equations=equations,
+        notes=(
+            *imported.notes,
+            *undefined_notes(imported.undefined),
+            *turned,
+            *equation_notes,
+            *_import_notes(model, imported, own),
+        ),
+        geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
+    )
+
+
+def file_density(model: ModelFile, units: UnitSystem) -> float | None:
+    """The density that completes materials of the file, in its units.
+
+    Raises
+    ------
+    InputError : [material] gives all materials already.
+    """
+    geometry = model.geometry
+    assert isinstance(geometry, MeshGeometry)
+    if geometry.density is None:
+        return None
+    if model.material is not None:
+        raise InputError(
+            "completes materials of the file, which [material] replaces",
+            place="geometry.density",
+            expected="one of them",
+        )
+    return geometry.density * units.length**3 / units.mass
+
+
+def _file_units(geometry: MeshGeometry) -> UnitSystem:
+    """The units of the file; with a length alone, newton and second."""
+    if isinstance(geometry.unit, str):
+        try:
+            return unit_system(geometry.unit)
+        except InputError as error:
+            raise InputError(
+                error.problem, place="geometry.unit", expected=error.expected
+            ) from None
+    return UnitSystem("", geometry.unit, 1 / geometry.unit, 1.0, "N")
+
+
+def _scale_mesh(
+    mesh: Mesh, geometry: MeshGeometry, settings: MeshDiscretisation, units: UnitSystem
+) -> Mesh:
+    """The mesh in metres, with the choices of the model file."""
+    blocks = []
+    for block in mesh.blocks:
+        own = None if block.thickness is None else block.thickness * units.length
+        blocks.append(
+            replace(
+                block,
+                thickness=geometry.thickness or own,
+                formulation=settings.formulation or block.formulation,
+            )
+        )
+    positions = mesh.positions * units.length
+    return replace(mesh, positions=positions, blocks=tuple(blocks))
+
+
+def _file_materials(
+    imported: ImportedMesh, geometry: MeshGeometry, units: UnitSystem
+) -> dict[str, ElasticMaterial]:
+    """The materials of the file in SI units."""
+    stress = units.mass / units.length / units.time**2
+    density = units.mass / units.length**3
+    result: dict[str, ElasticMaterial] = {}
+    for name, own in imported.materials.items():
+        if isinstance(own, AnisotropicMaterial):
+            result[name] = own.scaled(stress, density, units.length)
+            continue
+        result[name] = Material(
+            youngs_modulus=own.youngs_modulus * stress,
+            poissons_ratio=own.poissons_ratio,
+            density=own.density * density,
+        )
+    return result
+
+
+def _body_materials(
+    model: ModelFile, mesh: Mesh, own: Mapping[str, ElasticMaterial]
+) -> dict[str | None, ElasticMaterial]:
+    names = {block.material for block in mesh.blocks}
+    if model.material is not None:
+        return dict.fromkeys(names, model.material)
+    result: dict[str | None, ElasticMaterial] = {}
+    for name in names:
+        if name is None or name not in own:
+            what = "elements without a material" if name is None else f"material {name}"
+            raise InputError(
+                f"has {what}, of which E, nu or density is not known: it is missing, "
+                "or has values for several temperatures",
+                expected="complete and constant materials in the mesh file; "
+                "geometry.density adds a density, a table [material] replaces them",
+            )
+        _check_units(name, own[name])
+        result[name] = own[name]
+    return result
+
+
+def _check_units(name: str, material: ElasticMaterial) -> None:
+    if isinstance(material, AnisotropicMaterial):
+        stiffest = float(material.law.diagonal().max())
+    else:
+        stiffest = material.youngs_modulus
+    if material.density > _MAX_DENSITY or stiffest > _MAX_STIFFNESS:
+        raise InputError(
+            f"material {name} would have {_describe_material(material)}",
+            place="geometry.unit",
+            expected='the units that the file is written in, such as "mm-t-s" or '
+            '"mm-kg-ms", or a table [material]',
+        )
+
+
+def _plane_state(settings: MeshDiscretisation, imported: ImportedMesh) -> str:
+    state = settings.state or imported.state
+    if state is None:
+        raise InputError(
+            "is missing",
+            place="discretisation.state",
+            expected="plane_stress or plane_strain, which this file does not say; "
+            'geometry.engine = "calculix" makes shells of the elements of a .bdf',
+        )
+    return state
+
+
+def _check_thickness(mesh: Mesh) -> None:
+    if any(block.thickness is None for block in mesh.blocks):
+        raise InputError(
+            "is missing", place="geometry.thickness", expected="that of plane elements"
+        )
+
+
+def _import_notes(
+    model: ModelFile, imported: ImportedMesh, own: Mapping[str, ElasticMaterial]
+) -> Iterator[str]:
+    """Note what the model file replaces in the mesh file, and what it takes from it."""
+    blocks, geometry, settings = (
+        imported.mesh.blocks,
+        model.geometry,
+        model.discretisation,
+    )
+    assert isinstance(geometry, MeshGeometry)
+    assert isinstance(settings, MeshDiscretisation)
+    named = {b.material for b in blocks if b.material is not None}
+    if geometry.density is not None:
+        yield f"materials without a density have {geometry.density:g} kg/m^3"
+    if model.material is None:
+        for name in sorted(named):
+            description = _describe_material(own[name], imported.mesh.dimension)
+            yield f"material {name} of the file: {description}"
+    elif named:
+        yield f"[material] replaces {', '.join(sorted(named))} of the file"
+    depths = {b.thickness for b in blocks if b.thickness is not None}
+    if geometry.thickness is not None and depths:
+        listed = ", ".join(f"{depth:g}" for depth in sorted(depths))
+        yield f"geometry.thickness replaces {listed} of the file"
+    if settings.state and imported.state and settings.state != imported.state:
+        yield f"discretisation.state replaces {imported.state} of the file"
+    chosen = {b.formulation for b in blocks if b.kind in ("hex8", "quad4")}
+    if settings.formulation and chosen - {None, settings.formulation}:
+        yield f"{settings.formulation} of the model file replaces that of the elements"
+    if not settings.formulation and None in chosen:
+        yield "elements without a formulation (hex8, quad4) have incompatible modes"
+
+
+def _describe_material(material: ElasticMaterial, dimension: int = 3) -> str:
+    if isinstance(material, AnisotropicMaterial):
+        moduli = ", ".join(f"{value:g}" for value in material.moduli[:dimension])
+        turning = isinstance(material, CylindricalMaterial)
+        axes = (
+            "radius, circumference and axis"
+            if turning
+            else "x, y, z"[: 3 * dimension - 2]
+        )
+        return (
+            f"E along {axes} = {moduli} Pa, not isotropic, "
+            f"density = {material.density:g} kg/m^3"
+        )
+    return (
+        f"E = {material.youngs_modulus:g} Pa, nu = {material.poissons_ratio:g}, "
+        f"density = {material.density:g} kg/m^3"
+    )

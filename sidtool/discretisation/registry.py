@@ -1,0 +1,44 @@
+"""Discretisations by the `geometry.type` and `discretisation.type` of a model file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from sidtool.formats.model import ModelFile
+
+from ..beams.beam_model import beam_model
+from ..elements.finite_element_model import FiniteElementModel
+from ..elements.mesh_markers import markers_as_nodes
+from ..isogeometric.multipatch_iga import iga_model, patches_model
+from ..isogeometric.sampled_patch import q4_model, sampled_volume_model
+from .marker_couplings import add_couplings, add_rigid_couplings
+from .matrices_body import imported_matrices_model
+from .mesh_body import imported_mesh_model
+
+Discretiser = Callable[[ModelFile], FiniteElementModel]
+
+#: One line adds a frontend.
+DISCRETISERS: dict[tuple[str, str], Discretiser] = {
+    ("nurbs", "q4"): q4_model,
+    ("nurbs", "iga"): iga_model,
+    ("nurbs_volume", "iga"): iga_model,
+    ("nurbs_volume", "hex8"): sampled_volume_model,
+    ("nurbs_volume", "hex20"): sampled_volume_model,
+    ("nurbs_volume", "tet4"): sampled_volume_model,
+    ("nurbs_volume", "tet10"): sampled_volume_model,
+    ("patches", "iga"): patches_model,
+    ("beam", "beam"): beam_model,
+    ("mesh", "mesh"): imported_mesh_model,
+    ("matrices", "matrices"): imported_matrices_model,
+}
+
+
+def finite_element_model(model: ModelFile) -> FiniteElementModel:
+    """The discretised body of a model file.
+
+    Raises
+    ------
+    InputError : names the key that is wrong.
+    """
+    body = DISCRETISERS[model.geometry.type, model.discretisation.type](model)
+    return markers_as_nodes(add_rigid_couplings(add_couplings(body), model), model)

@@ -1,0 +1,7 @@
+"""Sparse factorisation and lowest eigenpairs, in one or several processes.
+
+eigenpairs      lowest eigenpairs of K v = lambda M v
+lanczos         block Lanczos in shift-invert mode
+factorisation   sparse Cholesky and LU factors, ordering, memory
+slepc           several processes; the engine and listener of a run
+"""

@@ -1,0 +1,254 @@
+"""The lowest eigenpairs of K v = lambda M v."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+
+from ..mesh.mesh import Indices
+from ..mesh.quadratic_fields import softest_deformation
+from .factorisation import engine_name, symmetric_factors
+from .lanczos import (
+    BLOCK_SIZE,
+    FREE_BLOCK_SIZE,
+    Pencil,
+    dominant_vectors,
+    expected_blocks,
+)
+from .slepc import ProgressCounter, notify, slepc_eigenvectors
+
+__all__ = [
+    "free_body_shift",
+    "lowest_eigenpairs",
+    "rotation_to_axes",
+    "symmetric_factors",
+]
+
+Array = NDArray[np.float64]
+Solve = Callable[[Array], Array]
+
+#: Up to this size LAPACK is faster than a factorisation and Lanczos.
+_DENSE_SIZE = 300
+#: The lowest eigenvalue in units of its rounding error that still counts as known.
+_MIN_RESOLUTION = 100.0
+#: Eigenvalues that differ by less, relative to their size, are those of one frequency.
+SAME_FREQUENCY = 1e-8
+
+
+def rotation_to_axes(values: Array, shapes: Array, directions: Array) -> Array:
+    """(n, n) the rotation of modes of one frequency to those along the axes.
+
+    Any combination of such modes is a mode, and which ones a solver finds is decided by
+    rounding. Of the two bending modes of a square bar, this gives the one in y and the
+    one in z.
+
+    Parameters
+    ----------
+    values : (n,) eigenvalues, ascending
+    shapes : (ndof, n) displacements
+    directions : (ndof,) 1, 2, 3 of displacements along x, y, z, and 0 of rotations
+    """
+    turns = np.eye(len(values))
+    jumps = np.diff(values) > SAME_FREQUENCY * np.abs(values[1:])
+    for same in np.split(np.arange(len(values)), np.flatnonzero(jumps) + 1):
+        if len(same) > 1:
+            part = shapes[:, same]
+            _, turn = np.linalg.eigh(part.T @ (directions[:, None] * part))
+            turns[np.ix_(same, same)] = turn
+    return turns
+
+
+def lowest_eigenpairs(
+    stiffness: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    count: int,
+    *,
+    shift: float = 0.0,
+    constraints: Array | None = None,
+    rigid: Array | None = None,
+    places: Array | None = None,
+    static: Solve | None = None,
+) -> tuple[Array, Array]:
+    """Return the `count` lowest eigenvalues, ascending, and M-orthonormal eigenvectors.
+
+    Shift-invert block Lanczos, then one Rayleigh-Ritz step, which makes the vectors
+    orthonormal to rounding. The start is fixed, so that the same matrices give the same
+    result.
+
+    Parameters
+    ----------
+    stiffness, mass : (n, n); mass positive definite, stiffness semidefinite shift :
+    negative for a singular stiffness, see `free_body_shift` [1/s^2] constraints : (k,
+    n) independent conditions ``constraints @ v = 0`` rigid : (n, r) known vectors of
+    the eigenvalue 0 that meet the constraints places : (n, d) position of each unknown,
+    see `symmetric_factors` static : responses to loads (n, k) that meet the constraints
+    and hold no rigid motion,
+        loads that would accelerate being balanced by inertia; by default K - shift M is
+        factored, which constraints do not allow
+
+    Returns
+    -------
+    (count,) and (n, count)
+
+    Raises
+    ------
+    InputError : more eigenpairs than degrees of freedom are requested, or the matrices
+        are no stiffness and mass.
+    """
+    rows = np.zeros((0, stiffness.shape[0])) if constraints is None else constraints
+    n = stiffness.shape[0]
+    known = np.zeros((n, 0)) if rigid is None else rigid
+    if count > n - len(rows):
+        raise InputError(
+            f"{count} modes of a model with {n - len(rows)} free degrees of freedom",
+            expected=f"at most {n - len(rows)}",
+        )
+    dense = n <= _DENSE_SIZE or count > n // 3
+    try:
+        pencil = Pencil(stiffness, mass, shift, rows, known)
+        space = (
+            _dense_space(pencil, count)
+            if dense
+            else _invariant_space(pencil, count, places, static)
+        )
+        values, vectors = _ritz_pairs(stiffness, mass, space)
+    except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            f"the eigenproblem has no solution ({error})",
+            expected="a body of positive mass and of a stiffness of ordinary size, "
+            "without hinges between its elements",
+        ) from error
+    if shift == 0.0 or known.shape[1]:
+        first = min(known.shape[1], count - 1)
+        _check_resolution(stiffness, values[first], vectors[:, first])
+    return values, vectors
+
+
+def _check_resolution(stiffness: sp.csr_matrix, value: float, vector: Array) -> None:
+    """Whether rounding in the stiffness leaves the lowest eigenvalue of a deformation.
+
+    Terms of size |v|^T |K| |v| cancel in v^T K v, so that its rounding error is of
+    that size times the unit roundoff.
+    """
+    sizes = sp.csr_matrix(
+        (np.abs(stiffness.data), stiffness.indices, stiffness.indptr),
+        shape=stiffness.shape,
+    )
+    first = np.abs(vector)
+    noise = float(np.finfo(float).eps * first @ (sizes @ first))
+    if value < _MIN_RESOLUTION * noise:
+        raise InputError(
+            f"the lowest eigenvalue, {value:.2e} 1/s^2, is lost in the rounding of "
+            f"the stiffness, {noise:.2e} 1/s^2",
+            expected="a held body without hinges between its elements, and elements "
+            "that are less thin or fewer",
+        )
+
+
+def _dense_space(pencil: Pencil, count: int) -> Array:
+    """(n, count) vectors that span the lowest eigenvectors, by LAPACK.
+
+    The mass over the shifted stiffness, whose largest eigenvalues are sought: the other
+    way round the lowest ones drown in the rounding of the largest, and a mass that is
+    singular to printed digits would not do.
+    """
+    mass, shifted = pencil.mass.toarray(), pencil.shifted.toarray()
+    basis = None
+    if len(pencil.constraints):
+        basis = scipy.linalg.null_space(pencil.constraints)
+        mass, shifted = (basis.T @ matrix @ basis for matrix in (mass, shifted))
+    if len(mass) > _DENSE_SIZE:
+        notify(f"eigenvectors: {count} of {len(mass)} equations at once, by LAPACK")
+    wanted = [len(mass) - count, len(mass) - 1]
+    try:
+        vectors = scipy.linalg.eigh(mass, shifted, subset_by_index=wanted)[1]
+    except np.linalg.LinAlgError:  # inverse iteration may fail where many are equal
+        vectors = _all_eigenvectors(mass, shifted)[:, len(mass) - count :]
+    return vectors if basis is None else basis @ vectors
+
+
+def _all_eigenvectors(mass: Array, shifted: Array) -> Array:
+    try:
+        return np.asarray(scipy.linalg.eigh(mass, shifted)[1], float)
+    except np.linalg.LinAlgError:
+        text = "the stiffness does not resist every deformation"
+        raise RuntimeError(text) from None
+
+
+def _ritz_pairs(
+    stiffness: sp.csr_matrix, mass: sp.csr_matrix, vectors: Array
+) -> tuple[Array, Array]:
+    """The eigenpairs in the space of some vectors."""
+    small = [vectors.T @ (matrix @ vectors) for matrix in (stiffness, mass)]
+    values, mixing = scipy.linalg.eigh(*small)
+    return values, vectors @ mixing
+
+
+def _invariant_space(
+    pencil: Pencil, count: int, places: Array | None, static: Solve | None
+) -> Array:
+    """(n, count) vectors that span the lowest eigenvectors."""
+    if engine_name() == "slepc":
+        return slepc_eigenvectors(pencil, count)
+    known = pencil.rigid.shape[1]
+    solve = static or symmetric_factors(pencil.shifted, places).solve
+    counter = ProgressCounter(
+        "eigenvectors: {} blocks of solutions", expected_blocks(count)
+    )
+
+    def counted(load: Array) -> Array:
+        answer = solve(load)
+        counter()
+        return answer
+
+    if static is None:
+        return dominant_vectors(counted, pencil.mass, count, pencil.rigid)
+    none = pencil.rigid[:, :0]
+    found = dominant_vectors(
+        counted,
+        pencil.mass,
+        count - known,
+        none,
+        FREE_BLOCK_SIZE if known else BLOCK_SIZE,
+    )
+    return np.hstack([pencil.rigid, found])
+
+
+def free_body_shift(
+    stiffness: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    positions: Array,
+    table: Indices | None = None,
+) -> float:
+    """A negative shift of the size of the first elastic eigenvalue [1/s^2].
+
+    That of the softest quadratic deformation: it depends on the body, not on the mesh.
+
+    Parameters
+    ----------
+    positions : (n, d)
+    table : (n, 6) degrees of freedom by node as in `FiniteElementModel.table`; by
+        default d displacements per node
+
+    Raises
+    ------
+    InputError : a quadratic field deforms the body without resistance.
+    """
+    n, d = positions.shape
+    if table is None:
+        table = np.full((n, 6), -1)
+        table[:, :d] = np.arange(n * d).reshape(n, d)
+    first, _ = softest_deformation(stiffness, mass, positions, table)
+    if first <= 0.0:
+        raise InputError(
+            "the stiffness does not resist every deformation, or is lost in rounding",
+            expected="a body without hinges (elements that share edges in the plane "
+            "and faces in space) and of less thin elements",
+        )
+    return -first

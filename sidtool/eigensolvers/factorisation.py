@@ -1,0 +1,314 @@
+"""Factors of symmetric positive definite matrices: libraries, ordering, memory.
+
+CHOLMOD (scikit-sparse) and PARDISO (pypardiso) are used when they are installed;
+SuperLU, which comes with SciPy, is always available. `use_engine` or the environment
+variable SIDTOOL_FACTORS selects one of `ENGINES`. PETSc is used only on request: it is
+meant for several processes.
+
+The ordering is nested dissection by coordinates.
+Source: A. George, "Nested dissection of a regular finite element mesh", SIAM J. Numer.
+Anal. 10 (2), 1973; the cuts as in M. Heath, P. Raghavan, "A Cartesian parallel nested
+dissection algorithm", SIAM J. Matrix Anal. Appl. 16 (1), 1995.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import os
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from sidtool.formats.base.errors import InputError
+
+from .slepc import PetscFactors, check_slepc, notify, requested_engine
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class Factors(Protocol):
+    """Protocol of factors: solve linear systems."""
+
+    def solve(self, load: Array) -> Array:
+        """A^-1 b for b (n,) or (n, k)."""
+
+
+def symmetric_factors(matrix: sp.csr_matrix, places: Array | None = None) -> Factors:
+    """Factorise a symmetric positive definite matrix.
+
+    Parameters
+    ----------
+    places : (n, d) position of each unknown; used by libraries that find no good order
+        of elimination themselves
+
+    Raises
+    ------
+    InputError : the requested library is not installed.
+    RuntimeError, ValueError : the matrix is singular.
+    """
+    name = engine_name()
+    notify(f"factorising {matrix.shape[0]} equations by {name}")
+    if name == "superlu":
+        return _Superlu(matrix, places)
+    return ENGINES[name][1](matrix)
+
+
+def engine_name() -> str:
+    """Return the library that will be used, one of `ENGINES`.
+
+    Raises
+    ------
+    InputError : the requested library is not installed.
+    """
+    requested = requested_engine() or os.environ.get("SIDTOOL_FACTORS")
+    if requested == "slepc":
+        check_slepc()
+        return requested
+    if requested is None:
+        return next(
+            n for n, (module, _) in ENGINES.items() if not reason_unavailable(module)
+        )
+    missing = (
+        reason_unavailable(ENGINES[requested][0])
+        if requested in ENGINES
+        else "no such engine"
+    )
+    if missing:
+        there = [
+            n for n, (module, _) in ENGINES.items() if not reason_unavailable(module)
+        ]
+        raise InputError(
+            f"the engine {requested!r} is not there ({missing})",
+            place="--engine" if requested_engine() else "SIDTOOL_FACTORS",
+            expected=f"one of {', '.join(there)}",
+        )
+    return requested
+
+
+@functools.cache
+def reason_unavailable(module: str) -> str:
+    """Why a module cannot be used, empty if it can: some are installed, but a shared
+    library that they load is not (pypardiso without MKL)."""
+    try:
+        importlib.import_module(module)
+    except (ImportError, OSError) as error:
+        return str(error).split(". ")[0]
+    return ""
+
+
+def _to_csc(matrix: sp.csr_matrix) -> sp.csc_matrix:
+    """The same symmetric matrix by columns, without a copy."""
+    return sp.csc_matrix(matrix.T)
+
+
+class _Superlu:
+    """LU factors with pivots on the diagonal, by nested dissection if it can be."""
+
+    def __init__(self, matrix: sp.csr_matrix, places: Array | None = None) -> None:
+        self._order: Indices | None = None
+        if places is not None:
+            self._order = nested_dissection(matrix, places)
+            matrix = matrix[self._order][:, self._order]
+        self._factors = splu(
+            _to_csc(matrix),
+            permc_spec="MMD_AT_PLUS_A" if places is None else "NATURAL",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+
+    def solve(self, load: Array) -> Array:
+        if self._order is None:
+            return self._factors.solve(load)
+        solution = np.empty(load.shape, order="F")
+        solution[self._order] = self._factors.solve(load[self._order])
+        return solution
+
+
+class _Cholmod:
+    """Supernodal Cholesky factors (scikit-sparse below 0.5)."""
+
+    def __init__(self, matrix: sp.csr_matrix) -> None:
+        from sksparse.cholmod import CholmodError, cholesky
+
+        try:
+            self._factor = cholesky(_to_csc(matrix), mode="supernodal")
+        except CholmodError as error:
+            raise RuntimeError(str(error)) from None
+
+    def solve(self, load: Array) -> Array:
+        return self._factor(load)
+
+
+class _Pardiso:
+    """Cholesky factors of the upper triangle (mtype 2)."""
+
+    def __init__(self, matrix: sp.csr_matrix) -> None:
+        from pypardiso import PyPardisoSolver
+        from pypardiso.pardiso_wrapper import PyPardisoError
+
+        self._solver = PyPardisoSolver(mtype=2)
+        self._upper = sp.csr_matrix(sp.triu(matrix, format="csr"))
+        try:
+            self._solver.factorize(self._upper)
+        except PyPardisoError as error:
+            raise RuntimeError(str(error)) from None
+
+    def solve(self, load: Array) -> Array:
+        if not load.size:  # which PARDISO calls an inconsistent input
+            return np.zeros(load.shape)
+        return self._solver.solve(self._upper, load)
+
+
+#: Name -> module that must be there, factorisation; the first that is there is used.
+ENGINES: dict[str, tuple[str, Callable[[sp.csr_matrix], Factors]]] = {
+    "cholmod": ("sksparse.cholmod", _Cholmod),
+    "pardiso": ("pypardiso", _Pardiso),
+    "superlu": ("scipy", _Superlu),
+    "slepc": ("slepc4py", PetscFactors),
+}
+
+
+#: Parts of so few points are not cut.
+_MIN_PART_SIZE = 3
+#: Digits of base 3 that an integer of 64 bits holds.
+_MOST_CUTS = 39
+#: Coordinates that agree in so many digits of a part's length are equal.
+_DIGITS = 7
+
+
+def nested_dissection(matrix: sp.csr_matrix, places: Array) -> Indices:
+    """(n,) the unknowns in an order for elimination.
+
+    Every part is cut at the median of its longest side; the points on one side of the
+    cut that touch the other side come after both. All parts of one level are cut at
+    once.
+
+    Parameters
+    ----------
+    matrix : (n, n) with a symmetric pattern
+    places : (n, d) where each unknown is; neighbours with the same place make a point
+    """
+    starts = np.ones(len(places), bool)
+    starts[1:] = (places[1:] != places[:-1]).any(axis=1)
+    point = np.cumsum(starts) - 1
+    first = np.flatnonzero(starts)
+    codes = _elimination_codes(
+        _neighbour_pairs(matrix, first, point, starts), places[first]
+    )
+    return np.argsort(codes[point], kind="stable")
+
+
+def _neighbour_pairs(
+    matrix: sp.csr_matrix, first: Indices, point: Indices, starts: NDArray[np.bool_]
+) -> Indices:
+    """(2, m) pairs of neighbours, each once, by the first unknown of every point."""
+    rows = matrix[first]
+    counts = np.diff(rows.indptr)
+    i = np.repeat(np.arange(len(first), dtype=np.int32), counts)
+    j = point[rows.indices].astype(np.int32)
+    is_edge = starts[rows.indices] & (i < j)
+    return np.stack([i[is_edge], j[is_edge]])
+
+
+def _elimination_codes(edges: Indices, places: Array) -> Indices:
+    """(n,) numbers that rise in the order of elimination.
+
+    Every cut gives a digit of base 3: 0 and 1 for the sides, 2 for the separator.
+    """
+    codes = np.zeros(len(places), np.int64)
+    part = np.zeros(len(places), np.int64)
+    active = np.arange(len(places))
+    for power in reversed(range(_MOST_CUTS)):
+        active = _parts_to_cut(active, part)
+        if not active.size:
+            break
+        digit = np.zeros(len(places), np.int8)
+        digit[active] = _is_above_median(part[active], places[active])
+        edges = edges[:, (part[edges] >= 0).all(axis=0)]
+        i, j = edges
+        cut = digit[i] != digit[j]
+        separator = np.where(digit[i] > digit[j], i, j)[cut]
+        digit[separator] = 2
+        codes[active] += 3**power * digit[active].astype(np.int64)
+        part[active] = 2 * part[active] + digit[active]
+        part[separator] = -1
+        edges = edges[:, ~cut]
+        active = active[part[active] >= 0]
+    return codes
+
+
+def _parts_to_cut(active: Indices, part: Indices) -> Indices:
+    """The points of parts that are worth a cut, by parts, which get new numbers.
+
+    The others get the part -1.
+    """
+    active = active[np.argsort(part[active], kind="stable")]
+    _, number, sizes = np.unique(part[active], return_inverse=True, return_counts=True)
+    large = sizes > _MIN_PART_SIZE
+    renumbered = np.where(large, np.cumsum(large) - 1, -1)[number]
+    part[active] = renumbered
+    return active[renumbered >= 0]
+
+
+def _is_above_median(part: Indices, places: Array) -> NDArray[np.bool_]:
+    """(n,) whether points, sorted by parts, lie beyond the cut of their part."""
+    starts = np.flatnonzero(np.diff(part, prepend=-1))
+    low = np.minimum.reduceat(places, starts)
+    sides = np.maximum.reduceat(places, starts) - low
+    longest = sides.argmax(axis=1)
+    every = np.arange(len(part))
+    along = places[every, longest[part]] - low[part, longest[part]]
+    length = np.maximum(sides.max(axis=1), np.finfo(float).tiny)
+    along = np.round(along / length[part], _DIGITS)
+    order = np.argsort(part + along / 2, kind="stable")
+    middle = starts + np.diff(starts, append=len(part)) // 2
+    threshold = np.maximum(along[order[middle]], 10.0**-_DIGITS)
+    return along >= threshold[part]
+
+
+#: Bytes per unknown of the matrices and vectors, and of the factors: in the plane times
+#: log2(n), in space times n^(1/3). Fitted to benchmarks/scale.py.
+_MATRICES = {2: 1100.0, 3: 1900.0}
+_FACTORS = {
+    "superlu": {2: 100.0, 3: 500.0},
+    "cholmod": {2: 50.0, 3: 180.0},
+    "pardiso": {2: 75.0, 3: 190.0},
+    "slepc": {2: 70.0, 3: 180.0},
+}
+#: Interpreter and libraries.
+_BASE = 0.15e9
+
+
+def expected_gigabytes(positions: Array, ndof: int) -> float:
+    """Peak memory of a reduction, to about a tenth for SuperLU and solids.
+
+    Separators of slender and flat parts are small: the factors grow with the cube root
+    of what a cube would have times that of its thickness. Herting's method on hex8 by
+    SuperLU, measured: 22 x 22 x 22 elements 0.80 GB (0.83 expected), 60 x 24 x 8
+    0.84 GB (0.83), 120 x 12 x 8 0.77 GB (0.79).
+
+    Parameters
+    ----------
+    positions : (n, d) nodes [m]
+    """
+    dimension = positions.shape[1]
+    growth = np.log2(ndof)
+    if dimension == 3:
+        growth = (ndof * _relative_thickness(positions)) ** (1 / 3)
+    per_unknown = _MATRICES[dimension] + _FACTORS[engine_name()][dimension] * growth
+    return float(_BASE + ndof * per_unknown) / 1e9
+
+
+def _relative_thickness(positions: Array) -> float:
+    """Return the relative thickness of a part: 1 for a cube, 0.4 for 15 x 1.5 x 1."""
+    if len(positions) < 2:
+        return 1.0
+    spread = np.linalg.eigvalsh(np.cov(positions.T))
+    thin, middle, long = np.sqrt(np.maximum(spread, 1e-12 * spread[-1]))
+    return float((thin * middle) ** (1 / 6) / long ** (1 / 3))

@@ -1,0 +1,15 @@
+"""Finite element model of a body: solid elements, markers, surfaces, ties.
+
+finite_element_model   the discretised body that every discretisation yields
+material_points        strains and stresses at quadrature points
+solid_elements         stiffness and mass of solid elements
+internal_inertia       inertia of incompatible modes
+locking_remedies       reduced integration, incompatible modes
+solid_matrices, solid_mesh   matrices of a mesh
+element_search         elements that contain given points
+mesh_markers, markers  rows of markers in meshes and patches
+mesh_surface, faces    surfaces, faces and their common parts
+mass_properties        mass and centre of meshes
+mortar_ties            surfaces tied by the mortar method
+mesh_contact           overlaps, hanging nodes, conformity
+"""

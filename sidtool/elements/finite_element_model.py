@@ -1,0 +1,305 @@
+"""Finite element model of a body before its reduction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from sidtool.formats.sid_mass import skew
+
+from ..mesh.connections import Coupling, Equations, PointMass
+from .faces import Surface
+from .internal_inertia import InternalInertia
+from .material_points import BeamMaterial, Continuum, InertiaPoints
+
+if TYPE_CHECKING:
+    from ..geometry.nurbs_patch import NurbsPatch
+    from ..mesh.mesh import Mesh
+    from .mass_properties import GeometryMass
+    from .solid_mesh import SolidMesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerRows:
+    """A named point and the rows that evaluate the motion there.
+
+    Attributes
+    ----------
+    name, node : its name in the model file and its node number in the SID
+    position : (3,) in the axes of the model [m]
+    displacement : (3, ndof) sparse; displacement of the point = rows @ u
+    rotation : (3, ndof) sparse; right-handed small rotation of the point = rows @ u
+    gradient : (9, ndof) sparse; derivative of u_a by x_b = row 3 a + b, internal modes
+        of the elements included
+    tangent : (3,) direction of the beam whose cross-section it is
+    nodal : `displacement` without the internal modes of the elements, if they have some
+    """
+
+    name: str
+    node: int
+    position: Array
+    displacement: sp.csr_matrix
+    rotation: sp.csr_matrix
+    gradient: sp.csr_matrix | None = None
+    tangent: Array | None = None
+    nodal: sp.csr_matrix | None = None
+
+
+def fixed_marker(name: str, node: int, position: Array, ndof: int) -> MarkerRows:
+    """A marker at a place that no part of the body holds yet."""
+    rows = sp.csr_matrix((3, ndof))
+    return MarkerRows(name, node, np.pad(position, (0, 3 - position.size)), rows, rows)
+
+
+def offset_marker(marker: MarkerRows, position: Array) -> MarkerRows:
+    """A marker at another place that moves as a rigid arm of this one."""
+    place = np.pad(position, (0, 3 - position.size))
+    turn = sp.csr_matrix(-skew((place - marker.position)[None])[0]) @ marker.rotation
+    nodal = marker.nodal
+    return replace(
+        marker,
+        position=place,
+        displacement=sp.csr_matrix(marker.displacement + turn),
+        nodal=None if nodal is None else sp.csr_matrix(nodal + turn),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BeamOutline:
+    """The cross-sections of a beam, or of a bar, one after another, for pictures.
+
+    places : (n, 3) [m]
+    axes : (n, 2, 3) unit vectors y and z of every section
+    halves : (n, 2) half their extent along these [m]
+    motion : (6 n, ndof) displacement and rotation of every section
+    """
+
+    places: Array
+    axes: Array
+    halves: Array
+    motion: sp.csr_matrix
+
+
+def _no_alternative(_: tuple[str, ...]) -> Surface | None:
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class ElementAlternative:
+    """Better elements on the same mesh, to judge those that a body has.
+
+    Attributes
+    ----------
+    own, better : names of the elements
+    size : degrees of freedom with the better ones, at most
+    remedy : how to have the better ones
+    discretise : makes the body of them, without markers; raises InputError
+    """
+
+    own: str
+    better: str
+    size: int
+    remedy: str
+    discretise: Callable[[], FiniteElementModel]
+
+
+@dataclass(frozen=True, eq=False)
+class FiniteElementModel:
+    """Nodes (or control points) with mass and stiffness, in two or three dimensions.
+
+    Without `dof_table`, degree of freedom ``d * i + a`` is the displacement of node i
+    along axis a, and the field of positions lies in the space of the displacements: a
+    point of the body is sum_i N_i X_i, its displacement sum_i N_i u_i.
+
+    The mass is `full_mass` if that is given (an imported matrix), and otherwise the
+    sum of `scalar_mass`, `internal_inertia` and `inertia_points`.
+
+    Attributes
+    ----------
+    positions : (n, d) with d = 2 or 3 [m]
+    scalar_mass : (n, n) sparse, integral of rho N_i N_j dV [kg]; its share of the mass
+        matrix is the Kronecker product with the d x d identity
+    stiffness : (ndof, ndof) sparse, symmetric [N/m]
+    node_sets : name -> node numbers; the edges and faces among them
+    markers : in the order of the model file
+    full_mass : (ndof, ndof) sparse, symmetric
+    internal_inertia : displacements inside elements that follow the nodes, whose field
+        then has more functions than nodes
+    inertia_points : particles with rotary inertia: lumped masses, quadrature points of
+        beams
+    dof_table : (n, 6) number of the degree of freedom that is the displacement along
+        x, y, z and the rotation about x, y, z of every node; -1 where there is none
+    internal : (n,) which rows of `positions` are no places but functions that vanish
+        in rigid motion: the internal modes of elements, near whose middle they stand
+    rigid_sets : name of a marker or a piece -> nodes that move as one rigid piece
+    pieces : rigid pieces that are no markers of the model file
+    couplings, point_masses : what the file of the body says beside its elements
+    equations : that all displacements meet
+    continua : the material of solid elements, for stresses
+    beam_material : the material of beam elements, for stress resultants
+    surface : what named edges, faces or node sets span together; None if their nodes
+        lie apart
+    geometry_mass : mass and centre of the geometry by a rule of its own
+    solids : the elements, if the body is a mesh of solid ones
+    alternative : the same body with better elements, if another program discretises it
+    drawn : a mesh whose nodes are the first rows of `positions`, if pictures need one
+        beside `solids`
+    patches : NURBS patches with the nodes that their control points are
+    outlines : of a beam, or of bars
+    notes : sentences on what the model file does not say and the body has
+    """
+
+    positions: Array
+    scalar_mass: sp.csr_matrix | None
+    stiffness: sp.csr_matrix
+    node_sets: Mapping[str, Indices]
+    markers: tuple[MarkerRows, ...]
+    full_mass: sp.csr_matrix | None = None
+    internal_inertia: InternalInertia | None = None
+    inertia_points: InertiaPoints | None = None
+    dof_table: Indices | None = None
+    internal: NDArray[np.bool_] | None = None
+    rigid_sets: Mapping[str, Indices] = field(default_factory=dict)
+    pieces: tuple[MarkerRows, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+    point_masses: tuple[PointMass, ...] = ()
+    equations: Equations | None = None
+    continua: tuple[Continuum, ...] = ()
+    beam_material: BeamMaterial | None = None
+    surface: Callable[[tuple[str, ...]], Surface | None] = _no_alternative
+    geometry_mass: Callable[[], GeometryMass] | None = None
+    solids: SolidMesh | None = None
+    alternative: ElementAlternative | None = None
+    drawn: Mesh | None = None
+    patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
+    outlines: tuple[BeamOutline, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def dimension(self) -> int:
+        """Number of displacement components of a node."""
+        return self.positions.shape[1]
+
+    @property
+    def ndof(self) -> int:
+        """Number of degrees of freedom."""
+        return self.stiffness.shape[0]
+
+    @cached_property
+    def mass(self) -> sp.csr_matrix:
+        """(ndof, ndof) mass matrix."""
+        if self.inertia_points is None or self.full_mass is not None:
+            return self.field_mass
+        points = self.inertia_points.mass_matrix()
+        return sp.csr_matrix(self.field_mass + points)
+
+    @cached_property
+    def field_mass(self) -> sp.csr_matrix:
+        """(ndof, ndof) mass matrix without the inertia points."""
+        if self.full_mass is not None:
+            return self.full_mass
+        if self.scalar_mass is None:
+            return sp.csr_matrix((self.ndof, self.ndof))
+        spread = self._spread(self.scalar_mass)
+        inner = self.internal_inertia
+        return spread if inner is None else sp.csr_matrix(spread + inner.added)
+
+    @cached_property
+    def table(self) -> Indices:
+        """(n, 6) degrees of freedom by node: displacements, rotations; -1 for none."""
+        if self.dof_table is not None:
+            return self.dof_table
+        n, d = self.positions.shape
+        table = np.full((n, 6), -1, dtype=np.int64)
+        table[:, :d] = np.arange(n * d).reshape(n, d)
+        return table
+
+    @property
+    def place_table(self) -> Indices:
+        """`table` without the rows that are no places."""
+        if self.internal is None:
+            return self.table
+        return np.where(self.internal[:, None], -1, self.table)
+
+    def marker(self, name: str) -> MarkerRows:
+        """The marker with this name."""
+        known = (*self.markers, *self.pieces)
+        return next(marker for marker in known if marker.name == name)
+
+    def dofs(self, nodes: Indices) -> Indices:
+        """The degrees of freedom of some nodes, node by node, rotations included."""
+        numbers = self.table[nodes].ravel()
+        return numbers[numbers >= 0]
+
+    def by_node(self, vectors: Array) -> Array:
+        """(ndof, ...) as (n, 6, ...): displacement and rotation of every node.
+
+        Components that a node does not have are zero.
+        """
+        padded = np.concatenate([vectors, np.zeros((1, *vectors.shape[1:]))])
+        return padded[self.table]
+
+    def rigid_body_modes(self, origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """(ndof, 3 or 6) unit displacements and unit rotations about `origin`.
+
+        Columns: x, y, rotation about z of a plane body; x, y, z and the three
+        rotations of a spatial one.
+        """
+        n, d = self.positions.shape
+        arms = np.pad(self.positions, ((0, 0), (0, 3 - d))) - np.asarray(origin, float)
+        motion = np.zeros((n, 6, 6))
+        motion[:] = np.eye(6)
+        motion[:, :3, 3:] = -skew(arms)
+        modes = np.zeros((self.ndof, 6))
+        there = self.place_table >= 0
+        modes[self.table[there]] = motion[there]
+        return modes if d == 3 else modes[:, [0, 1, 5]]
+
+    @cached_property
+    def directions(self) -> Array:
+        """(ndof,) 1, 2, 3 of displacements along x, y, z, and 0 of rotations."""
+        axes = 3 if self.positions.shape[1] == 3 else 2
+        return np.abs(self.rigid_body_modes()[:, :axes]) @ np.arange(1.0, axes + 1.0)
+
+    def linear_fields(self, origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """(ndof, 1 or 6) displacements S r with symmetric S at r from `origin`.
+
+        The accelerations w x (w x r) of all angular velocities w are among them: of a
+        plane body r, of a spatial one those of every S. Rotations are zero.
+        """
+        n, d = self.positions.shape
+        arms = self.positions - np.asarray(origin, float)[:d]
+        pairs = [(a, b) for a in range(d) for b in range(a, d)]
+        fields = np.zeros((n, d, len(pairs)))
+        for column, (a, b) in enumerate(pairs):
+            fields[:, a, column] = arms[:, b]
+            fields[:, b, column] = arms[:, a]
+        if d == 2:
+            fields = arms[:, :, None]
+        there = self.place_table[:, :d] >= 0
+        found = np.zeros((self.ndof, fields.shape[2]))
+        found[self.table[:, :d][there]] = fields[there]
+        return found
+
+    def _spread(self, scalar: sp.csr_matrix) -> sp.csr_matrix:
+        """The scalar mass on every displacement component."""
+        d = self.dimension
+        if self.dof_table is None:
+            return sp.csr_matrix(sp.kron(scalar, sp.eye_array(d)))
+        entries = scalar.tocoo()
+        total = sp.csr_matrix((self.ndof, self.ndof))
+        for axis in range(d):
+            i, j = self.table[entries.row, axis], self.table[entries.col, axis]
+            is_dof = (i >= 0) & (j >= 0)
+            part = (entries.data[is_dof], (i[is_dof], j[is_dof]))
+            total = total + sp.csr_matrix(part, shape=total.shape)
+        return total

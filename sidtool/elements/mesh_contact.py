@@ -1,0 +1,342 @@
+"""Checks that elements meet only in common nodes: overlaps, hanging nodes, conformity.
+
+Only faces that belong to one element are examined: across a face that two elements
+share from both sides, the number of elements that cover a point does not change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+
+from ..mesh.mesh import ElementBlock, Mesh
+from ..mesh.reference_elements import element_edges, element_faces, reference_element
+from .element_search import ElementFinder
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_NO_INDICES = np.zeros(0, np.int64)
+#: How far samples of a face lie inside its element, of the way to the centre.
+_SAMPLE_DEPTH = 0.05
+#: How far samples lie from the centre of a face towards its corners.
+_SAMPLE_POSITIONS = (0.0, 0.8)
+#: How far outside an element a node on its face may seem to be, in its parameters.
+_CONTACT_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """Faces (in the plane: edges) of the elements of one block.
+
+    Attributes
+    ----------
+    rows : (k,) elements
+    corners : (k, m) nodes
+    local : (k, m) the same as numbers within the element
+    """
+
+    block: int
+    rows: Indices
+    corners: Indices
+    local: Indices
+
+
+def check_contact(mesh: Mesh, place: str, held: Indices = _NO_INDICES) -> None:
+    """Whether elements touch each other only in whole faces, edges and nodes.
+
+    Parameters
+    ----------
+    held : nodes that equations hold, which may lie on elements
+
+    Raises
+    ------
+    InputError : two elements cover the same place, or a node lies on an element that
+        does not use it.
+    """
+    outer = list(_free_faces(mesh, place))
+    finder = ElementFinder(mesh)
+    _check_overlap(mesh, outer, finder, place)
+    _check_hanging(mesh, outer, finder, place, held)
+
+
+def _element_faces(mesh: Mesh) -> Iterator[_Faces]:
+    for number, block in enumerate(mesh.blocks):
+        found: list[tuple[int, ...]] = [
+            *element_faces(block.kind, 3),
+            *element_faces(block.kind, 4),
+        ]
+        if mesh.dimension == 2:
+            found = [edge[:2] for edge in element_edges(block.kind)]
+        rows = np.arange(len(block.nodes))
+        for face in found:
+            local = np.array(face)
+            corners = block.nodes[:, local]
+            yield _Faces(number, rows, corners, np.tile(local, (len(rows), 1)))
+
+
+def _free_faces(mesh: Mesh, place: str) -> Iterator[_Faces]:
+    """The faces that belong to one element.
+
+    Raises
+    ------
+    InputError : a face belongs to three elements, or to two on the same side of it.
+    """
+    every = list(_element_faces(mesh))
+    width = max(part.corners.shape[1] for part in every)
+    keys = np.vstack([_face_key(part.corners, width) for part in every])
+    sizes = np.cumsum([0, *(len(part.rows) for part in every)])
+    _, first, inverse, counts = np.unique(
+        keys, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    inverse = inverse.ravel()
+    crowded = np.flatnonzero(counts > 2)
+    if crowded.size:
+        raise _raise_shared_face(mesh, every, inverse == crowded[0], place)
+    sides = np.concatenate(
+        [_face_sides(mesh, part, keys[s:]) for s, part in _face_position(every)]
+    )
+    total = np.zeros(len(counts))
+    np.add.at(total, inverse, sides)
+    same = np.flatnonzero((counts == 2) & (np.abs(total) == 2))
+    if same.size:
+        raise _raise_shared_face(mesh, every, inverse == same[0], place)
+    alone = counts[inverse] == 1
+    for i, part in enumerate(every):
+        is_free = alone[sizes[i] : sizes[i + 1]]
+        yield _Faces(
+            part.block, part.rows[is_free], part.corners[is_free], part.local[is_free]
+        )
+
+
+def _raise_shared_face(
+    mesh: Mesh, parts: list[_Faces], chosen: NDArray[np.bool_], place: str
+) -> InputError:
+    names = []
+    for start, part in _face_position(parts):
+        rows = part.rows[chosen[start : start + len(part.rows)]]
+        names += [_element_label(mesh, part.block, row) for row in rows]
+    return _raise_overlap(names[0], names[1], place)
+
+
+def _face_position(parts: list[_Faces]) -> Iterator[tuple[int, _Faces]]:
+    start = 0
+    for part in parts:
+        yield start, part
+        start += len(part.rows)
+
+
+def _face_key(corners: Indices, width: int) -> Indices:
+    """Sorted corners, as many columns for every kind of face."""
+    key = np.full((len(corners), width), -1, np.int64)
+    key[:, width - corners.shape[1] :] = np.sort(corners, axis=1)
+    return np.sort(key, axis=1)
+
+
+def _face_sides(mesh: Mesh, part: _Faces, keys: Indices) -> Array:
+    """Return the side of each face on which its element lies, for sorted corners."""
+    block = mesh.blocks[part.block]
+    count = reference_element(block.kind).corners
+    centre = mesh.positions[block.nodes[part.rows][:, :count]].mean(axis=1)
+    own = keys[: len(part.rows), -part.corners.shape[1] :]
+    points = mesh.positions[own]
+    middle = points.mean(axis=1)
+    if mesh.dimension == 2:
+        along = points[:, 1] - points[:, 0]
+        normal = np.column_stack([-along[:, 1], along[:, 0]])
+    else:
+        normal = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    return np.sign(np.einsum("ij,ij->i", centre - middle, normal))
+
+
+def _check_overlap(
+    mesh: Mesh, outer: list[_Faces], finder: ElementFinder, place: str
+) -> None:
+    """No point just inside a free face lies in another element."""
+    for part in outer:
+        points, owners = _points_inside_faces(mesh, part)
+        for block in range(len(mesh.blocks)):
+            rows = np.arange(len(mesh.blocks[block].nodes))
+            own = owners if block == part.block else np.full(len(owners), -1)
+            others = partial(_is_other_node, own)
+            for point, row in finder.holders(points, block, rows, -1e-3, others):
+                if len(row):
+                    owner = _element_label(mesh, part.block, owners[point[0]])
+                    raise _raise_overlap(
+                        owner, _element_label(mesh, block, row[0]), place
+                    )
+
+
+def _is_other_node(owners: Indices, point: Indices, row: Indices) -> NDArray[np.bool_]:
+    return np.asarray(owners[point] != row)
+
+
+def _points_inside_faces(mesh: Mesh, part: _Faces) -> tuple[Array, Indices]:
+    """Points just inside some faces, and the rows of their elements."""
+    block = mesh.blocks[part.block]
+    if not len(part.rows):
+        return np.zeros((0, mesh.dimension)), part.rows
+    element = reference_element(block.kind)
+    corners = element.nodes[part.local[0]]
+    middle = corners.mean(axis=0)
+    on_face = np.array(
+        [middle + t * (c - middle) for t in _SAMPLE_POSITIONS for c in corners]
+    )
+    on_face = np.unique(np.round(on_face, 12), axis=0)
+    centre = element.nodes[: element.corners].mean(axis=0)
+    values, _ = element.at(on_face + _SAMPLE_DEPTH * (centre - on_face))
+    nodes = mesh.positions[block.nodes[part.rows]]
+    points = np.einsum("gm,kmd->kgd", values, nodes)
+    return points.reshape(-1, mesh.dimension), np.repeat(part.rows, len(on_face))
+
+
+def _check_hanging(
+    mesh: Mesh,
+    outer: list[_Faces],
+    finder: ElementFinder,
+    place: str,
+    held: Indices,
+) -> None:
+    """No node of a free face lies on another element without being its node."""
+    nodes = np.unique(
+        np.concatenate([_all_nodes(mesh, part).ravel() for part in outer])
+    )
+    nodes = np.setdiff1d(nodes, held)
+    for number, block in enumerate(mesh.blocks):
+        rows = np.unique(np.concatenate([p.rows for p in outer if p.block == number]))
+        apart = partial(_is_hanging, mesh, block, nodes, finder.radii[number])
+        points = mesh.positions[nodes]
+        for point, row in finder.holders(
+            points, number, rows, _CONTACT_TOLERANCE, apart
+        ):
+            if len(row):
+                _raise_hanging(mesh, nodes[point], block, row, place)
+
+
+def _is_hanging(
+    mesh: Mesh,
+    block: ElementBlock,
+    nodes: Indices,
+    size: Array,
+    i: Indices,
+    row: Indices,
+) -> NDArray[np.bool_]:
+    """Whether a node is none of an element, and none of these is at its place."""
+    own, node = block.nodes[row], nodes[i]
+    other = (own != node[:, None]).all(axis=1)
+    gaps = mesh.positions[own[other]] - mesh.positions[node[other]][:, None]
+    near = np.linalg.norm(gaps, axis=2) < 1e-4 * size[row[other]][:, None]
+    other[other] = ~near.any(axis=1)
+    return other
+
+
+def _all_nodes(mesh: Mesh, part: _Faces) -> Indices:
+    """The nodes of the elements behind some faces; those inside are found as well."""
+    return mesh.blocks[part.block].nodes[part.rows]
+
+
+def _raise_hanging(
+    mesh: Mesh, nodes: Indices, block: ElementBlock, rows: Indices, place: str
+) -> None:
+    first = int(nodes[0])
+    label = mesh.labels[first] if mesh.labels.size else first + 1
+    raise InputError(
+        f"node {label} lies on element {block.labels[rows[0]]} ({block.kind}), which "
+        f"does not use it: a hanging node ({len(np.unique(nodes))} of them), where "
+        "the mesh would gape",
+        place=place,
+        expected="elements that meet in whole faces",
+    )
+
+
+def _raise_overlap(one: str, other: str, place: str) -> InputError:
+    return InputError(
+        f"elements {one} and {other} cover the same place, which would count twice",
+        place=place,
+        expected="every place covered once",
+    )
+
+
+def _element_label(mesh: Mesh, block: int, row: int) -> str:
+    found = mesh.blocks[block]
+    return f"{found.labels[row]} ({found.kind})"
+
+
+def check_conforming(mesh: Mesh, place: str, straight: Indices | None = None) -> None:
+    """Check that a mixed mesh conforms, as the patch test requires.
+
+    Linear and quadratic elements must not share an edge, nor may triangular faces lie
+    on a quadrilateral one, which needs a pyramid between them.
+
+    Parameters
+    ----------
+    straight : mid-side nodes that move by the mean of the ends, as edges of linear
+        elements do
+
+    Raises
+    ------
+    InputError : they do.
+    """
+    if len({block.kind for block in mesh.blocks}) < 2:
+        return
+    _check_edges(mesh, place, np.zeros(0, int) if straight is None else straight)
+    _check_faces(mesh, place)
+
+
+def _check_edges(mesh: Mesh, place: str, straight: Indices) -> None:
+    """All elements at an edge agree on its node in the middle."""
+    rows = []
+    for block in mesh.blocks:
+        for a, b, middle in element_edges(block.kind):
+            ends = np.sort(block.nodes[:, [a, b]], axis=1)
+            between = block.nodes[:, middle] if middle >= 0 else np.full(len(ends), -1)
+            between = np.where(np.isin(between, straight), -1, between)
+            rows.append(np.column_stack([ends, between]))
+    table = np.unique(np.concatenate(rows), axis=0)
+    bad = np.flatnonzero((table[1:, :2] == table[:-1, :2]).all(axis=1))
+    if bad.size:
+        raise InputError(
+            "linear and quadratic elements meet at the edge between nodes "
+            f"{_node_labels(mesh, table[bad[0], :2])}",
+            place=place,
+            expected="elements of one order, or linear ones apart from quadratic ones",
+        )
+
+
+def _check_faces(mesh: Mesh, place: str) -> None:
+    """No triangular face has three corners of a quadrilateral one."""
+    squares = np.concatenate([*_triangular_faces(mesh, 4), np.zeros((0, 4), np.int64)])
+    triangles = np.concatenate(
+        [*_triangular_faces(mesh, 3), np.zeros((0, 3), np.int64)]
+    )
+    parts = [squares[:, list(corners)] for corners in combinations(range(4), 3)]
+    covered = np.unique(np.sort(np.concatenate(parts), axis=1), axis=0)
+    alone = np.unique(np.sort(triangles, axis=1), axis=0)
+    both, counts = np.unique(np.vstack([covered, alone]), axis=0, return_counts=True)
+    bad = both[counts > 1]
+    if bad.size:
+        raise InputError(
+            "a triangular face lies on a quadrilateral one at nodes "
+            f"{_node_labels(mesh, bad[0])}",
+            place=place,
+            expected="pyramids or wedges between hexahedra and tetrahedra, or elements "
+            "of one kind",
+        )
+
+
+def _triangular_faces(mesh: Mesh, corners: int) -> Iterable[Indices]:
+    for block in mesh.blocks:
+        for face in element_faces(block.kind, corners):
+            yield block.nodes[:, list(face)]
+
+
+def _node_labels(mesh: Mesh, nodes: Indices) -> str:
+    known = mesh.labels if mesh.labels.size else np.arange(len(mesh.positions)) + 1
+    return ", ".join(str(known[node]) for node in nodes)

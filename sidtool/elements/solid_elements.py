@@ -1,0 +1,355 @@
+"""Solid elements: map to space, strains, stiffness, mass, assembly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+
+from ..mesh.materials import AnisotropicMaterial, CylindricalMaterial, ElasticMaterial
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: Entries of element matrices that are scattered into a sparse matrix at a time.
+_ENTRIES_PER_BATCH = 2_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class ElementBatch:
+    """Elements of one kind at their quadrature points.
+
+    Attributes
+    ----------
+    nodes : (ne, m) numbers of the nodes of every element
+    values : (ne or 1, ng, m) shape functions
+    gradients : (ne, ng, m, d) of the shape functions in space [1/m]
+    measures : (ne, ng) quadrature weight times Jacobian determinant [m^d]
+    internal : (ne, ng, k, d) gradients of displacements that belong to no node
+    directions : (ne, d k, r) the amplitudes that these may have
+    inner : (ng, d) the first of these displacements; the others only strain
+    laws : (ne, ng, 6, 6) elasticity matrices [Pa] of a material whose axes turn
+    """
+
+    nodes: Indices
+    values: Array
+    gradients: Array
+    measures: Array
+    internal: Array | None = None
+    directions: Array | None = None
+    inner: Array | None = None
+    laws: Array | None = None
+
+
+def mapped_batch(
+    nodes: Indices,
+    positions: Array,
+    values: Array,
+    gradients: Array,
+    weights: Array,
+) -> ElementBatch:
+    """An isoparametric batch: x = sum_i N_i X_i.
+
+    Parameters
+    ----------
+    nodes : (ne, m)
+    positions : (n, d) of all nodes [m]
+    values : (ne or 1, ng, m)
+    gradients : (ne or 1, ng, m, d) by the reference coordinates
+    weights : (ne or 1, ng) of the quadrature
+
+    Raises
+    ------
+    InputError : the map folds somewhere.
+    """
+    corners = positions[nodes]
+    jacobians = np.swapaxes(corners, 1, 2)[:, None] @ gradients
+    determinants = _determinants(jacobians)
+    check_orientation(determinants, corners)
+    return ElementBatch(
+        nodes=nodes,
+        values=values,
+        gradients=gradients @ _inverses(jacobians, determinants),
+        measures=determinants * weights,
+    )
+
+
+def _determinants(matrices: Array) -> Array:
+    """Return determinants of (..., d, d), without LAPACK, which is slow for
+    small ones.
+    """
+    columns = np.moveaxis(matrices, (-2, -1), (1, 0))
+    if matrices.shape[-1] == 2:
+        (a, c), (b, d) = columns
+        return np.asarray(a * d - b * c, float)
+    first, second, third = columns
+    return np.asarray(
+        sum(first[i] * x for i, x in enumerate(_cross_product(second, third)))
+    )
+
+
+def _inverses(matrices: Array, determinants: Array) -> Array:
+    """Return inverses of (..., d, d) with these determinants."""
+    adjugate = np.empty_like(matrices)
+    if matrices.shape[-1] == 2:
+        adjugate[..., 0, 0] = matrices[..., 1, 1]
+        adjugate[..., 1, 1] = matrices[..., 0, 0]
+        adjugate[..., 0, 1] = -matrices[..., 0, 1]
+        adjugate[..., 1, 0] = -matrices[..., 1, 0]
+    else:
+        columns = np.moveaxis(matrices, (-2, -1), (1, 0))
+        for row in range(3):
+            pair = columns[(row + 1) % 3], columns[(row + 2) % 3]
+            for k, entry in enumerate(_cross_product(*pair)):
+                adjugate[..., row, k] = entry
+    return adjugate / determinants[..., None, None]
+
+
+def _cross_product(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Return the cross products of vectors (3, ...)."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def check_orientation(
+    determinants: Array, corners: Array, floor: float = 1e-12
+) -> None:
+    """Check that all Jacobian determinants are positive.
+
+    Parameters
+    ----------
+    determinants : (ne, points per element)
+    corners : (ne, m, d) node positions, for the message
+    floor : smallest determinant relative to the largest that counts as positive
+
+    Raises
+    ------
+    InputError : one is not.
+    """
+    scale = np.abs(determinants).max()
+    bad = np.flatnonzero((determinants <= floor * scale).any(axis=1))
+    if bad.size:
+        near = ", ".join(f"{x:.4g}" for x in corners[bad[0]].mean(axis=0))
+        raise InputError(
+            f"the map folds or is mirrored near ({near}): Jacobian determinant "
+            f"{determinants[bad[0]].min():.3g} (in {bad.size} of {len(corners)} "
+            "elements or knot spans)",
+            place="geometry",
+            expected="a right-handed map that covers every point once",
+        )
+
+
+def elasticity(material: ElasticMaterial, state: str) -> Array:
+    """Elasticity matrix D [Pa].
+
+    Parameters
+    ----------
+    state : "plane_stress" or "plane_strain", strains (xx, yy, 2 xy), D (3, 3); or
+        "solid", strains (xx, yy, zz, 2 xy, 2 yz, 2 xz), D (6, 6)
+
+    Raises
+    ------
+    InputError : the material of plane strain is not isotropic, or its axes turn in a
+        plane.
+
+    Of a solid whose axes turn there is none for all points; they have `laws_at`.
+    """
+    if isinstance(material, AnisotropicMaterial):
+        turning = isinstance(material, CylindricalMaterial)
+        if state == "solid":
+            return np.full((6, 6), np.nan) if turning else material.law
+        if state == "plane_stress" and not turning:
+            return material.in_plane
+        raise InputError(
+            f"the material of {state.replace('_', ' ')} is not isotropic",
+            expected="solids, plane stress with fixed axes, or an isotropic material",
+        )
+    e, nu = material.youngs_modulus, material.poissons_ratio
+    if state == "solid":
+        shear = e / (2 * (1 + nu))
+        law = np.diag([2 * shear] * 3 + [shear] * 3)
+        law[:3, :3] += 2 * shear * nu / (1 - 2 * nu)
+        return law
+    if state == "plane_strain":
+        e, nu = e / (1 - nu**2), nu / (1 - nu)
+    shear = (1 - nu) / 2
+    return e / (1 - nu**2) * np.array([[1, nu, 0], [nu, 1, 0], [0, 0, shear]])
+
+
+def strain_matrix(gradients: Array) -> Array:
+    """(..., 3 or 6, d m) strains per displacement, from gradients (..., m, d).
+
+    The order of the strains is that of `elasticity`.
+    """
+    *lead, m, d = gradients.shape
+    pairs = _strain_axes(d)
+    b = np.zeros((*lead, len(pairs), m, d))
+    for row, (i, j) in enumerate(pairs):
+        b[..., row, :, i] = gradients[..., j]
+        b[..., row, :, j] = gradients[..., i]
+    return b.reshape(*lead, len(pairs), d * m)
+
+
+def _strain_axes(d: int) -> tuple[tuple[int, int], ...]:
+    """The axes of each strain."""
+    shears = ((0, 1),) if d == 2 else ((0, 1), (1, 2), (0, 2))
+    return (*((i, i) for i in range(d)), *shears)
+
+
+def element_stiffness(batch: ElementBatch, law: Array) -> Array:
+    """(ne, d m, d m) integral of B^T D B; internal modes are condensed.
+
+    Parameters
+    ----------
+    law : elasticity matrix D [Pa], of a plane body times thickness [N/m]
+    """
+    if batch.internal is None:
+        return _stiffness(batch, batch.gradients, law)
+    full, amplitudes = _with_internal(batch, law)
+    own = amplitudes.shape[2]
+    return full[:, :own, :own] + full[:, :own, own:] @ amplitudes
+
+
+def internal_amplitudes(batch: ElementBatch, law: Array) -> Array:
+    """(ne, d k, d m) amplitudes of the internal modes by the displacements."""
+    return _with_internal(batch, law)[1]
+
+
+def _with_internal(batch: ElementBatch, law: Array) -> tuple[Array, Array]:
+    """The stiffness with internal modes behind the nodes, and their amplitudes."""
+    assert batch.internal is not None and batch.directions is not None
+    gradients = np.concatenate([batch.gradients, batch.internal], axis=2)
+    own = batch.gradients.shape[2] * batch.gradients.shape[3]
+    full = _stiffness(batch, gradients, law)
+    rows = np.swapaxes(batch.directions, 1, 2) @ full[:, own:]
+    inside = rows[:, :, own:] @ batch.directions
+    return full, -batch.directions @ np.linalg.solve(inside, rows[:, :, :own])
+
+
+def _stiffness(batch: ElementBatch, gradients: Array, law: Array) -> Array:
+    """Sum over points of C_iajb dN_m/dx_a dN_n/dx_b, by (m, i) and (n, j).
+
+    The products of gradients are summed before the law acts on them, which is a sixth
+    of the work of B^T D B in space.
+    """
+    if batch.laws is not None:
+        strains = strain_matrix(gradients)
+        stresses = (batch.laws * batch.measures[..., None, None]) @ strains
+        return np.asarray((np.swapaxes(strains, 2, 3) @ stresses).sum(axis=1))
+    ne, ng, m, d = gradients.shape
+    flat = gradients.reshape(ne, ng, m * d)
+    sums = np.swapaxes(flat, 1, 2) @ (flat * batch.measures[..., None])
+    by_pair = sums.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
+    found = (by_pair @ _elasticity_tensor(law, d)).reshape(ne, m, m, d, d)
+    return np.ascontiguousarray(found.swapaxes(2, 3)).reshape(ne, m * d, m * d)
+
+
+def _elasticity_tensor(law: Array, d: int) -> Array:
+    """(d d, d d) elasticity C_iajb by (a, b) and (i, j)."""
+    numbers = np.zeros((d, d), np.int64)
+    for row, (i, j) in enumerate(_strain_axes(d)):
+        numbers[i, j] = numbers[j, i] = row
+    tensor = law[numbers[:, :, None, None], numbers]
+    return np.asarray(tensor.transpose(1, 3, 0, 2).reshape(d * d, d * d), float)
+
+
+def element_mass(batch: ElementBatch, density: float) -> Array:
+    """(ne, m, m) integral of density N_i N_j."""
+    values = np.ascontiguousarray(batch.values)  # other strides keep BLAS away
+    weighted = values * (batch.measures * density)[..., None]
+    return np.asarray(np.swapaxes(values, 1, 2) @ weighted)
+
+
+def assemble_body(
+    batches: Iterable[ElementBatch],
+    count: int,
+    *,
+    density: float,
+    law: Array,
+    dimension: int = 2,
+    mass_batches: Iterable[ElementBatch] | None = None,
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Scalar mass (n, n) and stiffness (d n, d n) of a body.
+
+    Parameters
+    ----------
+    count : number of nodes n
+    density : mass per volume [kg/m^3], of a plane body per area [kg/m^2]
+    law : elasticity matrix [Pa], of a plane body times thickness [N/m]
+    dimension : d
+    mass_batches : the same elements at the quadrature points of the mass, if these
+        are others
+    """
+    d = dimension
+    masses, stiffnesses = MatrixSum(count, 1), MatrixSum(count, d)
+    for batch in batches:
+        if mass_batches is None:
+            masses.add(element_mass(batch, density), batch.nodes)
+        stiffnesses.add(element_stiffness(batch, law), batch.nodes)
+    for batch in mass_batches or ():
+        masses.add(element_mass(batch, density), batch.nodes)
+    return masses.total(), stiffnesses.total()
+
+
+class MatrixSum:
+    """Element matrices added up in a sparse one, in blocks (d, d) by pairs of nodes.
+
+    Batches are small, so that they stay in the cache, and are scattered together;
+    sparse matrices are added in pairs of like size, so that none is copied often.
+    """
+
+    def __init__(self, count: int, d: int) -> None:
+        self._count, self._d = count, d
+        self._waiting: list[tuple[Array, Indices]] = []
+        self._entries = 0
+        self._parts: list[tuple[int, sp.bsr_matrix]] = []
+
+    def add(self, matrices: Array, nodes: Indices) -> None:
+        """Element matrices (ne, d m, d m) at their nodes (ne, m)."""
+        (ne, m), d = nodes.shape, self._d
+        blocks = matrices.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
+        pairs = nodes[:, :, None] * self._count + nodes[:, None, :]
+        self._waiting.append((blocks, pairs.ravel()))
+        self._entries += matrices.size
+        if self._entries > _ENTRIES_PER_BATCH:
+            self._scatter()
+
+    def total(self) -> sp.csr_matrix:
+        self._scatter()
+        size = self._d * self._count
+        result = sp.bsr_matrix((size, size), blocksize=(self._d, self._d))
+        while self._parts:
+            result = result + self._parts.pop()[1]
+        return sp.csr_matrix(result)
+
+    def _scatter(self) -> None:
+        if not self._waiting:
+            return
+        blocks, pairs = (np.concatenate(x) for x in zip(*self._waiting, strict=True))
+        self._waiting, self._entries = [], 0
+        part, rank = _sum_blocks(blocks, pairs, self._count, self._d), 0
+        while self._parts and self._parts[-1][0] == rank:
+            part = self._parts.pop()[1] + part
+            rank += 1
+        self._parts.append((rank, part))
+
+
+def _sum_blocks(blocks: Array, pairs: Indices, count: int, d: int) -> sp.bsr_matrix:
+    """Blocks (p, d d) added up by pairs (p,) of nodes: count times row + column."""
+    order = np.argsort(pairs)
+    inside = pairs[order]
+    firsts = np.flatnonzero(np.diff(inside, prepend=-1))
+    entries = (np.ones(len(order)), order, np.append(firsts, len(order)))
+    sums = sp.csr_matrix(entries, shape=(len(firsts), len(order))) @ blocks
+    rows, columns = np.divmod(inside[firsts], count)
+    starts = np.searchsorted(rows, np.arange(count + 1))
+    parts = (sums.reshape(-1, d, d), columns, starts)
+    return sp.bsr_matrix(parts, shape=(d * count, d * count))

@@ -1,0 +1,172 @@
+"""Surfaces of the bodies of a scene, each in its body frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.field import Field
+from sidtool.formats.scene import RigidBody, SceneFile, Shape
+from sidtool.solver.system.body_data import BodyData
+
+from .shapes import shape_mesh
+from .surface import convex_hull, inertia_box, node_bars, plate_surface
+
+Indices = NDArray[np.int64]
+
+#: What pictures say of a flexible body of which nodes alone are known.
+_UNKNOWN_SURFACE_TEXT = "(its surface is not known)"
+_BARS_TEXT = f"joined to their neighbours {_UNKNOWN_SURFACE_TEXT}"
+
+
+@dataclass(frozen=True, eq=False)
+class BodySurface:
+    """One body.
+
+    Attributes
+    ----------
+    positions : (n, 3) undeformed [m]
+    triangles : (m, 3)
+    shapes : (n, 3, nq) displacement per elastic coordinate
+    stress : (n, 6, nq) per elastic coordinate [Pa], or None
+    initial_stress : (n, 6) [Pa]
+    source : what the picture was made from, in words
+    """
+
+    name: str
+    positions: Array
+    triangles: Indices
+    shapes: Array
+    stress: Array | None = None
+    initial_stress: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    source: str = ""
+
+    @property
+    def nq(self) -> int:
+        """Number of elastic coordinates."""
+        return self.shapes.shape[2]
+
+    @property
+    def sketched(self) -> bool:
+        """The surface of a flexible body is not known."""
+        return self.source.endswith(_UNKNOWN_SURFACE_TEXT)
+
+
+def body_surfaces(
+    scene: SceneFile,
+    bodies: tuple[BodyData, ...],
+    fields: Mapping[str, Field],
+    size: float,
+    folders: Sequence[Path] = (Path("."),),
+) -> list[BodySurface]:
+    """All bodies but the ground.
+
+    fields : of flexible bodies, as far as they are known
+    size : of the mechanism, by which sketches are scaled [m]
+    folders : where paths of files of shapes may begin
+
+    Raises
+    ------
+    InputError : the file of a shape cannot be read.
+    """
+    found = []
+    for data in bodies:
+        if data.name not in scene.bodies:
+            continue
+        if data.name in fields:
+            elastic = data.sid.nq > 0
+            found.append(surface_of_field(data.name, fields[data.name], elastic))
+        elif isinstance(body := scene.bodies[data.name], RigidBody):
+            if body.shape is None:
+                found.append(_rigid_body_lines(data, size))
+            else:
+                found.append(_shaped(data.name, body.shape, folders))
+        else:
+            found.append(surface_of_sid(data.name, data.sid, 0.02 * size))
+    return found
+
+
+def surface_of_field(name: str, content: Field, elastic: bool = True) -> BodySurface:
+    """The surface of a body; a plane one with its thickness.
+
+    elastic : False for a body that the scene takes as rigid
+    """
+    if not len(content.triangles):
+        return _bars_of_points(name, content)
+    used, rows = np.unique(content.triangles, return_inverse=True)
+    surface = plate_surface(
+        content.positions[used], rows.reshape(-1, 3), content.thickness
+    )
+    copies = used[surface.copies]
+    nq = content.nq if elastic else 0
+    stress = None if content.stress is None else content.stress[copies][..., :nq]
+    return BodySurface(
+        name=name,
+        positions=surface.positions,
+        triangles=surface.triangles,
+        shapes=content.shapes[copies][..., :nq],
+        stress=stress,
+        initial_stress=content.initial_stress[copies],
+        source="its full field",
+    )
+
+
+def _bars_of_points(name: str, content: Field) -> BodySurface:
+    """A body that came as matrices: bars between its nodes."""
+    size = float(np.ptp(content.positions, axis=0).max())
+    turns = np.zeros_like(content.shapes)
+    lines = node_bars(content.positions, content.shapes, turns, 0.01 * size)
+    return BodySurface(name, *lines, source=f"the nodes of its field, {_BARS_TEXT}")
+
+
+def surface_of_sid(name: str, sid: SID, width: float) -> BodySurface:
+    """The hull of the nodes of a SID; where they fill no volume, bars between
+    neighbours, which bend with their rotations.
+
+    width : of the bars [m]
+    """
+    places = np.array([node.position for node in sid.nodes]).reshape(-1, 3)
+    if len(places) < 2:
+        places = np.vstack([np.zeros((1, 3)), places])
+        zero = np.zeros((1, 3, sid.nq))
+        phi, psi = (np.concatenate([zero, part]) for part in sid.shapes)
+    else:
+        phi, psi = sid.shapes
+    solid = convex_hull(places, phi)
+    if solid is not None:
+        return BodySurface(
+            name,
+            *solid,
+            source=f"the hull of the nodes of its SID {_UNKNOWN_SURFACE_TEXT}",
+        )
+    lines = node_bars(places, phi, psi, width)
+    return BodySurface(name, *lines, source=f"the nodes of its SID, {_BARS_TEXT}")
+
+
+def _shaped(name: str, shape: Shape, folders: Sequence[Path]) -> BodySurface:
+    """A rigid body of which the scene says the shape."""
+    place = f"bodies.{name}.shape"
+    positions, triangles = shape_mesh(shape, folders, place)
+    still = np.zeros((len(positions), 3, 0))
+    return BodySurface(name, positions, triangles, still, source=f"a {shape.type}")
+
+
+def _rigid_body_lines(data: BodyData, size: float) -> BodySurface:
+    """Return lines between the markers of a rigid body and its centre of mass.
+
+    A single point is a box with the proportions of its moments of inertia.
+    """
+    sid = data.sid
+    centre = sid.mdCM.m0[:, 0] / sid.mass
+    places = [*(node.position for node in sid.nodes if node.id), centre]
+    points = np.unique(np.round(places, 12), axis=0)
+    if len(points) == 1:
+        return BodySurface(data.name, *inertia_box(sid, centre, size), source="a box")
+    still = np.zeros((len(points), 3, 0))
+    lines = node_bars(points, still, still, 0.03 * size)
+    return BodySurface(data.name, *lines, source="lines between its markers")

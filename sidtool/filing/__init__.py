@@ -1,1 +1,0 @@
-"""Runs as pages that engineers file."""

@@ -1,1 +1,0 @@
-"""From a geometry or a mesh to mass, stiffness and marker rows."""

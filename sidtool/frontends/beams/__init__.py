@@ -1,1 +1,0 @@
-"""Beams: axis, section, element, mass."""

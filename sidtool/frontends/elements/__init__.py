@@ -1,1 +1,0 @@
-"""Solid elements: shapes, quadrature, strains."""

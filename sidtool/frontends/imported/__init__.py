@@ -1,1 +1,0 @@
-"""Bodies that other programs meshed or discretised."""

@@ -1,1 +1,0 @@
-"""Meshes of solid elements, their points, faces and moments."""

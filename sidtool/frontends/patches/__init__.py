@@ -1,1 +1,0 @@
-"""Bodies of several patches, and ties between sides that do not match."""

@@ -1,0 +1,270 @@
+"""Patches that meet without a seam: sides on parts of other sides, and overlaps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from sidtool.formats.base.errors import InputError
+
+from .multipatch import (
+    CommonNumbering,
+    Side,
+    Topology,
+    find_topology,
+    incompatible_sides,
+    largest_extent,
+    number_control_points,
+    side_net,
+    sides_of,
+)
+from .nurbs_patch import NurbsPatch, evaluate_grid, scattered_basis
+from .patch_evaluation import may_be_inside, nearest_parameters
+
+Array = NDArray[np.float64]
+
+#: Points per direction at which sides and patches are compared, by the dimension.
+_SAMPLES_PER_DIRECTION = {2: 65, 3: 13}
+#: Distance at which a point is on a side, or inside a patch, relative to the part.
+_CONTACT_TOLERANCE = 1e-6
+#: Sides with common corners that are nearer than this to each other, relative to their
+#: size, were meant to be the same.
+_NEARLY_EQUAL_TOLERANCE = 0.02
+
+
+@dataclass(frozen=True)
+class WeakTie:
+    """A side that lies wholly on a part of another."""
+
+    slave: Side
+    master: Side
+
+
+def weak_ties(
+    patches: Mapping[str, NurbsPatch], found: Topology, tolerance: float
+) -> list[WeakTie]:
+    """The sides without a seam that lie on a part of another one.
+
+    Raises
+    ------
+    InputError : two sides touch and neither lies wholly on the other, or they are the
+        same in other control points.
+    """
+    seamed = {side for seam in found.seams for side in (seam.first, seam.second)}
+    seamed |= {
+        Side(part.patch, *part.fixed[0])
+        for part in found.collapsed
+        if len(part.fixed) == 1
+    }
+    free_sides = [side for side in sides_of(patches) if side not in seamed]
+    near = max(tolerance, _CONTACT_TOLERANCE) * largest_extent(patches)
+    ties = []
+    for a, b in combinations(free_sides, 2):
+        if not _boxes_overlap(patches, a, b, near):
+            continue
+        there, back = _side_distances(patches, a, b), _side_distances(patches, b, a)
+        on_a, on_b = back <= near, there <= near
+        if on_a.all() and on_b.all():
+            raise incompatible_sides(a, b)
+        if on_b.all():
+            ties.append(WeakTie(a, b))
+        elif on_a.all():
+            ties.append(WeakTie(b, a))
+        elif on_a.any() or on_b.any():
+            raise InputError(
+                f"the sides {a.name} and {b.name} touch in part, and neither lies "
+                "wholly on the other",
+                place="geometry",
+                expected="sides that are the same, or one that lies wholly on the "
+                "other, which is tied weakly: split one of the patches",
+            )
+        elif a.patch != b.patch and _are_nearly_equal_sides(patches, a, b, there, near):
+            raise incompatible_sides(a, b)
+    return ties
+
+
+def grid_numbers(
+    exact: NurbsPatch, grid: NurbsPatch, *, same_sense: bool = False
+) -> CommonNumbering:
+    """A common numbering of points of one patch, under the name "geometry".
+
+    Points of sides that are the same are one, as are those of collapsed sides.
+
+    Parameters
+    ----------
+    grid : the points, as control points of a bilinear or trilinear patch
+    same_sense : whether seams must join opposite sides without a turn
+
+    Raises
+    ------
+    InputError : sides touch otherwise, or their points do not match.
+    """
+    patches = {"geometry": exact}
+    found = find_topology(patches)
+    ties = weak_ties(patches, found, 0.0)
+    if ties:
+        raise InputError(
+            f"the side {ties[0].slave.name} lies on a part of {ties[0].master.name}",
+            place="geometry",
+            expected='sides that are the same, or discretisation.type = "iga", which '
+            "ties them",
+        )
+    for seam in found.seams:
+        crosses = seam.first.direction != seam.second.direction
+        if same_sense and (crosses or any(seam.turn.reversed)):
+            raise InputError(
+                f"the sides {seam.first.name} and {seam.second.name} are the same in "
+                "another sense, so that the faces of tetrahedra do not match",
+                place="geometry",
+                expected="hexahedra or iga",
+            )
+    return number_control_points({"geometry": grid}, found)
+
+
+def check_overlaps(patches: Mapping[str, NurbsPatch]) -> None:
+    """Whether every point belongs to one patch.
+
+    Raises
+    ------
+    InputError : points of one patch lie inside another.
+    """
+    size = largest_extent(patches)
+    slack = _CONTACT_TOLERANCE * size
+    every = {
+        name: evaluate_grid(p, _parameter_samples(p)) for name, p in patches.items()
+    }
+    for a, b in permutations(patches, 2):
+        low, high = patches[b].points.min(axis=0), patches[b].points.max(axis=0)
+        points = every[a].reshape(-1, len(low))
+        points = points[((points > low + slack) & (points < high - slack)).all(axis=1)]
+        points = points[may_be_inside(patches[b], points)]
+        if not len(points):
+            continue
+        parameters, nearest = nearest_parameters(patches[b], points)
+        there = np.linalg.norm(nearest - points, axis=1) <= 1e-9 * size
+        inside = there & (_distance_to_sides(patches[b], parameters) > slack)
+        if inside.any():
+            where = ", ".join(f"{x:.4g}" for x in points[inside][0])
+            raise InputError(
+                f"patches {a} and {b} overlap near ({where}): mass and stiffness "
+                "would count twice there",
+                place="geometry",
+                expected="patches that meet at their sides only",
+            )
+
+
+def check_connected(numbering: CommonNumbering, ties: list[WeakTie]) -> None:
+    """Whether all patches hang together.
+
+    Raises
+    ------
+    InputError : names one that does not.
+    """
+    names = list(numbering.numbers)
+    pairs = [
+        (i, len(names) + n)
+        for i, name in enumerate(names)
+        for n in np.unique(numbering.numbers[name])
+    ]
+    pairs += [(names.index(t.slave.patch), names.index(t.master.patch)) for t in ties]
+    rows, columns = np.array(pairs).T
+    graph = csr_matrix(
+        (np.ones(len(rows)), (rows, columns)), shape=(len(names) + numbering.count,) * 2
+    )
+    _, label = connected_components(graph, directed=False)
+    lost = [n for n, x in zip(names, label, strict=False) if x != label[0]]
+    if lost:
+        raise InputError(
+            f"patch {lost[0]} is not joined to patch {names[0]}",
+            place="geometry",
+            expected="patches that share whole sides, or of which one has a side that "
+            "lies wholly on one of the other",
+        )
+
+
+def _parameter_samples(patch: NurbsPatch) -> tuple[Array, ...]:
+    """Parameters all over a patch, by direction."""
+    count = _SAMPLES_PER_DIRECTION[len(patch.degrees)]
+    return tuple(np.linspace(0, 1, count) for _ in patch.degrees)
+
+
+def _side_samples(patch: NurbsPatch, side: Side) -> Array:
+    """Parameters (n, k) inside one side."""
+    axes = [axis[1:-1] for axis in _parameter_samples(patch)]
+    axes[side.direction] = np.array([float(side.end)])
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
+
+
+def _side_distances(patches: Mapping[str, NurbsPatch], a: Side, b: Side) -> Array:
+    """Return distances of points inside side a from side b; infinite where
+    they cross.
+    """
+    first, second = patches[a.patch], patches[b.patch]
+    grid = _side_samples(first, a)
+    points, normals = _points_and_normals(first, grid, a)
+    found, nearest = nearest_parameters(second, points, (b.direction, b.end))
+    _, others = _points_and_normals(second, found, b)
+    along = np.abs(np.einsum("nd,nd->n", normals, others)) > 0.5
+    across = [i for i in range(found.shape[1]) if i != b.direction]
+    inside = ((found[:, across] > 0) & (found[:, across] < 1)).all(axis=1)
+    distances = np.linalg.norm(nearest - points, axis=1)
+    return np.where(along & inside, distances, np.inf)
+
+
+def _points_and_normals(
+    patch: NurbsPatch, parameters: Array, side: Side
+) -> tuple[Array, Array]:
+    basis = scattered_basis(patch, parameters)
+    corners = patch.points[basis.nodes]
+    jacobians = np.einsum("nmd,nmk->ndk", corners, basis.gradients)
+    normals = np.linalg.pinv(jacobians)[:, side.direction]
+    lengths = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return np.einsum("nm,nmd->nd", basis.values, corners), normals / lengths
+
+
+def _boxes_overlap(
+    patches: Mapping[str, NurbsPatch], a: Side, b: Side, near: float
+) -> bool:
+    boxes = []
+    for side in (a, b):
+        points = _side_control_points(patches, side)
+        boxes.append((points.min(axis=0) - near, points.max(axis=0) + near))
+    (low, high), (other_low, other_high) = boxes
+    return bool((low <= other_high).all() and (other_low <= high).all())
+
+
+def _side_control_points(patches: Mapping[str, NurbsPatch], side: Side) -> Array:
+    patch = patches[side.patch]
+    net = side_net(patch, side, patch.points)
+    return net.reshape(-1, net.shape[-1])
+
+
+def _are_nearly_equal_sides(
+    patches: Mapping[str, NurbsPatch], a: Side, b: Side, there: Array, near: float
+) -> bool:
+    """Whether two sides share their corners and run close to each other."""
+    corners = []
+    for side in (a, b):
+        net = side_net(patches[side.patch], side, patches[side.patch].points)
+        ends = np.ix_(*((0, -1) for _ in net.shape[:-1]))
+        corners.append(net[ends].reshape(-1, net.shape[-1]))
+    off = np.linalg.norm(corners[0][:, None] - corners[1], axis=2).min(axis=1)
+    size = float(np.ptp(_side_control_points(patches, a), axis=0).max())
+    return bool(off.max() <= near and there.max() < _NEARLY_EQUAL_TOLERANCE * size)
+
+
+def _distance_to_sides(patch: NurbsPatch, parameters: Array) -> Array:
+    """About how far points are from the sides of the patch."""
+    basis = scattered_basis(patch, parameters)
+    corners = patch.points[basis.nodes]
+    lengths = np.linalg.norm(
+        np.einsum("nmd,nmk->ndk", corners, basis.gradients), axis=1
+    )
+    depths: Array = (np.minimum(parameters, 1 - parameters) * lengths).min(axis=1)
+    return depths

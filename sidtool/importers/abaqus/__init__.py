@@ -1,0 +1,14 @@
+"""Abaqus and CalculiX input files (.inp).
+
+input_file        reading of a file, keyword by keyword
+keywords          keyword blocks, and the effect of each keyword
+deck              contents of a deck, node and element sets
+element_types     supported element types
+materials         elastic materials and orientations
+node_generation   generated nodes and elements
+instances         instances of parts as one body
+surfaces          surfaces and the coordinate system of nodes
+couplings         rigid and distributing couplings, masses
+equations         equations, multi-point constraints, ties
+mesh              mesh of a deck
+"""

@@ -1,0 +1,277 @@
+"""*COUPLING, *RIGID BODY and *MASS of a deck."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from sidtool.formats.base.errors import InputError
+
+from ...mesh.imported_mesh import (
+    RawCoupling,
+    RawMass,
+    find_undefined_members,
+    parse_numbers,
+)
+from .deck import CouplingDefinition, Deck, Namespace, resolve_name
+from .keywords import Block
+from .surfaces import defined_elements, resolve_nodes, surface_nodes
+
+_DISPLACEMENTS = {1, 2, 3}
+#: Sets of nodes of *RIGID BODY; those of a solid do not turn by themselves.
+_OF_NODES = ("NSET", "TIE NSET", "PIN NSET")
+#: Numbers of *ROTARY INERTIA: I11, I22, I33, I12, I13, I23.
+_MOMENTS = 6
+
+
+def read_coupling(deck: Deck, block: Block) -> None:
+    """*COUPLING, *RIGID BODY, *KINEMATIC COUPLING."""
+    deck.holds.append(CouplingDefinition(block, deck.scope))
+
+
+def read_coupling_kind(deck: Deck, block: Block) -> None:
+    """*KINEMATIC or *DISTRIBUTING behind its *COUPLING."""
+    if not deck.holds or deck.holds[-1].block.keyword != "COUPLING":
+        raise InputError(
+            f"*{block.keyword} stands alone",
+            place=block.place,
+            expected="a *COUPLING right before it",
+        )
+    deck.holds[-1].kind = block
+
+
+def read_mass(deck: Deck, block: Block) -> None:
+    deck.masses.append(CouplingDefinition(block, deck.scope))
+
+
+def reference_labels(deck: Deck, body: Namespace) -> dict[int, int]:
+    """The numbers here of the nodes of the assembly, where the body is a part."""
+    if body is deck.assembly:
+        return {}
+    last = max(body.nodes, default=0)
+    return {n: n if n not in body.nodes else last + n for n in deck.assembly.nodes}
+
+
+def couplings_of(deck: Deck, body: Namespace, instance: str) -> list[RawCoupling]:
+    """The couplings of the body.
+
+    Raises
+    ------
+    InputError : a set is unknown, or a coupling holds some directions only.
+    """
+    found = []
+    used = {n for e in body.elements.values() for n in e.nodes} if deck.chosen else None
+    for i, hold in enumerate(deck.holds, start=1):
+        try:
+            coupling = _make_coupling(deck, hold, body, instance, i)
+            if used is not None and used.isdisjoint(coupling.nodes):
+                deck.remarks.append(f"{coupling.name} holds other parts: left out")
+                continue
+            found.append(coupling)
+        except InputError as error:
+            place = error.place or hold.block.place
+            raise InputError(
+                error.problem, place=place, expected=error.expected
+            ) from None
+    return found
+
+
+def _make_coupling(
+    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str, number: int
+) -> RawCoupling:
+    block, options = hold.block, hold.block.options
+    name = deck.name(options.get("CONSTRAINT NAME", "")) or f"{block.keyword} {number}"
+    rigid = hold.kind is None or hold.kind.keyword == "KINEMATIC"
+    if block.keyword == "COUPLING":
+        if hold.kind is None:
+            raise InputError(
+                "*COUPLING has no kind", place=block.place, expected="*KINEMATIC"
+            )
+        nodes = _surface_coupling(
+            deck, hold, body, instance, options.get("SURFACE", "")
+        )
+        _check_directions(name, hold.kind.rows, hold.kind.place)
+    elif block.keyword == "KINEMATIC COUPLING":
+        nodes = []
+        for words, place in block.rows:
+            nodes += resolve_nodes(deck, hold.scope, instance, words[0])
+            _check_directions(name, [(words[1:], place)], place)
+    else:
+        nodes = _rigid_body_coupling(deck, hold, body, instance)
+    reference = options.get("REF NODE")
+    label = (
+        None
+        if reference is None
+        else _reference_label(deck, hold, body, instance, reference)
+    )
+    held = tuple(dict.fromkeys(nodes))
+    by_area = not rigid and _is_element_surface(deck, hold, options.get("SURFACE", ""))
+    return RawCoupling(name, rigid, held, label, block.place, by_area=by_area)
+
+
+def _is_element_surface(deck: Deck, hold: CouplingDefinition, word: str) -> bool:
+    """Check whether a coupling is weighted by the areas of a surface of elements.
+
+    Raises
+    ------
+    InputError : weights decrease with the distance from the reference node.
+    """
+    assert hold.kind is not None
+    method = hold.kind.options.get("WEIGHTING METHOD", "UNIFORM").upper()
+    if method != "UNIFORM":
+        raise InputError(
+            f"*DISTRIBUTING has WEIGHTING METHOD={method}",
+            place=hold.kind.place,
+            expected="UNIFORM",
+        )
+    scope, own = resolve_name(deck, hold.scope, word)
+    parts = scope.surfaces.get(deck.name(own), []) if scope else []
+    return bool(parts) and all(part.kind == "ELEMENT" for part in parts)
+
+
+def _surface_coupling(
+    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str, word: str
+) -> list[int]:
+    scope, own = resolve_name(deck, hold.scope, word)
+    if scope is None:
+        return []
+    name = deck.name(own)
+    if name in scope.surfaces:
+        nodes = surface_nodes(deck, scope, body, instance, name)
+        if nodes is not None:
+            return nodes
+    raise InputError(
+        f"names the surface {word!r}, which is not one of solids here",
+        place=hold.block.place,
+        expected="a *SURFACE of faces S1, S2, ... or nodes",
+    )
+
+
+def _rigid_body_coupling(
+    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str
+) -> list[int]:
+    options = hold.block.options
+    named = [options[key] for key in _OF_NODES if key in options]
+    if named:
+        return [
+            n for word in named for n in resolve_nodes(deck, hold.scope, instance, word)
+        ]
+    name = deck.name(options.get("ELSET", ""))
+    group = hold.scope.elsets.get(name)
+    if group is None:
+        raise InputError(
+            f"there is no element set {name!r}", expected="an *ELSET of this file"
+        )
+    labels = [label for owner, label in group if owner in (instance, "")]
+    known = defined_elements(deck, body, labels, f"the rigid body {name!r}")
+    return [n for element in known for n in element.nodes]
+
+
+def _check_directions(name: str, rows: list[tuple[list[str], str]], place: str) -> None:
+    """Lines of first and last direction; none is all."""
+    held: set[int] = set()
+    for words, where in rows:
+        given = [int(x) for x in parse_numbers([w for w in words[:2] if w], where)]
+        held |= set(range(given[0], given[-1] + 1)) if given else _DISPLACEMENTS
+    if rows and not held >= _DISPLACEMENTS:
+        listed = ", ".join(map(str, sorted(held)))
+        raise InputError(
+            f"{name} holds the directions {listed}",
+            place=place,
+            expected="1 to 3, with or without rotations",
+        )
+
+
+def labels_named(
+    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str, word: str
+) -> list[int]:
+    """The numbers here of a node or a set of a coupling, those of the assembly too."""
+    own = reference_labels(deck, body)
+    if hold.scope is body or not own or "." in word:
+        return resolve_nodes(deck, hold.scope, instance, word)
+    group = hold.scope.nsets.get(deck.name(word), [])
+    if word.isdecimal():
+        group = [("", int(word))]
+    single = [n for owner, n in group if owner == ""]
+    lost = find_undefined_members(own, {word: single})
+    if lost and hold.scope is deck.assembly:
+        raise InputError(
+            f"{word!r} names {lost[word]}, which is not defined",
+            place=hold.block.place,
+            expected="nodes of this file",
+        )
+    return [
+        own[n] if o == "" else n
+        for o, n in group
+        if o == instance or (o == "" and n in own)
+    ]
+
+
+def _reference_label(
+    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str, word: str
+) -> int:
+    """The number here of a reference node."""
+    found = labels_named(deck, hold, body, instance, word)
+    if len(found) != 1:
+        raise InputError(
+            f"the reference node {word!r} is {len(found)} nodes",
+            place=hold.block.place,
+            expected="one node",
+        )
+    return found[0]
+
+
+def masses_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawMass]:
+    """The masses of elements of type MASS, and the inertia of those of ROTARYI.
+
+    Raises
+    ------
+    InputError : a set is unknown, or has no mass.
+    """
+    own = reference_labels(deck, body)
+    for hold in deck.masses:
+        block = hold.block
+        elset = deck.name(block.options.get("ELSET", ""))
+        group = hold.scope.elsets.get(elset)
+        if group is None or not block.rows:
+            raise InputError(
+                f"*{block.keyword} names {elset!r} and has {len(block.rows)} lines",
+                place=block.place,
+                expected="an *ELSET of its elements, and a line of numbers",
+            )
+        lump = _read_lumped_mass(block)
+        turned = any(any(line[6:]) for rows in deck.placement.values() for line in rows)
+        if turned and any(lump.inertia) and hold.scope is not deck.assembly:
+            raise InputError(
+                "*ROTARY INERTIA stands in a part whose instance is turned",
+                place=block.place,
+                expected="elements ROTARYI of the assembly",
+            )
+        for owner, label in dict.fromkeys(group):
+            apart = hold.scope is not body and owner == ""
+            scope = hold.scope if apart else body
+            known = defined_elements(
+                deck, scope, [label] if apart or owner in ("", instance) else [], elset
+            )
+            if known:
+                node = scope.elements[label].nodes[0]
+                yield replace(lump, node=own.get(node, node) if apart else node)
+
+
+def _read_lumped_mass(block: Block) -> RawMass:
+    """Read a line of *MASS or *ROTARY INERTIA, without its node."""
+    words, place = block.rows[0]
+    values = parse_numbers(
+        [word or "0" for word in words], place, "a mass or an inertia"
+    )
+    if block.keyword == "MASS":
+        return RawMass(0, values[0], block.place)
+    xx, yy, zz, *products = [*values, *[0.0] * _MOMENTS][:_MOMENTS]
+    if any(products):
+        raise InputError(
+            "*ROTARY INERTIA has products of inertia",
+            place=place,
+            expected="moments about the global axes, or a rigid body in the scene, "
+            "fixed to a marker",
+        )
+    return RawMass(0, 0.0, block.place, inertia=(xx, yy, zz, 0.0, 0.0, 0.0))

@@ -1,0 +1,406 @@
+"""Equations between displacements: *EQUATION, *MPC, *TRANSFORM and *TIE of a deck."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+
+from ...mesh.connections import RawEquation, RawTie
+from ...mesh.imported_mesh import (
+    RawCoupling,
+    find_undefined_members,
+    parse_integers,
+    parse_numbers,
+)
+from .couplings import labels_named
+from .deck import CouplingDefinition, Deck, Namespace, resolve_name
+from .keywords import Block
+from .surfaces import resolve_nodes, surface_faces
+
+Array = NDArray[np.float64]
+Rows = list[tuple[list[str], str]]
+
+_PER_TERM = 3
+_DIRECTIONS = range(1, 4)
+
+
+def read_equation(deck: Deck, block: Block) -> None:
+    """Store *EQUATION, *MPC and *TRANSFORM, whose sets may be defined later."""
+    deck.equations.append(CouplingDefinition(block, deck.scope))
+
+
+class TransformedAxes:
+    """The axes that *TRANSFORM gives nodes, in which equations count directions."""
+
+    def __init__(
+        self, deck: Deck, body: Namespace, instance: str, positions: Container[int]
+    ) -> None:
+        self._systems: dict[int, tuple[str, Array, str]] = {}
+        for hold in deck.equations:
+            if hold.block.keyword == "TRANSFORM":
+                self._add(deck, hold, body, instance, positions)
+
+    def _add(
+        self,
+        deck: Deck,
+        hold: CouplingDefinition,
+        body: Namespace,
+        instance: str,
+        positions: Container[int],
+    ) -> None:
+        block = hold.block
+        values = [x for words, place in block.rows for x in parse_numbers(words, place)]
+        kind = (block.options.get("TYPE") or "R").upper()
+        if len(values) != 6 or kind not in ("R", "C"):
+            raise InputError(
+                f"*TRANSFORM of type {kind} has {len(values)} coordinates",
+                place=block.place,
+                expected="type R or C and two points",
+            )
+        name = block.options.get("NSET", "")
+        labels = labels_named(deck, hold, body, instance, name)
+        if lost := find_undefined_members(positions, {name: labels}):
+            raise InputError(
+                f"*TRANSFORM of {name!r} names {lost[name]}, which is not defined",
+                place=block.place,
+                expected="nodes of this file",
+            )
+        for label in labels:
+            self._systems[label] = (kind, np.array(values), block.place)
+
+    def direction(self, label: int, number: int, position: Sequence[float]) -> Array:
+        """The unit vector of a direction 1 to 3 at a node."""
+        if label not in self._systems:
+            return np.eye(3)[number - 1]
+        kind, values, place = self._systems[label]
+        a, b = values[:3], values[3:]
+        if kind == "R":
+            x, normal = a, np.cross(a, b)
+        else:
+            normal = b - a
+            arm = np.asarray(position) - a
+            square = max(float(normal @ normal), 1e-300)
+            x = arm - normal * (arm @ normal) / square
+        lengths = np.linalg.norm(x), np.linalg.norm(normal)
+        if min(lengths) <= 1e-12 * max(*lengths, np.linalg.norm(position)):
+            raise InputError(
+                f"*TRANSFORM gives node {label} no axes",
+                place=place,
+                expected="points apart from each other, and nodes off the axis",
+            )
+        x, z = x / lengths[0], normal / lengths[1]
+        axis: Array = np.stack([x, np.cross(z, x), z])[number - 1]
+        return axis
+
+
+def equations_of(
+    deck: Deck,
+    body: Namespace,
+    instance: str,
+    positions: dict[int, tuple[float, float, float]],
+) -> tuple[list[RawEquation], list[RawCoupling]]:
+    """The equations of the body, and *MPC of type BEAM as rigid couplings.
+
+    Raises
+    ------
+    InputError : a node or a direction is unknown, or an *MPC of another type.
+    """
+    axes = TransformedAxes(deck, body, instance, positions)
+    equations: list[RawEquation] = []
+    beams: list[RawCoupling] = []
+    for hold in deck.equations:
+        try:
+            if hold.block.keyword == "EQUATION":
+                equations += _make_equations(
+                    deck, hold, body, instance, positions, axes
+                )
+            elif hold.block.keyword == "MPC":
+                found = _multi_point_constraints(deck, hold, body, instance, positions)
+                for one in found:
+                    held = beams if isinstance(one, RawCoupling) else equations
+                    held.append(one)  # type: ignore[arg-type]
+        except InputError as error:
+            place = error.place or hold.block.place
+            raise InputError(
+                error.problem, place=place, expected=error.expected
+            ) from None
+    return equations, beams
+
+
+def _make_equations(
+    deck: Deck,
+    hold: CouplingDefinition,
+    body: Namespace,
+    instance: str,
+    positions: dict[int, tuple[float, float, float]],
+    axes: TransformedAxes,
+) -> Iterator[RawEquation]:
+    for rows in _equation_terms(hold.block.rows):
+        place = rows[0][1]
+        terms = [
+            _equation_term(deck, hold, body, instance, words, where)
+            for words, where in rows
+        ]
+        if deck.chosen and not all(labels for labels, _, _ in terms):
+            deck.remarks.append(f"an equation ({place}) holds other parts: left out")
+            continue
+        length = max(len(labels) for labels, _, _ in terms)
+        if any(len(labels) not in (1, length) for labels, _, _ in terms):
+            raise InputError(
+                "names sets of different sizes",
+                place=place,
+                expected="sets of as many nodes each, or single nodes",
+            )
+        for i in range(length):
+            chosen = [
+                (labels[i if len(labels) > 1 else 0], number, share)
+                for labels, number, share in terms
+            ]
+            missing = [label for label, _, _ in chosen if label not in positions]
+            if missing:
+                raise InputError(
+                    f"names node {missing[0]}, which is not defined",
+                    place=place,
+                    expected="a node of this file",
+                )
+            yield RawEquation(
+                tuple(
+                    (
+                        n,
+                        _three_components(
+                            share * axes.direction(n, number, positions[n])
+                        ),
+                    )
+                    for n, number, share in chosen
+                ),
+                place,
+            )
+
+
+def _equation_terms(rows: Rows) -> Iterator[Rows]:
+    """The terms of every equation: node or set, direction and coefficient."""
+    rest = iter(rows)
+    for words, place in rest:
+        given = [word for word in words if word]
+        (count,) = parse_integers(given[:1] or [""], place, "the number of terms")
+        terms: Rows = []
+        while len(terms) < count:
+            line, where = next(rest, ([], place))
+            fields = [word for word in line if word]
+            if not fields or len(fields) % _PER_TERM:
+                raise InputError(
+                    f"an equation of {count} terms has {len(terms)} and "
+                    f"{len(fields)} entries",
+                    place=where,
+                    expected="a node, a direction and a coefficient for every term",
+                )
+            terms += [
+                (fields[i : i + _PER_TERM], where)
+                for i in range(0, len(fields), _PER_TERM)
+            ]
+        if count < 1 or len(terms) > count:
+            raise InputError(
+                f"an equation of {count} terms has {len(terms)}",
+                place=place,
+                expected="as many terms as it says",
+            )
+        yield terms
+
+
+def _equation_term(
+    deck: Deck,
+    hold: CouplingDefinition,
+    body: Namespace,
+    instance: str,
+    words: list[str],
+    place: str,
+) -> tuple[list[int], int, float]:
+    labels = labels_named(deck, hold, body, instance, words[0])
+    (number,) = parse_integers(words[1:2], place, "a direction")
+    (share,) = parse_numbers(words[2:], place, "a coefficient")
+    if number not in _DIRECTIONS:
+        raise InputError(
+            f"an equation has the direction {number}",
+            place=place,
+            expected="displacements 1 to 3: nodes of solids have no others",
+        )
+    if not labels and not deck.chosen:
+        raise InputError(
+            f"an equation names {words[0]!r}, which is empty",
+            place=place,
+            expected="nodes",
+        )
+    return labels, number, share
+
+
+def _multi_point_constraints(
+    deck: Deck,
+    hold: CouplingDefinition,
+    body: Namespace,
+    instance: str,
+    positions: dict[int, tuple[float, float, float]],
+) -> Iterator[RawEquation | RawCoupling]:
+    for words, place in hold.block.rows:
+        kind, *names = [word for word in words if word]
+        groups = [labels_named(deck, hold, body, instance, name) for name in names]
+        if deck.chosen and not all(groups):
+            deck.remarks.append(f"*MPC ({place}) holds other parts: left out")
+            continue
+        length = max(map(len, groups), default=0)
+        wanted = _NODES.get(kind.upper())
+        if wanted is None or len(groups) != wanted:
+            raise InputError(
+                f"*MPC of type {kind} with {len(groups)} nodes is not supported",
+                place=place,
+                expected=f"{', '.join(_NODES)}; geometry.ignore = "
+                '["MPC"] leaves it out',
+            )
+        if any(len(group) not in (1, length) for group in groups):
+            raise InputError(
+                "names sets of different sizes", place=place, expected="equal ones"
+            )
+        for i in range(length):
+            nodes = [group[i if len(group) > 1 else 0] for group in groups]
+            if missing := [n for n in nodes if n not in positions]:
+                raise InputError(
+                    f"names node {missing[0]}, which is not defined",
+                    place=place,
+                    expected="a node of this file",
+                )
+            if kind.upper() == "BEAM":
+                yield RawCoupling("MPC BEAM", True, (nodes[0],), nodes[1], place)
+            else:
+                places = [np.array(positions[n]) for n in nodes]
+                yield from _multi_point_equations(kind.upper(), nodes, places, place)
+
+
+#: How many nodes the types of *MPC that are read join.
+_NODES = {"TIE": 2, "PIN": 2, "LINK": 2, "BEAM": 2, "LINEAR": 3}
+
+
+def _multi_point_equations(
+    kind: str, nodes: list[int], places: list[Array], place: str
+) -> Iterator[RawEquation]:
+    if kind == "LINK":
+        along = _three_components(places[0] - places[1])
+        back = _three_components(places[1] - places[0])
+        yield RawEquation(((nodes[0], along), (nodes[1], back)), place)
+        return
+    shares = [-1.0]
+    if kind == "LINEAR":
+        line = places[2] - places[1]
+        share = float((places[0] - places[1]) @ line / max(float(line @ line), 1e-300))
+        shares = [share - 1.0, -share]
+    for axis in np.eye(3):
+        rest = zip(nodes[1:], shares, strict=True)
+        terms = tuple((n, _three_components(share * axis)) for n, share in rest)
+        yield RawEquation(((nodes[0], _three_components(axis)), *terms), place)
+
+
+def _three_components(vector: Array) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+_IGNORABLE = 'geometry.ignore = ["TIE"] leaves it out'
+
+
+def read_tie(deck: Deck, block: Block) -> None:
+    """Store a tie by its words, since surfaces may be defined later."""
+    deck.ties.append(CouplingDefinition(block, deck.scope))
+
+
+def ties_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawTie]:
+    """The ties of the body.
+
+    Raises
+    ------
+    InputError : a surface is unknown or no surface of solids, or the tie is one of
+        cyclic symmetry.
+    """
+    for hold in deck.ties:
+        options, place = hold.block.options, hold.block.place
+        if "CYCLIC SYMMETRY" in options:
+            raise InputError(
+                "*TIE of a cyclic symmetry is not supported",
+                place=place,
+                expected=f"a mesh of the whole body; {_IGNORABLE}",
+            )
+        given = options.get("POSITION TOLERANCE")
+        tolerance = parse_numbers([given], place)[0] if given else None
+        name = deck.name(options.get("NAME", "")) or "TIE"
+        for words, where in hold.block.rows:
+            pair = [word for word in words if word]
+            if len(pair) < 2:
+                raise InputError(
+                    f"*TIE has the line {', '.join(words)!r}",
+                    place=where,
+                    expected="a slave and a master surface",
+                )
+            slave, slave_nodes = _tie_side(deck, hold, body, instance, pair[0], where)
+            master, single = _tie_side(deck, hold, body, instance, pair[1], where)
+            if deck.chosen:
+                used = {n for e in body.elements.values() for n in e.nodes}
+                slave_nodes = tuple(n for n in slave_nodes if n in used)
+                if not master or not (slave or slave_nodes):
+                    deck.remarks.append(f"*TIE {name} holds other parts: left out")
+                    continue
+            if single or not master or not (slave or slave_nodes):
+                raise InputError(
+                    f"*TIE {name} has no faces of the body on both sides",
+                    place=where,
+                    expected=f"a master of faces, a slave of faces or nodes; "
+                    f"{_IGNORABLE}",
+                )
+            yield RawTie(name, slave, master, slave_nodes, tolerance, where)
+
+
+def _tie_side(
+    deck: Deck,
+    hold: CouplingDefinition,
+    body: Namespace,
+    instance: str,
+    word: str,
+    place: str,
+) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
+    scope, own = resolve_name(deck, hold.scope, word)
+    if scope is None:
+        return (), ()
+    name = deck.name(own)
+    if name in scope.surfaces:
+        found = surface_faces(deck, scope, body, instance, name)
+        if found is not None:
+            faces = dict.fromkeys(tuple(face) for face in found[0])
+            return tuple(faces), _body_nodes(deck, body, found[1], word, place)
+    elif name in scope.nsets:
+        nodes = resolve_nodes(deck, scope, instance, own)
+        return (), _body_nodes(deck, body, nodes, word, place)
+    raise InputError(
+        f"names the surface {word!r}, which is not one of solids here",
+        place=place,
+        expected=f"a *SURFACE of faces S1, S2, ... or nodes; {_IGNORABLE}",
+    )
+
+
+def _body_nodes(
+    deck: Deck, body: Namespace, nodes: Iterable[int], word: str, place: str
+) -> tuple[int, ...]:
+    """The nodes of the body among these; those of the assembly are none.
+
+    Raises
+    ------
+    InputError : the file does not define one.
+    """
+    elsewhere = deck.assembly.nodes.keys() - body.nodes.keys()
+    found = tuple(n for n in nodes if n not in elsewhere)
+    if lost := find_undefined_members(body.nodes, {word: found}):
+        raise InputError(
+            f"the surface {word!r} names {lost[word]}, which is not defined",
+            place=place,
+            expected="nodes of this file",
+        )
+    return found

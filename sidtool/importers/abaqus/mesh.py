@@ -1,0 +1,258 @@
+"""Mesh of a deck: body, section of every element, node sets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from sidtool.formats.base.errors import InputError
+
+from ...mesh.imported_mesh import (
+    ImportedMesh,
+    RawElement,
+    assemble_mesh,
+    find_undefined_members,
+    unread_keyword_notes,
+)
+from .couplings import couplings_of, masses_of, reference_labels
+from .deck import Deck, Element, Member, Namespace, Section
+from .element_types import POINTS, unsupported_element_text
+from .equations import equations_of, ties_of
+from .instances import place_nodes
+from .materials import material_name, materials_of
+from .surfaces import surface_nodes
+
+
+def mesh_of(deck: Deck) -> ImportedMesh:
+    """Return the mesh of the one part of a deck, with notes on what was ignored.
+
+    Raises
+    ------
+    InputError : there are several parts, sections that contradict each other, or
+        elements that are no solids.
+    """
+    body, instance = _body_scope(deck)
+    sections = _section_by_element(deck, body)
+    elements, apart = _split_elements(body, sections)
+    raw = [
+        _raw_element(deck, element, sections.get(element.label)) for element in elements
+    ]
+    nodes = _with_reference_nodes(deck, body)
+    equations, beams = equations_of(deck, body, instance, nodes)
+    couplings = [*couplings_of(deck, body, instance), *beams]
+    masses = tuple(masses_of(deck, body, instance))
+    ties = tuple(ties_of(deck, body, instance))
+    sets = _all_node_sets(deck, body, instance)
+    mesh = assemble_mesh(nodes, raw, sets)
+    states = {element.type.state for element in elements}
+    if len(states) > 1:
+        raise InputError("mixes plane stress and plane strain", expected="one of them")
+    return ImportedMesh(
+        mesh,
+        materials_of(deck, sections.values(), instance, next(iter(states))),
+        next(iter(states)),
+        tuple(_reading_notes(deck, body, elements, apart)),
+        tuple(couplings),
+        masses,
+        tuple(equations),
+        ties,
+        undefined=undefined_set_members(deck, body, sets, instance),
+    )
+
+
+def _with_reference_nodes(
+    deck: Deck, body: Namespace
+) -> dict[int, tuple[float, float, float]]:
+    """Return the nodes of the body and those of the assembly."""
+    own = reference_labels(deck, body)
+    for given, label in own.items():
+        if given != label:
+            deck.remarks.append(f"node {given} of the assembly is called {label} here")
+    ((instance, _),) = deck.instances.items() or [("", "")]
+    return place_nodes(body.nodes, deck.placement.get(instance, [])) | {
+        label: deck.assembly.nodes[n] for n, label in own.items()
+    }
+
+
+def _body_scope(deck: Deck) -> tuple[Namespace, str]:
+    """The scope that holds the elements, and the instance it is."""
+    if not deck.instances:
+        if deck.parts and not deck.assembly.elements:
+            if len(deck.parts) == 1:
+                return next(iter(deck.parts.values())), ""
+            raise InputError(
+                f"has {len(deck.parts)} parts and no instance",
+                expected="an *INSTANCE that says which part is the body",
+            )
+        return deck.assembly, ""
+    own = [e for e in deck.assembly.elements.values() if e.given not in POINTS]
+    if own:
+        element = own[0]
+        raise InputError(
+            f"element {element.label} ({element.given}) belongs to the assembly",
+            place=element.place,
+            expected="elements of the part only",
+        )
+    ((instance, part),) = deck.instances.items()
+    return deck.parts[part], instance
+
+
+def _section_by_element(deck: Deck, body: Namespace) -> dict[int, Section]:
+    """The section of every element that has one."""
+    found: dict[int, Section] = {}
+    for section in body.sections:
+        if section.elset not in body.elsets:
+            raise InputError(
+                f"names the element set {section.elset!r}, which is not defined",
+                place=section.place,
+                expected="an *ELSET of this file",
+            )
+        if section.material not in deck.materials:
+            raise InputError(
+                f"names the material {section.material!r}, which is not defined",
+                place=section.place,
+                expected="a *MATERIAL of this file",
+            )
+        for _, label in body.elsets[section.elset]:
+            known = found.setdefault(label, section)
+            same = replace(section, elset=known.elset, place=known.place) == known
+            if not same:
+                raise InputError(
+                    f"element {label} has another section already ({known.place})",
+                    place=section.place,
+                    expected="one section for every element",
+                )
+    return found
+
+
+def _split_elements(
+    body: Namespace, sections: dict[int, Section]
+) -> tuple[list[Element], list[Element]]:
+    """The elements of the body, and those of lower dimension that only name nodes."""
+    elements = list(body.elements.values())
+    top = max((e.type.dimension for e in elements if e.type.kind), default=3)
+    solids, apart = [], []
+    for element in elements:
+        if element.type.kind and element.type.dimension == top:
+            solids.append(element)
+        elif element.label in sections or element.type.dimension >= top:
+            raise _no_solid_elements(element)
+        else:
+            apart.append(element)
+    if apart and not solids:
+        raise _no_solid_elements(apart[0])
+    return solids, apart
+
+
+def _no_solid_elements(element: Element) -> InputError:
+    if element.type.kind:
+        return InputError(
+            "mixes plane and solid elements",
+            place=element.place,
+            expected="elements of one dimension",
+        )
+    return unsupported_element_text(element.given, element.place)
+
+
+def _raw_element(deck: Deck, element: Element, section: Section | None) -> RawElement:
+    kind = element.type.kind
+    assert kind is not None
+    return RawElement(
+        element.label,
+        kind,
+        element.nodes,
+        element.place,
+        material=material_name(deck, section) if section else None,
+        thickness=section.thickness if section and element.type.state else None,
+        formulation=element.type.formulation,
+    )
+
+
+def _all_node_sets(deck: Deck, body: Namespace, instance: str) -> dict[str, list[int]]:
+    """Return node sets by name; those of the assembly come first and are marked."""
+    sets: dict[str, list[int]] = {}
+    scopes = [body] if body is deck.assembly else [deck.assembly, body]
+    for scope in scopes:
+        own = "" if scope is body else instance
+        for name, nodes in node_sets(deck, scope, body, own).items():
+            if name not in sets:
+                sets[name] = nodes
+            elif set(nodes) != set(sets[name]):
+                part = f"{instance or body.name}.{name}"
+                sets[part] = nodes
+                deck.remarks.append(f"set {name} of the part is called {part} here")
+    return sets
+
+
+def node_sets(
+    deck: Deck, scope: Namespace, body: Namespace, instance: str
+) -> dict[str, list[int]]:
+    """The nodes of the body in all sets of a scope, element sets after node sets."""
+    sets = {
+        name: _labels_of_group(group, instance) for name, group in scope.nsets.items()
+    }
+    for name, group in scope.elsets.items():
+        known = [
+            body.elements.get(label) for label in _labels_of_group(group, instance)
+        ]
+        nodes = dict.fromkeys(n for e in known if e is not None for n in e.nodes)
+        sets.setdefault(name, list(nodes))
+    for name in scope.surfaces:
+        on_faces = surface_nodes(deck, scope, body, instance, name)
+        if on_faces is not None:
+            sets.setdefault(name, on_faces)
+    return sets
+
+
+def undefined_set_members(
+    deck: Deck, body: Namespace, sets: Mapping[str, Iterable[int]], instance: str = ""
+) -> dict[str, str]:
+    """Sets with members that the deck does not define, and the first of them."""
+    elsets: dict[str, list[int]] = {}
+    for scope in {id(s): s for s in (deck.assembly, body)}.values():
+        own = "" if scope is body else instance
+        for name, group in scope.elsets.items():
+            if name not in scope.nsets:
+                elsets.setdefault(name, []).extend(_labels_of_group(group, own))
+    there = body.elements.keys() | deck.outside
+    lost = find_undefined_members(there, elsets, "element")
+    return find_undefined_members(body.nodes, sets) | {
+        name: member for name, member in lost.items() if name in sets
+    }
+
+
+def _labels_of_group(group: Iterable[Member], instance: str) -> list[int]:
+    return [label for owner, label in group if owner == instance]
+
+
+def _reading_notes(
+    deck: Deck, body: Namespace, elements: list[Element], apart: list[Element]
+) -> Iterable[str]:
+    """Return notes on what was read, replaced and ignored."""
+    given = Counter(element.given for element in elements)
+    kinds = {element.given: element.type for element in elements}
+    used = {node for element in elements for node in element.nodes}
+    counted = ", ".join(f"{count} {name}" for name, count in given.items())
+    free = len(body.nodes) - len(used)
+    yield (
+        f"read {len(elements)} of {len(body.elements)} elements ({counted}) and "
+        f"{len(used)} of {len(body.nodes)} nodes"
+        + (f"; {free} nodes belong to no element" if free else "")
+    )
+    for name, count in given.items():
+        if kinds[name].replaced:
+            yield f"{count} elements {name}: {kinds[name].replaced}"
+    idle = [element.given for element in apart if element.given not in POINTS]
+    if deck.masses:
+        keywords = dict.fromkeys(f"*{hold.block.keyword}" for hold in deck.masses)
+        yield f"{' and '.join(keywords)} at nodes"
+    elif len(idle) < len(apart):
+        yield f"{len(apart) - len(idle)} elements {' and '.join(POINTS)} have no mass"
+    for name, count in Counter(idle).items():
+        yield f"{count} elements {name} without a section only name nodes"
+    for part in deck.parts.values():
+        if part is not body and not deck.chosen:
+            yield f"part {part.name} has no instance and is left out"
+    yield from deck.remarks
+    yield from unread_keyword_notes(deck.said)

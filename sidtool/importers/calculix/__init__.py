@@ -1,1 +1,0 @@
-"""CalculiX as an engine for what own elements do not cover."""

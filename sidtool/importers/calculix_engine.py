@@ -1,0 +1,204 @@
+"""CalculiX as an engine: matrices and expanded mesh of a deck's free body.
+
+CalculiX makes solids of shells and beams. It writes the matrices of what no constraint
+makes depend on the rest (``*FREQUENCY, SOLVER=MATRIXSTORAGE``: .sti, .mas, .dof), and
+the solids with their nodes to six digits (.frd).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.storage.operating_system import processors
+
+from ..mesh.mesh import ElementBlock
+from .calculix_deck import centre_nodes, without_layers
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: Steps without supports and loads: what writes matrices, and what writes the mesh.
+_MATRICES = "*STEP\n*FREQUENCY, SOLVER=MATRIXSTORAGE\n*END STEP\n"
+_MESH = "*STEP\n*NO ANALYSIS\n*NODE FILE, OUTPUT=3D\nU\n*END STEP\n"
+#: Number of an element type in .frd -> our name and its number of nodes.
+_KINDS = {
+    1: ("hex8", 8),
+    2: ("wedge6", 6),
+    3: ("tet4", 4),
+    4: ("hex20", 20),
+    5: ("wedge15", 15),
+    6: ("tet10", 10),
+}
+#: .frd has the upright edges before those of the top.
+_ORDERS = {
+    "hex20": (*range(12), *range(16, 20), *range(12, 16)),
+    "wedge15": (*range(9), *range(12, 15), *range(9, 12)),
+}
+_PROBLEM = re.compile(
+    r"^ *\*(ERROR|WARNING)(.*(?:(?<=:)\n.*)?(?:\n {6,}\S.*)*)", re.MULTILINE
+)
+
+
+@dataclass(frozen=True, eq=False)
+class CalculixResult:
+    """Results of CalculiX for a deck, in the units of the deck.
+
+    Attributes
+    ----------
+    stiffness, mass : (ndof, ndof) sparse
+    dofs : (ndof, 2) node of the deck that a row belongs to, or was expanded from, and
+        the direction; nodes of internal modes have numbers beyond those of the deck
+    nodes : numbers of the nodes of the expanded mesh, in the order of `positions`
+    positions : (n, 3) relative to `centre`, to six digits
+    centre : (3,) of the nodes of the deck
+    blocks : the solids, by rows of `positions`
+    warnings : warnings of CalculiX, each once
+    """
+
+    stiffness: sp.csr_matrix
+    mass: sp.csr_matrix
+    dofs: Indices
+    nodes: Indices
+    positions: Array
+    centre: Array
+    blocks: tuple[ElementBlock, ...]
+    warnings: tuple[str, ...]
+
+
+def run_calculix(lines: list[str], source: Path) -> CalculixResult:
+    """Compute matrices and mesh of a deck's free body by CalculiX (``ccx``).
+
+    Parameters
+    ----------
+    lines : lines of the deck, without steps
+    source : file that messages name
+
+    Raises
+    ------
+    InputError : CalculiX is not installed, or refuses the deck.
+    """
+    if shutil.which("ccx") is None:
+        raise InputError(
+            "CalculiX (ccx) is not installed",
+            place="geometry.engine",
+            expected="ccx on the path: apt install calculix-ccx, or from calculix.de",
+        )
+    moved, centre = centre_nodes(lines)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        messages = _run_job(folder, "body", [*lines, _MATRICES], source, ".dof")
+        _run_job(folder, "mesh", [*without_layers(moved), _MESH], source, ".frd")
+        dofs = np.array(
+            [
+                line.split(".")
+                for line in (folder / "body.dof").read_text(encoding="utf-8").split()
+            ],
+            np.int64,
+        ).reshape(-1, 2)
+        nodes, positions, blocks = read_frd(folder / "mesh.frd")
+        return CalculixResult(
+            _read_matrix(folder / "body.sti", len(dofs)),
+            _read_matrix(folder / "body.mas", len(dofs)),
+            dofs,
+            nodes,
+            positions + centre,
+            centre,
+            blocks,
+            messages,
+        )
+
+
+def _run_job(
+    folder: Path, job: str, lines: list[str], source: Path, product: str
+) -> tuple[str, ...]:
+    """Run a job and return its warnings."""
+    text = "\n".join(lines)
+    (folder / f"{job}.inp").write_text(text, "latin-1", errors="replace")
+    done = subprocess.run(
+        ["ccx", job],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, "OMP_NUM_THREADS": str(processors())},
+        check=False,
+    )
+    found = _PROBLEM.findall(done.stdout.decode("latin-1"))
+    messages = [(kind, " ".join(message.split())) for kind, message in found]
+    errors = [message for kind, message in messages if kind == "ERROR"]
+    result = folder / f"{job}{product}"
+    if (
+        errors
+        or done.returncode < 0
+        or not result.exists()
+        or not result.stat().st_size
+    ):
+        raise InputError(
+            "CalculiX says: " + (errors[0] if errors else "nothing, and ended early"),
+            source=source,
+            expected="a deck that CalculiX solves",
+        )
+    return tuple(dict.fromkeys(m for kind, m in messages if kind == "WARNING"))
+
+
+def _read_matrix(path: Path, size: int) -> sp.csr_matrix:
+    """A symmetric matrix from its upper triangle: lines of row, column, value."""
+    table = np.fromfile(path, sep=" ").reshape(-1, 3)
+    i, j = table[:, :2].astype(np.int64).T - 1
+    half = sp.csr_matrix((table[:, 2], (i, j)), shape=(size, size))
+    return sp.csr_matrix(half + half.T - sp.diags_array(half.diagonal()))
+
+
+def read_frd(path: Path) -> tuple[Indices, Array, tuple[ElementBlock, ...]]:
+    """Read node numbers, positions and solids of the mesh of a .frd file.
+
+    Only nodes of solids are returned.
+    """
+    places: dict[int, list[float]] = {}
+    kinds: dict[str, list[list[int]]] = {}
+    labels: dict[str, list[int]] = {}
+    reading, wanted = "", 0
+    nodes: list[int] = []
+    for line in path.read_text("latin-1").splitlines():
+        key = line[:6].strip()
+        if key in ("2C", "3C"):
+            reading = key
+        elif line.startswith(" -3"):
+            reading = ""
+        elif reading == "2C":
+            places[int(line[3:13])] = [
+                float(line[k : k + 12]) for k in range(13, 49, 12)
+            ]
+        elif reading == "3C" and line.startswith(" -1"):
+            kind, wanted = _KINDS.get(int(line[13:18]), ("", 0))
+            nodes = []
+            if kind:
+                kinds.setdefault(kind, []).append(nodes)
+                labels.setdefault(kind, []).append(int(line[3:13]))
+        elif reading == "3C" and len(nodes) < wanted:
+            nodes += [int(line[k : k + 10]) for k in range(3, len(line.rstrip()), 10)]
+    used = sorted({n for rows in kinds.values() for row in rows for n in row})
+    row = {n: i for i, n in enumerate(used)}
+    blocks = []
+    for kind, listed in kinds.items():
+        order = _ORDERS.get(kind, tuple(range(len(listed[0]))))
+        blocks.append(
+            ElementBlock(
+                kind,
+                np.array([[row[e[k]] for k in order] for e in listed], np.int64),
+                np.array(labels[kind], np.int64),
+            )
+        )
+    positions = np.array([places[n] for n in used]).reshape(-1, 3)
+    return np.array(used, np.int64), positions, tuple(blocks)

@@ -1,1 +1,0 @@
-"""ANSYS archives (.cdb)."""

@@ -1,0 +1,366 @@
+"""Gmsh meshes (.msh), text or binary, versions 2.2 and 4.1.
+
+Physical names become node sets. Solid elements make the body; if there are none, the
+plane ones do. Elements of lower dimension only serve the sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sidtool.formats.base.errors import InputError
+
+from ..mesh.imported_mesh import (
+    LEFT_OUT,
+    ONLY_NODES,
+    ImportedMesh,
+    RawElement,
+    assemble_mesh,
+    check_defined,
+    parse_integers,
+    parse_numbers,
+    read_lines,
+    reading_notes,
+    unread_keyword_notes,
+)
+from ..mesh.refusals import RefusalCollector
+from .gmsh_binary import is_binary, text_lines
+
+#: Gmsh type -> dimension, nodes, our name, our order of its nodes.
+_TYPES: dict[int, tuple[int, int, str | None, tuple[int, ...] | None]] = {
+    1: (1, 2, None, None),
+    2: (2, 3, "tri3", None),
+    3: (2, 4, "quad4", None),
+    4: (3, 4, "tet4", None),
+    5: (3, 8, "hex8", None),
+    6: (3, 6, "wedge6", None),
+    7: (3, 5, "pyramid5", None),
+    8: (1, 3, None, None),
+    9: (2, 6, "tri6", None),
+    10: (2, 9, None, None),
+    11: (3, 10, "tet10", (0, 1, 2, 3, 4, 5, 6, 7, 9, 8)),
+    15: (0, 1, None, None),
+    16: (2, 8, "quad8", None),
+    18: (3, 15, "wedge15", (*range(6), 6, 9, 7, 12, 14, 13, 8, 10, 11)),
+    19: (3, 13, "pyramid13", (*range(5), 5, 8, 10, 6, 7, 9, 11, 12)),
+    17: (
+        3,
+        20,
+        "hex20",
+        (*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15),
+    ),
+}
+
+
+_READ = ("MeshFormat", "PhysicalNames", "Entities", "Nodes", "Elements")
+#: Results, and how the mesh came to be.
+_WITHOUT_EFFECT = (
+    "Comments",
+    "ElementData",
+    "ElementNodeData",
+    "InterpolationScheme",
+    "NodeData",
+    "Parametrizations",
+    "Periodic",
+)
+
+
+class _SectionLines:
+    """The lines of one section, in order."""
+
+    def __init__(self, name: str, lines: list[tuple[str, str]]) -> None:
+        self.name = name
+        self._lines: Iterator[tuple[str, str]] = iter(lines)
+
+    def next(self) -> tuple[list[str], str]:
+        for text, place in self._lines:
+            return text.split(), place
+        raise InputError(
+            f"${self.name} ends early", expected=f"more lines before $End{self.name}"
+        )
+
+    def end(self) -> None:
+        """Nothing may be left behind what was announced.
+
+        Raises
+        ------
+        InputError : there is.
+        """
+        left = next(self._lines, None)
+        if left is not None:
+            raise InputError(
+                f"${self.name} holds more than it announces: {left[0][:40]!r}",
+                place=left[1],
+                expected=f"$End{self.name}",
+            )
+
+    def count(self) -> int:
+        """A line of one number."""
+        values, place = self.integers(1)
+        if len(values) > 1:
+            raise InputError(
+                f"has {len(values)} entries", place=place, expected="one number"
+            )
+        return values[0]
+
+    def integers(self, count: int) -> tuple[list[int], str]:
+        words, place = self.next()
+        if len(words) < count:
+            raise InputError(
+                f"has {len(words)} entries", place=place, expected=f"{count} of them"
+            )
+        return parse_integers(words, place), place
+
+
+@dataclass
+class _MeshContent:
+    names: dict[tuple[int, int], str] = field(default_factory=dict)
+    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    #: label, type, nodes, physical tags, place
+    elements: list[tuple[int, int, list[int], list[int], str]] = field(
+        default_factory=list
+    )
+    physical: dict[tuple[int, int], list[int]] = field(default_factory=dict)
+
+
+def read_msh(
+    path: str | Path,
+    ignored: frozenset[str] = frozenset(),
+    *,
+    density: float | None = None,
+) -> ImportedMesh:
+    """The mesh of a Gmsh file, which has no materials that a density would complete.
+
+    Raises
+    ------
+    InputError : names file, line and expectation.
+    """
+    try:
+        file = Path(path)
+        lines = text_lines(file) if is_binary(file) else read_lines(path)
+        sections = _split_sections(lines)
+        unread = _unread_sections(sections, ignored)
+        version = _format_version(sections)
+        content = _MeshContent()
+        _read_physical_names(content, sections)
+        if version == 2:
+            _read_nodes_2(content, _required_section(sections, "Nodes"))
+            _read_elements_2(content, _required_section(sections, "Elements"))
+        else:
+            if "Entities" in sections:
+                _read_entities(content, _required_section(sections, "Entities"))
+            _read_nodes_4(content, _required_section(sections, "Nodes"))
+            _read_elements_4(content, _required_section(sections, "Elements"))
+        return _imported_mesh(content, unread)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def _split_sections(lines: list[str]) -> dict[str, list[tuple[str, str]]]:
+    sections: dict[str, list[tuple[str, str]]] = {}
+    current: str | None = None
+    for number, line in enumerate(lines, start=1):
+        text, place = line.strip(), f"line {number}"
+        if text.startswith("$End"):
+            if text[4:] != current:
+                raise InputError(
+                    f"found {text}", place=place, expected=f"$End{current or '...'}"
+                )
+            current = None
+        elif text.startswith("$"):
+            if current is not None:
+                raise InputError(
+                    f"found {text}", place=place, expected=f"$End{current}"
+                )
+            current = text[1:]
+            if current in sections and current in _READ:
+                raise InputError(
+                    f"holds ${current} twice", place=place, expected="one section"
+                )
+            sections[current] = []
+        elif current is not None and text:
+            sections[current].append((text, place))
+    if current is not None:
+        raise InputError(f"the file ends inside ${current}", expected=f"$End{current}")
+    return sections
+
+
+def _unread_sections(
+    sections: dict[str, list[tuple[str, str]]], ignored: frozenset[str]
+) -> list[str]:
+    """The sections that are not read, as `unread_keyword_notes` takes them.
+
+    Raises
+    ------
+    InputError : one of them may change the body.
+    """
+    others = [name for name in sections if name not in _READ]
+    stops = RefusalCollector()
+    for name in others:
+        if ONLY_NODES in ignored or name.upper() in ignored:
+            continue
+        if name not in _WITHOUT_EFFECT:
+            error = InputError(
+                f"holds ${name}, which is not supported",
+                expected=f'a mesh without it; geometry.ignore = ["{name}"] leaves it '
+                "out",
+            )
+            stops.add(error, name)
+    stops.check()
+    return [
+        f"${name}" if name in _WITHOUT_EFFECT else f"${name}{LEFT_OUT}"
+        for name in others
+    ]
+
+
+def _required_section(
+    sections: dict[str, list[tuple[str, str]]], name: str
+) -> _SectionLines:
+    if name not in sections:
+        raise InputError(f"has no ${name}", expected=f"a section ${name}")
+    return _SectionLines(name, sections[name])
+
+
+def _format_version(sections: dict[str, list[tuple[str, str]]]) -> int:
+    words, place = _required_section(sections, "MeshFormat").next()
+    if words[:2] == ["2.2", "0"]:
+        return 2
+    if words[:2] == ["4.1", "0"]:
+        return 4
+    raise InputError(
+        f"is of version {words[0]}, file type {' '.join(words[1:2])}",
+        place=place,
+        expected="version 2.2 or 4.1",
+    )
+
+
+def _read_physical_names(
+    content: _MeshContent, sections: dict[str, list[tuple[str, str]]]
+) -> None:
+    if "PhysicalNames" not in sections:
+        return
+    lines = _required_section(sections, "PhysicalNames")
+    announced = lines.count()
+    named = sections["PhysicalNames"][1:]
+    if announced != len(named):
+        raise InputError(
+            f"$PhysicalNames announces {announced} names and holds {len(named)}",
+            expected="as many as it announces",
+        )
+    for text, place in named:
+        words = text.split(maxsplit=2)
+        if len(words) < 3:
+            raise InputError(
+                f"found {text[:40]!r}", place=place, expected='dimension tag "name"'
+            )
+        dimension, tag = parse_integers(words[:2], place)
+        content.names[dimension, tag] = words[2].strip('"')
+
+
+def _read_nodes_2(content: _MeshContent, lines: _SectionLines) -> None:
+    for _ in range(lines.count()):
+        words, place = lines.next()
+        _add_node(content, parse_integers(words[:1], place)[0], words[1:], place)
+    lines.end()
+
+
+def _add_node(content: _MeshContent, label: int, words: list[str], place: str) -> None:
+    values = parse_numbers(words, place, "x y z")
+    if len(values) < 3 or label in content.nodes:
+        problem = "is defined twice" if len(values) > 2 else "is cut off"
+        raise InputError(f"node {label} {problem}", place=place, expected="x y z, once")
+    content.nodes[label] = (values[0], values[1], values[2])
+
+
+def _read_elements_2(content: _MeshContent, lines: _SectionLines) -> None:
+    for _ in range(lines.count()):
+        values, place = lines.integers(3)
+        label, kind, ntags = values[:3]
+        tags = values[3 : 3 + ntags][:1]
+        _add_element(content, label, kind, values[3 + ntags :], tags, place)
+    lines.end()
+
+
+def _add_element(
+    content: _MeshContent,
+    label: int,
+    kind: int,
+    nodes: list[int],
+    tags: list[int],
+    place: str,
+) -> None:
+    if kind not in _TYPES:
+        raise InputError(
+            f"element {label} is of type {kind}, which is not supported",
+            place=place,
+            expected="a Gmsh type among " + ", ".join(map(str, _TYPES)),
+        )
+    if len(nodes) != _TYPES[kind][1]:
+        raise InputError(
+            f"element {label} has {len(nodes)} nodes",
+            place=place,
+            expected=f"{_TYPES[kind][1]} nodes",
+        )
+    content.elements.append((label, kind, nodes, tags, place))
+
+
+def _read_entities(content: _MeshContent, lines: _SectionLines) -> None:
+    counts, _ = lines.integers(4)
+    for dimension, count in enumerate(counts[:4]):
+        for _ in range(count):
+            words, place = lines.next()
+            skip = 4 if dimension == 0 else 7
+            (tag,) = parse_integers(words[:1], place)
+            (n,) = parse_integers(words[skip : skip + 1] or ["0"], place)
+            tags = parse_integers(words[skip + 1 : skip + 1 + n], place)
+            content.physical[dimension, tag] = tags
+
+
+def _read_nodes_4(content: _MeshContent, lines: _SectionLines) -> None:
+    (blocks, *_), _ = lines.integers(4)
+    for _ in range(blocks):
+        (_, _, parametric, count, *_), place = lines.integers(4)
+        labels = [lines.count() for _ in range(count)]
+        for label in labels:
+            words, place = lines.next()
+            _add_node(content, label, words[:3] if parametric else words, place)
+    lines.end()
+
+
+def _read_elements_4(content: _MeshContent, lines: _SectionLines) -> None:
+    (blocks, *_), _ = lines.integers(4)
+    for _ in range(blocks):
+        (dimension, entity, kind, count, *_), _ = lines.integers(4)
+        tags = content.physical.get((dimension, entity), [])
+        for _ in range(count):
+            (label, *nodes), place = lines.integers(1)
+            _add_element(content, label, kind, nodes, tags, place)
+    lines.end()
+
+
+def _imported_mesh(content: _MeshContent, unread: list[str]) -> ImportedMesh:
+    top = max((_TYPES[kind][0] for _, kind, *_ in content.elements), default=0)
+    if top < 2:
+        raise InputError("has no plane or solid element", expected="a mesh of a body")
+    raw, sets = [], {name: set[int]() for name in content.names.values()}
+    for label, kind, nodes, tags, place in content.elements:
+        dimension, _, ours, order = _TYPES[kind]
+        check_defined(label, nodes, content.nodes, place)
+        names = [content.names.get((dimension, t), f"{dimension}.{t}") for t in tags]
+        for name in names:
+            sets.setdefault(name, set()).update(nodes)
+        if dimension < top:
+            continue
+        if ours is None:
+            raise InputError(
+                f"element {label} is of type {kind}, which makes no body here",
+                place=place,
+                expected="serendipity elements (Mesh.SecondOrderIncomplete = 1)",
+            )
+        listed = nodes if order is None else [nodes[i] for i in order]
+        raw.append(RawElement(label, ours, listed, place))
+    notes = reading_notes(content.nodes, raw, len(content.elements))
+    notes += unread_keyword_notes(unread)
+    return ImportedMesh(assemble_mesh(content.nodes, raw, sets), notes=tuple(notes))

@@ -1,1 +1,0 @@
-"""Abaqus and CalculiX input files (.inp)."""

@@ -1,1 +1,0 @@
-"""Mass and stiffness matrices of other programs."""

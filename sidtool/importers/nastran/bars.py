@@ -1,0 +1,295 @@
+"""CBAR, CBEAM, CROD and CONROD of Nastran bulk data."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+
+from ...mesh.connections import BarSection, RawBar, Vector
+from .cards import Card, is_real
+from .content import BarProperty, BulkData, duplicate_error
+
+Array = NDArray[np.float64]
+
+#: Whether the y axis, and the offsets of both ends, are in directions of the nodes.
+_GLOBAL = ("", "GGG", "BGG")
+
+
+def bar(content: BulkData, card: Card) -> None:
+    """Store CBAR, CBEAM, CROD, CONROD until all nodes and properties are known."""
+    content.bars.append(card)
+
+
+def bar_defaults(content: BulkData, card: Card) -> None:
+    """BAROR and BEAMOR: PID, X1, X2, X3 (or G0) and OFFT of cards that leave them out.
+
+    Raises
+    ------
+    InputError : there are two.
+    """
+    name = {"BAROR": "CBAR", "BEAMOR": "CBEAM"}[card.name]
+    if name in content.bar_defaults:
+        raise duplicate_error("the default of", name, card)
+    content.bar_defaults[name] = card
+
+
+def fill_bar_defaults(content: BulkData, card: Card) -> Card:
+    """Fill the blank fields of a card by those of BAROR or BEAMOR."""
+    default = content.bar_defaults.get(card.name)
+    if default is None:
+        return card
+    words = [*card.words, *[""] * 8]
+    for start, end in ((1, 2), (4, 7), (7, 8)):
+        if not any(words[start:end]):
+            words[start:end] = [default.word(i) for i in range(start, end)]
+    return replace(card, words=words)
+
+
+def bars_of(content: BulkData) -> tuple[RawBar, ...]:
+    """The bars with their properties.
+
+    Raises
+    ------
+    InputError : one is not what own elements are.
+    """
+    readers = {
+        "CBAR": _read_bar,
+        "CBEAM": _read_bar,
+        "CROD": _read_rod,
+        "CONROD": _read_conrod,
+    }
+    bars = []
+    for card in content.bars:
+        with content.stops.collect_errors():
+            bars.append(readers[card.name](content, card))
+    found = tuple(bars)
+    labels = {label for label, *_ in content.elements}
+    for one in found:
+        if one.label in labels:
+            raise InputError(
+                f"element {one.label} is defined twice",
+                place=one.place,
+                expected="one definition",
+            )
+        labels.add(one.label)
+    return found
+
+
+def _read_bar(content: BulkData, card: Card) -> RawBar:
+    """EID, PID, GA, GB, X1, X2, X3, OFFT, PA, PB, W1A, W2A, W3A, W1B, W2B, W3B."""
+    label = card.integer(0, "an element number")
+    nodes = _end_nodes(content, card, 2)
+    if card.word(7).upper() not in _GLOBAL or any(card.words[16:]):
+        raise InputError(
+            f"{card.name} {label} has OFFT {card.word(7) or 'GGG'} and further fields "
+            f"{' '.join(card.words[16:]).strip() or '(none)'}",
+            place=card.place,
+            expected="OFFT = GGG or BGG, and no warping",
+        )
+    found = _bar_property(content, card, card.integer(1, "a property", label))
+    offsets = [_vector_in_basic(content, card, nodes[k], 10 + 3 * k) for k in (0, 1)]
+    section, free_directions = _with_pinned_stiffness(card, found.section)
+    pins = tuple(
+        tuple(sorted({*_pin_directions(card, 8 + k), *free_directions[k]}))
+        for k in (0, 1)
+    )
+    up = _orientation_vector(content, card, nodes[0])
+    if section.turn:
+        ends = [
+            np.add(content.nodes[n], w) for n, w in zip(nodes, offsets, strict=True)
+        ]
+        up = _principal_axis(up, ends[1] - ends[0], section.turn)
+    found = replace(found, section=section)
+    raw = _make_bar(content, card, (label, nodes), found, up, (offsets[0], offsets[1]))
+    return replace(raw, pins=(pins[0], pins[1]))
+
+
+def _pin_directions(card: Card, at: int) -> tuple[int, ...]:
+    """PA or PB: directions of the bar that an end does not pass on.
+
+    Raises
+    ------
+    InputError : they are none.
+    """
+    word = card.word(at)
+    if set(word) - set("0123456"):
+        raise InputError(
+            f"{card.name} {card.word(0)} has the pins {word}",
+            place=card.place,
+            expected="digits from 1 to 6",
+        )
+    return tuple(sorted({int(digit) for digit in word} - {0}))
+
+
+def _with_pinned_stiffness(
+    card: Card, section: BarSection
+) -> tuple[BarSection, tuple[tuple[int, ...], tuple[int, ...]]]:
+    """A section that resists everything, and the pins that take back what it does not.
+
+    What does not resist bending about an axis is a bar with hinges about it at both
+    ends, what does not resist torsion one that turns freely at its second end.
+
+    Raises
+    ------
+    InputError : a moment vanishes at some stations only.
+    """
+    first: set[int] = set()
+    second: set[int] = set()
+    area = max(v for _, v in section.area)
+    changes: dict[str, Any] = {}
+    for name, direction in (("torsion", 4), ("iy", 5), ("iz", 6)):
+        values = [v for _, v in getattr(section, name)]
+        if values and min(values) > 0:
+            continue
+        if values and (max(values) > 0 or min(values) < 0):
+            raise InputError(
+                f"{card.name} {card.word(0)} has {name} = {min(values):g} at a station",
+                place=card.place,
+                expected="I1, I2 and J above zero, or zero everywhere",
+            )
+        changes[name] = ((0.0, area**2 / 12),)
+        second.add(direction)
+        if direction > 4:
+            first.add(direction)
+    return replace(section, **changes), (tuple(first), tuple(second))
+
+
+def _principal_axis(up: Vector, along: Array, turn: float) -> Vector:
+    """The y axis of a bar turned about it towards its z axis."""
+    x = along / np.linalg.norm(along)
+    y = np.asarray(up) - (np.asarray(up) @ x) * x
+    if not np.linalg.norm(y) > 1e-9 * np.linalg.norm(up):
+        return up  # along the bar: refused where elements are made
+    y /= np.linalg.norm(y)
+    a, b, c = (np.cos(turn) * y + np.sin(turn) * np.cross(x, y)).tolist()
+    return a, b, c
+
+
+def _orientation_vector(content: BulkData, card: Card, start: int) -> Vector:
+    """X1, X2, X3 in the directions of the first node, or from it to the node G0."""
+    words = card.words[4:7]
+    if words[0] and not is_real(words[0]):
+        if any(words[1:]):
+            raise InputError(
+                f"{card.name} {card.word(0)} has {', '.join(words)} as X1, X2, X3",
+                place=card.place,
+                expected="real numbers with a decimal point, as in 1., or a node G0 "
+                "alone, as which Nastran reads a whole number",
+            )
+        other = card.integer(4, "a node")
+        if other not in content.nodes:
+            raise _unknown_node(card, other)
+        arm = np.subtract(content.nodes[other], content.nodes[start])
+        return float(arm[0]), float(arm[1]), float(arm[2])
+    basic = card.word(7).upper().startswith("B")
+    found = _vector_in_basic(content, card, None if basic else start, 4)
+    if not any(found):
+        raise InputError(
+            f"{card.name} {card.word(0)} has no direction of its y axis",
+            place=card.place,
+            expected="X1, X2, X3 or G0",
+        )
+    return found
+
+
+def _vector_in_basic(
+    content: BulkData, card: Card, node: int | None, at: int
+) -> Vector:
+    """A vector in the directions of a node, or basic ones, in the basic system."""
+    x, y, z = total = [card.real(at + i, "a component") for i in range(3)]
+    if node is None:
+        return x, y, z
+    system = content.direction_system(node)
+    if not system or not any(total):
+        return x, y, z
+    axes = [content.frames.direction(node, system, i) for i in (1, 2, 3)]
+    a, b, c = np.array(total) @ np.array(axes)
+    return float(a), float(b), float(c)
+
+
+def _read_rod(content: BulkData, card: Card) -> RawBar:
+    """EID, PID, G1, G2."""
+    label = card.integer(0, "an element number")
+    _check_last_field(card, 4)
+    found = _bar_property(content, card, card.integer(1, "a property", label))
+    if found.section.iy:
+        raise InputError(
+            f"CROD {label} has a property of bars", place=card.place, expected="PROD"
+        )
+    return _make_bar(content, card, (label, _end_nodes(content, card, 2)), found)
+
+
+def _read_conrod(content: BulkData, card: Card) -> RawBar:
+    """EID, G1, G2, MID, A, J, C, NSM."""
+    _check_last_field(card, 8)
+    courses = (((0.0, card.real(i, "a number")),) for i in (4, 5, 7))
+    area, torsion, extra = courses
+    section = BarSection(area, torsion=torsion, extra=extra)
+    found = BarProperty(str(card.integer(3, "a material")), section, card.place)
+    if card.word(6):
+        content.said["stress points of CONROD"] = None
+    label = card.integer(0, "an element number")
+    return _make_bar(content, card, (label, _end_nodes(content, card, 1)), found)
+
+
+def _make_bar(
+    content: BulkData,
+    card: Card,
+    ends: tuple[int, tuple[int, int]],
+    found: BarProperty,
+    y_axis: Vector | None = None,
+    offsets: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+) -> RawBar:
+    section, weight = found.section, content.weight
+    if min(v for _, v in section.area) <= 0:
+        raise InputError(
+            f"{card.name} {ends[0]} has no area",
+            place=card.place,
+            expected="an area above zero",
+        )
+    e, g, rho = content.moduli.get(found.material, (0.0, 0.0, 0.0))
+    heavy = tuple((at, weight * value) for at, value in section.extra)
+    section = replace(section, extra=heavy)
+    rho *= content.weight_of(found.material)
+    return RawBar(*ends, card.place, y_axis, e, g, rho, section, offsets)
+
+
+def _bar_property(content: BulkData, card: Card, label: int) -> BarProperty:
+    found = content.bar_properties.get(label)
+    if found is None or (card.name != "CROD" and not found.section.iy):
+        raise InputError(
+            f"{card.name} {card.word(0)} has the property {label}",
+            place=card.place,
+            expected="PROD for CROD; PBAR, PBARL, PBEAM or PBEAML for bars",
+        )
+    return found
+
+
+def _end_nodes(content: BulkData, card: Card, at: int) -> tuple[int, int]:
+    first, last = (card.integer(at + i, "a node") for i in (0, 1))
+    for node in (first, last):
+        if node not in content.nodes:
+            raise _unknown_node(card, node)
+    return first, last
+
+
+def _unknown_node(card: Card, node: int) -> InputError:
+    return InputError(
+        f"{card.name} {card.word(0)} names node {node}, which is not defined",
+        place=card.place,
+        expected="a node of this file",
+    )
+
+
+def _check_last_field(card: Card, at: int) -> None:
+    if any(card.words[at:]):
+        raise InputError(
+            f"{card.name} {card.word(0)} holds {' '.join(card.words[at:]).strip()}",
+            place=card.place,
+            expected=f"{at} fields",
+        )

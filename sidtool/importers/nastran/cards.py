@@ -1,0 +1,236 @@
+"""Cards of Nastran bulk data: small, large and free fields, and continuations."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sidtool.formats.base.errors import InputError
+
+from ...mesh.imported_mesh import (
+    MOST_MEMBERS,
+    IncludedFiles,
+    located_line,
+    parse_integers,
+    parse_numbers,
+    read_lines,
+)
+
+#: A real number whose exponent has no letter, as in 2.1+11.
+_EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
+#: What stands for case control among the cards.
+CASE_CONTROL = "CASE CONTROL"
+_MPC = re.compile(r"MPC ?= ?(\d+)$")
+#: Commands of case control without an equals sign.
+_CONTROL = ("SUBCASE", "SUBCOM", "SUBSEQ", "SYM", "REPCASE", "OUTPUT", "ECHO")
+
+
+@dataclass
+class Card:
+    """One card with all its continuations.
+
+    Attributes
+    ----------
+    name : in capitals, without the star of large fields
+    words : the data fields, "" for a blank one
+    after : what its last line ends with, to find the next one
+    """
+
+    name: str
+    place: str
+    words: list[str] = field(default_factory=list)
+    after: str = ""
+
+    def word(self, i: int) -> str:
+        """Data field i from 0, "" beyond the last."""
+        return self.words[i] if i < len(self.words) else ""
+
+    def integer(self, i: int, what: str, default: int | None = None) -> int:
+        """A whole number.
+
+        Raises
+        ------
+        InputError : there is none, and no default.
+        """
+        if not self.word(i) and default is not None:
+            return default
+        return parse_integers([self.word(i)], self.place, f"{self.name}: {what}")[0]
+
+    def real(self, i: int, what: str, default: float = 0.0) -> float:
+        """A real number, as Nastran writes it.
+
+        Raises
+        ------
+        InputError : it is none.
+        """
+        if not self.word(i):
+            return default
+        return real_number(self.word(i), f"{self.name}: {what}", self.place)
+
+
+def real_number(word: str, what: str, place: str) -> float:
+    """A real number, as Nastran writes it.
+
+    Raises
+    ------
+    InputError : it is none.
+    """
+    return parse_numbers([_EXPONENT.sub(r"\1E\2", word)], place, what)[0]
+
+
+def is_real(word: str) -> bool:
+    """Whether Nastran reads a field as a real number: it has a decimal point."""
+    return "." in word
+
+
+def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
+    """The cards of the bulk data; without BEGIN BULK the whole file is bulk data.
+
+    Raises
+    ------
+    InputError : names file and line.
+    """
+    included = included or IncludedFiles()
+    included.enter(path)
+    lines = list(enumerate(read_lines(path), start=1))
+    start, control = _split_case_control(lines)
+    cards: list[Card] = []
+    nested = path.name if len(included.open) > 1 else ""
+    for number, raw in lines[start:]:
+        text = raw.split("$")[0].rstrip().expandtabs(8)
+        place = located_line(number, nested)
+        if not text.strip():
+            continue
+        first = _without_blanks(text).split()[0].split(",")[0]
+        if first == "ENDDATA":
+            break
+        if first == "BEGIN":
+            raise InputError(
+                f"holds {text.strip()}, which is not supported",
+                place=place,
+                expected="bulk data without superelements",
+            )
+        if first == "INCLUDE":
+            cards += _included_cards(path, text, place, included)
+            continue
+        _add_line(cards, text, place)
+    included.open.pop()
+    return control + cards
+
+
+def _split_case_control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
+    """Return where bulk data begin, and the case control before them as a card.
+
+    They begin after BEGIN BULK; without it after the case control that follows CEND;
+    without that with the file. The card holds the sets that MPC names.
+    """
+    texts = [_without_blanks(text.split("$")[0]) for _, text in lines]
+    begins = [i for i, text in enumerate(texts) if text == "BEGIN BULK"]
+    ends = [i for i, text in enumerate(texts) if text == "CEND"]
+    if begins:
+        start = begins[0]
+    elif ends:
+        rest = range(ends[0] + 1, len(texts))
+        start = next((i for i in rest if not _is_control(texts[i])), len(texts))
+    else:
+        return 0, []
+    if not any(texts[:start]):
+        return start + bool(begins), []
+    named = [_MPC.match(text) for text in texts[:start]]
+    words = [found.group(1) for found in named if found]
+    return start + bool(begins), [Card(CASE_CONTROL, f"line {start}", words)]
+
+
+def _is_control(text: str) -> bool:
+    return not text or "=" in text or text.split()[0] in _CONTROL
+
+
+def _without_blanks(text: str) -> str:
+    return " ".join(text.upper().split())
+
+
+def _included_cards(
+    path: Path, text: str, place: str, included: IncludedFiles
+) -> list[Card]:
+    name = text.strip()[len("INCLUDE") :].strip().strip("'\"")
+    if not name:
+        raise InputError(
+            "names no file",
+            place=place,
+            expected="INCLUDE 'FILE'",
+        )
+    return read_cards(path.parent / name, included)
+
+
+def _add_line(cards: list[Card], text: str, place: str) -> None:
+    """A line as a new card, or as the continuation of the last one."""
+    name, words, after = _split_fields(text, place)
+    if name and name[0] not in "+*":
+        cards.append(Card(name.rstrip("*"), place, words, after))
+        return
+    mark = name.lstrip("+*")
+    if not cards or (mark and mark != cards[-1].after.lstrip("+*")):
+        raise InputError(
+            f"continues no card: {text[:30]!r}",
+            place=place,
+            expected="continuations right behind their card",
+        )
+    card = cards[-1]
+    card.words += words
+    card.after = after
+
+
+def _split_fields(text: str, place: str) -> tuple[str, list[str], str]:
+    """Name, data fields (8, or 4 large ones) and the mark at the end."""
+    if "," in text:
+        fields = [word.strip() for word in text.split(",")]
+        count = 4 if "*" in fields[0] else 8
+        if len(fields) > count + 2:
+            raise InputError(
+                f"has {len(fields)} fields", place=place, expected=f"{count + 2}"
+            )
+    else:
+        wide = "*" in text[:8]
+        width, count = (16, 4) if wide else (8, 8)
+        starts = [8 + width * i for i in range(count)]
+        fields = [text[:8].strip(), *(text[s : s + width].strip() for s in starts)]
+        fields.append(text[72:80].strip())
+    words = fields[1 : count + 1]
+    words += [""] * (count - len(words))
+    after = fields[count + 1] if len(fields) > count + 1 else ""
+    return fields[0].upper(), words, after.upper()
+
+
+def parse_members(words: list[str], place: str) -> Iterator[int]:
+    """Numbers and ranges `a THRU b`.
+
+    Raises
+    ------
+    InputError : they are none.
+    """
+    for labels in parse_member_groups(words, place):
+        yield from labels
+
+
+def parse_member_groups(words: list[str], place: str) -> Iterator[Sequence[int]]:
+    """The same one by one: a tuple of one number, or a range.
+
+    Raises
+    ------
+    InputError : they are none.
+    """
+    given = [word.upper() for word in words if word]
+    i = 0
+    while i < len(given):
+        if given[i + 1 : i + 2] == ["THRU"]:
+            ends = parse_integers([given[i], *given[i + 2 : i + 3]], place)
+            if len(ends) < 2 or not 0 <= ends[1] - ends[0] < MOST_MEMBERS:
+                found = " ".join(given[i : i + 3])
+                raise InputError(f"found {found!r}", place=place, expected="a THRU b")
+            yield range(ends[0], ends[1] + 1)
+            i += 3
+            continue
+        yield tuple(parse_integers([given[i]], place))
+        i += 1

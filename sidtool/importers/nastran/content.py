@@ -1,0 +1,358 @@
+"""Contents of bulk data; cards without effect; order of nodes of solid elements.
+
+Plane elements and bars without a material beside solids only name node sets:
+pre-processors such as Gmsh write them for the surfaces and lines of a solid. Solids
+that count their nodes left-handed, which Nastran accepts, are reordered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+
+from ...mesh.connections import BarSection
+from ...mesh.imported_mesh import RawCoupling, RawMass
+from ...mesh.materials import ElasticMaterial
+from ...mesh.reference_elements import edge_nodes, reference_element, shape_of
+from ...mesh.refusals import RefusalCollector
+from .cards import Card, parse_member_groups
+from .coordinate_systems import CoordinateSystem, CoordinateSystems
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Property:
+    """Property of solids, plane elements and shells.
+
+    Attributes
+    ----------
+    system : coordinate system of the material axes
+    flat : whether it is one of plane elements and shells
+    """
+
+    material: str
+    thickness: float | None
+    place: str
+    system: int = 0
+    flat: bool = False
+    layered: bool = False
+    extra: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneLaw:
+    """A material of shells in its axes.
+
+    Attributes
+    ----------
+    law : (3, 3) of plane stress, xx, yy and engineering xy
+    transverse : (2, 2) of the shears xz and yz
+    """
+
+    law: Array
+    transverse: Array
+    density: float
+
+    def turned(self, angle: float) -> tuple[Array, Array]:
+        """`law` and `transverse` of material axes that stand at an angle [rad]."""
+        c, s = np.cos(angle), np.sin(angle)
+        strain = np.array(
+            [
+                [c * c, s * s, c * s],
+                [s * s, c * c, -c * s],
+                [-2 * c * s, 2 * c * s, c * c - s * s],
+            ]
+        )
+        across = np.array([[c, s], [-s, c]])
+        return strain.T @ self.law @ strain, across.T @ self.transverse @ across
+
+
+@dataclass(frozen=True)
+class BarProperty:
+    """Property of bars and rods."""
+
+    material: str
+    section: BarSection
+    place: str
+
+
+@dataclass
+class BulkData:
+    """Contents of bulk data; `shells` are requested, or plane elements.
+
+    Attributes
+    ----------
+    gaps : set -> members of its ranges, some of which may be undefined
+    bars, mass_cards : cards of bars and rods, and CONM2
+    bar_defaults : fields that cards CBAR and CBEAM omit
+    moduli : E, G and density of MAT1 for bars
+    corners : plane element -> its own thicknesses at the corners as they are written,
+        and last its field TFLAG
+    local : node -> the system it is given in, -1 for that of GRDSET, and location
+    turned : node -> the system of its directions, in which MPC counts, -1 likewise
+    multipoint, sums : set -> cards MPC, and sets of MPCADD with their cards
+    density : density of materials without RHO, to which PARAM WTMASS does not apply
+    completed : materials that have it
+    chosen : sets of MPC that case control selects
+    controlled : whether there is case control
+    apart : notes on elements that only name nodes
+    stops : reasons to refuse the file
+    frames : coordinate systems, with the nodes as the file gives them
+    """
+
+    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    elements: list[tuple[int, int, str, list[int], str]] = field(default_factory=list)
+    properties: dict[int, Property] = field(default_factory=dict)
+    corners: dict[int, list[str]] = field(default_factory=dict)
+    shell_fields: dict[int, list[str]] = field(default_factory=dict)
+    shell_cards: dict[int, Card] = field(default_factory=dict)
+    plane: dict[str, PlaneLaw] = field(default_factory=dict)
+    springs: list[Card] = field(default_factory=list)
+    spring_properties: dict[int, tuple[str, tuple[float, ...]]] = field(
+        default_factory=dict
+    )
+    bars: list[Card] = field(default_factory=list)
+    bar_defaults: dict[str, Card] = field(default_factory=dict)
+    bar_properties: dict[int, BarProperty] = field(default_factory=dict)
+    moduli: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    materials: dict[str, ElasticMaterial | None] = field(default_factory=dict)
+    sets: dict[str, list[int]] = field(default_factory=dict)
+    gaps: dict[str, set[int]] = field(default_factory=dict)
+    said: dict[str, None] = field(default_factory=dict)
+    weight: float = 1.0
+    couplings: list[RawCoupling] = field(default_factory=list)
+    masses: list[RawMass] = field(default_factory=list)
+    mass_cards: list[Card] = field(default_factory=list)
+    systems: dict[int, CoordinateSystem] = field(default_factory=dict)
+    local: dict[int, tuple[int, str]] = field(default_factory=dict)
+    turned: dict[int, int] = field(default_factory=dict)
+    system: int = 0
+    directions: int = 0
+    multipoint: dict[int, list[Card]] = field(default_factory=dict)
+    sums: dict[int, Card] = field(default_factory=dict)
+    chosen: dict[int, None] = field(default_factory=dict)
+    controlled: bool = False
+    shells: bool = False
+    density: float | None = None
+    completed: set[str] = field(default_factory=set)
+    name_only_notes: tuple[str, ...] = ()
+    frames: CoordinateSystems = field(
+        default_factory=lambda: CoordinateSystems({}, {}, {})
+    )
+    stops: RefusalCollector = field(default_factory=RefusalCollector)
+
+    def extend_set(self, name: str, words: list[str], place: str) -> None:
+        """Add numbers and ranges to a node set.
+
+        Raises
+        ------
+        InputError : they are none.
+        """
+        for labels in parse_member_groups(words, place):
+            self.sets.setdefault(name, []).extend(labels)
+            if isinstance(labels, range):
+                self.gaps.setdefault(name, set()).update(labels)
+
+    def close_gaps(self) -> None:
+        """Remove the members of ranges that are not defined, as Nastran does."""
+        for name, spanned in self.gaps.items():
+            self.sets[name] = [
+                n for n in self.sets[name] if n in self.nodes or n not in spanned
+            ]
+
+    def density_of(self, material: str, rho: float) -> float:
+        """The density of a card, or that which completes it."""
+        if rho or self.density is None:
+            return rho
+        self.completed.add(material)
+        return self.density
+
+    def weight_of(self, material: str) -> float:
+        """Return the factor of the density of a material."""
+        return 1.0 if material in self.completed else self.weight
+
+    def direction_system(self, node: int) -> int:
+        """The system of the directions of a node."""
+        system = self.turned[node]
+        return self.directions if system < 0 else system
+
+    def direction_systems(self) -> dict[int, str]:
+        """Return the direction systems of all nodes, with the location of one node."""
+        return {self.direction_system(n): p for n, (_, p) in self.local.items()}
+
+
+def duplicate_error(what: str, name: object, card: Card) -> InputError:
+    """Return the error of a duplicate definition."""
+    return InputError(
+        f"{what} {name} is defined twice", place=card.place, expected="one definition"
+    )
+
+
+#: Loads, supports, results, and data beyond linear elasticity.
+_NO_EFFECT = """
+    ACCEL ACCEL1 ASET ASET1 AUTOSPC BSET BSET1 CSET CSET1 DAREA
+    DCONSTR DEBUG DELAY DESVAR DLOAD DPHASE DRESP1 DVPREL1 EIGB EIGC
+    EIGP EIGR EIGRL FORCE FORCE1 FORCE2 FREQ FREQ1 FREQ2 FREQ3 FREQ4 FREQ5 GRAV LOAD
+    LSEQ MAT4 MATS1 MOMENT MOMENT1 MOMENT2 NLPARM NLPCI OMIT OMIT1 PLOAD PLOAD1 PLOAD2
+    PLOAD4 PLOTEL QSET QSET1 RANDPS RFORCE RLOAD1 RLOAD2 SPCADD SPCD SPCR SUPORT
+    SUPORT1 TABDMP1 TABLED1 TABLED2 TABLED3 TABLED4 TABLES1 TABRND1 TEMP TEMPD TEMPP1
+    TIC TLOAD1 TLOAD2 TSTEP TSTEPNL USET USET1 EPOINT SPOINT SET3
+    BNDFIX BNDFIX1 BNDFREE BNDFRE1 DOPTPRM DLINK DVMREL1 DVCREL1 TABLEM1
+    CBARAO YPARAM PLOTOPT PLOTG SEQGP DTI DMI NLSTEP NLMOPT NLADAPT TSTEP1 GROUP SET2
+    PLOADX1 PLOADB3 PRESAX SPCOFF SPCOFF1 SPC2 DAMPING HYBDAMP TABDMP2 TABRNDG RANDT1
+    FREQV TEMPRB TEMPBC TEMPP2 TEMPP3 TEMPB3 TEMPF TEMPN1 CREEP ECHOON ECHOOFF
+    NOLIN1 NOLIN2 NOLIN3 NOLIN4 ACSRCE UXVEC LOADCYN LOADCYH DYNRED EIGRZ
+"""
+#: Aerodynamics, whose splines name nodes alone.
+_AERODYNAMIC = """
+    AERO AEROS AEFACT AELIST AELINK AELIST AESTAT AESURF AESURFS AEPARM AECOMP AECOMPL
+    AEDW AEFORCE AEGRID AEPRESS AEQUAD4 AETRIA3 CAERO1 CAERO2 CAERO3 CAERO4 CAERO5
+    PAERO1 PAERO2 PAERO3 PAERO4 PAERO5 SPLINE1 SPLINE2 SPLINE3 SPLINE4 SPLINE5 SPLINE6
+    SPLINE7 SPLINEX SPBLND1 SPBLND2 SPLINRB MKAERO1 MKAERO2 FLUTTER FLFACT GUST MONPNT1
+    MONPNT2 MONPNT3 MONDSP1 MONSUM MONSUM1 MONCNCM TRIM TRIM2 DIVERG CSSCHD DMIJ DMIK
+    DMIJI
+"""
+#: Optimisation: what may become of a body, not what it is.
+_OPTIMISATION = """
+    DRESP2 DRESP3 DEQATN DSCREEN DTABLE DTABLE2 DCONADD DCONSTR DVTREL1 DVCREL2 DVMREL2
+    DVPREL2 DVLREL1 DVPSURF DVGRID DVSHAP DVBSHAP DVSET DDVAL DMNCON BEADVAR TOPVAR
+    TOMVAR DRESP DREPEAT DLINK2 DVEREL1
+"""
+#: Heat alone.
+_HEAT_TRANSFER = """
+    CHBDYE CHBDYG CHBDYP PHBDY CONV CONVM PCONV PCONVM RADBC RADM RADMT RADSET RADLST
+    RADCAV RADMTX RADBND VIEW VIEW3D VIEWEX QBDY1 QBDY2 QBDY3 QHBDY QVECT QVOL MAT4 MAT5
+    MATT4 MATT5 TEMPG BDYOR
+"""
+#: Damping, which is that of the model file.
+_DAMPING = """
+    CDAMP1 CDAMP2 CDAMP3 CDAMP4 CDAMP5 PDAMP PDAMP5 CVISC PVISC PDAMPT
+"""
+#: What would do instead of cards that are refused.
+ALTERNATIVES = {
+    **dict.fromkeys(
+        ("CTUBE", "CBEND"),
+        "CROD or CBAR with the same section",
+    ),
+    **dict.fromkeys(
+        ("CELAS3", "CELAS4", "CBUSH1D", "CBUSH2D", "CGAP"),
+        "a force in the scene between markers",
+    ),
+    **dict.fromkeys(("CMASS1", "CMASS2", "CMASS3", "CMASS4", "CONM1"), "CONM2"),
+    "CSHEAR": "shells",
+}
+WITHOUT_EFFECT = frozenset(
+    " ".join(
+        (_NO_EFFECT, _AERODYNAMIC, _OPTIMISATION, _HEAT_TRANSFER, _DAMPING)
+    ).split()
+)
+
+
+_SET_PREFIXES = {1: "LINE", 2: "SURFACE"}
+
+
+def property_node_sets(content: BulkData) -> tuple[str, ...]:
+    """Make node sets SURFACE2, LINE1, ... of such elements, by their property.
+
+    Returns
+    -------
+    a sentence on them, if there are some
+    """
+    dimensions = [
+        reference_element(kind).dimension for _, _, kind, *_ in content.elements
+    ]
+    top = max(dimensions, default=1)
+    elements, bars = [], []
+    found: dict[str, list[int]] = {}
+    for element, dimension in zip(content.elements, dimensions, strict=True):
+        _, label, _, nodes, _ = element
+        given = content.properties.get(label)
+        if dimension == top or (given and given.flat and given.material):
+            elements.append(element)
+        else:
+            found.setdefault(f"{_SET_PREFIXES[dimension]}{label}", []).extend(nodes)
+    for card in content.bars:
+        label = card.integer(1, "a property", card.integer(0, "an element number"))
+        if top == 1 or card.name == "CONROD" or label in content.bar_properties:
+            bars.append(card)
+        else:
+            nodes = [card.integer(i, "a node") for i in (2, 3)]
+            found.setdefault(f"{_SET_PREFIXES[1]}{label}", []).extend(nodes)
+    apart = len(content.elements) + len(content.bars) - len(elements) - len(bars)
+    content.elements, content.bars = elements, bars
+    for name, nodes in found.items():
+        content.sets.setdefault(name, []).extend(nodes)
+    if not apart:
+        return ()
+    return (
+        f"{apart} elements of lower dimension have no material and only name nodes: "
+        f"{', '.join(found)}",
+    )
+
+
+Position = tuple[float, float, float]
+
+#: Shape of a solid -> its corners, seen in a mirror.
+_MIRRORED = {
+    "tet": (0, 2, 1, 3),
+    "pyramid": (0, 3, 2, 1, 4),
+    "wedge": (0, 2, 1, 3, 5, 4),
+    "hex": (0, 3, 2, 1, 4, 7, 6, 5),
+}
+
+
+def count_right_handed(content: BulkData) -> tuple[str, ...]:
+    """Give the nodes of left-handed solids in the order of right-handed ones.
+
+    An element counts as left-handed if all its quadrature points are mirrored; others
+    that are not right are refused elsewhere.
+
+    Returns
+    -------
+    a sentence on the elements that were turned, if there are some
+    """
+    by_kind: dict[str, list[int]] = {}
+    for row, (_, _, kind, nodes, _) in enumerate(content.elements):
+        if shape_of(kind) in _MIRRORED and all(n in content.nodes for n in nodes):
+            by_kind.setdefault(kind, []).append(row)
+    turned = []
+    for kind, rows in by_kind.items():
+        listed = [content.elements[row][3] for row in rows]
+        turned += [rows[k] for k in _is_left_handed(kind, listed, content.nodes)]
+    for row in turned:
+        label, property_, kind, nodes, place = content.elements[row]
+        order = [nodes[k] for k in mirrored_order(kind)]
+        content.elements[row] = label, property_, kind, order, place
+    if not turned:
+        return ()
+    first = content.elements[min(turned)][0]
+    return (
+        f"nodes are counted left-handed in {len(turned)} solid elements (the first is "
+        f"{first}); they are the same bodies counted right-handed",
+    )
+
+
+def _is_left_handed(
+    kind: str, elements: list[list[int]], positions: Mapping[int, Position]
+) -> NDArray[np.int64]:
+    corners = np.array([[positions[n] for n in nodes] for nodes in elements])
+    slopes = reference_element(kind).gradients
+    jacobians = np.einsum("emd,gmk->egdk", corners, slopes)
+    return np.flatnonzero((np.linalg.det(jacobians) < 0).all(axis=1))
+
+
+@cache
+def mirrored_order(kind: str) -> tuple[int, ...]:
+    """The right-handed order of the nodes of a solid that counts them left-handed."""
+    corners = _MIRRORED[shape_of(kind)]
+    edges = edge_nodes(kind)
+    number = {frozenset(edge): len(corners) + k for k, edge in enumerate(edges)}
+    middles = [number[frozenset((corners[a], corners[b]))] for a, b in edges]
+    return (*corners, *middles)

@@ -1,1 +1,0 @@
-"""NURBS patches of other programs."""

@@ -1,0 +1,301 @@
+"""Isogeometric analysis of one patch or several joined patches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.model import IgaDiscretisation, ModelFile, NodeMarker
+from sidtool.formats.model.geometry import (
+    NurbsGeometry,
+    PatchesGeometry,
+    VolumeGeometry,
+)
+
+from ..elements.faces import Surface, concatenate_surfaces, patch_surface
+from ..elements.finite_element_model import FiniteElementModel, MarkerRows
+from ..elements.markers import (
+    marker_parameters,
+    markers_with_position,
+    name_marker_in_errors,
+    rows_at,
+)
+from ..elements.material_points import Continuum
+from ..elements.solid_elements import ElementBatch
+from ..geometry.multipatch import (
+    CommonNumbering,
+    Side,
+    close_gaps,
+    find_topology,
+    number_control_points,
+    sides_of,
+)
+from ..geometry.nurbs_patch import NurbsPatch, patch_from_model, side_nodes
+from ..geometry.patch_contact import WeakTie, check_connected, check_overlaps, weak_ties
+from ..importers.nurbs_files import read_patches
+from ..mesh.connections import NamedSets
+from .iga import (
+    expected_mass,
+    patch_continuum,
+    patch_matrices,
+    refine_for_model,
+    refinement_notes,
+)
+from .patch_mortar import tie_stiffness
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: The patch of a model that is one, in messages: geometry.left and so on.
+_SINGLE_PATCH_NAME = "geometry"
+
+
+def iga_model(model: ModelFile) -> FiniteElementModel:
+    """The body of a model file in its own refined NURBS basis.
+
+    Sides of the patch that are the same are joined, as are collapsed ones.
+
+    Raises
+    ------
+    InputError : the refined knots do not hold the geometry, the geometry folds or
+        touches itself, or a marker lies outside.
+    """
+    geometry = model.geometry
+    assert isinstance(geometry, NurbsGeometry | VolumeGeometry)
+    parts = _join_patches(model, {_SINGLE_PATCH_NAME: patch_from_model(geometry)})
+    names = geometry.edge_names
+    sides = {name: (Side(_SINGLE_PATCH_NAME, *side),) for name, side in names.items()}
+    return _joined_body(model, parts, sides)
+
+
+def patches_model(model: ModelFile) -> FiniteElementModel:
+    """The body of a model file whose geometry is a patch file.
+
+    Raises
+    ------
+    InputError : names the file, the patch or the key that is wrong.
+    """
+    geometry = model.geometry
+    assert isinstance(geometry, PatchesGeometry)
+    exact = read_patches(geometry.file)
+    if len({len(patch.degrees) for patch in exact.values()}) > 1:
+        raise InputError(
+            "holds plane patches and volumes",
+            source=geometry.file,
+            expected="patches of one kind",
+        )
+    try:
+        parts = _join_patches(model, exact, geometry.tolerance)
+    except InputError as error:
+        raise error.located(geometry.file) from None
+    return _joined_body(model, parts, _sides_by_name(geometry, exact))
+
+
+@dataclass(frozen=True, eq=False)
+class _JoinedPatches:
+    """Patches as given, refined, and how they hang together."""
+
+    exact: Mapping[str, NurbsPatch]
+    fine: Mapping[str, NurbsPatch]
+    numbering: CommonNumbering
+    ties: list[WeakTie]
+
+
+def _join_patches(
+    model: ModelFile, patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9
+) -> _JoinedPatches:
+    check_overlaps(patches)
+    found = find_topology(patches, tolerance)
+    ties = weak_ties(patches, found, tolerance)
+    exact = close_gaps(patches, found, tolerance)
+    fine = {name: refine_for_model(model, patch) for name, patch in exact.items()}
+    numbering = number_control_points(fine, found)
+    check_connected(numbering, ties)
+    return _JoinedPatches(exact, fine, numbering, ties)
+
+
+def _joined_body(
+    model: ModelFile, parts: _JoinedPatches, sides: Mapping[str, tuple[Side, ...]]
+) -> FiniteElementModel:
+    """Make the body of joined patches.
+
+    Parameters
+    ----------
+    sides : sides by name
+    """
+    exact, fine, numbering = parts.exact, parts.fine, parts.numbering
+    settings, material = model.discretisation, model.material
+    assert isinstance(settings, IgaDiscretisation) and material is not None
+    d = len(next(iter(fine.values())).degrees)
+    n = numbering.count
+    mass, stiffness = sp.csr_matrix((n, n)), sp.csr_matrix((d * n, d * n))
+    positions = np.zeros((n, d))
+    for name, patch in fine.items():
+        m, k = patch_matrices(model, exact[name], patch)
+        once, spread = _gather_matrix(numbering, name, d)
+        mass, stiffness = mass + once.T @ m @ once, stiffness + spread.T @ k @ spread
+        positions[numbering.numbers[name]] = patch.points
+    thickness = getattr(model.geometry, "thickness", None) or 1.0
+    modulus = material.youngs_modulus * thickness
+    for tie in parts.ties:
+        stiffness = stiffness + tie_stiffness(tie, fine, numbering, modulus)
+    ties = [
+        f"{tie.slave.name} lies on a part of {tie.master.name}: tied weakly "
+        "(mortar method)"
+        for tie in parts.ties
+    ]
+    changed = [refinement_notes(settings, patch) for patch in fine.values()]
+    return FiniteElementModel(
+        positions=positions,
+        scalar_mass=sp.csr_matrix(mass),
+        stiffness=sp.csr_matrix(stiffness),
+        node_sets=NamedSets(
+            {
+                name: _side_nodes(members, fine, numbering)
+                for name, members in sides.items()
+            }
+        ),
+        surface=lambda names: _side_surface(sides, fine, numbering, names),
+        markers=_patch_markers(model, parts, sides),
+        continua=tuple(
+            _joined_continuum(
+                patch_continuum(model, exact[name], patch), numbering.numbers[name]
+            )
+            for name, patch in fine.items()
+        ),
+        patches=tuple((fine[name], numbering.numbers[name]) for name in fine),
+        geometry_mass=lambda: expected_mass(model, list(exact.values())),
+        notes=tuple(dict.fromkeys([*ties, *chain(*changed)])),
+    )
+
+
+def _joined_continuum(continuum: Continuum, numbers: Indices) -> Continuum:
+    """The material of a patch on the common control points."""
+
+    def batches() -> Iterator[ElementBatch]:
+        for batch in continuum.batches():
+            yield replace(batch, nodes=numbers[batch.nodes])
+
+    return replace(continuum, batches=batches)
+
+
+def _gather_matrix(
+    numbering: CommonNumbering, name: str, d: int
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """From common control points, and degrees of freedom, to those of one patch."""
+    numbers = numbering.numbers[name]
+    local = np.arange(len(numbers))
+    shape = (len(numbers), numbering.count)
+    once = sp.csr_matrix((np.ones(len(numbers)), (local, numbers)), shape=shape)
+    return once, sp.csr_matrix(sp.kron(once, sp.eye_array(d)))
+
+
+def _sides_by_name(
+    geometry: PatchesGeometry, patches: Mapping[str, NurbsPatch]
+) -> dict[str, tuple[Side, ...]]:
+    """Sides by their own names and by those that the model gives to several.
+
+    Raises
+    ------
+    InputError : the model names a side that is not there.
+    """
+    sides: dict[str, tuple[Side, ...]] = {s.name: (s,) for s in sides_of(patches)}
+    for name, members in geometry.edges.items():
+        unknown = [member for member in members if member not in sides]
+        if unknown:
+            raise InputError(
+                f"there is no side {unknown[0]!r}",
+                place=f"geometry.edges.{name}",
+                expected=f"one of {', '.join(sorted(sides))}",
+            )
+        sides[name] = tuple(side for member in members for side in sides[member])
+    return sides
+
+
+def _side_nodes(
+    sides: tuple[Side, ...],
+    patches: Mapping[str, NurbsPatch],
+    numbering: CommonNumbering,
+) -> Indices:
+    """The common control points of some sides."""
+    found = [
+        numbering.numbers[s.patch][side_nodes(patches[s.patch], s.direction, s.end)]
+        for s in sides
+    ]
+    return np.unique(np.concatenate(found))
+
+
+def _side_surface(
+    sides: Mapping[str, tuple[Side, ...]],
+    patches: Mapping[str, NurbsPatch],
+    numbering: CommonNumbering,
+    names: tuple[str, ...],
+) -> Surface:
+    """Named sides as one, on the common control points."""
+    found = []
+    for side in dict.fromkeys(side for name in names for side in sides[name]):
+        own = patch_surface(patches[side.patch], side.direction, side.end)
+        once, _ = _gather_matrix(numbering, side.patch, own.points.shape[1])
+        found.append(replace(own, mass=sp.csr_matrix(once.T @ own.mass @ once)))
+    return concatenate_surfaces(found)
+
+
+def _patch_markers(
+    model: ModelFile, parts: _JoinedPatches, sides: Mapping[str, tuple[Side, ...]]
+) -> tuple[MarkerRows, ...]:
+    rows = []
+    for name, marker in markers_with_position(model.markers):
+        with name_marker_in_errors(name):
+            patch, where = _marker_location(marker, parts.exact, sides)
+            fine = parts.fine[patch]
+            local = rows_at(name, marker.node, fine, where)
+            assert local.gradient is not None
+            _, spread = _gather_matrix(parts.numbering, patch, fine.points.shape[1])
+            rows.append(
+                replace(
+                    local,
+                    displacement=sp.csr_matrix(local.displacement @ spread),
+                    rotation=sp.csr_matrix(local.rotation @ spread),
+                    gradient=sp.csr_matrix(local.gradient @ spread),
+                )
+            )
+    return tuple(rows)
+
+
+def _marker_location(
+    marker: NodeMarker,
+    exact: Mapping[str, NurbsPatch],
+    sides: Mapping[str, tuple[Side, ...]],
+) -> tuple[str, Array]:
+    """The patch of a marker and its parameters there."""
+    if marker.edge is not None:
+        found = sides.get(marker.edge, ())
+        if len(found) != 1:
+            single = [name for name, members in sides.items() if len(members) == 1]
+            raise InputError(
+                f"there is no side {marker.edge!r}",
+                place="edge",
+                expected=f"one of {', '.join(single)}",
+            )
+        side = (found[0].direction, found[0].end)
+        patch = exact[found[0].patch]
+        return found[0].patch, marker_parameters(marker, {marker.edge: side}, patch)
+    if marker.position is None and len(exact) > 1:
+        raise InputError(
+            "parameters do not say in which patch",
+            expected="edge (with at) or position",
+        )
+    problem: InputError | None = None
+    for name, candidate in exact.items():
+        try:
+            return name, marker_parameters(marker, {}, candidate)
+        except InputError as error:
+            problem = error
+    assert problem is not None
+    raise problem

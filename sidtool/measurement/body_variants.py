@@ -1,0 +1,376 @@
+"""Variants of the bodies of a scene: other meshes, modes, reductions, frames, terms."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.geometric_stiffening import has_stiffening
+from sidtool.formats.model import ModelFile
+from sidtool.formats.model.reduction import (
+    AttachmentReduction,
+    BuckensFrame,
+    ChordFrame,
+    CraigBamptonReduction,
+    HertingReduction,
+    KrylovReduction,
+    ModalReduction,
+    Stiffening,
+    TangentFrame,
+)
+from sidtool.formats.model.refine import refine_model, requested_modes, with_modes
+from sidtool.formats.scene import (
+    SceneFile,
+    SidBody,
+    as_3d,
+    is_elastic,
+    is_stress,
+    orientation_matrix,
+    parse_output,
+)
+
+from ..pipeline.model_cache import BodyModel
+from .variants import Variant
+
+#: Of the size of a body, how far its origin moves by rounding.
+ORIGIN_TOLERANCE = 1e-9
+_INTERFACES: dict[str, Any] = {
+    "craig_bampton": CraigBamptonReduction,
+    "attachment": AttachmentReduction,
+    "herting": HertingReduction,
+}
+
+
+@dataclass(frozen=True)
+class BodyVariants:
+    """The flexible bodies of a scene.
+
+    sids : of bodies that have no model, and of models as they are
+    sources : models by body, as many of each
+    """
+
+    scene: SceneFile
+    sids: Mapping[str, SID]
+    sources: Mapping[str, Sequence[BodyModel]]
+
+    @property
+    def models(self) -> int:
+        """How many models each body has that has any."""
+        return max((len(found) for found in self.sources.values()), default=1)
+
+    def title(self, number: int) -> str:
+        """Return the name of the models of a number."""
+        names = (found[number].path.stem for found in self.sources.values())
+        return ", ".join(dict.fromkeys(names))
+
+    def to_convert(self, variant: Variant) -> dict[str, ModelFile]:
+        """Models of bodies.
+
+        Raises
+        ------
+        InputError : a model cannot be varied so.
+        """
+        return {
+            name: make_variant(found[variant.model].model, variant, self.scene, name)
+            for name, found in self.sources.items()
+        }
+
+    def as_scene(
+        self, variant: Variant, converted: Mapping[str, SID]
+    ) -> tuple[SceneFile, dict[str, SID]]:
+        """The scene and the SIDs that it is simulated with.
+
+        Raises
+        ------
+        InputError : the scene does not allow it.
+        """
+        bodies, sids = dict(self.scene.bodies), dict(self.sids) | dict(converted)
+        for name, body in self.scene.sid_bodies.items():
+            own = name not in converted
+            if variant.frame and own:
+                frame = _frame_in_words(variant.frame, name, body)
+                sids[name] = _sid_in_frame(sids[name], frame, body, name)
+                body = body.model_copy(update={"damping": None})
+            elif variant.frame and not own:
+                model = self.sources[name][variant.model].model
+                if variant.frame != model.frame.type:
+                    sids[name] = _damped_in_frame_of(model, sids[name], body, name)
+                    body = body.model_copy(update={"damping": None})
+            rigid = variant.modes == 0 and not self._deforms(variant, name, sids[name])
+            changed = _body_of_variant(name, body, variant, sids[name], own, rigid)
+            if variant.terms:
+                stiffened = own or self._is_prestressed(variant, name)
+                changed = _with_terms(changed, variant.terms, sids[name], stiffened)
+            bodies[name] = changed
+            if variant.frame or variant.model:
+                shift = _origin_shift(self.sids[name], sids[name])
+                bodies[name] = _shift_initial_position(
+                    name, changed, shift, self.scene.dimension
+                )
+        return self.scene.model_copy(update={"bodies": bodies}), sids
+
+    def _is_prestressed(self, variant: Variant, name: str) -> bool:
+        """Check whether the model stiffens its body whatever the terms of the
+        variant.
+        """
+        stiffening = self.sources[name][variant.model].model.stiffening
+        return stiffening is not None and bool(stiffening.prestress)
+
+    def _deforms(self, variant: Variant, name: str, sid: SID) -> bool:
+        """Check whether shape functions remain if no modes are requested.
+
+        Those of interfaces remain; a SID, and a model that has only modes, retain none.
+        """
+        if name not in self.sources:
+            return False
+        own = self.sources[name][variant.model].model.reduction.method
+        return sid.nq > 0 and (variant.reduction or own) != "modal"
+
+
+def make_variant(
+    model: ModelFile, variant: Variant, scene: SceneFile, name: str
+) -> ModelFile:
+    """The model on another mesh, with other shape functions, frame and terms."""
+    found = refine_model(model, variant.mesh)
+    if found is None:
+        raise InputError(
+            f"the mesh of {model.title or name} cannot be refined",
+            place="--over mesh",
+            expected="a model with elements of its own, of which each can be halved",
+        )
+    markers = _used_markers(found, scene.sid_bodies[name])
+    if variant.frame and variant.frame != found.frame.type:
+        frame = _frame_settings(
+            variant.frame, _origin_marker_first(found, markers), name
+        )
+        reduction = _without_clamps(found)
+        found = found.model_copy(update={"frame": frame, "reduction": reduction})
+    if variant.reduction and variant.reduction != found.reduction.method:
+        reduction = _other_reduction(found, variant.reduction, markers)
+        found = found.model_copy(update={"reduction": reduction})
+    if variant.modes is not None and requested_modes(found) is not None:
+        least = 1 if found.reduction.method == "modal" else 0
+        found = with_modes(found, max(least, variant.modes)) or found
+    if variant.terms is None or (found.stiffening and found.stiffening.prestress):
+        return found
+    wanted = variant.terms in ("all", "stiffening")
+    stiffening = (found.stiffening or Stiffening()) if wanted else None
+    return found.model_copy(update={"stiffening": stiffening})
+
+
+def _used_markers(model: ModelFile, body: SidBody) -> list[str]:
+    """Markers of a model that a scene uses, in the order of the scene."""
+    nodes = {str(marker.node): name for name, marker in model.markers.items()}
+    return [nodes[node] for node in body.markers.values() if node in nodes] or list(
+        model.markers
+    )
+
+
+def _without_clamps(model: ModelFile) -> Any:
+    """The reduction where the frame clamps nothing: what it held is an interface then.
+
+    The shape functions are the same but for rigid motions.
+    """
+    own, held = model.reduction, model.frame.marker_names[:1]
+    if not own.interface_names or model.frame.type != "tangent":
+        return own
+    interfaces = dict.fromkeys((*held, *own.interface_names))
+    return own.model_copy(update={"interfaces": tuple(interfaces)})
+
+
+def _origin_marker_first(model: ModelFile, markers: list[str]) -> list[str]:
+    """The frame stays where it is, if that is at a marker."""
+    own = list(model.frame.marker_names[:1])
+    return own + [name for name in markers if name not in own]
+
+
+def _frame_settings(kind: str, markers: Sequence[str], name: str) -> Any:
+    if kind == "tangent":
+        return TangentFrame(marker=markers[0])
+    if kind == "buckens":
+        return BuckensFrame(marker=markers[0])
+    if len(markers) < 2:
+        raise _too_few_markers(name)
+    return ChordFrame(markers=(markers[0], markers[1]))
+
+
+def _frame_in_words(kind: str, name: str, body: SidBody) -> str:
+    """Return the frame as `change_frame` takes it."""
+    nodes = list(dict.fromkeys(body.markers.values()))
+    if len(nodes) < (2 if kind == "chord" else 1):
+        raise _too_few_markers(name)
+    return f"{kind}:{','.join(nodes[: 2 if kind == 'chord' else 1])}"
+
+
+def _too_few_markers(name: str) -> InputError:
+    return InputError(
+        f"{name} has not enough markers in the scene",
+        place="--over frame",
+        expected="two markers for a chord, one for another frame",
+    )
+
+
+def _sid_in_frame(sid: SID, frame: str, body: SidBody, name: str) -> SID:
+    """Return the SID in another frame, with the damping of the scene in its
+    own frame.
+    """
+    from sidtool.solver.system.body_damping import sid_with_damping
+
+    from ..conversion.frame_change import change_frame
+
+    return change_frame(sid_with_damping(sid, body.damping, name), frame)
+
+
+def _damped_in_frame_of(model: ModelFile, sid: SID, body: SidBody, name: str) -> SID:
+    """The SID of a model in another frame, with the damping of the model's own frame.
+
+    Damping laws depend on mass matrices or natural modes, which differ between frames.
+    The damping matrix that a law makes does not: it belongs to the elastic coordinates,
+    which are the same in every frame.
+    """
+    from sidtool.solver.system.body_damping import sid_with_damping
+
+    from ..conversion.frame_change import change_frame
+
+    law = body.damping
+    if law is None or law.type == "sid":
+        law = model.damping
+    if law is None:
+        return sid
+    nodes = (str(model.markers[marker].node) for marker in model.frame.marker_names)
+    original = change_frame(sid, f"{model.frame.type}:{','.join(nodes)}")
+    return replace(sid, De=sid_with_damping(original, law, name).De)
+
+
+def _other_reduction(model: ModelFile, method: str, markers: Sequence[str]) -> Any:
+    """Another method with as many modes, and interfaces at what the scene uses."""
+    own = model.reduction
+    count = requested_modes(model) or 1
+    if method == "modal":
+        return ModalReduction(modes=max(1, count), fix=own.fix)
+    held = model.frame.marker_names[:1] if model.frame.type == "tangent" else ()
+    interfaces = own.interface_names or tuple(m for m in markers if m not in held)
+    interfaces = interfaces or tuple(markers)
+    if method == "krylov":
+        loads = len(interfaces) * (3 if _is_planar(model) else 6)
+        moments = max(1, round(count / loads))
+        return KrylovReduction(
+            interfaces=interfaces, frequencies=(0.0,), moments=moments, fix=own.fix
+        )
+    return _INTERFACES[method](interfaces=interfaces, modes=count, fix=own.fix)
+
+
+def _is_planar(model: ModelFile) -> bool:
+    return model.discretisation.type in ("q4", "iga")
+
+
+def _body_of_variant(
+    name: str, body: SidBody, variant: Variant, sid: SID, own: bool, rigid: bool
+) -> SidBody:
+    """A body of a scene; its SID is `own` where it has no model."""
+    changes: dict[str, Any] = {"sid": body.sid or f"({name})", "model": None}
+    others = variant.reduction or variant.frame or not own
+    if others and body.initial.elastic is not None:
+        raise InputError(
+            "belongs to the shape functions of the scene",
+            place=f"bodies.{name}.initial.elastic",
+            expected="a start without it where these are varied",
+        )
+    if rigid:
+        changes["rigid"] = True
+    elif variant.modes is not None and own:
+        numbers = body.numbers(sid.nq)[: variant.modes]
+        whole = len(numbers) == sid.nq
+        changes["shape_functions"] = None if whole else numbers
+    return body.model_copy(update=changes)
+
+
+def _with_terms(body: SidBody, terms: str, sid: SID, stiffened: bool) -> SidBody:
+    """Return the body with the requested terms of its SID.
+
+    Parameters
+    ----------
+    stiffened : False for a SID that was converted without geometric stiffening, from
+        which nothing needs to be removed
+    """
+    bare = terms not in ("all", "stiffening") and stiffened and has_stiffening(sid)
+    quadratic = terms in ("all", "quadratic")
+    changes = {"quadratic_inertia": quadratic, "geometric_stiffening": not bare}
+    return body.model_copy(update=changes)
+
+
+def _shift_initial_position(
+    name: str, body: SidBody, shift: np.ndarray, dimension: str
+) -> SidBody:
+    """Starts where it did, whose frame has another origin now."""
+    if not shift.any():
+        return body
+    start = body.initial
+    if start.angular_velocity is not None or body.frame == "held":
+        raise InputError(
+            "starts in a frame whose origin moves",
+            place=f"bodies.{name}",
+            expected="a body without `angular_velocity` at its start, not held",
+        )
+    position = as_3d(start.position) + orientation_matrix(start) @ shift
+    count = 2 if dimension == "planar" else 3
+    changes = {"position": tuple(position[:count].tolist())}
+    return body.model_copy(update={"initial": start.model_copy(update=changes)})
+
+
+def _origin_shift(before: SID, after: SID) -> np.ndarray:
+    """From the old to the new origin, by a node that both SIDs have."""
+    known = {node.id: node for node in after.nodes}
+    places = np.array([node.position for node in before.nodes])
+    size = np.abs(places).max(initial=0.0)
+    for node in before.nodes:
+        if node.id in known:
+            shift = np.asarray(node.position - known[node.id].position)
+            return (
+                shift if np.abs(shift).max() > ORIGIN_TOLERANCE * size else np.zeros(3)
+            )
+    return np.zeros(3)
+
+
+def with_absolute_paths(model: ModelFile) -> ModelFile:
+    """The model for another process: files that it names by their whole paths."""
+    changes: dict[str, Any] = {}
+    for table, key in ModelFile.paths:
+        part = changes.get(table, getattr(model, table))
+        path = getattr(part, key, None)
+        if isinstance(path, str):
+            named = part.model_copy(update={key: os.path.abspath(path)})
+            changes[table] = named
+    return model.model_copy(update=changes)
+
+
+def available_outputs(
+    names: Sequence[str], scene: SceneFile, sids: Mapping[str, SID]
+) -> tuple[str, ...]:
+    """Outputs without those of elastic coordinates that a variant does not have."""
+    numbers = {n: b.numbers(sids[n].nq) for n, b in scene.sid_bodies.items()}
+
+    def has(name: str) -> bool:
+        parsed = parse_output(name)
+        kept = numbers.get(parsed.owner)
+        if kept is None:
+            return True
+        if is_stress(parsed.quantity):
+            return bool(kept)
+        if parsed.marker or not is_elastic(parsed.quantity):
+            return True
+        number = parsed.quantity.lstrip("vq")
+        return bool(kept) if number == "*" else int(number) in kept
+
+    return tuple(filter(has, names))
+
+
+def elastic_size(scene: SceneFile, sids: Mapping[str, SID]) -> int:
+    """How many elastic coordinates a scene has."""
+    return sum(len(b.numbers(sids[n].nq)) for n, b in scene.sid_bodies.items())

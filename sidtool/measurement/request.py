@@ -1,0 +1,111 @@
+"""Requested accuracy: outputs and the error that each may have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.motion_kinds import named_by_kind
+from sidtool.formats.scene import (
+    KIND,
+    SceneFile,
+    Tolerance,
+    expand_names,
+    parse_output,
+    tolerance,
+)
+
+Wanted = float | Mapping[str, float | str]
+
+#: Outputs that measure the run itself, or jump between two values.
+_NO_QUANTITIES = ("constraint.position", "constraint.velocity", "energy.balance")
+
+
+@dataclass(frozen=True)
+class Request:
+    """Outputs that count and the error that each may have.
+
+    ignored : outputs that are recorded and are no quantities with an error
+    """
+
+    tolerances: Mapping[str, Tolerance]
+    ignored: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.tolerances)
+
+    def allowed(self, variation: Array) -> Array:
+        """Errors (n,) in the units of the outputs, whose variation is (n,)."""
+        pairs = zip(self.tolerances.values(), variation, strict=True)
+        return np.array([t.value if t.absolute else t.value * v for t, v in pairs])
+
+
+def requested(
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    wanted: Wanted,
+) -> Request:
+    """The outputs that a request speaks of, wildcards expanded.
+
+    Raises
+    ------
+    InputError : nothing is recorded, or a name or an amount cannot be.
+    """
+    if isinstance(wanted, Mapping):
+        found = {}
+        for text, amount in wanted.items():
+            for name in _single_outputs(scene, sids, (text,), "accuracy.wanted"):
+                found[name] = tolerance(name, amount, scene)
+        return Request(found)
+    names = _single_outputs(scene, sids, scene.outputs.record, "outputs.record")
+    ignored = tuple(n for n in names if n in _NO_QUANTITIES or n.endswith(".sticking"))
+    found = {n: Tolerance(wanted, False) for n in names if n not in ignored}
+    if not found:
+        raise InputError(
+            "the scene records no quantity that could have an error",
+            place="outputs.record",
+            expected='names such as ["piston.x"]',
+        )
+    return Request(found, ignored)
+
+
+def _single_outputs(
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    texts: tuple[str, ...],
+    place: str,
+) -> list[str]:
+    """Single outputs, also of q* and vq*."""
+    found: list[str] = []
+    for name in expand_names(texts, scene, sids, place):
+        parsed = parse_output(name)
+        if KIND.fullmatch(parsed.quantity):
+            found.append(_numbered_coordinate(scene, sids, name, place))
+        elif not name.endswith("*"):
+            found.append(name)
+        else:
+            sid = sids[parsed.owner]
+            numbers = scene.bodies[parsed.owner].numbers(sid.nq)  # type: ignore[union-attr]
+            found += [f"{name[:-1]}{k}" for k in numbers]
+    return found
+
+
+def _numbered_coordinate(
+    scene: SceneFile, sids: Mapping[str, SID], name: str, place: str
+) -> str:
+    """BODY.qN of an elastic coordinate that is named by its kind."""
+    owner, _, quantity = parse_output(name)
+    kind, known = KIND.fullmatch(quantity), named_by_kind(sids[owner])
+    assert kind is not None
+    if kind[2] not in known:
+        raise InputError(
+            f"{owner} has no elastic coordinate {kind[2]}",
+            place=place,
+            expected=f"one of {', '.join(known)}" if known else "another output",
+        )
+    return f"{owner}.{kind[1]}q{known[kind[2]]}"

@@ -1,0 +1,14 @@
+"""Mesh data: nodes, elements, materials, couplings, shape functions, quadrature.
+
+mesh                 nodes, blocks of elements, node sets
+reference_elements   shape functions of the reference elements
+quadrature_rules     quadrature on the reference elements
+quadratic_fields     deformations by quadratic displacement fields
+materials            anisotropic materials
+connections          bars, ties, couplings, equations of a mesh file
+imported_mesh        content of a mesh file of any program
+midside_nodes        missing mid-side nodes of quadratic elements
+collapsed_elements   elements with repeated nodes
+refusals             all reasons to refuse a file, reported together
+unit_systems         unit systems and conversion of a SID
+"""

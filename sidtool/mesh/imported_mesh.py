@@ -1,0 +1,606 @@
+"""Content of a mesh file, whatever program wrote it, and the files that it includes.
+
+Circles and long chains of included files are refused. A foreign deck may include any
+file of the reader. Text of such a file is not quoted in messages, which others may
+see; its keywords and numbers are.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.storage.unreadable import unreadable_error
+
+from .collapsed_elements import collapse_element
+from .connections import RawBar, RawEquation, RawTie
+from .imported_shells import RawShell, RawSpring
+from .materials import ElasticMaterial
+from .mesh import ElementBlock, Mesh
+from .reference_elements import reference_element
+
+#: Labels are held in 64 bits.
+_MAX_LABEL = 2**63 - 1
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: Among ignored words: only the nodes of a file are requested.
+ONLY_NODES = "EVERYTHING"
+#: A range of more members is a damaged number.
+MOST_MEMBERS = 5_000_000
+
+
+@dataclass(frozen=True)
+class RawCoupling:
+    """Nodes that move with a reference node, by their labels.
+
+    Attributes
+    ----------
+    rigid : whether the nodes are one rigid piece; else the reference node takes their
+        mean motion
+    reference : label of the reference node, None where the file has none
+    turns : whether nodes that turn by themselves turn with the rigid piece
+    directions : 1 to 6, in which the nodes of a rigid piece follow it
+    by_area : whether a node weighs in the mean by its share of the surface
+    weights : of the nodes in the mean; none where these weigh alike
+    """
+
+    name: str
+    rigid: bool
+    nodes: tuple[int, ...]
+    reference: int | None
+    place: str
+    turns: bool = True
+    by_area: bool = False
+    weights: tuple[float, ...] = ()
+    directions: str = "123456"
+
+
+@dataclass(frozen=True)
+class RawMass:
+    """A mass at a node, by its label.
+
+    Attributes
+    ----------
+    offset : from the node
+    inertia : xx, yy, zz, xy, yz, zx about its centre; products as in J, so that they
+        are minus the integrals of x y dm
+    """
+
+    node: int
+    mass: float
+    place: str
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
+
+    def scaled(self, factor: float) -> RawMass:
+        """The same place with mass and inertia times a factor."""
+        xx, yy, zz, xy, yz, zx = (factor * value for value in self.inertia)
+        inertia = (xx, yy, zz, xy, yz, zx)
+        return replace(self, mass=factor * self.mass, inertia=inertia)
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedMesh:
+    """A mesh with further content of its file.
+
+    Attributes
+    ----------
+    mesh : in the units of the file; plane meshes in two dimensions
+    materials : by the names in the blocks of the mesh; only complete ones
+    state : "plane_stress" or "plane_strain" if the element types state it
+    notes : notes on what was read, replaced and ignored
+    couplings, masses : couplings of nodes, and point masses
+    equations, ties : equations between displacements, and ties of surfaces
+    bars : bars instead of elements of the mesh, which then has nodes only
+    parts : name -> labels of the elements of a part that may be selected
+    undefined : set -> its members that the file does not define, in words
+    straight : labels of nodes that are the mean of the corners beside them
+    """
+
+    mesh: Mesh
+    materials: Mapping[str, ElasticMaterial] = field(default_factory=dict)
+    state: str | None = None
+    notes: tuple[str, ...] = ()
+    couplings: tuple[RawCoupling, ...] = ()
+    masses: tuple[RawMass, ...] = ()
+    equations: tuple[RawEquation, ...] = ()
+    ties: tuple[RawTie, ...] = ()
+    bars: tuple[RawBar, ...] = ()
+    shells: tuple[RawShell, ...] = ()
+    springs: tuple[RawSpring, ...] = ()
+    parts: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    undefined: Mapping[str, str] = field(default_factory=dict)
+    straight: frozenset[int] = frozenset()
+
+    @property
+    def is_structure(self) -> bool:
+        """Whether it has elements whose nodes turn."""
+        return bool(self.bars or self.shells or self.springs)
+
+
+@dataclass(frozen=True)
+class RawElement:
+    """One element of a file: its location and the labels of its nodes.
+
+    `thickness` is that of a plane element and `formulation` that of our element, if
+    the file states them.
+    """
+
+    label: int
+    kind: str
+    nodes: Sequence[int]
+    place: str
+    material: str | None = None
+    thickness: float | None = None
+    formulation: str | None = None
+
+
+def read_lines(path: str | Path) -> list[str]:
+    """The lines of a text file.
+
+    Raises
+    ------
+    InputError : it cannot be read, is empty, or is no text.
+    """
+    _check_regular(Path(path))
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise unreadable_error(path, "a file", error) from None
+    if not data.strip():
+        raise InputError("is empty", source=path, expected="a mesh or a matrix")
+    try:
+        return data.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        pass
+    if b"\0" in data:
+        raise InputError("holds binary data", source=path, expected="the text format")
+    return data.decode("latin-1").splitlines()
+
+
+def _check_regular(path: Path) -> None:
+    """A pipe or a device may never end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(
+            "is a pipe or a device", source=path, expected="a regular file"
+        )
+
+
+class _Labelled(Protocol):
+    """An element of a file, with its number and where it stands."""
+
+    @property
+    def label(self) -> int: ...
+
+    @property
+    def place(self) -> str: ...
+
+
+def check_unique_labels(elements: Iterable[_Labelled]) -> None:
+    """Refuse elements that share a number.
+
+    Raises
+    ------
+    InputError : a number appears twice.
+    """
+    seen: set[int] = set()
+    for element in elements:
+        if element.label in seen:
+            raise InputError(
+                f"element {element.label} is defined twice",
+                place=element.place,
+                expected="one definition",
+            )
+        seen.add(element.label)
+
+
+def assemble_mesh(
+    nodes: Mapping[int, tuple[float, float, float]],
+    elements: Iterable[RawElement],
+    sets: Mapping[str, Iterable[int]],
+) -> Mesh:
+    """A mesh from labelled nodes and elements; a plane one in two dimensions.
+
+    Raises
+    ------
+    InputError : an element names an unknown node or has too few, a label appears
+        twice, or plane and solid elements are mixed.
+    """
+    labels = np.fromiter(nodes, np.int64, len(nodes))
+    row = {label: i for i, label in enumerate(nodes)}
+    groups: dict[tuple[Any, ...], list[RawElement]] = {}
+    elements = list(elements)
+    check_unique_labels(elements)
+    for element in elements:
+        kind, listed = collapse_element(element.kind, element.nodes)
+        if kind != element.kind:
+            element = replace(element, kind=kind, nodes=listed, formulation=None)
+        _check_nodes(element, row)
+        alike = (element.kind, element.material, element.thickness, element.formulation)
+        groups.setdefault(alike, []).append(element)
+    if not groups:
+        raise InputError("holds no solid element", expected="a mesh of solid elements")
+    dimensions = {reference_element(kind).dimension for kind, *_ in groups}
+    if len(dimensions) > 1:
+        raise InputError(
+            "mixes plane and solid elements", expected="elements of one dimension"
+        )
+    d = dimensions.pop()
+    positions = np.array(list(nodes.values()), float).reshape(-1, 3)
+    _check_finite(positions, labels)
+    blocks = tuple(
+        ElementBlock(
+            kind,
+            np.array([[row[n] for n in e.nodes] for e in group], np.int64),
+            np.array([e.label for e in group], np.int64),
+            material,
+            thickness,
+            formulation,
+        )
+        for (kind, material, thickness, formulation), group in groups.items()
+    )
+    if d == 2:
+        used = np.unique(np.concatenate([b.nodes.ravel() for b in blocks]))
+        if np.ptp(positions[used, 2]) > 1e-9 * np.ptp(positions[used], axis=0).max():
+            raise InputError(
+                "has plane elements outside a plane z = constant",
+                expected="a plane mesh in the xy plane, or geometry.engine = "
+                '"calculix", which makes shells of those of an .inp or .bdf',
+            )
+    return Mesh(positions[:, :d], blocks, _members_of_sets(nodes, sets), labels)
+
+
+def mesh_of_points(
+    nodes: Mapping[int, tuple[float, float, float]],
+    sets: Mapping[str, Iterable[int]],
+) -> Mesh:
+    """Nodes and their sets without elements.
+
+    Raises
+    ------
+    InputError : a node has no finite position.
+    """
+    labels = np.fromiter(nodes, np.int64, len(nodes))
+    positions = np.array(list(nodes.values()), float).reshape(-1, 3)
+    _check_finite(positions, labels)
+    return Mesh(positions, (), _members_of_sets(nodes, sets), labels)
+
+
+def _members_of_sets(
+    nodes: Mapping[int, object], sets: Mapping[str, Iterable[int]]
+) -> dict[str, Indices]:
+    row = {label: i for i, label in enumerate(nodes)}
+    return {
+        name: np.array(sorted({row[n] for n in group if n in row}), np.int64)
+        for name, group in sets.items()
+    }
+
+
+def find_undefined_members(
+    known: Container[int], sets: Mapping[str, Iterable[int]], what: str = "node"
+) -> dict[str, str]:
+    """The first member of each set that the file does not define, in words.
+
+    Parameters
+    ----------
+    known : labels that the file defines
+    what : which kind of members the sets have
+    """
+    lost = {
+        name: next((n for n in group if n not in known), None)
+        for name, group in sets.items()
+    }
+    return {name: f"{what} {n}" for name, n in lost.items() if n is not None}
+
+
+def undefined_notes(undefined: Mapping[str, str]) -> list[str]:
+    """A sentence on sets that cannot be used, if there are some."""
+    if not undefined:
+        return []
+    listed = ", ".join(f"{name} ({member})" for name, member in undefined.items())
+    return [f"sets with members that the file does not define: {listed}"]
+
+
+def _check_finite(positions: Array, labels: Indices) -> None:
+    lost = np.flatnonzero(~np.isfinite(positions).all(axis=1))
+    if lost.size:
+        raise InputError(
+            f"node {labels[lost[0]]} has no finite position",
+            expected="finite coordinates",
+        )
+
+
+#: What is behind the name of a keyword that the user had left out.
+LEFT_OUT = " (left out by geometry.ignore)"
+
+
+def unread_keyword_notes(keywords: Iterable[str]) -> list[str]:
+    """Return notes on keywords that were not read.
+
+    They distinguish keywords that cannot change a body from those ignored by
+    `geometry.ignore`, whose masses, stiffnesses and ties are missing.
+    """
+    names = list(keywords)
+    left_out = [n.removesuffix(LEFT_OUT) for n in names if n.endswith(LEFT_OUT)]
+    idle = [name for name in names if not name.endswith(LEFT_OUT)]
+    notes = ["without effect on the body: " + ", ".join(idle)] if idle else []
+    if left_out:
+        notes.append(
+            f"left out by geometry.ignore: {', '.join(left_out)}. The body lacks their "
+            "mass, stiffness and constraints."
+        )
+    return notes
+
+
+#: Elements without a kind.
+_CALLED = {RawBar: "bar", RawSpring: "spring"}
+
+
+def reading_notes(
+    nodes: Mapping[int, object],
+    elements: Sequence[RawElement | RawBar | RawShell | RawSpring],
+    given: int,
+) -> list[str]:
+    """Return notes on how many elements and nodes of a file were read.
+
+    Parameters
+    ----------
+    given : elements in the file, with those of lower dimension that only name nodes
+    """
+    counts = Counter(
+        _CALLED.get(type(element)) or getattr(element, "kind", "")
+        for element in elements
+    )
+    listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    used = {node for element in elements for node in element.nodes} - {None}
+    notes = [
+        f"read {len(elements)} of {given} elements ({listed}) and {len(used)} of "
+        f"{len(nodes)} nodes"
+    ]
+    if given > len(elements):
+        apart = given - len(elements)
+        notes.append(f"{apart} elements of lower dimension only name nodes")
+    return notes
+
+
+def _check_nodes(element: RawElement, row: Mapping[int, int]) -> None:
+    needed = len(reference_element(element.kind).nodes)
+    if len(element.nodes) != needed:
+        raise InputError(
+            f"element {element.label} ({element.kind}) has {len(element.nodes)} nodes",
+            place=element.place,
+            expected=f"{needed} nodes",
+        )
+    check_defined(element.label, element.nodes, row, element.place)
+
+
+def check_defined(
+    label: int, nodes: Iterable[int], known: Container[int], place: str
+) -> None:
+    """Whether an element names defined nodes alone.
+
+    Raises
+    ------
+    InputError : it does not.
+    """
+    for node in nodes:
+        if node not in known:
+            raise InputError(
+                f"element {label} names node {node}, which is not defined",
+                place=place,
+                expected="a node of this file",
+            )
+
+
+def parse_numbers(
+    words: Sequence[str], place: str, what: str = "numbers"
+) -> list[float]:
+    """Finite numbers from words.
+
+    Raises
+    ------
+    InputError : one is not.
+    """
+    result = []
+    for word in words:
+        try:
+            value = float(word.replace("D", "E").replace("d", "e"))
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise InputError(f"found {word.strip()!r}", place=place, expected=what)
+        result.append(value)
+    return result
+
+
+def parse_integers(
+    words: Sequence[str], place: str, what: str = "integers"
+) -> list[int]:
+    """Integers from words.
+
+    Raises
+    ------
+    InputError : one is not.
+    """
+    try:
+        found = [int(word) for word in words]
+    except ValueError:
+        found = []
+    if len(found) < len(words) or any(abs(number) > _MAX_LABEL for number in found):
+        text = " ".join(words)[:60]
+        raise InputError(f"found {text!r}", place=place, expected=what)
+    return found
+
+
+def number_table(rows: Sequence[tuple[str, Sequence[str]]], width: int) -> Array:
+    """(rows, width) finite numbers from rows of a place and words.
+
+    Raises
+    ------
+    InputError : a row has another number of words, or one is no number.
+    """
+    for place, words in rows:
+        if len(words) != width:
+            raise InputError(
+                f"has {len(words)} entries",
+                place=place,
+                expected=f"{width} (is the file cut off?)",
+            )
+    try:
+        table = np.array([words for _, words in rows], dtype=float)
+        if np.isfinite(table).all():
+            return table.reshape(-1, width)
+    except ValueError:
+        pass
+    read = [parse_numbers(words, place) for place, words in rows]
+    return np.array(read).reshape(-1, width)
+
+
+#: Lines of INCLUDE that one deck may follow; ten files that name each other ten
+#: times would be ten thousand million.
+MAX_INCLUDES = 1000
+#: A line that takes in a file, of `.inp` and of `.bdf`.
+_TAKES_IN = re.compile(
+    r"\s*\*.*\bINPUT\s*=\s*(?P<inp>[^,]+)|\s*INCLUDE\s+(?P<bdf>\S.*)", re.IGNORECASE
+)
+#: Lines that are of a deck by their form: the keyword is what they begin with.
+_KEYWORD = re.compile(r"\s*\*[A-Z][A-Z -]*(?=,|$)", re.IGNORECASE)
+_CARD = re.compile(r"[A-Z][A-Z0-9]{0,7}\*?(?=(?: *,| ) *[-+.0-9])", re.IGNORECASE)
+_QUOTED_OR_WORD = re.compile(r"'[^'\n]*'|\"[^\"\n]*\"|[^\s,;='\"()\[\]]+")
+_WORD = re.compile(r"[^\s,;='\"()\[\]]+")
+_NUMBER = re.compile(r"[-+.0-9][-+.0-9deDE]*")
+#: Words of messages, which have no quotes there.
+_PLAIN = re.compile(r"[a-z]+|\*?[A-Za-z]?")
+#: Characters that are enough to know a word by, of which messages show the beginning.
+MIN_WORD_LENGTH = 6
+
+
+@dataclass
+class IncludedFiles:
+    """The files that are open, and how many have been taken in."""
+
+    open: list[Path] = field(default_factory=list)
+    count: int = 0
+
+    def enter(self, file: Path) -> None:
+        """Begin a file; `open.pop()` ends it.
+
+        Raises
+        ------
+        InputError : it takes in itself, or there are too many.
+        """
+        name = file.resolve()
+        if name in self.open:
+            raise InputError(
+                "includes itself", source=file, expected="files that come to an end"
+            )
+        self.open.append(name)
+        self.count += 1
+        if self.count > MAX_INCLUDES:
+            raise InputError(
+                f"takes in more than {MAX_INCLUDES} files",
+                source=file,
+                expected="a deck with fewer lines of INCLUDE",
+            )
+
+
+def located_line(number: int, file: str) -> str:
+    """The place of a line, with the file if it is one that the deck takes in."""
+    return f"{file}, line {number}" if file else f"line {number}"
+
+
+@contextmanager
+def hide_included_text(path: Path) -> Iterator[None]:
+    """Let errors of a deck quote no text of the files that it takes in."""
+    try:
+        yield
+    except InputError as error:
+        files = _deck_files(path)
+        if not files[1:]:
+            raise
+        hidden = _IncludedWords(files)
+        raise InputError(
+            hidden.hide_words(error.problem),
+            source=error.source,
+            place=error.place,
+            expected=error.expected and hidden.hide_words(error.expected),
+            also=[hidden.hide_words(text) for text in error.also],
+        ) from None
+
+
+def _deck_files(path: Path) -> list[Path]:
+    """A deck and all files that it takes in, as far as they can be read."""
+    found, waiting = [path], [path]
+    while waiting and len(found) < MAX_INCLUDES:
+        file = waiting.pop()
+        for line in _lines_of_file(file):
+            if match := _TAKES_IN.match(line.split("$")[0]):
+                name = (match["inp"] or match["bdf"]).strip().strip("'\"")
+                other = file.parent / name
+                if other not in found:
+                    found.append(other)
+                    waiting.append(other)
+    return found
+
+
+def _lines_of_file(file: Path) -> list[str]:
+    try:
+        return read_lines(file)
+    except (InputError, ValueError):
+        return []
+
+
+class _IncludedWords:
+    """Words of the included files that do not occur in the deck itself."""
+
+    def __init__(self, files: list[Path]) -> None:
+        own = {
+            w.upper() for line in _lines_of_file(files[0]) for w in _WORD.findall(line)
+        }
+        own |= {part.upper() for file in files for part in (file.name, str(file))}
+        words: set[str] = set()
+        formed = _KEYWORD if files[0].suffix.lower() == ".inp" else _CARD
+        for file in files[1:]:
+            for line in _lines_of_file(file):
+                found = formed.match(line)
+                if found:
+                    own |= {w.upper() for w in _WORD.findall(found[0].strip(" *"))}
+                    line = line[found.end() :]
+                words |= {w.upper() for w in _WORD.findall(line)}
+        self._own = own
+        self._words = sorted(w for w in words - own if not _NUMBER.fullmatch(w))
+
+    def hide_words(self, text: str) -> str:
+        """A text without these words."""
+        return _QUOTED_OR_WORD.sub(self._replace, text)
+
+    def _replace(self, found: re.Match[str]) -> str:
+        text = found[0]
+        quoted = text[0] in "'\""
+        if not quoted and _PLAIN.fullmatch(text):
+            return text
+        words = _WORD.findall(text.strip("'\""))
+        hidden = "(text of an included file)"
+        return hidden if any(map(self._is_hidden, words)) else text
+
+    def _is_hidden(self, word: str) -> bool:
+        word = word.upper().rstrip(".:")
+        if word in self._own:
+            return False
+        k = bisect_left(self._words, word)
+        there = self._words[k] if k < len(self._words) else ""
+        return there == word or (
+            len(word) >= MIN_WORD_LENGTH and there.startswith(word)
+        )

@@ -1,0 +1,86 @@
+"""Quadratic elements without some of their mid-side nodes.
+
+The displacement along such an edge is linear, as that of a linear neighbour: a node is
+placed midway between the corners and moves by their mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .connections import RawEquation
+from .reference_elements import edge_nodes, quadratic_kind, reference_element, shape_of
+
+Point = tuple[float, float, float]
+
+
+class MidsideNodes:
+    """Nodes that are put midway, and the equations that hold them.
+
+    Attributes
+    ----------
+    nodes : label -> place of all nodes, with those that are added
+    added : their labels by the corners at their sides
+    equations : three (or two) for every added node
+    """
+
+    def __init__(self, nodes: Mapping[int, Point]) -> None:
+        self.nodes = dict(nodes)
+        self.added: dict[tuple[int, int], int] = {}
+        self.equations: list[RawEquation] = []
+        self._next = min(0, *nodes, 0) - 1  # no label that a file gives
+
+    def completed(
+        self, kind: str, nodes: Sequence[int], place: str
+    ) -> tuple[str, list[int]]:
+        """The element with all its nodes; the linear one if it has no middle.
+
+        Parameters
+        ----------
+        nodes : 0 where there is none
+        """
+        element = reference_element(kind)
+        corners = element.corners
+        if 0 not in nodes or not all(nodes[:corners]):
+            return kind, list(nodes)
+        if not any(nodes[corners:]):
+            return linear_kind(kind), list(nodes[:corners])
+        full = list(nodes)
+        for i, (a, b) in enumerate(edge_nodes(kind), start=corners):
+            if not full[i] and {nodes[a], nodes[b]} <= self.nodes.keys():
+                full[i] = self._middle(nodes[a], nodes[b], element.dimension, place)
+        return kind, full
+
+    def _middle(self, a: int, b: int, dimension: int, place: str) -> int:
+        key = (min(a, b), max(a, b))
+        if key not in self.added:
+            label = self._next
+            self._next -= 1
+            x, y, z = (np.add(self.nodes[a], self.nodes[b]) / 2).tolist()
+            self.nodes[label] = (x, y, z)
+            self.added[key] = label
+            for axis in np.eye(3)[:dimension].tolist():
+                x, y, z = axis
+                half = (-x / 2, -y / 2, -z / 2)
+                terms = ((label, (x, y, z)), (a, half), (b, half))
+                self.equations.append(RawEquation(terms, place))
+        return self.added[key]
+
+    def note(self) -> list[str]:
+        """A sentence on the nodes that were added, if there are some."""
+        if not self.added:
+            return []
+        return [
+            f"{len(self.added)} nodes that quadratic elements leave out are midway "
+            "between the corners and move by their mean"
+        ]
+
+
+def linear_kind(kind: str) -> str:
+    """The linear element with the corners of a quadratic one."""
+    shape, corners = shape_of(kind), reference_element(kind).corners
+    linear = f"{shape}{corners}"
+    assert quadratic_kind(linear) == kind
+    return linear

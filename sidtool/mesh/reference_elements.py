@@ -1,0 +1,275 @@
+"""Shape functions and quadrature of the solid elements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from math import prod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .quadrature_rules import quadrature_rule
+
+Array = NDArray[np.float64]
+Exponents = tuple[int, ...]
+
+_SQUARE = ((0, 1), (1, 2), (2, 3), (3, 0))
+_TRIANGLE = ((0, 1), (1, 2), (2, 0))
+#: By the name without its number: pairs of corners that are edges.
+_EDGES: dict[str, tuple[tuple[int, int], ...]] = {
+    "tri": _TRIANGLE,
+    "quad": _SQUARE,
+    "tet": (*_TRIANGLE, (0, 3), (1, 3), (2, 3)),
+    "hex": (
+        *_SQUARE,
+        *((a + 4, b + 4) for a, b in _SQUARE),
+        *((i, i + 4) for i in range(4)),
+    ),
+    "wedge": (
+        *_TRIANGLE,
+        *((a + 3, b + 3) for a, b in _TRIANGLE),
+        *((i, i + 3) for i in range(3)),
+    ),
+    "pyramid": (*_SQUARE, *((i, 4) for i in range(4))),
+}
+#: Faces by their corners, counter-clockwise seen from outside.
+_FACES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "tet": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    "hex": (
+        (0, 3, 2, 1),
+        (4, 5, 6, 7),
+        *((a, b, b + 4, a + 4) for a, b in _SQUARE),
+    ),
+    "wedge": (
+        (0, 2, 1),
+        (3, 4, 5),
+        *((a, b, b + 3, a + 3) for a, b in _TRIANGLE),
+    ),
+    "pyramid": ((0, 3, 2, 1), *((a, b, 4) for a, b in _SQUARE)),
+}
+_QUAD = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+_SIMPLEX = np.vstack([np.zeros((1, 3)), np.eye(3)])
+
+
+def _layers(corners: Array) -> Array:
+    return np.vstack([np.insert(corners, 2, z, axis=1) for z in (0.0, 1.0)])
+
+
+_CORNERS = {
+    "tri": _SIMPLEX[:3, :2],
+    "quad": _QUAD,
+    "tet": _SIMPLEX,
+    "hex": _layers(_QUAD),
+    "wedge": _layers(_SIMPLEX[:3, :2]),
+    "pyramid": np.vstack([np.insert(_QUAD, 2, 0.0, axis=1), [[0, 0, 1]]]),
+}
+
+
+def _complete_polynomial(order: int) -> Callable[[Exponents], bool]:
+    return lambda e: sum(e) <= order
+
+
+def _serendipity_polynomial(order: int) -> Callable[[Exponents], bool]:
+    return lambda e: max(e) <= order and sum(k for k in e if k > 1) <= order
+
+
+def _prism_polynomial(order: int) -> Callable[[Exponents], bool]:
+    return lambda e: (
+        max(e[0] + e[1], e[2]) <= order and sum(e) <= 2 * order - (order > 1)
+    )
+
+
+#: In pyramids beside the complete space of the order: powers of x, y and 1 - z.
+_RATIONAL = {1: ((1, 1, -1),), 2: ((1, 1, -1), (2, 1, -1), (1, 2, -1))}
+_SPACES = {
+    "tri": _complete_polynomial,
+    "quad": _serendipity_polynomial,
+    "tet": _complete_polynomial,
+    "hex": _serendipity_polynomial,
+    "wedge": _prism_polynomial,
+    "pyramid": _complete_polynomial,
+}
+
+#: Name -> order, and the degrees to which the quadratures of stiffness and mass are
+#: exact. The mass is exact on distorted elements and those with curved edges, too.
+_DEFINITIONS: dict[str, tuple[int, int, int]] = {
+    "tri3": (1, 2, 2),
+    "tri6": (2, 4, 6),
+    "quad4": (1, 3, 5),
+    "quad8": (2, 5, 7),
+    "tet4": (1, 2, 2),
+    "tet10": (2, 5, 7),
+    "hex8": (1, 3, 5),
+    "hex20": (2, 5, 9),
+    "wedge6": (1, 2, 5),
+    "wedge15": (2, 4, 9),
+    "pyramid5": (1, 3, 5),
+    "pyramid13": (2, 5, 9),
+}
+ELEMENT_KINDS = tuple(_DEFINITIONS)
+#: Linear elements that do not bend at constant volume.
+LINEAR_KINDS = tuple(kind for kind, (order, _, _) in _DEFINITIONS.items() if order == 1)
+
+
+def quadratic_kind(kind: str) -> str:
+    """The quadratic element of the same shape as a linear one."""
+    shape = shape_of(kind)
+    return next(k for k in ELEMENT_KINDS if shape_of(k) == shape and k != kind)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceElement:
+    """An element at its quadrature points and anywhere else.
+
+    Attributes
+    ----------
+    nodes : (m, d) where the nodes are
+    corners : number of corner nodes, the first ones
+    points, weights : (g, d), (g,) of the quadrature
+    values, gradients : (g, m), (g, m, d) at those points
+    """
+
+    name: str
+    nodes: Array
+    corners: int
+    points: Array
+    weights: Array
+    values: Array
+    gradients: Array
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of the element."""
+        return self.nodes.shape[1]
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """Values (g, m) and gradients (g, m, d) at other points (g, d)."""
+        return _tabulate(self.name, points)
+
+    def excess(self, points: Array) -> Array:
+        """How far reference points (..., d) lie outside; at most 0 inside."""
+        shape, flat, last = shape_of(self.name), points[..., :2], points[..., -1]
+        beyond = [-points.min(axis=-1)]
+        if shape in ("tri", "tet"):
+            beyond.append(points.sum(axis=-1) - 1)
+        elif shape == "wedge":
+            beyond += [flat.sum(axis=-1) - 1, last - 1]
+        elif shape == "pyramid":
+            beyond.append(flat.max(axis=-1) + last - 1)
+        else:
+            beyond.append(points.max(axis=-1) - 1)
+        return np.max(beyond, axis=0)
+
+    def clamped(self, point: Array) -> Array:
+        """A reference point of the element near one outside."""
+        shape, inside = shape_of(self.name), np.clip(point, 0, 1)
+        if shape in ("tri", "tet"):
+            return inside / max(1.0, inside.sum())
+        if shape == "wedge":
+            inside[:2] /= max(1.0, inside[:2].sum())
+        elif shape == "pyramid":
+            inside[:2] = np.minimum(inside[:2], 1 - inside[2])
+        return inside
+
+
+def shape_of(kind: str) -> str:
+    """The name without the number of nodes."""
+    return kind.rstrip("0123456789")
+
+
+def element_edges(kind: str) -> list[tuple[int, int, int]]:
+    """The corners of every edge and the node in its middle, -1 for none."""
+    corners = len(_CORNERS[shape_of(kind)])
+    middle = {edge: corners + i for i, edge in enumerate(edge_nodes(kind))}
+    return [(a, b, middle.get((a, b), -1)) for a, b in _EDGES[shape_of(kind)]]
+
+
+def element_faces(kind: str, corners: int) -> list[tuple[int, ...]]:
+    """The faces of a solid element with so many corners, by their corners."""
+    found = _FACES.get(shape_of(kind), ())
+    return [face for face in found if len(face) == corners]
+
+
+def edge_nodes(kind: str) -> tuple[tuple[int, int], ...]:
+    """The pairs of corners between which the further nodes of an element lie."""
+    return _EDGES[shape_of(kind)] if _DEFINITIONS[kind][0] == 2 else ()
+
+
+@cache
+def reference_element(kind: str, integral: str = "stiffness") -> ReferenceElement:
+    """The element of that name, one of `ELEMENT_KINDS`.
+
+    Parameters
+    ----------
+    integral : "stiffness", "stress" or "mass", for which the quadrature is
+    """
+    _, stiffness, mass = _DEFINITIONS[kind]
+    degree = mass if integral == "mass" else stiffness
+    points, weights = quadrature_rule(shape_of(kind), degree)
+    values, gradients = _tabulate(kind, points)
+    corners = len(_CORNERS[shape_of(kind)])
+    return ReferenceElement(
+        kind, _node_coordinates(kind), corners, points, weights, values, gradients
+    )
+
+
+@cache
+def _node_coordinates(kind: str) -> Array:
+    corners = _CORNERS[shape_of(kind)]
+    return np.vstack(
+        [corners, *((corners[a] + corners[b]) / 2 for a, b in edge_nodes(kind))]
+    )
+
+
+@cache
+def _shape_exponents(kind: str) -> NDArray[np.int64]:
+    """(m, d) powers whose span the shape functions are."""
+    shape, order = shape_of(kind), _DEFINITIONS[kind][0]
+    dimension = _CORNERS[shape].shape[1]
+    member = _SPACES[shape](order)
+    powers = [e for e in product(range(order + 1), repeat=dimension) if member(e)]
+    return np.array([*powers, *(_RATIONAL[order] if shape == "pyramid" else ())])
+
+
+@cache
+def _shape_coefficients(kind: str) -> Array:
+    """(m, m) of the powers (rows) in the shape functions (columns): whole numbers."""
+    values, _ = _power_products(kind, _node_coordinates(kind))
+    coefficients: Array = np.rint(np.linalg.inv(values))
+    return coefficients
+
+
+def _tabulate(kind: str, points: Array) -> tuple[Array, Array]:
+    values, slopes = _power_products(kind, points)
+    coefficients = _shape_coefficients(kind)
+    return values @ coefficients, np.stack([s @ coefficients for s in slopes], axis=2)
+
+
+def _power_products(kind: str, points: Array) -> tuple[Array, list[Array]]:
+    """Products of powers (g, m) at points and their d derivatives (g, m).
+
+    At the apex of a pyramid, where the gradient depends on the direction, it is that
+    on the line to the middle of the base.
+    """
+    bases, signs = points.T, np.ones(points.shape[1])
+    if shape_of(kind) == "pyramid":
+        height = np.maximum(1 - points[:, 2], 1e-14)
+        bases = np.array([*points[:, :2].T, height])
+        bases[:2, height < 1e-12] = 0.5e-14
+        signs = np.array([1.0, 1.0, -1.0])
+    exponents = _shape_exponents(kind).T
+    powers = [_raise_powers(x, e) for x, e in zip(bases, exponents, strict=True)]
+    slopes = []
+    for i, e in enumerate(exponents):
+        lowered = signs[i] * e * _raise_powers(bases[i], np.where(e == 0, 0, e - 1))
+        slopes.append(np.asarray(prod([*powers[:i], lowered, *powers[i + 1 :]])))
+    return np.asarray(prod(powers)), slopes
+
+
+def _raise_powers(base: Array, exponents: NDArray[np.int64]) -> Array:
+    """(g, m); each power is raised once, which is what takes the time."""
+    distinct, place = np.unique(exponents, return_inverse=True)
+    return np.column_stack([base ** float(e) for e in distinct])[:, place]

@@ -1,0 +1,94 @@
+"""Copies of the example folders."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.file_names import check_ending
+from sidtool.formats.storage.operating_system import (
+    is_writable_folder,
+    path_problem,
+    replace_file,
+)
+from sidtool.formats.storage.unreadable import failure_reason
+
+#: What `sidtool new` offers, by the name of the folder of the example.
+EXAMPLE_TITLES = {
+    "slider_crank": "the founding example: a crank, a flexible rod, a piston",
+    "robot_arm": "a spatial arm of two links from solids, with motors and payload",
+    "con_rod": "a connecting rod from its outline, with bores, ties and stress",
+    "beam": "one bar on a wall, the smallest start",
+    "imported_matrices": "a lattice mast from mass and stiffness matrices",
+    "spinning_blade": "a beam that its rotation stiffens",
+    "satellite": "a free body with two panels and a reaction wheel",
+    "four_bar": "a linkage with a flexible coupler, and events",
+    "controlled_arm": "an arm that a PID controller lifts",
+}
+#: The files that make an example; commands write the others.
+_COPIED_FILES = ("*.toml", "*.py", "*.md", "rod_*.SID_FEM")
+_PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+#: Where examples are: in an installed package, beside the package in a checkout.
+_EXAMPLES = (_PACKAGE_FOLDER / "examples", _PACKAGE_FOLDER.parent / "examples")
+
+
+def example_folder(name: str) -> Path:
+    """Return the folder of the files of an example.
+
+    Raises
+    ------
+    InputError : sidtool was installed without its examples.
+    """
+    for folder in _EXAMPLES:
+        if (folder / name / "README.md").is_file():
+            return folder / name
+    raise InputError(
+        "the files of the example are not here",
+        source=_EXAMPLES[0] / name,
+        expected="sidtool from its repository or its wheel",
+    )
+
+
+def copy_example(folder: Path, start: str) -> list[str]:
+    """Copy the files of an example into a new folder, all or nothing.
+
+    Returns
+    -------
+    their names
+
+    Raises
+    ------
+    InputError : the folder exists, cannot be made, or has the ending of a file.
+    """
+    source = example_folder(start)
+    check_ending(folder, "folder")
+    if problem := path_problem(folder):
+        raise InputError(problem, source=folder, expected="another name")
+    if folder.is_symlink() or folder.exists():
+        raise InputError(
+            "exists already", source=folder, expected="the name of a new folder"
+        )
+    names = sorted(path.name for own in _COPIED_FILES for path in source.glob(own))
+    parent = folder.absolute().parent
+    if parent.is_dir() and not is_writable_folder(parent):
+        raise InputError(
+            "cannot be made (Permission denied)",
+            source=folder,
+            expected="a name in a folder that can be written",
+        )
+    try:
+        with tempfile.TemporaryDirectory(dir=parent, prefix=".sidtool-") as temporary:
+            new_folder = Path(temporary) / "new"
+            new_folder.mkdir()
+            for name in names:
+                shutil.copyfile(source / name, new_folder / name)
+            replace_file(new_folder, folder)
+    except OSError as error:
+        raise InputError(
+            f"cannot be made ({failure_reason(error)})",
+            source=folder,
+            expected="a name in a folder that can be written",
+        ) from None
+    return names

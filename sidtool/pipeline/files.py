@@ -1,0 +1,119 @@
+"""Kind of a file by its content, and writing of SIDs and results."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.file_names import path_of
+from sidtool.formats.storage.hdf5_files import (
+    HDF5_SIGNATURE,
+    SEAL_SIGNATURE,
+    check_seal,
+)
+from sidtool.formats.storage.unreadable import unreadable_error
+
+if TYPE_CHECKING:
+    from sidtool.formats.base.sid import SID
+    from sidtool.formats.result import Result
+
+Path_ = str | os.PathLike[str]
+#: The entry ``format`` of files that people write, and the kind that it means.
+TEXT_FORMATS = {
+    "sidtool model": "model",
+    "sidtool scene": "scene",
+    "sidtool reference": "reference",
+    "sidtool study": "study",
+}
+#: The same of HDF5 files; all others are SIDs, whose reader says what is wrong.
+_HDF5_FORMATS = {"sidtool result": "result", "sidtool field": "field"}
+
+
+def kind_of(path: Path_) -> str:
+    """ "model", "scene", "reference", "study", "result", "field" or "sid".
+
+    Raises
+    ------
+    InputError : there is no such file, or a TOML or JSON file of no known format.
+    """
+    path = path_of(path, "path")
+    if not path.is_file():
+        raise unreadable_error(path, "a SID, model, scene or result")
+    if path.suffix in (".toml", ".json"):
+        return _kind_of_text(path)
+    return _kind_of_hdf5(path) if _starts_as_hdf5(path) else "sid"
+
+
+def expect_kind(path: Path_, *kinds: str) -> str:
+    """The kind of a file that must be one of some kinds.
+
+    Raises
+    ------
+    InputError : it is of another kind.
+    """
+    kind = kind_of(path)
+    if kind not in kinds:
+        *most, last = (name.replace("sid", "SID") for name in kinds)
+        wanted = f"a {', '.join(most)} or {last}" if most else f"a {last}"
+        found = kind.replace("sid", "SID")
+        raise InputError(f"is a {found} file", source=path, expected=wanted)
+    return kind
+
+
+def _kind_of_text(path: Path) -> str:
+    from sidtool.formats.toml.reading import read_data
+
+    found = read_data(path).get("format")
+    if not isinstance(found, str) or found not in TEXT_FORMATS:
+        what = "is missing" if found is None else f"found {found!r}"
+        expected = " or ".join(repr(name) for name in TEXT_FORMATS)
+        raise InputError(what, source=path, place="format", expected=expected)
+    return TEXT_FORMATS[found]
+
+
+def _starts_as_hdf5(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(len(HDF5_SIGNATURE))
+    except OSError as error:
+        raise unreadable_error(path, error=error) from None
+    return start in (HDF5_SIGNATURE, SEAL_SIGNATURE)
+
+
+def _kind_of_hdf5(path: Path) -> str:
+    import h5py
+
+    check_seal(path)
+    try:
+        with h5py.File(path, "r") as file:
+            return _HDF5_FORMATS.get(str(file.attrs.get("format")), "sid")
+    except (OSError, RuntimeError, ValueError, TypeError):
+        return "sid"  # whose reader says what is wrong
+
+
+def write(path: Path_, content: SID | Result, *, dialect: str = "fembs") -> None:
+    """Write a SID (``.h5`` or ASCII) or a result (``.h5`` or ``.csv``).
+
+    Raises
+    ------
+    InputError : the file cannot be written, or its ending says something else.
+    """
+    from sidtool.formats.base.sid import SID
+    from sidtool.formats.file_names import kind_by_ending
+    from sidtool.formats.result import Result, write_csv, write_result
+    from sidtool.formats.sid_files import write_sid
+
+    path = path_of(path, "path")
+    if isinstance(content, SID):
+        write_sid(path, content, dialect)
+    elif not isinstance(content, Result):
+        kind = type(content).__name__
+        raise InputError(
+            f"is of the type {kind}", place="content", expected="a SID or a Result"
+        )
+    elif kind_by_ending(path, "result", "table") == "table":
+        write_csv(path, content)
+    else:
+        write_result(path, content)

@@ -1,0 +1,237 @@
+"""SIDs and fields of the models of a scene, converted once and cached."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.field import Field, read_field, write_field
+from sidtool.formats.model import ModelFile, Stiffening, read_model
+from sidtool.formats.model.refine import (
+    refine_model,
+    requested_modes,
+    with_modes,
+    with_static_shapes,
+)
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid_files import read_sid, write_sid
+
+#: Beside the scene.
+CACHE_FOLDER = ".sidtool"
+#: Full fields are beside the SIDs that they belong to, under this ending.
+FIELD_ENDING = ".field.h5"
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Refinement of a model, see `refine`.
+
+    Attributes
+    ----------
+    modes : number of modes, None for that of the model
+    static : nodes with static shape functions for loads
+    stiffened : with geometric stiffening by all loads, which the model lacks
+    """
+
+    level: int = 0
+    modes: int | None = None
+    static: tuple[int, ...] = ()
+    stiffened: bool = False
+
+
+@dataclass(frozen=True)
+class ConvertedBody:
+    """A SID, its file relative to the scene, and the notes on its conversion.
+
+    Attributes
+    ----------
+    file : empty if it could not be stored
+    """
+
+    sid: SID
+    file: str
+    notes: tuple[str, ...]
+
+
+class BodyModel:
+    """The model of one body and the SIDs that are made of it.
+
+    Raises
+    ------
+    InputError : the model cannot be read.
+    """
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        self.path, self.folder = path, folder
+        self.model = read_model(path)
+
+    @property
+    def modes(self) -> int | None:
+        """Normal modes that the model asks for, if its reduction counts them."""
+        return requested_modes(self.model)
+
+    def point_markers(self, nodes: Collection[str]) -> tuple[str, ...]:
+        """Markers at some nodes that are single points of a plane body or a solid.
+
+        Beams bear forces at points, which bodies of more dimensions do not. A marker
+        that is clamped in the frame does not yield.
+        """
+        from ..discretisation.registry import finite_element_model
+        from ..reduction.body_frames import FRAMES, clamped_dofs
+        from ..reduction.point_loads import point_markers
+
+        body = finite_element_model(self.model)
+        frame = FRAMES[self.model.frame.type](body, self.model.frame)
+        held = clamped_dofs(body, frame, self.model.reduction.fixed_names)
+        found = point_markers(body, held)
+        return tuple(n for n in found if str(self.model.markers[n].node) in nodes)
+
+    def can_refine(self) -> bool:
+        """False for meshes and matrices, which are as they are."""
+        return refine_model(self.model, 1) is not None
+
+    def can_have_static_shapes(self, nodes: Collection[int]) -> bool:
+        """False without modes alone, or without a marker there."""
+        return with_static_shapes(self.model, nodes) is not None
+
+    def sid(self, fineness: Refinement) -> ConvertedBody:
+        """Converted, or read where it was made before.
+
+        Raises
+        ------
+        InputError : the model cannot be converted.
+        """
+        from .model_to_sid import BASIS_PREFIX, NOTE_PREFIX, sid_from_model
+
+        model = self.refined(fineness)
+        name, file = self._kept(model)
+        with suppress(InputError):
+            return ConvertedBody(read_sid(file), name, ())
+        lines: list[str] = []
+        try:
+            sid = sid_from_model(model, lines.append)
+        except InputError as error:
+            raise error.located(self.path) from None
+        kept_lines = [
+            line for line in lines if line.startswith((BASIS_PREFIX, NOTE_PREFIX))
+        ]
+        notes = tuple(
+            f"{self.path.name}: {line.removeprefix(NOTE_PREFIX)}" for line in kept_lines
+        )
+        try:
+            file.parent.mkdir(exist_ok=True)
+            write_sid(file, sid)
+        except (OSError, InputError):
+            return ConvertedBody(sid, "", notes)
+        return ConvertedBody(sid, name, notes)
+
+    def field(self) -> Field:
+        """Return the full field of the body, cached beside its SID.
+
+        Raises
+        ------
+        InputError : the model cannot be converted.
+        """
+        from .model_to_sid import field_from_model
+
+        file = self._kept(self.model)[1].with_suffix(FIELD_ENDING)
+        with suppress(InputError):
+            return read_field(file)
+        field = field_from_model(self.model, _ignore_progress)[1]
+        with suppress(OSError, InputError):
+            file.parent.mkdir(exist_ok=True)
+            write_field(file, field)
+        return field
+
+    def refined(self, fineness: Refinement) -> ModelFile:
+        """The model with another mesh, other modes and static shape functions."""
+        model = refine_model(self.model, fineness.level)
+        if model is not None and fineness.static:
+            model = with_static_shapes(model, fineness.static)
+        if model is not None and fineness.modes is not None:
+            model = with_modes(model, fineness.modes)
+        assert model is not None
+        if fineness.stiffened:
+            model = model.model_copy(update={"stiffening": Stiffening()})
+        return model
+
+    def _kept(self, model: ModelFile) -> tuple[str, Path]:
+        """Return the file of the cached SID, as the scene names it and as a
+        full path.
+        """
+        name = f"{CACHE_FOLDER}/{self.path.stem}-{model_digest(model)}.h5"
+        return name, self.folder / name
+
+
+def _ignore_progress(_: str) -> None:
+    return None
+
+
+def body_models(scene: SceneFile, folder: Path) -> dict[str, BodyModel]:
+    """The bodies that are described by models.
+
+    Raises
+    ------
+    InputError : a model cannot be read.
+    """
+    bodies = scene.sid_bodies.items()
+    return {n: BodyModel(folder / b.model, folder) for n, b in bodies if b.model}
+
+
+def convert_bodies(
+    scene: SceneFile, folder: Path
+) -> tuple[SceneFile, dict[str, SID], dict[str, list[str]]]:
+    """Convert the models of a scene.
+
+    Models beside a SID are not converted.
+
+    Returns
+    -------
+    the scene that names the SIDs, the SIDs, and notes, by body
+
+    Raises
+    ------
+    InputError : a model cannot be read or converted.
+    """
+    bodies: dict[str, Any] = dict(scene.bodies)
+    found: dict[str, SID] = {}
+    notes: dict[str, list[str]] = {}
+    for name, source in body_models(scene, folder).items():
+        if bodies[name].sid:
+            continue
+        body = source.sid(Refinement())
+        text = body.file or f"(made of {source.path.name})"
+        bodies[name] = bodies[name].model_copy(update={"sid": text})
+        found[name] = body.sid
+        notes[name] = [f"{name} is made of {bodies[name].model}", *body.notes]
+    if not found:
+        return scene, {}, {}
+    return scene.model_copy(update={"bodies": bodies}), found, notes
+
+
+def model_digest(model: ModelFile) -> str:
+    """A digest of a model and of the files that it names."""
+    from .. import __version__
+
+    digest = hashlib.sha256(f"{__version__} {model.model_dump_json()}".encode())
+    for path in sorted(set(_named_files(model))):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _named_files(value: Any) -> Iterator[Path]:
+    """Texts of a model that are names of files."""
+    if isinstance(value, BaseModel):
+        for name in type(value).model_fields:
+            yield from _named_files(getattr(value, name))
+    elif isinstance(value, str) and os.path.isfile(value):
+        yield Path(value)

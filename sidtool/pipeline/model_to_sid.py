@@ -1,0 +1,298 @@
+"""Convert a model file to a SID or a full field."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.compliance_shares import ComplianceShares
+from sidtool.formats.base.errors import warn_caller
+from sidtool.formats.base.progress import NamedStages, count_within, report_stage
+from sidtool.formats.base.sid import SID, Node, Taylor
+from sidtool.formats.field import Field
+from sidtool.formats.model import ModelFile, RayleighDamping, read_model
+from sidtool.formats.plausibility import body_warnings, material_warnings
+from sidtool.formats.sid_mass import skew
+from sidtool.formats.toml.files import locate_errors
+
+from ..conversion.element_accuracy import element_notes
+from ..conversion.geometric_stiffness import add_geometric_stiffening
+from ..conversion.inertia_integrals import body_inertia
+from ..conversion.prestress import add_prestress, check_prestress
+from ..conversion.stress_recovery import add_stress_recovery, check_stress
+from ..discretisation.registry import finite_element_model
+from ..eigensolvers.factorisation import expected_gigabytes
+from ..eigensolvers.slepc import use_engine
+from ..elements.finite_element_model import FiniteElementModel, MarkerRows
+from ..elements.mass_properties import geometry_mass_notes
+from ..field.body_field import body_field
+from ..reduction.basis_error import assess_basis, held_marker_note
+from ..reduction.body_frames import FRAMES, Frame, clamped_dofs
+from ..reduction.methods import REDUCTIONS, ReducedBasis
+from ..reduction.point_loads import point_marker_note
+
+__all__ = ["finite_element_model", "sid_from_model"]
+
+Array = NDArray[np.float64]
+
+#: What sentences for the user begin with, beside the names of stages.
+NOTE_PREFIX = "note: "
+#: What the sentence on the errors of the shape functions begins with.
+BASIS_PREFIX = "basis: "
+
+#: Parts of a conversion, and about how long they take beside each other.
+_STAGE_WEIGHTS = {
+    "discretising": 4.0,
+    "reducing": 5.0,
+    "measuring the shape functions": 1.0,
+    "prestress": 1.0,
+    "integrating the inertia": 0.5,
+    "geometric stiffening": 2.0,
+    "stress": 1.0,
+    "evaluating the full field": 2.0,
+}
+
+#: Clamped nodes lie on a line if their moment of inertia about it is below this share.
+_ON_A_LINE = 1e-12
+
+
+def sid_from_model(
+    model: ModelFile | str | Path,
+    progress: Callable[[str], None] | None = None,
+    engine: str | None = None,
+) -> SID:
+    """Discretise, reduce and write down one body.
+
+    Parameters
+    ----------
+    model : a model file, read already or by its path
+    progress : called with the name of every stage as it begins, with counts from inside
+        the longest of them, with a sentence that begins with `BASIS_PREFIX`, and with
+        sentences that begin with `NOTE_PREFIX`; without it these are warnings
+    engine : what solves the equations, one of `reduction.factors.ENGINES`; the fastest
+        that is installed by default
+
+    Raises
+    ------
+    InputError : names the file (if given by its path) and the key that is wrong.
+    """
+    return _run_conversion(model, progress, engine, with_field=False)[0]
+
+
+def field_from_model(
+    model: ModelFile | str | Path,
+    progress: Callable[[str], None] | None = None,
+    engine: str | None = None,
+) -> tuple[SID, Field]:
+    """Convert a model as `sid_from_model`, and return the full field of the body."""
+    sid, field = _run_conversion(model, progress, engine, with_field=True)
+    assert field is not None
+    return sid, field
+
+
+def _run_conversion(
+    model: ModelFile | str | Path,
+    progress: Callable[[str], None] | None,
+    engine: str | None,
+    with_field: bool,
+) -> tuple[SID, Field | None]:
+    tell = progress or _warn_notes
+    with use_engine(engine, progress):
+        content = model if isinstance(model, ModelFile) else read_model(model)
+        lengths = _stage_durations(content, with_field)
+        with locate_errors(content), count_within(NamedStages(lengths)) as parts:
+            return _convert(content, tell, with_field, parts)
+
+
+def _stage_durations(model: ModelFile, with_field: bool) -> dict[str, float]:
+    """About how much of the time each part of a conversion takes, of those it has."""
+    stiffening = model.stiffening
+    left_out = {
+        "prestress": not (stiffening and stiffening.prestress),
+        "geometric stiffening": not stiffening,
+        "stress": not model.stress,
+        "evaluating the full field": not with_field,
+    }
+    return {name: x for name, x in _STAGE_WEIGHTS.items() if not left_out.get(name)}
+
+
+def _convert(
+    model: ModelFile,
+    progress: Callable[[str], None],
+    with_field: bool,
+    parts: NamedStages,
+) -> tuple[SID, Field | None]:
+    def begin(part: str, text: str = "") -> None:
+        parts.enter(part)
+        report_stage(text or part)
+        progress(text or part)
+
+    if model.material is not None:
+        material = model.material
+        for text in material_warnings(material.youngs_modulus, material.density):
+            progress(NOTE_PREFIX + text)
+    begin("discretising")
+    body = finite_element_model(model)
+    for sentence in (*body.notes, *geometry_mass_notes(body)):
+        progress(NOTE_PREFIX + sentence)
+    frame = FRAMES[model.frame.type](body, model.frame)
+    for sentence in _check_requested_outputs(body, model):
+        progress(NOTE_PREFIX + sentence)
+    gigabytes = expected_gigabytes(body.positions, body.ndof)
+    size = f"{body.ndof} degrees of freedom, which may take {gigabytes:.1f} GB"
+    begin("reducing", f"reducing {size}")
+    for sentence in element_notes(body):
+        progress(NOTE_PREFIX + sentence)
+    basis = REDUCTIONS[model.reduction.method](body, frame, model.reduction)
+    for sentence in basis.report:
+        progress(sentence)
+    begin("measuring the shape functions")
+    carried = _basis_quality_note(body, frame, basis, model, progress)
+    if note := held_marker_note(body, frame, basis, model):
+        progress(NOTE_PREFIX + note)
+    held = frame.held
+    if frame.rows is None:
+        held = clamped_dofs(body, frame, model.reduction.fixed_names)
+    for sentence in point_marker_note(body, held):
+        progress(NOTE_PREFIX + sentence)
+    basis = replace(basis, space=None)
+    stiffening, initial = model.stiffening, None
+    if stiffening and stiffening.prestress:
+        begin("prestress")
+        initial = add_prestress(
+            body, frame, basis, stiffening.prestress, stiffening, model.frame
+        )
+        basis = initial.basis
+    begin("integrating the inertia")
+    sid = assembled_sid(body, frame, basis, model.damping, title=model.title, held=held)
+    sid = replace(sid, carried=carried, from_matrices=model.comes_as_matrices)
+    if initial is not None:
+        sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
+    if stiffening:
+        begin("geometric stiffening")
+        sid = add_geometric_stiffening(sid, body, frame, basis, stiffening)
+    if model.stress:
+        begin("stress")
+        sid = add_stress_recovery(sid, body, frame, basis, model.stress, initial)
+    for text in body_warnings(sid):
+        progress(NOTE_PREFIX + text)
+    if not with_field:
+        return sid, None
+    begin("evaluating the full field")
+    return sid, body_field(sid, body, frame, basis, initial)
+
+
+def _check_requested_outputs(body: FiniteElementModel, model: ModelFile) -> list[str]:
+    """Refuse stress and stiffening that the body cannot have, before expensive steps.
+
+    Returns
+    -------
+    notes on those that are incomplete
+    """
+    if model.stiffening:
+        check_prestress(body, model.stiffening, model.frame)
+    return check_stress(body, model.stress) if model.stress else []
+
+
+def _basis_quality_note(
+    body: FiniteElementModel,
+    frame: Frame,
+    basis: ReducedBasis,
+    model: ModelFile,
+    progress: Callable[[str], None],
+) -> ComplianceShares | None:
+    """How good the basis is; a note where it is poor."""
+    quality = assess_basis(body, frame, basis, model)
+    if quality is None:
+        return None
+    progress(f"{NOTE_PREFIX if quality.poor else ''}{BASIS_PREFIX}{quality.text}")
+    return quality.carried
+
+
+def assembled_sid(
+    body: FiniteElementModel,
+    frame: Frame,
+    basis: ReducedBasis,
+    damping: RayleighDamping | None = None,
+    *,
+    title: str = "",
+    held: NDArray[np.bool_] | None = None,
+) -> SID:
+    """The SID of a discretised body with given frame and shape functions.
+
+    Parameters
+    ----------
+    held : (ndof,) the degrees of freedom that are clamped in the frame; by default
+        those that define it
+    """
+    nq = len(basis.labels)
+    held = frame.held if held is None else held
+    mass, inertia = body_inertia(body, frame.origin, basis.shapes)
+    blocks: dict[str, Any] = dict(inertia)
+    blocks["ksigma"] = Taylor(np.zeros((nq, 1)))
+    blocks["Ke"] = Taylor(basis.stiffness)
+    blocks["De"] = Taylor(_damping_matrix(blocks["Me"].m0, basis.stiffness, damping))
+    return SID(
+        mass=mass,
+        labels=basis.labels,
+        nodes=tuple(_sid_node(body, m, frame, basis, held) for m in body.markers),
+        title=title,
+        **blocks,
+    )
+
+
+def _damping_matrix(me: Array, ke: Array, damping: RayleighDamping | None) -> Array:
+    if damping is None:
+        return np.zeros_like(ke)
+    return damping.alpha * me + damping.beta * ke
+
+
+def _sid_node(
+    body: FiniteElementModel,
+    marker: MarkerRows,
+    frame: Frame,
+    basis: ReducedBasis,
+    held: NDArray[np.bool_],
+) -> Node:
+    phi = marker.displacement @ basis.shapes
+    psi = _free_rotations(body, marker, held) @ (marker.rotation @ basis.shapes)
+    return Node(
+        id=str(marker.node),
+        origin=Taylor((marker.position - frame.origin)[:, None], phi.T[:, :, None]),
+        phi=Taylor(phi),
+        psi=Taylor(psi),
+        AP=Taylor(np.eye(3), skew(psi.T)),
+    )
+
+
+def _free_rotations(
+    body: FiniteElementModel, marker: MarkerRows, held: NDArray[np.bool_]
+) -> Array:
+    """Return the projection (3, 3) on rotations that clamped nodes around a marker
+    allow.
+
+    The displacement gradient beside a clamped edge rotates a point on it, which the
+    edge does not. Markers with a rotation of their own (beams, ties) lose nothing.
+    """
+    if marker.gradient is None or not held[marker.displacement.indices].all():
+        return np.eye(3)
+    dofs = np.union1d(marker.displacement.indices, marker.gradient.indices)
+    around = np.isin(body.table, dofs).any(axis=1)
+    still = (held[body.table] | (body.table < 0)).all(axis=1)
+    arms = np.zeros(((around & still).sum(), 3))
+    arms[:, : body.dimension] = body.positions[around & still]
+    crossed = skew(arms - marker.position).reshape(-1, 3)
+    sizes, turns = np.linalg.eigh(crossed.T @ crossed)
+    free = turns[:, sizes <= _ON_A_LINE * sizes[-1]]
+    return free @ free.T
+
+
+def _warn_notes(text: str) -> None:
+    """Without a progress callback, emit notes as warnings and ignore stages."""
+    if text.startswith(NOTE_PREFIX):
+        warn_caller(text.removeprefix(NOTE_PREFIX))

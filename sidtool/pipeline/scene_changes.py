@@ -1,0 +1,373 @@
+"""Scenes with replaced SIDs and rigid bodies, and notes on what this changes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError, printable
+from sidtool.formats.base.sid import SID
+from sidtool.formats.file_names import path_of, scene_given
+from sidtool.formats.model import ModelFile
+from sidtool.formats.motion_kinds import motion_kinds
+from sidtool.formats.result import Result, read_result
+from sidtool.formats.result.data import TABLES
+from sidtool.formats.scene import ElasticInitial, RigidBody, SceneFile, SidBody
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.storage.operating_system import path_from
+from sidtool.formats.storage.sid_content import content_digest
+from sidtool.formats.toml.files import locate_errors
+from sidtool.formats.toml.objects import name_object, named_object
+
+from .files import expect_kind
+from .model_cache import convert_bodies
+
+if TYPE_CHECKING:
+    from sidtool.solver.system.system import System
+
+Path_ = str | os.PathLike[str]
+Sids = Mapping[str, SID | Path_]
+Programs = Mapping[str, Any]
+
+
+def apply_changes(
+    scene: SceneFile,
+    folder: Path,
+    sids: Mapping[str, SID | str | os.PathLike[str]],
+    rigid: Iterable[str],
+) -> tuple[SceneFile, dict[str, SID], list[str]]:
+    """The scene, the SIDs that replace its own, and sentences about both.
+
+    folder : relative paths of the scene begin here
+
+    Raises
+    ------
+    InputError : a file cannot be read, or a name is not that of a body with a SID.
+    """
+    plain = take_as_rigid(scene, rigid)
+    content, replaced = replace_sids(plain, sids, folder)
+    content, model_sids, notes = convert_bodies(content, folder)
+    lines = [line for of_body in notes.values() for line in of_body]
+    others = {name: replaced[name] for name in sids}
+    sentences = [
+        *replaced_sid_notes(plain, folder, others),
+        *rigid_body_notes(plain),
+        *lines,
+    ]
+    return content, replaced | model_sids, [*sentences, *reduced_body_notes(plain)]
+
+
+def replaced_sid_notes(
+    scene: SceneFile, folder: Path, sids: Mapping[str, SID]
+) -> Iterator[str]:
+    """Describe how other SIDs change the meaning of a scene, see
+    `changed_shape_notes`.
+    """
+    return changed_shape_notes(
+        scene, sids, lambda name: sid_of(scene.sid_bodies[name], folder)
+    )
+
+
+@contextmanager
+def compiled_scene(
+    scene: SceneFile | Path_,
+    sids: Sids | None,
+    base_folder: Path_ | None,
+    accept_defects: bool,
+    programs: tuple[Programs | None, Programs | None],
+) -> Iterator[System]:
+    """A scene with all its joints; input errors name its file."""
+    from sidtool.solver import compile_scene
+
+    if not isinstance(scene, SceneFile):
+        expect_kind(path_of(scene, "scene", "a sidtool.Scene"), "scene")
+    scene = scene_given(scene)
+    folder = Path(base_folder or scene.folder)
+    with locate_errors(scene):
+        content, replaced = replace_sids(scene, sids or {}, folder)
+        content, made, _ = convert_bodies(content, folder)
+        yield compile_scene(
+            content,
+            folder,
+            replaced | made,
+            accept_defects=accept_defects,
+            drives=programs[0],
+            keep_joints=True,
+            forces=programs[1],
+        )
+
+
+def take_as_rigid(scene: SceneFile, names: Iterable[str]) -> SceneFile:
+    """Return the scene with these bodies rigid, as by `rigid = true`.
+
+    Raises
+    ------
+    InputError : a name is not that of a body with a SID.
+    """
+    bodies, known = dict(scene.bodies), scene.flexible
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"found {name!r}",
+                place="--rigid",
+                expected=", ".join(known) or "a body with a SID in the scene",
+            )
+        bodies[name] = bodies[name].model_copy(update={"rigid": True})
+    return scene.model_copy(update={"bodies": bodies})
+
+
+def rigid_body_notes(scene: SceneFile) -> Iterator[str]:
+    """A sentence about the bodies that are rigid, and what is not recorded of them."""
+    from sidtool.solver.system.body_data import elastic_outputs, is_taken_as_rigid
+
+    rigid = [name for name in scene.bodies if is_taken_as_rigid(scene, name)]
+    if not rigid:
+        return
+    left = elastic_outputs(scene)
+    more = f"; not recorded: {', '.join(left)}" if left else ""
+    yield f"simulated as rigid: {', '.join(rigid)}{more}"
+
+
+def reduced_body_notes(scene: SceneFile) -> Iterator[str]:
+    """A sentence about each body of which the scene leaves something out."""
+    for name, body in scene.sid_bodies.items():
+        if body.shape_functions is not None and not body.rigid:
+            numbers = ", ".join(map(str, sorted(body.shape_functions)))
+            yield f"{name} moves in shape functions {numbers} of {body.sid} alone"
+        if not (body.geometric_stiffening or body.rigid):
+            yield f"geometric stiffening of {name} is left out"
+
+
+PLACE = "initial.file"
+#: Output times that are nearer than this part of the time span are the one asked for.
+NEAR = 1e-9
+#: Position, orientation, velocity and angular velocity of a body, by dimension.
+_FRAME = {
+    "planar": ("x y", "angle", "vx vy", "wz"),
+    "spatial": (
+        "x y z",
+        "quaternion_0 quaternion_1 quaternion_2 quaternion_3",
+        "vx vy vz",
+        "wx wy wz",
+    ),
+}
+#: Text in the scene of a result for a SID that came from a program.
+PROGRAM_SID_TEXT = "(given by a program)"
+#: SIDs of models that are objects, by the texts that stand for these.
+_CONVERTED_OBJECTS: dict[str, SID] = {}
+
+
+def sid_of(body: SidBody, folder: Path) -> SID:
+    """Return the SID of a body: of its file, or the object in its place.
+
+    Raises
+    ------
+    InputError : the file cannot be read, or the model not converted.
+    """
+    given = named_object(body.sid)
+    if given is None:
+        given = named_object(body.model)
+    return read_sid(folder / body.sid) if given is None else _sid_of_object(given)
+
+
+def _program_sids(scene: SceneFile) -> dict[str, SID]:
+    """SIDs of bodies for which a program gave an object."""
+    return {
+        name: sid_of(body, scene.folder)
+        for name, body in scene.sid_bodies.items()
+        if named_object(body.sid) is not None or named_object(body.model) is not None
+    }
+
+
+def _sid_of_object(given: SID | ModelFile) -> SID:
+    """The SID that an object is, or that is made of a model, once."""
+    from .model_to_sid import sid_from_model
+
+    if isinstance(given, SID):
+        return given
+    key = name_object(given)
+    if key not in _CONVERTED_OBJECTS:
+        _CONVERTED_OBJECTS[key] = sid_from_model(given)
+    return _CONVERTED_OBJECTS[key]
+
+
+def replace_sids(
+    scene: SceneFile, sids: Mapping[str, SID | str | os.PathLike[str]], folder: Path
+) -> tuple[SceneFile, dict[str, SID]]:
+    """The scene that names what it is simulated with, and the SIDs by body.
+
+    folder : relative paths of the scene begin here
+
+    Raises
+    ------
+    InputError : a file cannot be read, or a name is not that of a flexible body.
+    """
+    from sidtool.solver.diagnostics.checks import check_replaced_sids
+
+    scene = with_initial_state(scene, folder)
+    sids = {**_program_sids(scene), **sids}
+    if not sids:
+        return scene, {}
+    check_replaced_sids(scene, sids)
+    bodies, found = dict(scene.bodies), {}
+    for name, given in sids.items():
+        if isinstance(given, SID):
+            found[name], text = given, PROGRAM_SID_TEXT
+        else:
+            found[name] = read_sid(given)
+            # Results keep the name as text, which bytes that are not UTF-8 are not.
+            text = printable(path_from(folder, Path(given)))
+        bodies[name] = bodies[name].model_copy(update={"sid": text, "model": None})
+    return scene.model_copy(update={"bodies": bodies}), found
+
+
+def with_initial_state(scene: SceneFile, folder: Path) -> SceneFile:
+    """Return the scene with the state of the result that it starts from, if it does.
+
+    Parameters
+    ----------
+    folder : folder of the path of the result
+
+    Raises
+    ------
+    InputError : the file is no result, was made in the other dimension, or lacks a body
+        of the scene or the requested time.
+    """
+    start = scene.initial
+    if start.state != "result" or start.file is None:
+        return scene
+    given = named_object(start.file)
+    result = read_result(folder / start.file) if given is None else given
+    try:
+        last = _at_time(result, start.time)
+        changes = _starting_values(scene, last)
+    except InputError as error:
+        raise error.located(str(start.file)) from None
+    changes |= {"file": None, "time": None}
+    return scene.model_copy(update={"initial": start.model_copy(update=changes)})
+
+
+def _at_time(result: Result, time: float | None) -> Result:
+    """The result at one of its times alone, by default the last one."""
+    if not len(result.t):
+        raise InputError("holds no state", place=PLACE, expected="a run that began")
+    row = len(result.t) - 1
+    if time is not None:
+        row = int(np.abs(result.t - time).argmin())
+        span = max(float(np.ptp(result.t)), abs(time))
+        if abs(result.t[row] - time) > NEAR * span:
+            raise InputError(
+                f"holds no state at t = {time:.9g} s",
+                place="initial.time",
+                expected=f"one of its output times, such as {result.t[row]:.9g}",
+            )
+    part = slice(row, row + 1)
+    tables = {name: getattr(result, name)[part] for name in TABLES}
+    return replace(result, t=result.t[part], events=(), **tables)
+
+
+def _starting_values(scene: SceneFile, last: Result) -> dict[str, Any]:
+    """Return initial values of bodies, rotation counts, law states, and digests of
+    SIDs.
+    """
+    from sidtool.solver.simulation.replay import replay, scene_of
+
+    before = scene_of(last)
+    if before.dimension != scene.dimension:
+        raise InputError(
+            f"is of a {before.dimension} scene",
+            place=PLACE,
+            expected=f"a result of a {scene.dimension} one",
+        )
+    missing = [name for name in scene.bodies if name not in before.bodies]
+    if missing:
+        raise InputError(
+            f"has no body {missing[0]!r}",
+            place=PLACE,
+            expected="a result with all bodies of the scene; it has "
+            + ", ".join(before.bodies),
+        )
+    quantities = " ".join(_FRAME[scene.dimension]).split()
+    names = [f"{body}.{q}" for body in scene.bodies for q in quantities]
+    known = replay(last, names).outputs()
+    found = {name: float(values[0]) for name, values in known.items()}
+    z = dict(zip(last.position_names, map(float, last.positions[0]), strict=True))
+    v = dict(zip(last.velocity_names, map(float, last.velocities[0]), strict=True))
+    bodies, sids = {}, {}
+    for name, body in scene.bodies.items():
+        values = _frame(name, scene.dimension, found)
+        if f"{name}.e0" in z:  # with its sign, which the angle of a body counts
+            values["quaternion"] = tuple(z[f"{name}.e{k}"] for k in range(4))
+        if isinstance(body, RigidBody) and body.inertia is None:
+            values = {key: values[key] for key in ("position", "velocity")}
+        elastic = any(key.startswith(f"{name}.q") and key in z for key in z)
+        if isinstance(body, SidBody) and not body.rigid and elastic:
+            numbers = body.numbers(last.sids[name].nq)
+            values["elastic"] = tuple(z.get(f"{name}.q{k}", 0.0) for k in numbers)
+            rates = tuple(v.get(f"{name}.vq{k}", 0.0) for k in numbers)
+            values["elastic_velocity"] = rates
+            sids[name] = content_digest(last.sids[name])
+        bodies[name] = ElasticInitial(**values)
+    owners = {*before.bodies, *scene.bodies}
+    others = {n: x for n, x in z.items() if n.rpartition(".")[0] not in owners}
+    return {
+        "bodies": bodies,
+        "rotations": {n: x for n, x in others.items() if n not in v and "(" not in n},
+        "states": {n: x for n, x in v.items() if f"{n} (integral)" in z},
+        "sids": sids,
+    }
+
+
+def _frame(body: str, dimension: str, found: dict[str, float]) -> dict[str, Any]:
+    """Return the table `initial` of a frame."""
+    position, turn, velocity, spin = (
+        tuple(found[f"{body}.{quantity}"] for quantity in texts.split())
+        for texts in _FRAME[dimension]
+    )
+    if dimension == "planar":
+        turned: dict[str, Any] = {"angle": turn[0], "angular_velocity": spin[0]}
+    else:
+        turned = {"quaternion": turn, "angular_velocity": spin}
+    return {"position": position, "velocity": velocity, **turned}
+
+
+#: Largest number of elastic coordinates that a note lists.
+MAX_LISTED = 3
+
+
+def changed_shape_notes(
+    scene: SceneFile, sids: Mapping[str, SID], former_of: Callable[[str], SID]
+) -> Iterator[str]:
+    """A sentence for each body whose elastic coordinates name other shapes.
+
+    Compared are the kinds of motion, such as bending in y, of the coordinates that both
+    SIDs have. Where the file of the scene cannot be read there is nothing to compare.
+
+    sids : SIDs that replace the files of the bodies with these names
+    former_of : gives the SID of a body that the scene names, or raises an InputError
+    """
+    for name, sid in sids.items():
+        body = scene.sid_bodies.get(name)
+        if body is None or not body.sid:
+            continue
+        try:
+            former = motion_kinds(former_of(name))
+        except InputError:
+            continue
+        pairs = enumerate(zip(motion_kinds(sid), former, strict=False), 1)
+        changed = [f"q{k} is {a}, was {b}" for k, (a, b) in pairs if a != b]
+        if changed:
+            more = len(changed) - MAX_LISTED
+            listed_changes = changed[:MAX_LISTED] + (
+                [f"{more} more"] if more > 0 else []
+            )
+            yield (
+                f"elastic coordinates of {name} name other shapes than those of "
+                f"{body.sid}: {', '.join(listed_changes)}"
+            )

@@ -1,0 +1,149 @@
+"""Axes in space that fill their part of a page, with readable ticks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
+from mpl_toolkits.mplot3d.proj3d import proj_transform
+from numpy.typing import NDArray
+
+from .figure import text_boxes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+#: Direction of sight [degree].
+_ELEVATION, _AZIMUTH = 30.0, -60.0
+#: Room around the box for ticks: left, right, below, above [inch].
+_TICK_MARGINS = (0.35, 0.85, 0.75, 0.1)
+#: Between two ticks at least, across and up the page [inch].
+_TICK_DISTANCE_X, _TICK_DISTANCE_Y = 0.4, 0.17
+#: From an axis to its label: pads that are tried, of which matplotlib takes the fewer
+#: points the longer the axis is.
+_LABEL_PADS = (*range(-6, 60, 3), *range(60, 300, 12))
+#: An edge of the box at least, as a share of the longest; height to width at most.
+_MIN_EDGE_RATIO, _MAX_HEIGHT_RATIO = 0.04, 1.0
+
+
+class BodyAxes:
+    """Axes of one window, which any number of pictures have.
+
+    Parameters
+    ----------
+    low, high : (3,) corners of the window [m]
+    width : of a picture on the page [inch]
+    """
+
+    def __init__(self, low: Array, high: Array, width: float) -> None:
+        spare = (
+            np.clip(_MIN_EDGE_RATIO * (high - low).max() - (high - low), 0.0, None) / 2
+        )
+        self.low, self.high = low - spare, high + spare
+        self.width = width
+        self.pads: dict[str, int] = {}
+        e, a = np.radians([_ELEVATION, _AZIMUTH])
+        #: (2, 3) how far across and up the page a unit of each axis goes
+        self.sight = np.array(
+            [
+                [-np.sin(a), np.cos(a), 0.0],
+                [-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)],
+            ]
+        )
+        left, right, below, above = _TICK_MARGINS
+        visible_extent = np.abs(self.sight) @ (self.high - self.low)
+        free = np.array(
+            [width - left - right, _MAX_HEIGHT_RATIO * width - below - above]
+        )
+        #: inches on the page per metre
+        self.scale = float((free / visible_extent).min())
+        self.height = float(self.scale * visible_extent[1]) + below + above
+
+    def add(self, page: Figure, x: float, y: float) -> Any:
+        """Axes in a part of a page whose lower left corner is at x, y [inch]."""
+        left, right, below, above = _TICK_MARGINS
+        side = max(self.width, self.height)
+        middle = np.array(
+            [x + (self.width + left - right) / 2, y + (self.height + below - above) / 2]
+        )
+        corner, total = middle - side / 2, page.get_size_inches()
+        place = (*(corner / total), *(side / total))
+        axes = cast(Any, page.add_axes(place, projection="3d"))
+        axes.computed_zorder = False  # points inside bores are seen through the body
+        axes.patch.set_visible(False)
+        axes.set_proj_type("ortho")
+        axes.view_init(_ELEVATION, _AZIMUTH)
+        lows, highs = self.low, self.high
+        limits = zip("xyz", lows, highs, strict=True)
+        axes.set(**{f"{name}lim": ends for name, *ends in limits})
+        for number, name in enumerate("xyz"):
+            axes.set(**{f"{name}ticks": self._ticks(number)})
+        axes.tick_params(labelsize="x-small", pad=0)
+        self._zoom(axes, middle)
+        self._label(axes)
+        return axes
+
+    def _label(self, axes: Any) -> None:
+        """Names of the axes, as near as the numbers at all ticks allow."""
+        for name in "xyz":
+            for pad in [self.pads[name]] if name in self.pads else _LABEL_PADS:
+                set_label = getattr(axes, f"set_{name}label")
+                set_label(f"{name} [m]", fontsize="x-small", labelpad=pad)
+                if name not in self.pads and _is_label_free(axes, name):
+                    self.pads[name] = pad
+                    break
+
+    def _zoom(self, axes: Any, middle: Array) -> None:
+        """The box as large as it should be, in the middle of its place [inch]."""
+        size = self.high - self.low
+        axes.set_box_aspect(tuple(size), zoom=1.0)  # it changes arrays
+        wanted = np.linalg.norm(self.sight @ size) * self.scale
+        zoom = wanted / np.linalg.norm(np.diff(self._ends(axes), axis=0))
+        axes.set_box_aspect(tuple(size), zoom=float(zoom))
+        off = (middle - self._ends(axes).mean(axis=0)) / axes.figure.get_size_inches()
+        axes.set_position(axes.get_position(original=True).translated(*off))
+
+    def _ends(self, axes: Any) -> Array:
+        """(2, 2) where the lowest and the highest corner of the box are [inch]."""
+        projected = self.seen(axes, [self.low, self.high])
+        return np.asarray(axes.transData.transform(projected) / axes.figure.dpi)
+
+    def _ticks(self, number: int) -> list[float]:
+        """Return the ticks of an axis, at distances at which their numbers do not
+        overlap.
+        """
+        low, high = self.low[number], self.high[number]
+        across, up = self.scale * np.abs(self.sight[:, number])
+        apart = min(
+            _TICK_DISTANCE_X / max(across, 1e-12), _TICK_DISTANCE_Y / max(up, 1e-12)
+        )
+        count = max(1, int((high - low) / apart))
+        for bins in range(count, 0, -1):
+            ticks = MaxNLocator(bins, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
+            found = [float(tick) for tick in ticks if low <= tick <= high]
+            if found and (len(found) < 2 or found[1] - found[0] >= apart):
+                return found
+        return [0.0] if low <= 0 <= high else [float((low + high) / 2)]
+
+    def seen(self, axes: Any, points: Any) -> Array:
+        """Return the projections (n, 2) of points (n, 3), in the data of the axes."""
+        axes.apply_aspect()
+        x, y, _ = proj_transform(*np.reshape(points, (-1, 3)).T, axes.get_proj())
+        return np.column_stack([x, y])
+
+    def room(self, page: Figure, x: float, y: float) -> Bbox:
+        """The part of a page that a picture has [pixels]."""
+        corners = np.array([[x, y], [x + self.width, y + self.height]])
+        return Bbox(corners * page.dpi)
+
+
+def _is_label_free(axes: Any, name: str) -> bool:
+    """The label of an axis meets no other word of the axes."""
+    axes.figure.draw_without_rendering()
+    label = getattr(axes, f"{name}axis").label
+    mine = label.get_window_extent().padded(2)
+    return not any(mine.overlaps(box) for box in text_boxes(axes, label))

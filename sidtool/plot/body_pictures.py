@@ -1,0 +1,260 @@
+"""Pictures of bodies side by side, from above or in space, all at one scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
+
+from ..field.surface import border_edges
+from .axes3d import BodyAxes
+from .figure import (
+    COLOURS,
+    LEGEND_ROW_HEIGHT,
+    legend_columns,
+    order_by_rows,
+    place_names,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: Out of the plane by less than this share of its extent a body is flat.
+_PLANE_TOLERANCE = 1e-6
+#: Heights of a title and of what a picture has beside it [inch].
+_TITLE, _MARGIN = 0.25, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPicture:
+    """One pair of axes: a surface, coloured by values or plainly, and marks on it.
+
+    Attributes
+    ----------
+    marks : points with names
+    groups : points with a colour, by what the legend calls them
+    """
+
+    title: str
+    positions: Array
+    triangles: Indices
+    values: Array | None = None
+    rest: Array | None = None
+    marks: dict[str, Array] = field(default_factory=dict)
+    groups: dict[str, Array] = field(default_factory=dict)
+    lines: tuple[Array, ...] = ()
+    meshed: bool = False
+
+
+def draw_bodies(
+    pictures: Sequence[BodyPicture], heading: str = ""
+) -> tuple[Figure, list[str]]:
+    """Draw all pictures in windows of the same extent.
+
+    Parameters
+    ----------
+    heading : text above all of them
+
+    Returns
+    -------
+    the page, and the names of marks without room
+    """
+    low, high = _common_window(pictures)
+    extent = float((high - low).max())
+    flat = bool((high - low)[2] <= _PLANE_TOLERANCE * extent) or _is_plate(
+        pictures, extent
+    )
+    margin = 0.03 * extent
+    window = low - margin, high + margin
+    return (_draw_flat_page if flat else _draw_solid_page)(pictures, window, heading)
+
+
+def _common_window(pictures: Sequence[BodyPicture]) -> tuple[Array, Array]:
+    parts = [p.positions for p in pictures]
+    parts += [np.reshape(list(p.marks.values()), (-1, 3)) for p in pictures]
+    parts += [points for p in pictures for points in (*p.groups.values(), *p.lines)]
+    points = np.concatenate(parts)
+    low, high = points.min(axis=0), points.max(axis=0)
+    return (low, high) if np.ptp(points, axis=0).any() else (low - 0.5, high + 0.5)
+
+
+def _picture_grid(count: int) -> tuple[int, int, float]:
+    """Rows, columns, and the width of one picture [inch]."""
+    columns = 1 if count == 1 else 2 if count < 7 else 3
+    return -(-count // columns), columns, (8.0 if columns < 3 else 11.0) / columns
+
+
+def _is_plate(pictures: Sequence[BodyPicture], extent: float) -> bool:
+    """Check for plane bodies, which are drawn from above, whatever their thickness."""
+    first = pictures[0].positions
+    same = all(
+        len(p.positions) == len(first)
+        and np.abs(p.positions[:, 2] - first[:, 2]).max(initial=0.0)
+        <= _PLANE_TOLERANCE * extent
+        for p in pictures
+    )
+    levels = np.unique(np.round(first[:, 2] / extent, 9))
+    return same and len(levels) <= 2
+
+
+def _draw_flat_page(
+    pictures: Sequence[BodyPicture], window: tuple[Array, Array], heading: str
+) -> tuple[Figure, list[str]]:
+    from .figure import NotebookFigure
+
+    rows, columns, width = _picture_grid(len(pictures))
+    low, high = window
+    size = high - low
+    height = min(max(width * size[1] / size[0], 0.5), 2.0 * width) + 0.55
+    below = _legend_height(pictures, width * columns)
+    page = NotebookFigure((width * columns, height * rows + 0.2 + below))
+    every = []
+    for number, picture in enumerate(pictures, 1):
+        axes = cast(Any, page.add_subplot(rows, columns, number))
+        axes.set_title(picture.title, loc="left", fontsize="small")
+        _draw_flat(axes, picture)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]")
+        axes.set_ylabel("y [m]")
+        axes.set_aspect("equal")
+        every.append(axes)
+    if heading:
+        page.suptitle(heading, fontsize="small", x=0.01, ha="left")
+    _draw_legend(page, every, loc="outside lower left")
+    page.draw_without_rendering()
+    page.set_layout_engine("none")
+    left = []
+    for axes, picture in zip(every, pictures, strict=True):
+        places = {name: point[:2] for name, point in picture.marks.items()}
+        room = Bbox.intersection(axes.bbox.padded(0.2 * page.dpi), page.bbox)
+        left += place_names(axes, places, room or page.bbox)
+    return page, left
+
+
+def _draw_solid_page(
+    pictures: Sequence[BodyPicture], window: tuple[Array, Array], heading: str
+) -> tuple[Figure, list[str]]:
+    from .figure import NotebookFigure
+
+    rows, columns, width = _picture_grid(len(pictures))
+    shape = BodyAxes(*window, width)
+    cell = shape.height + _TITLE
+    above = _TITLE if heading else 0.0
+    below = _legend_height(pictures, width * columns)
+    page = NotebookFigure((width * columns, cell * rows + _MARGIN + above + below))
+    page.set_layout_engine("none")
+    total = page.get_figheight()
+    every, corners = [], []
+    for number, picture in enumerate(pictures):
+        row, column = divmod(number, columns)
+        x, top = column * width, total - above - row * cell
+        axes = shape.add(page, x, top - cell)
+        _place_text(page, x + 0.1, top - 0.06, picture.title)
+        _draw_solid(axes, picture)
+        every.append(axes)
+        corners.append((x, top - cell))
+    if heading:
+        _place_text(page, 0.1, total - 0.06, heading)
+    _draw_legend(page, every, loc="lower left")
+    page.draw_without_rendering()
+    left = []
+    for axes, picture, corner in zip(every, pictures, corners, strict=True):
+        projected = shape.seen(axes, list(picture.marks.values()))
+        places = dict(zip(picture.marks, projected, strict=True))
+        left += place_names(axes, places, shape.room(page, *corner))
+    return page, left
+
+
+def _place_text(page: Figure, x: float, y: float, text: str) -> None:
+    """Write a text at a position of the page [inch]."""
+    width, height = page.get_size_inches()
+    page.text(x / width, y / height, text, fontsize="small", va="top")
+
+
+def _legend_height(pictures: Sequence[BodyPicture], width: float) -> float:
+    labels = [name for picture in pictures for name in picture.groups]
+    return LEGEND_ROW_HEIGHT * -(-len(labels) // legend_columns(labels, width - 0.4))
+
+
+def _draw_legend(page: Any, every: Sequence[Any], loc: str) -> None:
+    """Draw the legend of groups of points below all pictures."""
+    found = [axes.get_legend_handles_labels() for axes in every]
+    handles = [handle for part, _ in found for handle in part]
+    labels = [label for _, part in found for label in part]
+    if labels:
+        columns = legend_columns(labels, page.get_figwidth() - 0.4)
+        handles, labels = order_by_rows(handles, labels, columns)
+        page.legend(handles, labels, loc=loc, ncols=columns, borderaxespad=0.2)
+
+
+def _draw_flat(axes: Any, picture: BodyPicture) -> None:
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    faces = picture.positions[picture.triangles][..., :2]
+    if picture.rest is not None:
+        rim = list(_outline_edges(picture.rest, picture.triangles))
+        axes.add_collection(LineCollection(rim, colors="0.6", lw=0.7))
+    colours = _face_colours(picture)
+    edge = "0.45" if picture.meshed else colours
+    axes.add_collection(
+        PolyCollection(list(faces), facecolors=colours, edgecolors=edge, linewidths=0.2)
+    )
+    _draw_points(axes, picture, 2)
+
+
+def _outline_edges(positions: Array, triangles: Indices) -> Array:
+    """Edges of the upper side of a plane body, from above."""
+    top = positions[triangles][..., 2].min(axis=1) >= positions[:, 2].max() - 1e-12
+    rim = border_edges(triangles[top] if top.any() else triangles)
+    return positions[rim][..., :2]
+
+
+def _draw_solid(axes: Any, picture: BodyPicture) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    faces = picture.positions[picture.triangles]
+    axes.add_collection3d(
+        Poly3DCollection(
+            faces,
+            facecolors=_shade_faces(faces, _face_colours(picture)),
+            edgecolors="0.35" if picture.meshed else "none",
+            linewidths=0.15,
+        ),
+        autolim=False,
+    )
+    _draw_points(axes, picture, 3)
+
+
+def _face_colours(picture: BodyPicture) -> Array:
+    from matplotlib import colormaps
+    from matplotlib.colors import to_rgb
+
+    if picture.values is None:
+        plain = 0.45 + 0.55 * np.array(to_rgb(COLOURS[0]))
+        return np.tile(plain, (max(len(picture.triangles), 1), 1))
+    shares = picture.values[picture.triangles].mean(axis=1)
+    return np.asarray(colormaps["viridis"](shares)[:, :3])
+
+
+def _shade_faces(faces: Array, colours: Array) -> Array:
+    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    light = np.array([0.3, -0.6, 0.74])
+    sizes = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
+    bright = np.abs(normals @ light) / sizes
+    return np.asarray(colours[: len(faces)] * (0.6 + 0.4 * bright)[:, None])
+
+
+def _draw_points(axes: Any, picture: BodyPicture, d: int) -> None:
+    for line in picture.lines:
+        axes.plot(*line.T[:d], color="0.5", lw=0.5, marker=".", ms=1.5)
+    for number, (name, points) in enumerate(picture.groups.items(), 1):
+        colour = COLOURS[number % 7]
+        axes.plot(*points.T[:d], ".", ms=2.5, color=colour, label=name, zorder=4)
+    for point in picture.marks.values():
+        axes.plot(*point[:d, None], "o", ms=3.5, color=COLOURS[1], zorder=5)

@@ -1,0 +1,360 @@
+"""Admissible displacements of a body with fixed and rigid parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from sidtool.formats.base.errors import InputError
+
+from ..eigensolvers.eigenpairs import (
+    free_body_shift,
+    lowest_eigenpairs,
+    rotation_to_axes,
+    symmetric_factors,
+)
+from ..eigensolvers.factorisation import Factors
+from ..elements.finite_element_model import FiniteElementModel
+from ..elements.mortar_ties import elimination_matrix
+from .body_frames import Frame, clamped_dofs, motion_rows
+
+Array = NDArray[np.float64]
+
+_NO_MOTION = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class AdmissibleSpace:
+    """Admissible displacements u = transform @ y with constraints @ y = 0.
+
+    Attributes
+    ----------
+    transform : (ndof, n) sparse
+    stiffness, mass : (n, n)
+    constraints : (k, n) further conditions, of fixed or interface markers
+    rigid : (n, r) the rigid motions that are admissible
+    stopped : (n, s) those that only the constraints stop
+    shift : a negative number below which K - shift M is positive definite [1/s^2]
+    places : (n, d) where each y is, for the order of the unknowns
+    directions : (ndof,) of the model
+    factors : of the stiffness, for this space and all with further constraints
+    """
+
+    transform: sp.csr_matrix
+    stiffness: sp.csr_matrix
+    mass: sp.csr_matrix
+    constraints: Array
+    rigid: Array
+    constrained_rigid_motions: Array
+    shift: float
+    places: Array
+    directions: Array
+    factors: PinnedFactors
+
+    def loads(self, loads: Array) -> Array:
+        """Loads (ndof, n) on the model as loads on y."""
+        return self.transform.T @ loads
+
+    def displacements(self, y: Array) -> Array:
+        """y as displacements of the model, (ndof, n)."""
+        return self.transform @ y
+
+    def with_constraints(self, rows: Array) -> AdmissibleSpace:
+        """The same space with further conditions ``rows @ u = 0``, rows (k, ndof)."""
+        more = np.asarray((self.transform.T @ rows.T).T)
+        constraints = np.vstack([self.constraints, more])
+        largest = (np.abs(more) @ np.abs(self.rigid)).max(axis=0, initial=0.0)
+        left, stopped = _null_and_range(more @ self.rigid, largest)
+        return replace(
+            self,
+            constraints=independent_rows(constraints),
+            rigid=self.rigid @ left,
+            constrained_rigid_motions=np.hstack(
+                [self.constrained_rigid_motions, self.rigid @ stopped]
+            ),
+        )
+
+    def modes(self, count: int, soon: int = 0) -> tuple[Array, Array]:
+        """Return the lowest elastic modes: eigenvalues and displacements (ndof, count).
+
+        Rigid motions are excluded. Of equal frequencies, whose modes are arbitrary
+        combinations, the modes are those along the axes if there are any, x before y
+        before z: the two bending modes of a square bar.
+
+        Parameters
+        ----------
+        soon : how many will be requested later; they are computed together
+
+        Raises
+        ------
+        InputError : there are fewer.
+        """
+        skipped = self.rigid.shape[1]
+        available = self.stiffness.shape[0] - len(self.constraints) - skipped
+        if count > available:
+            raise InputError(
+                f"{count} modes of a model with {available} free degrees of freedom",
+                place="reduction.modes",
+                expected=f"at most {available}",
+            )
+        if count == 0:
+            return np.zeros(0), np.zeros((self.transform.shape[0], 0))
+        if not self._found or count > len(self._found[0][0]):
+            self._found[:] = [self._lowest_modes(min(max(count + 1, soon), available))]
+        values, shapes = self._found[0]
+        return values[:count], shapes[:, :count]
+
+    @cached_property
+    def _found(self) -> list[tuple[Array, Array]]:
+        """Return the modes of the last request."""
+        return []
+
+    def _lowest_modes(self, count: int) -> tuple[Array, Array]:
+        skipped = self.rigid.shape[1]
+        values, vectors = lowest_eigenpairs(
+            self.stiffness,
+            self.mass,
+            count + skipped,
+            shift=self.shift if skipped or len(self.constraints) else 0.0,
+            constraints=self.constraints,
+            rigid=self.rigid,
+            static=lambda load: self._static.solve(load),
+        )
+        values, shapes = values[skipped:], self.displacements(vectors[:, skipped:])
+        shapes = shapes @ rotation_to_axes(values, shapes, self.directions)
+        return values, shapes
+
+    def static(self, loads: Array, motions: Array | None = None) -> Array:
+        """Static displacements (ndof, n) under loads (ndof, n).
+
+        A body that can move rigidly is accelerated by the loads: they are balanced by
+        the inertia of that motion, and the displacement is M-orthogonal to it
+        (inertia relief).
+
+        Parameters
+        ----------
+        motions : (k, n) values of the constraints instead of zero
+        """
+        return self.displacements(self._static.solve(self.loads(loads), motions))
+
+    @cached_property
+    def _static(self) -> _StaticSolver:
+        return _StaticSolver(self)
+
+
+class PinnedFactors:
+    """Factors of K with springs against its rigid motions, computed on first use.
+
+    There are as many springs as rigid motions, so that balanced loads do not strain
+    them.
+    """
+
+    def __init__(self, stiffness: sp.csr_matrix, rigid: Array, places: Array) -> None:
+        self._stiffness, self._rigid, self._places = stiffness, rigid, places
+
+    def solve(self, load: Array) -> Array:
+        """(K + springs)^-1 b for b (n, k)."""
+        return self._factors.solve(np.ascontiguousarray(load))
+
+    @cached_property
+    def _factors(self) -> Factors:
+        stiffness = self._stiffness
+        if self._rigid.shape[1]:
+            stiff = float(abs(stiffness.diagonal()).mean())
+            stiffness = stiffness + stiff * sp.diags_array(_support_mask(self._rigid))
+        return symmetric_factors(sp.csr_matrix(stiffness), self._places)
+
+
+class _StaticSolver:
+    """Static answers of a space from the factors A of its body alone.
+
+    With constraints C, their multipliers l and the rigid motions R that they stop,
+    ``u = A^-1 (f - C^T l) + R a`` solves ``K u + C^T l = f`` where the constraints
+    balance the loads, ``R^T (f - C^T l) = 0``: nothing then pulls at the springs in A.
+    """
+
+    def __init__(self, space: AdmissibleSpace) -> None:
+        self._space = space
+        rows, stopped = space.constraints, space.constrained_rigid_motions
+        self._inertia = space.mass @ space.rigid
+        self._gram = space.rigid.T @ self._inertia
+        self._reactions = np.zeros((rows.shape[1], 0))
+        if len(rows):
+            self._reactions = space.factors.solve(rows.T)
+        flexibility = rows @ self._reactions
+        moved = rows @ stopped
+        scale = np.linalg.norm(flexibility) / np.linalg.norm(moved, axis=0)
+        self._stopped = stopped * scale
+        moved = moved * scale
+        none = np.zeros((stopped.shape[1],) * 2)
+        self._bordered = np.block([[flexibility, -moved], [-moved.T, none]])
+
+    def solve(self, loads: Array, motions: Array | None = None) -> Array:
+        rigid, rows = self._space.rigid, self._space.constraints
+        if rigid.shape[1]:
+            balance = np.linalg.solve(self._gram, rigid.T @ loads)
+            loads = loads - self._inertia @ balance
+        y = self._space.factors.solve(loads)
+        if len(rows):
+            gap = rows @ y - (0.0 if motions is None else motions)
+            pull = -self._stopped.T @ loads
+            both = np.linalg.solve(self._bordered, np.vstack([gap, pull]))
+            y = y - self._reactions @ both[: len(rows)]
+            y = y + self._stopped @ both[len(rows) :]
+        if rigid.shape[1]:
+            y = y - rigid @ np.linalg.solve(self._gram, self._inertia.T @ y)
+        return y
+
+
+def constrained_space(
+    model: FiniteElementModel, frame: Frame, fixed: tuple[str, ...] = ()
+) -> AdmissibleSpace:
+    """The displacements that frame, rigid ties and fixed places leave.
+
+    Parameters
+    ----------
+    fixed : edges, node sets and markers that do not move
+
+    Raises
+    ------
+    InputError : nothing is left, or a rigid piece is held in part.
+    """
+    known = {marker.name for marker in model.markers}
+    held = clamped_dofs(model, frame, fixed)
+    transform = _free_coordinates(model, held)
+    stiffness = sp.csr_matrix(transform.T @ model.stiffness @ transform)
+    mass = sp.csr_matrix(transform.T @ model.mass @ transform)
+    if stiffness.shape[0] == 0:
+        raise InputError("nothing is left that could move", place="reduction.fix")
+    whole = model.rigid_body_modes(frame.origin)
+    rigid = _coordinates_of(
+        transform, whole @ _null_and_range(whole[held], np.abs(whole).max(axis=0))[0]
+    )
+    places = _coordinate_positions(model, transform)
+    space = AdmissibleSpace(
+        transform=transform,
+        stiffness=stiffness,
+        mass=mass,
+        constraints=np.zeros((0, stiffness.shape[0])),
+        rigid=rigid,
+        constrained_rigid_motions=np.zeros((stiffness.shape[0], 0)),
+        shift=free_body_shift(
+            model.stiffness, model.mass, model.positions, model.place_table
+        ),
+        places=places,
+        directions=model.directions,
+        factors=PinnedFactors(stiffness, rigid, places),
+    )
+    markers = [motion_rows(model, model.marker(n)) for n in fixed if n in known]
+    if frame.supports and frame.rows is not None and not fixed:
+        markers.append(frame.rows)
+    return space.with_constraints(np.vstack(markers)) if markers else space
+
+
+def _free_coordinates(
+    model: FiniteElementModel, held: NDArray[np.bool_]
+) -> sp.csr_matrix:
+    """Free degrees of freedom one to one, rigid pieces by their rigid motions.
+
+    Less those that the equations of the body give.
+    """
+    free = ~held
+    columns = []
+    for name, nodes in model.rigid_sets.items():
+        dofs = model.dofs(nodes)
+        if held[dofs].all():
+            continue
+        if not free[dofs].all():
+            raise InputError(
+                f"the rigid piece at marker {name} is held or tied in part",
+                place=f"markers.{name}.tie",
+                expected="rigid pieces apart from each other and from what is clamped",
+            )
+        free[dofs] = False
+        motion = np.zeros((model.ndof, 3 if model.dimension == 2 else 6))
+        centre = model.marker(name).position
+        motion[dofs] = model.rigid_body_modes(centre)[dofs]
+        columns.append(sp.csr_matrix(motion))
+    numbers = np.flatnonzero(free)
+    entries = (np.ones(numbers.size), (numbers, np.arange(numbers.size)))
+    plain = sp.csr_matrix(entries, shape=(model.ndof, numbers.size))
+    transform = sp.csr_matrix(sp.hstack([plain, *columns]))
+    if model.equations is None:
+        return transform
+    number = np.full(model.ndof, -1)
+    number[numbers] = np.arange(numbers.size)
+    matrix = sp.csr_matrix(model.equations.matrix @ transform)
+    rest = elimination_matrix(matrix, number[model.equations.dependent])
+    return sp.csr_matrix(transform @ rest)
+
+
+def _coordinate_positions(model: FiniteElementModel, transform: sp.csr_matrix) -> Array:
+    """(n, d) where each y is: at its node, or amid the nodes that it moves."""
+    there = model.table >= 0
+    nodes = np.broadcast_to(np.arange(len(model.table))[:, None], there.shape)
+    positions = np.zeros((model.ndof, model.dimension))
+    positions[model.table[there]] = model.positions[nodes[there]]
+    moved = sp.csr_matrix(abs(transform) > 0).astype(float)
+    return (moved.T @ positions) / (moved.T @ np.ones((model.ndof, 1)))
+
+
+def _coordinates_of(transform: sp.csr_matrix, displacements: Array) -> Array:
+    if displacements.shape[1] == 0:
+        return np.zeros((transform.shape[1], 0))
+    gram = sp.csc_matrix(transform.T @ transform)
+    return splu(gram).solve(np.ascontiguousarray(transform.T @ displacements))
+
+
+def _null_and_range(rows: Array, largest: Array) -> tuple[Array, Array]:
+    """Columns that the rows (k, n) annihilate, and columns for the rest of the space.
+
+    Each set is orthonormal but for a scale of every unknown.
+
+    Parameters
+    ----------
+    largest : (n,) how large the columns could be; far less of it is rounding
+    """
+    n = rows.shape[1]
+    sizes = np.abs(rows).max(axis=0, initial=0.0)
+    felt = sizes > _NO_MOTION * largest
+    rows = np.where(felt, rows, 0.0)
+    scale = 1.0 / np.where(felt, sizes, 1.0)
+    if rows.shape[0] == 0 or n == 0:
+        return np.eye(n), np.zeros((n, 0))
+    gram = (rows * scale).T @ (rows * scale)
+    values, vectors = np.linalg.eigh(gram)
+    still = values <= _NO_MOTION**1.5 * max(values[-1], 1e-300)
+    vectors = scale[:, None] * vectors
+    return vectors[:, still], vectors[:, ~still]
+
+
+def independent_rows(rows: Array) -> Array:
+    """Unit rows less those that follow from the ones before."""
+    selected: list[Array] = []
+    basis = np.zeros((0, rows.shape[1]))
+    for row in rows:
+        size = np.linalg.norm(row)
+        if size == 0:
+            continue
+        rest = row / size
+        for _ in range(2):
+            rest = rest - basis.T @ (basis @ rest)
+        if np.linalg.norm(rest) > _NO_MOTION:
+            selected.append(row / size)
+            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+    return np.array(selected).reshape(-1, rows.shape[1])
+
+
+def _support_mask(rigid: Array) -> Array:
+    """(n,) ones at degrees of freedom that hold every rigid motion, zeros elsewhere."""
+    scaled = rigid / np.abs(rigid).max(axis=0)
+    _, _, order = scipy.linalg.qr(scaled.T, mode="economic", pivoting=True)
+    pins = np.zeros(len(rigid))
+    pins[order[: rigid.shape[1]]] = 1.0
+    return pins

@@ -1,0 +1,398 @@
+"""Error of a reduced basis against the full mesh, and suggestions of better methods.
+
+Frequencies and the compliance at loaded markers follow from the factors that the
+reduction computed. If the basis is poor, other methods are measured as well, so that a
+suggested method is known to be better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from sidtool.formats.base.compliance_shares import (
+    DIRECTIONS,
+    ComplianceShares,
+    SixComponents,
+)
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.model.reduction import (
+    AttachmentReduction,
+    CraigBamptonReduction,
+    HertingReduction,
+    ReductionSettings,
+)
+from sidtool.formats.static_compliance import missing_inertia_shares
+
+from ..elements.finite_element_model import FiniteElementModel, MarkerRows
+from .admissible_space import AdmissibleSpace
+from .body_frames import Frame, clamped_dofs, motion_names, motion_rows
+from .methods import COMPARED_FREQUENCIES, FIXED_LOAD_TOLERANCE, REDUCTIONS
+from .reduced_basis import ReducedBasis, to_hertz
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FullModelReference:
+    """The full mesh: frequencies [Hz], loads (k, ndof) and their compliances (k,)."""
+
+    frequencies: Array
+    names: tuple[str, ...]
+    rows: Array
+    compliances: Array
+
+
+@dataclass(frozen=True, eq=False)
+class BasisErrors:
+    """Relative errors of a basis.
+
+    Attributes
+    ----------
+    frequencies : (n,) of the first ones; positive if too high
+    compliances : (k,) displacement along unit loads at markers; positive if too small
+    names : k texts
+    hertz : (n,) the frequencies of the full mesh
+    count : of shape functions
+    """
+
+    frequencies: Array
+    compliances: Array
+    names: tuple[str, ...]
+    hertz: Array
+    count: int
+
+    @property
+    def worst(self) -> float:
+        """The largest of all errors."""
+        both = np.concatenate([self.frequencies, self.compliances])
+        return float(np.abs(both).max(initial=0.0))
+
+
+def has_moment_loads(marker: MarkerRows, settings: ReductionSettings) -> bool:
+    """Whether moments are loads: as chosen, or where a marker has its own rotation."""
+    return bool(getattr(settings, "rotations", marker.gradient is None))
+
+
+def full_model_reference(
+    body: FiniteElementModel,
+    space: AdmissibleSpace,
+    markers: list[MarkerRows],
+    settings: ReductionSettings,
+    count: int,
+) -> FullModelReference:
+    """The first `count` frequencies, and the compliance at some markers."""
+    pairs = [(marker, has_moment_loads(marker, settings)) for marker in markers]
+    rows = [motion_rows(body, marker, rotations=turn) for marker, turn in pairs]
+    names = [motion_names(body, marker, rotations=turn) for marker, turn in pairs]
+    loads = np.vstack([np.zeros((0, body.ndof)), *rows])
+    compliances = np.einsum("ij,ji->i", loads, space.static(loads.T))
+    flat = np.array([name for group in names for name in group], object)
+    turning = np.array([name.rpartition(" ")[2].startswith("r") for name in flat], bool)
+    felt = compliances > 0
+    for kind in (turning, ~turning):  # what supports hold moves by rounding
+        largest = compliances[kind].max(initial=0.0)
+        felt &= ~kind | (compliances > FIXED_LOAD_TOLERANCE * largest)
+    squares, _ = space.modes(min(COMPARED_FREQUENCIES, count))
+    return FullModelReference(
+        to_hertz(squares), tuple(flat[felt]), loads[felt], compliances[felt]
+    )
+
+
+def measure_basis_errors(
+    body: FiniteElementModel,
+    space: AdmissibleSpace,
+    basis: ReducedBasis,
+    full: FullModelReference,
+) -> BasisErrors:
+    """The errors of a basis; rigid motions that are free are known.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError : rounding makes the shape functions dependent.
+    """
+    shapes = basis.shapes
+    if space.rigid.shape[1]:
+        rigid = space.displacements(space.rigid)
+        momenta = body.mass @ rigid
+        shapes = shapes - rigid @ np.linalg.solve(momenta.T @ rigid, momenta.T @ shapes)
+    stiffness, mass = (shapes.T @ (a @ shapes) for a in (body.stiffness, body.mass))
+    squares, vectors = scipy.linalg.eigh(stiffness, mass)
+    motions = full.rows @ (shapes @ vectors)
+    compliances = (motions**2 / squares).sum(axis=1)
+    found = to_hertz(squares)[: len(full.frequencies)]
+    known = full.frequencies[: len(found)]
+    return BasisErrors(
+        found / known - 1,
+        1 - compliances / full.compliances,
+        full.names,
+        known,
+        len(squares),
+    )
+
+
+#: The error above which other methods are tried.
+_POOR_ERROR = 0.01
+#: Errors below this are alike: the fewer shape functions, the better.
+_EQUAL_ERROR = 1e-6
+#: Per cents that rounding may be.
+_ROUNDING = 1e-4
+#: Entries of the loads at markers above which nothing is measured.
+_MAX_LOAD_ENTRIES = 50_000_000
+#: The same for markers that are not among the interfaces.
+_LARGEST_BESIDE = 5_000_000
+_UNKNOWN: SixComponents = (None,) * 6
+_TITLES = {
+    "attachment": "attachment",
+    "herting": "Herting",
+    "craig_bampton": "Craig-Bampton",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class BasisQuality:
+    """Quality of a basis, and better alternatives.
+
+    Attributes
+    ----------
+    text : a sentence poor : whether compliance at markers, or frequencies that the
+    basis should represent,
+        have errors of per cents
+    carried : shares of the compliance at all markers, for its SID
+    """
+
+    text: str
+    poor: bool = False
+    carried: ComplianceShares | None = None
+
+
+def assess_basis(
+    body: FiniteElementModel, frame: Frame, basis: ReducedBasis, model: ModelFile
+) -> BasisQuality | None:
+    """How good a basis is.
+
+    None where nothing can be measured: the method solved no equations, or the markers
+    are too many.
+    """
+    settings, space = model.reduction, basis.space
+    if space is None:
+        return None
+    markers = _loaded_markers(body, frame, settings)
+    if 6 * len(markers) * body.ndof > _MAX_LOAD_ENTRIES:
+        return None
+    try:
+        full = full_model_reference(body, space, markers, settings, len(basis.labels))
+        own = measure_basis_errors(body, space, basis, full)
+        carried = _compliance_shares(body, frame, space, basis, own, settings)
+        text = _error_text(own)
+        if own.worst <= _POOR_ERROR:
+            return BasisQuality(text, carried=carried)
+        better = _suggested_methods(
+            body, frame, space, full, markers, settings, own.worst
+        )
+        return BasisQuality(f"{text}; {better}", _is_poor(own, settings), carried)
+    except InputError as error:
+        return BasisQuality(f"its errors cannot be measured: {error.problem}")
+    except np.linalg.LinAlgError:
+        return BasisQuality(
+            "its errors cannot be measured: rounding hides its mass matrix"
+        )
+
+
+def held_marker_note(
+    body: FiniteElementModel, frame: Frame, basis: ReducedBasis, model: ModelFile
+) -> str | None:
+    """Note on what modes of the free body lack if a joint fixes the marker of their
+    frame.
+
+    None if they lack nothing, or the frame is clamped or of another kind.
+    """
+    if basis.space is None or frame.rows is None or model.frame.type != "tangent":
+        return None
+    stiffness, mass = (
+        basis.shapes.T @ (a @ basis.shapes) for a in (body.stiffness, body.mass)
+    )
+    squares, _ = basis.space.with_constraints(frame.rows).modes(1)
+    own = float(to_hertz(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))[0])
+    true = float(to_hertz(squares)[0])
+    if abs(own / true - 1) <= _POOR_ERROR:
+        return None
+    marker = model.frame.marker
+    return (
+        f"its modes are those of the free body, which a frame at {marker} does not "
+        f"hold: held at {marker}, as a joint there may hold it, it has its first "
+        f"frequency at {own:.5g} Hz instead of {true:.5g} Hz "
+        f'({_percent(own / true - 1)}); fix = "{marker}" under [reduction], or '
+        f"Craig-Bampton with {marker} among the interfaces, has the modes of the held "
+        "body"
+    )
+
+
+def _loaded_markers(
+    body: FiniteElementModel,
+    frame: Frame,
+    settings: ReductionSettings,
+    all_markers: bool = False,
+) -> list[MarkerRows]:
+    """The interfaces, or all markers that can move."""
+    held = clamped_dofs(body, frame, settings.fixed_names)
+    chosen = settings.interface_names
+    if all_markers or not chosen:
+        chosen = tuple(m.name for m in body.markers)
+    return [
+        marker
+        for marker in map(body.marker, chosen)
+        if not held[marker.displacement.indices].all()
+        and marker.name not in settings.fixed_names
+    ]
+
+
+def _compliance_shares(
+    body: FiniteElementModel,
+    frame: Frame,
+    space: AdmissibleSpace,
+    basis: ReducedBasis,
+    own: BasisErrors,
+    settings: ReductionSettings,
+) -> ComplianceShares:
+    """The measured shares, those at the other markers and under its own inertia."""
+    rows: dict[str, list[float | None]] = {}
+    parts, known = (
+        [own],
+        {marker.name for marker in _loaded_markers(body, frame, settings)},
+    )
+    everywhere = _loaded_markers(body, frame, settings, all_markers=True)
+    others = [marker for marker in everywhere if marker.name not in known]
+    if 6 * len(others) * body.ndof <= _LARGEST_BESIDE:
+        full = full_model_reference(body, space, others, settings, 0)
+        parts.append(measure_basis_errors(body, space, basis, full))
+    for part in parts:
+        for name, error in zip(part.names, part.compliances.tolist(), strict=True):
+            marker, _, way = name.rpartition(" ")
+            row = rows.setdefault(str(body.marker(marker).node), list(_UNKNOWN))
+            row[DIRECTIONS.index(way)] = min(max(1.0 - error, 0.0), 1.0)
+    free = bool(space.rigid.shape[1])
+    lost = () if free else _missing_inertia_shares(body, frame, space, basis)
+    return ComplianceShares(
+        free, {name: tuple(row) for name, row in rows.items()}, lost
+    )
+
+
+def _missing_inertia_shares(
+    body: FiniteElementModel, frame: Frame, space: AdmissibleSpace, basis: ReducedBasis
+) -> tuple[float, ...]:
+    """Return the missing inertia shares, see `ComplianceShares.lost`."""
+    motions = body.rigid_body_modes(frame.origin)
+    loads = body.mass @ motions
+    stiffness = basis.shapes.T @ (body.stiffness @ basis.shapes)
+    felt = basis.shapes.T @ loads
+    ways = [0, 1, 5] if body.dimension == 2 else list(range(6))
+    full, own = np.zeros(6), np.zeros(6)
+    full[ways] = np.einsum("ij,ij->j", loads, space.static(loads))
+    own[ways] = np.einsum("ij,ij->j", felt, scipy.linalg.solve(stiffness, felt))
+    return missing_inertia_shares(full, own)
+
+
+def _is_poor(errors: BasisErrors, settings: ReductionSettings) -> bool:
+    """Check the errors of compliances, and of as many frequencies as requested modes.
+
+    The highest frequencies of a basis always have errors, since its last shape
+    functions are remainders. Without a number of modes the lower half counts.
+    """
+    count = getattr(settings, "modes", None) or (errors.count + 1) // 2
+    meant = np.concatenate([errors.frequencies[:count], errors.compliances])
+    return float(np.abs(meant).max(initial=0.0)) > _POOR_ERROR
+
+
+def _error_text(errors: BasisErrors) -> str:
+    i = int(np.abs(errors.frequencies).argmax())
+    text = (
+        f"its first {len(errors.frequencies)} frequencies err by "
+        f"{_at_most_text(errors.frequencies[i])} (f{i + 1}, {errors.hertz[i]:.5g} Hz)"
+    )
+    if not len(errors.names):
+        return text
+    k = int(np.abs(errors.compliances).argmax())
+    return (
+        f"{text}, its compliance at the markers by {_percent(errors.compliances[k])} "
+        f"({errors.names[k]})"
+    )
+
+
+def _at_most_text(share: float) -> str:
+    text = _percent(share)
+    return text if text.startswith("less") else f"at most {text}"
+
+
+def _percent(share: float) -> str:
+    size = 100 * abs(share)
+    if size < _ROUNDING:
+        return f"less than {_ROUNDING:g} %"
+    return f"{size:.0f} %" if size >= 10 else f"{size:.2g} %"
+
+
+def _suggested_methods(
+    body: FiniteElementModel,
+    frame: Frame,
+    space: AdmissibleSpace,
+    full: FullModelReference,
+    markers: list[MarkerRows],
+    settings: ReductionSettings,
+    worst: float,
+) -> str:
+    """The best of some other methods, measured; `worst` is what the chosen one has.
+
+    Those with fewer shape functions come first, so that the first without an error is
+    the best.
+    """
+    candidates = []
+    for other in _other_methods(settings, markers, len(full.frequencies)):
+        basis = REDUCTIONS[other.method](body, frame, other, space)
+        with suppress(np.linalg.LinAlgError):  # shapes that rounding makes dependent
+            found = measure_basis_errors(body, space, basis, full)
+            if found.worst < worst:
+                candidates.append((found, other))
+            if found.worst <= _EQUAL_ERROR:
+                break
+    if not candidates:
+        return "no other method does better"
+    best, other = min(
+        candidates, key=lambda pair: (max(pair[0].worst, _EQUAL_ERROR), pair[0].count)
+    )
+    errors = _percent(np.abs(best.frequencies).max())
+    if len(best.names):
+        errors += f" and {_percent(np.abs(best.compliances).max())}"
+    return (
+        f"{_TITLES[other.method]} with {other.modes} modes, {best.count} shape "
+        f"functions in all, by {errors}"
+    )
+
+
+def _other_methods(
+    settings: ReductionSettings, markers: list[MarkerRows], count: int
+) -> Iterator[AttachmentReduction | HertingReduction | CraigBamptonReduction]:
+    """Other methods, with modes for as many frequencies as are compared; the same
+    method where it has fewer modes."""
+    if not markers:
+        return
+    own = getattr(settings, "modes", 0)
+    modes = max(own, count)
+    common: dict[str, Any] = {
+        "fix": settings.fix,
+        "interfaces": tuple(marker.name for marker in markers),
+        "rotations": all(has_moment_loads(marker, settings) for marker in markers),
+    }
+    if settings.method != "attachment" or own < modes:
+        yield AttachmentReduction(method="attachment", modes=modes, **common)
+    if settings.method != "herting" or own < modes:
+        yield HertingReduction(method="herting", modes=modes, **common)
+    if settings.interface_names:
+        more = CraigBamptonReduction(method="craig_bampton", modes=2 * modes, **common)
+        yield more

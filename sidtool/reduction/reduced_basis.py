@@ -1,0 +1,203 @@
+"""Reduced basis: independent shape functions, orthonormal in the mass matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from sidtool.formats.base.errors import InputError
+
+from ..eigensolvers.eigenpairs import rotation_to_axes
+from ..elements.finite_element_model import FiniteElementModel
+from .body_frames import Frame
+
+if TYPE_CHECKING:
+    from .admissible_space import AdmissibleSpace
+
+Array = NDArray[np.float64]
+
+#: A candidate is dependent if less than this share of it is new.
+DEPENDENCE_TOLERANCE = 1e-8
+#: Components of a shape function differ by rounding up to this part of the largest.
+EQUAL_COMPONENT_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeFamily:
+    """Candidates of one kind.
+
+    Attributes
+    ----------
+    kind : "normal", "constraint", "attachment", "inertia relief", ...
+    shapes : (ndof, n)
+    names : n texts, for the report on omitted candidates
+    """
+
+    kind: str
+    shapes: Array
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBasis:
+    """Shape functions of a body.
+
+    Attributes
+    ----------
+    shapes : (ndof, nq)
+    stiffness : (nq, nq) shapes^T K shapes
+    labels : nq texts for the SID
+    shares : kind of candidate -> (nq,) its share of each shape function's kinetic
+        energy; the shares of one shape function add up to 1
+    report : notes on omitted candidates
+    space : admissible space of the reduction, with its factors, or None
+    """
+
+    shapes: Array
+    stiffness: Array
+    labels: tuple[str, ...]
+    shares: Mapping[str, Array] = field(default_factory=dict)
+    report: tuple[str, ...] = ()
+    space: AdmissibleSpace | None = None
+
+    def reconstruct(self, q: ArrayLike) -> Array:
+        """The displacement of every degree of freedom, (ndof,), for q (nq,)."""
+        return self.shapes @ np.asarray(q, float)
+
+    @property
+    def frequencies(self) -> Array:
+        """(nq,) of the shape functions one by one [Hz]; they are mass-normalised."""
+        return to_hertz(np.diag(self.stiffness))
+
+
+def orthonormal_basis(
+    model: FiniteElementModel,
+    frame: Frame,
+    families: Sequence[ShapeFamily],
+    title: str,
+) -> ReducedBasis:
+    """The space of all candidates in the frame, in its natural modes.
+
+    The rigid motion that the frame takes over is removed, then what is linearly
+    dependent; the Ritz vectors of stiffness and mass in the rest make Me the identity
+    and Ke diagonal, however close to each other the candidates were.
+
+    Raises
+    ------
+    InputError : no deformation is left.
+    """
+    candidates = np.hstack([family.shapes for family in families])
+    kinds = [family.kind for family in families for _ in family.shapes.T]
+    names = [name for family in families for name in _family_names(family)]
+    sizes = _shape_norms(model, candidates)
+    inside = frame.without_rigid_motion(model, candidates)
+    basis, selected = _orthonormalise(model, inside, sizes)
+    if not selected:
+        raise InputError(
+            "no deformation is left in this frame",
+            place="reduction",
+            expected="shape functions other than rigid motions",
+        )
+    small = basis.T @ (model.stiffness @ basis)
+    values, mixing = scipy.linalg.eigh((small + small.T) / 2)
+    mixing = mixing @ rotation_to_axes(values, basis @ mixing, model.directions)
+    shapes = basis @ mixing
+    origin = np.array([kinds[i] for i in selected])
+    shares = {kind: (mixing[origin == kind] ** 2).sum(axis=0) for kind in set(kinds)}
+    return ReducedBasis(
+        shapes=orient_shapes(shapes, model),
+        stiffness=np.diag(values),
+        labels=tuple(
+            f"{title}{i:5d} :{f:13.3f} Hz{_share_text(shares, i - 1)}"
+            for i, f in enumerate(to_hertz(values), 1)
+        ),
+        shares=shares,
+        report=_basis_report(names, selected),
+    )
+
+
+def to_hertz(eigenvalues: Array) -> Array:
+    """Squared circular frequencies as frequencies [Hz]."""
+    return np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
+
+
+def orient_shapes(shapes: Array, model: FiniteElementModel) -> Array:
+    """The same shape functions with signs that do not depend on the solver.
+
+    A shape function is positive in the largest component of its displacement at the
+    last marker of the model file at which it moves; if it moves at none, and nodes
+    have rotations, of that at the first one that it turns; else in the largest
+    component of all. Of components that are as large but for rounding the first one
+    counts, which is the same place on finer meshes.
+    """
+    signs = [_shape_sign(shape, model) for shape in shapes.T]
+    return shapes * signs
+
+
+def _shape_sign(shape: Array, model: FiniteElementModel) -> float:
+    visible = EQUAL_COMPONENT_TOLERANCE * np.abs(shape).max()
+    rows = [marker.displacement for marker in reversed(model.markers)]
+    if (model.table[:, 3:] >= 0).any():  # elsewhere they are gradients of a mesh
+        rows += [marker.rotation for marker in model.markers]
+    components = (row @ shape for row in rows)
+    motion = next((m for m in components if np.abs(m).max() > visible), shape)
+    sizes = np.abs(motion)
+    return np.sign(
+        motion[np.argmax(sizes >= (1.0 - EQUAL_COMPONENT_TOLERANCE) * sizes.max())]
+    )
+
+
+def _family_names(family: ShapeFamily) -> tuple[str, ...]:
+    count = family.shapes.shape[1]
+    return family.names or tuple(f"{family.kind} {i + 1}" for i in range(count))
+
+
+def _shape_norms(model: FiniteElementModel, shapes: Array) -> Array:
+    return np.sqrt(np.einsum("ij,ij->j", shapes, model.mass @ shapes))
+
+
+def _orthonormalise(
+    model: FiniteElementModel, shapes: Array, sizes: Array
+) -> tuple[Array, list[int]]:
+    """Gram-Schmidt in the metric of the mass, twice for every column.
+
+    Parameters
+    ----------
+    sizes : (n,) what the new part of each column is measured by
+    """
+    count = shapes.shape[1]
+    basis, momenta = np.zeros((len(shapes), count)), np.zeros((len(shapes), count))
+    selected: list[int] = []
+    for i in range(count):
+        rest = shapes[:, i]
+        k = len(selected)
+        for _ in range(2):
+            rest = rest - basis[:, :k] @ (momenta[:, :k].T @ rest)
+        momentum = model.mass @ rest
+        size = np.sqrt(max(rest @ momentum, 0.0))
+        if size > DEPENDENCE_TOLERANCE * sizes[i]:
+            basis[:, k], momenta[:, k] = rest / size, momentum / size
+            selected.append(i)
+    return basis[:, : len(selected)], selected
+
+
+def _share_text(shares: Mapping[str, Array], i: int) -> str:
+    if len(shares) == 1:
+        return ""
+    kind = max(shares, key=lambda name: shares[name][i])
+    return f", {100 * shares[kind][i]:.0f} % {kind}"
+
+
+def _basis_report(names: list[str], selected: list[int]) -> tuple[str, ...]:
+    left_out = [name for i, name in enumerate(names) if i not in set(selected)]
+    if not left_out:
+        return ()
+    return (
+        f"{len(left_out)} of {len(names)} shape functions follow from the others and "
+        f"the rigid motion, and were left out: {', '.join(left_out)}",
+    )

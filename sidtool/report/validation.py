@@ -1,0 +1,137 @@
+"""Validation of a SID as text and as data: checks, and a comparison on request."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby
+
+from sidtool.formats.base.sid import SID
+from sidtool.formats.plausibility import body_warnings
+
+from ..comparison.block_differences import Comparison, ComparisonRow
+from ..comparison.comparison import compare, comparison_report, to_json
+from ..validate.checks import Check, check, report, verdict
+from ..validate.unit_guess import UnitGuess, guess_units
+from .tables import counted_noun, text_table
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Checks of one SID, its most likely units, and a comparison on request."""
+
+    checks: tuple[Check, ...]
+    units: UnitGuess
+    comparison: Comparison | None
+    questions: tuple[str, ...] = ()
+    written_by: str = ""
+
+    @property
+    def remarks(self) -> list[str]:
+        """Return doubts, questions and notes beside checks and comparison."""
+        compared = () if self.comparison is None else self.comparison.notes
+        return [*self.units.warnings, *self.questions, *compared]
+
+    def good(self, *, strict: bool) -> bool:
+        """True when nothing failed that counts; warnings and questions about units
+        count with `strict`."""
+        matched = self.comparison is None or self.comparison.passed
+        sound = verdict(self.checks, strict=strict) and not (strict and self.questions)
+        return sound and matched
+
+
+def judge_sid(
+    sid: SID,
+    reference: str | os.PathLike[str] | None,
+    *,
+    tolerance: float | None = None,
+) -> Judgement:
+    """Check a SID and compare it with the file `reference`, if one is given.
+
+    Raises
+    ------
+    InputError : a file cannot be read or does not fit the SID.
+    """
+    checks, units = check(sid), guess_units(sid)
+    warnings = tuple(body_warnings(sid))
+    if reference is None:
+        return Judgement(checks, units, None, warnings, sid.written_by)
+    comparison = compare(sid, reference, tolerance=tolerance)
+    return Judgement(checks, units, comparison, warnings, sid.written_by)
+
+
+def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
+    """One JSON document; see `to_json`."""
+    return to_json(
+        judgement.checks,
+        judgement.comparison,
+        judgement.units,
+        judgement.questions,
+        judgement.written_by,
+        strict=strict,
+    )
+
+
+def judgement_as_text(judgement: Judgement, *, strict: bool) -> str:
+    """Tables, the meaning of each failure, and the verdict in the last line."""
+    by = [f"written by {judgement.written_by}"] if judgement.written_by else []
+    parts = [*by, _check_table(judgement.checks), *_failure_meanings(judgement.checks)]
+    parts.append(_unit_notes(judgement.units))
+    parts += [f"question: {text}" for text in judgement.questions]
+    if judgement.comparison is not None:
+        parts += _comparison_tables(judgement.comparison)
+    parts.append(_verdict_line(judgement, strict=strict))
+    return "\n\n".join(parts)
+
+
+def _check_table(checks: tuple[Check, ...]) -> str:
+    columns = ("id", "identity", "deviation", "bound", "severity", "verdict", "detail")
+    rows = [[row[column] for column in columns] for row in report(checks)]
+    return text_table(columns, rows)
+
+
+def _failure_meanings(checks: tuple[Check, ...]) -> Iterator[str]:
+    for failed in (c for c in checks if c.failed):
+        yield f"{failed.id} failed ({failed.severity}): {failed.meaning}"
+
+
+def _unit_notes(guess: UnitGuess) -> str:
+    """A SID has no unit field: the most plausible system, and doubts about it."""
+    others = " or ".join(guess.nearly)
+    doubt = f" (a guess; nearly as plausible: {others})" if others else ""
+    lines = [f"units: {guess.system or 'unknown'}{doubt}"]
+    return "\n".join([*lines, *(f"warning: {text}" for text in guess.warnings)])
+
+
+def _comparison_tables(comparison: Comparison) -> Iterator[str]:
+    columns = ("quantity", "value", "reference", "deviation", "tolerance", "verdict")
+    texts = zip(comparison.rows, comparison_report(comparison), strict=True)
+    for group, members in groupby(texts, key=lambda pair: pair[0].group):
+        pairs = list(members)
+        rows = [[text[column] for column in columns] for _, text in pairs]
+        yield f"{group}{_row_source(pairs[0][0])}\n{text_table(columns, rows)}"
+    for note in comparison.notes:
+        yield f"note: {note}"
+
+
+def _row_source(row: ComparisonRow) -> str:
+    return f" ({row.source})" if row.source else ""
+
+
+def _verdict_line(judgement: Judgement, *, strict: bool) -> str:
+    failed = [c.severity for c in judgement.checks if c.failed]
+    counts = [
+        counted_noun(failed.count("error"), "error"),
+        counted_noun(failed.count("warning"), "warning"),
+    ]
+    if judgement.comparison is not None:
+        judged = [r for r in judgement.comparison.rows if r.verdict != "shown"]
+        missed = sum(r.verdict == "failed" for r in judged)
+        text = f"{missed} of {len(judged)} judged reference values missed"
+        counts.append(text if judged else "reference not judged: no --tolerance given")
+    word = "good" if judgement.good(strict=strict) else "bad"
+    if judgement.questions:
+        counts.append(counted_noun(len(judgement.questions), "question"))
+        word = "questionable" if word == "good" else word
+    return f"{word}: {', '.join(counts)}{' (warnings count)' if strict else ''}"

@@ -1,0 +1,373 @@
+"""Run a study: convert bodies, run references, run all points."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
+
+from ..measurement.body_variants import (
+    BodyVariants,
+    available_outputs,
+    elastic_size,
+    with_absolute_paths,
+)
+from ..measurement.candidates import with_recorded_outputs
+from ..measurement.outputs import RunRecord, is_hopeless
+from ..measurement.points import Point, point_of, skipped_point
+from ..measurement.reference import Reference, check_recorded
+from ..measurement.request import requested
+from ..measurement.tasks import (
+    ConversionOutcome,
+    PointCache,
+    Programs,
+    RunTask,
+    as_completed,
+    compile_task,
+    convert_model,
+    make_executor,
+    run_task,
+)
+from ..measurement.variants import Setting, Values, Variant
+from ..pipeline.model_cache import BodyModel, model_digest
+from ..pipeline.scene_changes import replace_sids
+from .base_runs import best_reference, check_base_runs
+from .plan import StudyPlan, comparable_outputs, make_plan
+from .study_result import Study
+
+#: Told what is done: a text, points that are done and all, and seconds that are left.
+Say = Callable[[str, int, int, float | None], None]
+
+
+def run_study(
+    scene: SceneFile,
+    over: Values | None = None,
+    *,
+    sids: Mapping[str, SID | str | os.PathLike[str]] | None = None,
+    models: Mapping[str, Sequence[str | os.PathLike[str]]] | None = None,
+    base_folder: str | os.PathLike[str] | None = None,
+    settings: Sequence[Setting] | None = None,
+    outputs: Sequence[str] = (),
+    differ: int | None = None,
+    keep: Path | None = None,
+    jobs: int = 1,
+    dask: str | None = None,
+    stop: Callable[[], str] | None = None,
+    say: Say | None = None,
+    programs: Programs | None = None,
+) -> Study:
+    """Run a scene in many variants and compare each run with one that is far richer.
+
+    Parameters
+    ----------
+    over : axes and their values, see `axes.AXES`, () for the defaults; default
+        integrators and tolerances alone
+    sids : that replace those of the scene
+    models : model files by body, which replace its SID; several are variants, the first
+        of each body together, the second of each, and so on
+    settings : how runs are integrated; default all integrators at `TOLERANCES`, and
+        fewer where other things vary, too
+    outputs : names of those that count, default all that the scene records
+    differ : in how many choices a point differs from the scene at most, default as many
+        as make `plan.MOST` points
+    keep : folder of finished points, which are not computed again
+    jobs : processes; 1 for this one
+    dask : address of a Dask scheduler, whose cluster is used instead
+    stop : asked from time to time why to end, if at all
+    say : told what is done
+    programs : callables for `drives` and `forces`, in this process only
+
+    Raises
+    ------
+    InputError : the scene records nothing, or not what `outputs` asks for; an axis does
+        not fit the scene; no model of it can be run.
+    StudyInterrupted : `stop` said why.
+    """
+    folder = Path(base_folder or scene.folder)
+    bodies = _make_bodies(scene, folder, sids or {}, models or {})
+    plan = make_plan(bodies, over or {}, settings, differ)
+    with workers(jobs, dask, keep, stop, say) as doing:
+        return _StudyRun(plan, doing, outputs, programs or {}).whole()
+
+
+def _make_bodies(
+    scene: SceneFile,
+    folder: Path,
+    sids: Mapping[str, SID | str | os.PathLike[str]],
+    models: Mapping[str, Sequence[str | os.PathLike[str]]],
+) -> BodyVariants:
+    from sidtool.formats.sid_files import read_sid
+
+    content, given = replace_sids(scene, sids, folder)
+    unknown = [name for name in models if name not in content.flexible]
+    if unknown:
+        raise InputError(
+            f"there is no flexible body {unknown[0]!r}",
+            place="--model",
+            expected=", ".join(content.flexible) or "a scene with flexible bodies",
+        )
+    sources: dict[str, Sequence[BodyModel]] = {}
+    known: dict[str, SID] = dict(given)
+    for name, body in content.sid_bodies.items():
+        if name in models:
+            sources[name] = [BodyModel(Path(path), folder) for path in models[name]]
+        elif body.model and name not in given and not body.sid:
+            sources[name] = [BodyModel(folder / body.model, folder)]
+        elif name not in given:
+            known[name] = read_sid(folder / body.sid)
+    most = max((len(found) for found in sources.values()), default=1)
+    for name, found in sources.items():
+        if len(found) not in (1, most):
+            raise InputError(
+                f"{name} has {len(found)} models, another body {most}",
+                place="--model",
+                expected="one model for a body, or as many as for the others",
+            )
+        sources[name] = [*found] * (most // len(found))
+    return BodyVariants(content, known, sources)
+
+
+@contextmanager
+def workers(
+    jobs: int,
+    dask: str | None = None,
+    keep: Path | None = None,
+    stop: Callable[[], str] | None = None,
+    say: Say | None = None,
+) -> Iterator[Workers]:
+    """Return the executor for conversions and runs, on processes or a cluster."""
+    with make_executor(jobs, dask) as (executor, width):
+        yield Workers(
+            executor,
+            width,
+            PointCache(keep),
+            stop or _never_stop,
+            say or _ignore_message,
+        )
+
+
+@dataclass
+class Workers:
+    """Executor of tasks, with the cache of their results."""
+
+    executor: Executor
+    width: int
+    store: PointCache
+    stop: Callable[[], str]
+    say: Say
+
+    def convert(self, models: Mapping[str, ModelFile]) -> dict[str, ConversionOutcome]:
+        """Models by their digests, each once."""
+        found: dict[str, ConversionOutcome] = {}
+        for key, model in models.items():
+            before = self.store.converted(model)
+            if before is not None:
+                found[key] = before
+        left = {key: model for key, model in models.items() if key not in found}
+        keys = {id(m): key for key, m in left.items()}
+        away = {key: with_absolute_paths(model) for key, model in left.items()}
+        keys |= {id(model): key for key, model in away.items()}
+        for model, made in self._each(convert_model, iter(away.values())):
+            key = keys[id(model)]
+            self.store.store_conversion(left[key], made)
+            found[key] = made
+            self.say("converting bodies", len(found), len(models), None)
+        return found
+
+    def runs(
+        self, tasks: Iterator[RunTask]
+    ) -> Iterator[tuple[RunTask, RunRecord, bool]]:
+        """Runs as they are done, and whether they were made now."""
+        known: list[tuple[RunTask, RunRecord]] = []
+
+        def unknown() -> Iterator[RunTask]:
+            for task in tasks:
+                before = self.store.course(task)
+                if before is None:
+                    yield task
+                else:
+                    known.append((task, before))
+
+        for task, made in self._each(run_task, unknown()):
+            self.store.store_run(task, made)
+            yield from ((t, c, False) for t, c in known)
+            known.clear()
+            yield task, made, True
+        yield from ((t, c, False) for t, c in known)
+
+    def _each(self, do: Callable, tasks: Iterator) -> Iterator:  # type: ignore[type-arg]
+        return as_completed(self.executor, self.width, do, tasks, self.stop)
+
+
+@dataclass
+class _StudyRun:
+    plan: StudyPlan
+    doing: Workers
+    outputs: Sequence[str]
+    programs: Programs
+    made: dict[str, ConversionOutcome] = field(default_factory=dict)
+
+    def whole(self) -> Study:
+        sids = {**self.plan.bodies.sids, **self._sids(Variant())}
+        bodies = replace(self.plan.bodies, sids=sids)
+        plan = self.plan = replace(self.plan, bodies=bodies)
+        names, dropped = self._names()
+        check_base_runs(plan, names, self.run_of)
+        self.made |= self.doing.convert(self._models())
+        reference = best_reference(plan, names, self.run_of, self._tight)
+        points = self._points(names, reference)
+        return Study(
+            points=points,
+            reference=reference,
+            varied=plan.varied,
+            dropped=dropped,
+            differ=plan.differ,
+            whole=plan.whole,
+        )
+
+    def _models(self) -> dict[str, ModelFile]:
+        """All models that are still to be converted, by their digests."""
+        found: dict[str, ModelFile] = {}
+        variants = dict.fromkeys(v for v, _ in self.plan.points)
+        for variant in (Variant(), *variants, *self.plan.richest()):
+            try:
+                models = self.plan.bodies.to_convert(variant)
+            except InputError:
+                continue
+            found |= {model_digest(model): model for model in models.values()}
+        return {key: model for key, model in found.items() if key not in self.made}
+
+    def _sid(self, model: ModelFile) -> SID:
+        """Converted by now, or now: the reference may need what no point has."""
+        key = model_digest(model)
+        if key not in self.made:
+            self.made |= self.doing.convert({key: model})
+        conversion = self.made[key]
+        if conversion.sid is None:
+            raise InputError(conversion.message)
+        return conversion.sid
+
+    def _names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Outputs that are compared, and those that are not."""
+        scene, sids = self.plan.bodies.as_scene(Variant(), self._sids(Variant()))
+        requested_names = dict.fromkeys(self.outputs, 1.0)
+        check_recorded(scene.outputs.record)
+        compile_ = partial(compile_task, programs=self.programs)
+        names = requested(scene, sids, requested_names or 1.0).names
+        compile_(with_recorded_outputs(scene, names), sids)
+        compared, dropped = comparable_outputs(
+            names, scene, self.plan.varied, bool(requested_names)
+        )
+        if not compared:
+            raise InputError(
+                f"{', '.join(dropped)} do not mean the same in all variants",
+                place="outputs.record",
+                expected="outputs such as piston.x, rod.tip.y or pin.fx, which belong "
+                "to no shape functions and to no body frame",
+            )
+        return compared, dropped
+
+    def _sids(self, variant: Variant) -> dict[str, SID]:
+        models = self.plan.bodies.to_convert(variant)
+        return {name: self._sid(model) for name, model in models.items()}
+
+    def run_of(
+        self, variant: Variant, setting: Setting, names: Sequence[str]
+    ) -> tuple[RunTask, int]:
+        """A run and its number of elastic coordinates.
+
+        Raises
+        ------
+        InputError : the variant cannot be made.
+        """
+        model_sids = self._sids(variant)
+        scene, sids = self.plan.bodies.as_scene(variant, model_sids)
+        scene = with_recorded_outputs(
+            scene, available_outputs(names, scene, sids)
+        ).model_copy(update={"title": ""})
+        task = RunTask(scene, sids, setting, programs=self.programs)
+        return task, elastic_size(scene, sids)
+
+    def _tight(self, tasks: Sequence[RunTask]) -> list[RunRecord]:
+        """References, which are run once."""
+        tasks = [replace(task, once=True) for task in tasks]
+        found = {}
+        for task, record, _ in self.doing.runs(iter(tasks)):
+            found[id(task)] = record
+            self.doing.say("reference", len(found), len(tasks), None)
+        return [found[id(task)] for task in tasks]
+
+    def _cost(self, variant: Variant) -> tuple[int, float]:
+        """Degrees of freedom and seconds of all models of a variant, each once."""
+        models = self.plan.bodies.to_convert(variant).values()
+        conversions = {
+            model_digest(m): self.made[model_digest(m)] for m in models
+        }.values()
+        return sum(m.dofs for m in conversions), sum(m.seconds for m in conversions)
+
+    def _points(self, names: Sequence[str], reference: Reference) -> tuple[Point, ...]:
+        places: dict[int, tuple[int, Variant, Setting, int]] = {}
+        points: dict[int, Point] = {}
+        slow: dict[tuple[Variant, str], float] = {}
+        plan, labels = self.plan, self.plan.labels
+
+        def tasks() -> Iterator[RunTask]:
+            for row, (variant, setting) in enumerate(plan.points):
+                if (setting.rtol or np.inf) < slow.get(
+                    _points_by_tolerance(variant, setting), 0.0
+                ):
+                    message = "left out, far too slow"
+                    points[row] = skipped_point(labels(variant), setting, message)
+                    continue
+                try:
+                    task, size = self.run_of(variant, setting, names)
+                except InputError as error:
+                    points[row] = skipped_point(labels(variant), setting, str(error))
+                    continue
+                places[id(task)] = row, variant, setting, size
+                tasks_alive.append(task)
+                yield task
+
+        tasks_alive: list[RunTask] = []  # so that no other task takes its id
+        began, count = time.perf_counter(), 0
+        for task, record, now in self.doing.runs(tasks()):
+            row, variant, setting, size = places[id(task)]
+            point = point_of(record, reference, labels(variant), setting, size)
+            dofs, seconds = self._cost(variant)
+            points[row] = replace(point, dofs=dofs, conversion=seconds)
+            others = ((p.seconds, p.error) for p in points.values())
+            if setting.rtol and is_hopeless(point.seconds, point.error, others):
+                slow[_points_by_tolerance(variant, setting)] = setting.rtol
+            count += now
+            left = (len(plan.points) - len(points)) * (time.perf_counter() - began)
+            text = " ".join([*labels(variant).values(), setting.integrator])
+            stage = f"{text} {setting.value}"
+            self.doing.say(
+                stage, len(points), len(plan.points), left / count if count else None
+            )
+        return tuple(points[row] for row in sorted(points))
+
+
+def _points_by_tolerance(variant: Variant, setting: Setting) -> tuple[Variant, str]:
+    """Points that differ in their tolerance alone."""
+    return variant, setting.integrator
+
+
+def _never_stop() -> str:
+    return ""
+
+
+def _ignore_message(_: str, __: int, ___: int, ____: float | None) -> None:
+    return None

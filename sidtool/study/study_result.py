@@ -1,0 +1,412 @@
+"""Result of a study: points, fronts, tables, CSV, files and pictures."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.html import html_table
+from sidtool.formats.storage.atomic import atomic_path
+from sidtool.formats.study import StudyFile, StudyPoint, write_study
+
+from ..measurement.points import Point, pareto_front, recommend_point
+from ..measurement.reference import (
+    Reference,
+    reference_difference_text,
+    refinement_change_text,
+)
+from ..report.result import note_lines
+from ..report.tables import named_values, text_table
+
+if TYPE_CHECKING:
+    import os
+
+    import pandas
+
+#: Default errors for which settings are recommended.
+RECOMMENDED_ERRORS = (1e-3, 1e-6, 1e-9)
+_COSTS = ("seconds", "size", "dofs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """All points of a scene and their reference.
+
+    Attributes
+    ----------
+    points : one for each variant and setting, with its error, seconds and size
+    reference : the motion that errors are measured against
+    varied : axes with several values
+    dropped : outputs that do not mean the same in all variants
+    differ : in how many choices points differ from the scene at most
+    whole : points that the whole grid has
+    title : of pictures
+    """
+
+    points: tuple[Point, ...]
+    reference: Reference
+    varied: tuple[str, ...] = ("integrator",)
+    dropped: tuple[str, ...] = ()
+    differ: int = 1
+    whole: int = 0
+    title: str = ""
+
+    @property
+    def of_integrators(self) -> bool:
+        """Whether nothing but integrators and tolerances vary."""
+        return not set(self.varied) - {"integrator"}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes of the reference run."""
+        return self.reference.notes
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Those of the notes that say that numbers may be wrong."""
+        return self.reference.warnings
+
+    def front(self, cost: str = "seconds") -> list[Point]:
+        """Points of which none other has less error for no more cost, the cheapest
+        first.
+
+        cost : "seconds", "size" (elastic coordinates) or "dofs" (of the meshes)
+
+        Raises
+        ------
+        InputError : there is no such cost.
+        """
+        if cost not in _COSTS:
+            raise InputError(
+                f"found {cost!r}", place="cost", expected=" or ".join(_COSTS)
+            )
+        return pareto_front([p for p in self.points if not p.message], attrgetter(cost))
+
+    def recommended(self, wanted: float) -> Point | None:
+        """The fastest point with at most this relative error; None if there is none."""
+        return recommend_point(self.points, wanted)
+
+    def report(self, wanted: Sequence[float] = RECOMMENDED_ERRORS) -> str:
+        """Return tables and notes as `sidtool study` prints them.
+
+        Parameters
+        ----------
+        wanted : relative errors for which settings are recommended
+        """
+
+        return study_report(self, wanted)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A pandas table: a row per point; units in `attrs`. An `error NAME` is that of
+        one output, relative to its variation.
+
+        Raises
+        ------
+        InputError : pandas is not installed.
+        """
+        from ..report.tables import import_optional
+
+        table = import_optional("pandas").DataFrame(study_columns(study_file(self)))
+        table.attrs["units"] = dict.fromkeys(("step", "conversion", "seconds"), "s")
+        return table
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
+        """A matplotlib figure of error over time, and over size where that varies.
+
+        path : writes a picture as well (.png, .svg, .pdf)
+
+        Raises
+        ------
+        InputError : no point gave an error.
+        """
+        from ..plot.precision import plot_study
+
+        return plot_study(None if path is None else Path(path), study_file(self))
+
+    def save(
+        self,
+        folder: str | os.PathLike[str],
+        wanted: Sequence[float] = RECOMMENDED_ERRORS,
+    ) -> None:
+        """Write what `sidtool study -o FOLDER` writes: text, CSV, the study, pictures.
+
+        Raises
+        ------
+        InputError, OSError : a file cannot be written.
+        """
+
+        write_all(Path(folder), self, wanted)
+
+    def __repr__(self) -> str:
+        name = f" {self.title!r}" if self.title else ""
+        failed = sum(bool(point.message) for point in self.points)
+        parts = [f"{len(self.points)} points over {', '.join(self.varied)}"]
+        if failed:
+            parts.append(f"{failed} failed")
+        parts.append(f"reference good to {self.reference.uncertainty:.0e}")
+        return f"<Study{name}: {'; '.join(parts)}>"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        axes = [name for name in self.varied if name != "integrator"]
+        header = [*axes, "integrator", "setting", "size", "seconds", "error"]
+        rows = [
+            [*(p.choices.get(name, "") for name in axes), p.setting.integrator]
+            + [p.setting.value, p.size, f"{p.seconds:.4f}"]
+            + [p.message or f"{'' if p.told else '<'}{p.error:.1e}"]
+            for p in self.points
+        ]
+        return html_table(rows, header, repr(self)[1:-1])
+
+
+#: What the columns of costs are called.
+COSTS = ("size", "dofs", "conversion")
+#: A reference is sharp up to this uncertainty; outputs below this share of it are not
+#: limiting.
+SHARP_UNCERTAINTY, LIMITING_SHARE = 1e-3, 0.1
+
+
+def study_report(result: Study, wanted: Sequence[float]) -> str:
+    """Return the printed text: fronts or all points, recommendations, notes on
+    errors.
+    """
+    parts = [] if result.of_integrators else _pareto_tables(result)
+    if result.of_integrators:
+        parts.append(study_table(result.points, ()))
+    parts.append(recommendation_table(result.points, wanted))
+    return "\n\n".join([*parts, *study_notes(result)])
+
+
+def full_report(result: Study, wanted: Sequence[float]) -> str:
+    """The same with all points."""
+    text = study_report(result, wanted)
+    if result.of_integrators:
+        return text
+    points = study_table(result.points, varied_axes(result))
+    return f"{text}\n\nAll points\n\n{points}"
+
+
+def varied_axes(result: Study) -> tuple[str, ...]:
+    """Return the axes that distinguish points, beside integrator and setting."""
+    return tuple(name for name in result.varied if name != "integrator")
+
+
+def _pareto_tables(result: Study) -> list[str]:
+    axes, points = varied_axes(result), result.points
+    fast = pareto_front(points, lambda p: p.seconds)
+    small = pareto_front(points, lambda p: p.size)
+    return [
+        f"Least error for the time: {len(fast)} of {len(points)} points",
+        study_table(fast, axes),
+        f"Least error for the size: {len(small)} of {len(points)} points",
+        study_table(small, axes),
+        "One choice at a time",
+        study_table(one_factor_points(result), axes),
+    ]
+
+
+def one_factor_points(result: Study) -> list[Point]:
+    """Points that differ from the first one, the scene as it is, in one choice."""
+    base = result.points[0]
+
+    def away(point: Point) -> int:
+        different = sum(base.choices[k] != v for k, v in point.choices.items())
+        return different + (point.setting != base.setting)
+
+    return [point for point in result.points if away(point) <= 1]
+
+
+def study_table(points: Iterable[Point], axes: Sequence[str]) -> str:
+    """Points, one line each."""
+    costs = COSTS if axes else ()
+    rows = [
+        [
+            *(p.choices.get(name, "") for name in axes),
+            p.setting.integrator,
+            p.setting.value,
+            *(_point_cost(p, name) for name in costs),
+            str(p.steps) if not p.message else "",
+            f"{p.seconds:.4f}" if not p.message else "",
+            _error_text(p) if not p.message else p.message,
+        ]
+        for p in points
+    ]
+    header = [*axes, "integrator", "setting", *costs, "steps", "seconds", "error"]
+    return text_table(header, rows)
+
+
+def _point_cost(point: Point, name: str) -> str:
+    if point.message or (name != "size" and not point.dofs):
+        return ""
+    value = getattr(point, name)
+    return f"{value:.3f}" if name == "conversion" else str(value)
+
+
+def _error_text(point: Point) -> str:
+    return f"{point.error:.1e}" if point.told else f"<{point.error:.1e}"
+
+
+def recommendation_table(points: Sequence[Point], wanted: Iterable[float]) -> str:
+    """Tabulate the recommended point for each requested error."""
+    rows = []
+    for error in wanted:
+        best = recommend_point(points, error)
+        if best is None:
+            rows.append([f"{error:.0e}", "", "", "none of these settings reaches it"])
+            continue
+        choices = "".join(f"{name} {value}, " for name, value in best.choices.items())
+        rows.append(
+            [f"{error:.0e}", f"{best.error:.1e}", f"{best.seconds:.4f}"]
+            + [choices + best.setting.key]
+        )
+    return text_table(["wanted", "error", "seconds", "[accuracy]"], rows)
+
+
+def _limiting_outputs(result: Study) -> str:
+    """Which outputs keep a reference from being sharp, and what to do."""
+    reference = result.reference
+    pairs = zip(reference.names, reference.floors, strict=True)
+    errors = {name: float(floor) for name, floor in pairs}
+    limit = max(LIMITING_SHARE * reference.uncertainty, min(errors.values()))
+    sharp = [name for name, floor in errors.items() if floor <= limit]
+    finer = {"mesh": "finer meshes", "modes": "more modes"}
+    remedy = " or ".join(t for axis, t in finer.items() if axis in result.varied)
+    blunt = reference.uncertainty > SHARP_UNCERTAINTY and len(sharp) < len(errors)
+    if not blunt or not remedy:
+        return ""
+    dull = ", ".join(f"{n} ({f:.0e})" for n, f in errors.items() if f > limit)
+    best = max(errors[name] for name in sharp)
+    them = " ".join(f"--of {name}" for name in sharp)
+    return (
+        f"\nThat is due to {dull}; {remedy} would tell more. The others are known to "
+        f"{best:.0e}: {them} compares these alone."
+    )
+
+
+def study_notes(result: Study) -> list[str]:
+    """Return notes on the errors, their resolution, and outputs that are not
+    compared.
+    """
+    reference = result.reference
+    of = f" ({reference.model})" if reference.model else ""
+    parts = [
+        f"Errors are relative, of the worst of: {', '.join(reference.names)}.\n"
+        f"The reference{of} is good to {reference.uncertainty:.0e}; smaller errors "
+        "cannot be told."
+        f"{_limiting_outputs(result)}"
+    ]
+    if reference.left_out:
+        parts.append(f"Left out, rounding only: {', '.join(reference.left_out)}.")
+    if reference.unpredictable:
+        found = reference_difference_text(reference.unpredictable)
+        parts.append(
+            f"Not predictable over this time span: {found}. No setting above is "
+            "recommended for them; a shorter time span may help."
+        )
+    if reference.unconverged:
+        found = refinement_change_text(reference.unconverged)
+        parts.append(f"Not converged: {found}. Finer meshes or more modes may help.")
+    if result.dropped:
+        parts.append(
+            "Not compared, as they belong to shape functions or frames that vary: "
+            f"{', '.join(result.dropped)}."
+        )
+    if result.whole > len(result.points):
+        parts.append(
+            f"{len(result.points)} of {result.whole} combinations: those that differ "
+            f"from the scene in at most {result.differ} choices. --differ "
+            f"{result.differ + 1} adds more; those that are kept are not computed "
+            "again."
+        )
+    if result.notes:
+        lines = note_lines(result)
+        parts.append(f"Notes of the reference\n{named_values(lines)}")
+    return parts
+
+
+def study_file(result: Study) -> StudyFile:
+    """Return a study as it is stored."""
+    points = tuple(
+        StudyPoint(
+            integrator=p.setting.integrator,
+            rtol=p.setting.rtol,
+            step=p.setting.step,
+            error=p.error if np.isfinite(p.error) else None,
+            seconds=p.seconds if np.isfinite(p.seconds) else None,
+            steps=p.steps,
+            message=p.message,
+            told=p.told,
+            choices=dict(p.choices),
+            size=p.size,
+            dofs=p.dofs,
+            conversion=p.conversion,
+            errors=dict(p.errors),
+        )
+        for p in result.points
+    )
+    reference = result.reference
+    return StudyFile(
+        title=result.title,
+        outputs=reference.names,
+        uncertainty=reference.uncertainty,
+        reference=reference.model,
+        varied=result.varied,
+        notes=result.notes,
+        warnings=result.warnings,
+        points=points,
+    )
+
+
+def study_columns(content: StudyFile) -> dict[str, list[object]]:
+    """All points by columns, with the error of each output; seconds, steps in s."""
+    axes = [name for name in content.varied if name != "integrator"]
+    found: dict[str, list[object]] = {
+        name: [p.choices.get(name, "") for p in content.points] for name in axes
+    }
+    names = ["integrator", "rtol", "step", *COSTS, "steps", "seconds", "error"]
+    for name in [*names, "told", "message"]:
+        found[name] = [getattr(p, name) for p in content.points]
+    for name in content.outputs:
+        found[f"error {name}"] = [p.errors.get(name) for p in content.points]
+    return found
+
+
+def write_table(path: Path, content: StudyFile) -> None:
+    """All points as CSV."""
+    found = study_columns(content)
+    found["told"] = [int(bool(told)) for told in found["told"]]
+    with (
+        atomic_path(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as stream,
+    ):
+        writer = csv.writer(stream)
+        writer.writerow(found)
+        writer.writerows(zip(*found.values(), strict=True))
+
+
+def write_all(folder: Path, result: Study, wanted: Sequence[float]) -> list[str]:
+    """Write text, CSV, the study and pictures; return their names.
+
+    The text is written last: if it exists, nothing is missing.
+    """
+    from ..plot.precision import plot_study
+
+    folder.mkdir(parents=True, exist_ok=True)
+    names = [f"study.{end}" for end in ("txt", "csv", "json", "png", "svg")]
+    text, numbers, data, *pictures = (folder / name for name in names)
+    content = study_file(result)
+    with atomic_path(text) as temporary:
+        temporary.write_text(full_report(result, wanted) + "\n", encoding="utf-8")
+        for picture in pictures:
+            plot_study(picture, content)
+        write_table(numbers, content)
+        write_study(data, content)
+    return names

@@ -1,0 +1,205 @@
+"""Result of a sweep: a table of columns, as text, CSV and picture."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sidtool.formats.base.html import html_table
+from sidtool.formats.file_names import kind_by_ending
+from sidtool.formats.storage.atomic import atomic_path
+
+if TYPE_CHECKING:
+    import os
+
+    import pandas
+
+#: The last column, where a run failed or may be wrong.
+MESSAGE_COLUMN = "message"
+
+
+@dataclass(frozen=True)
+class SweepPoint:
+    """One run.
+
+    Attributes
+    ----------
+    values : by keys of the scene
+    measures : numbers of outputs, such as `tip.y.max`; none where the run failed
+    message : why it failed; empty otherwise
+    notes, warnings : of the run; warnings say that numbers may be wrong
+    """
+
+    values: Mapping[str, Any]
+    measures: Mapping[str, float] = field(default_factory=dict)
+    message: str = ""
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sweep(Mapping[str, np.ndarray]):
+    """All points of a sweep; a mapping from names of columns to arrays.
+
+        found["parameters.h"], found["tip.y.max"], found["message"]
+
+    Attributes
+    ----------
+    points : one for each combination of values, in the order asked for
+    axes : keys that are varied
+    measures : what was measured, wildcards expanded
+    units : of axes and measures, "" where they have none or none is known
+    title : of pictures
+    """
+
+    points: tuple[SweepPoint, ...]
+    axes: tuple[str, ...]
+    measures: tuple[str, ...]
+    units: Mapping[str, str] = field(default_factory=dict)
+    title: str = ""
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A column, (n,): numbers, or texts of what is none.
+
+        Raises
+        ------
+        KeyError : there is no such column.
+        """
+        if name in self.axes:
+            return _as_array([p.values[name] for p in self.points])
+        if name in self.measures:
+            return np.array([p.measures.get(name, np.nan) for p in self.points])
+        if name == MESSAGE_COLUMN:
+            return np.array([_message_of(p) for p in self.points], dtype=object)
+        raise KeyError(f"{name}; there are {', '.join(self)}")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self.axes, *self.measures, MESSAGE_COLUMN))
+
+    def __len__(self) -> int:
+        return len(self.axes) + len(self.measures) + 1
+
+    @property
+    def failed(self) -> tuple[SweepPoint, ...]:
+        """Points whose runs failed."""
+        return tuple(p for p in self.points if p.message)
+
+    @property
+    def header(self) -> list[str]:
+        """Names of the columns with their units."""
+        return [f"{n} [{u}]" if (u := self.units.get(n)) else n for n in self]
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A pandas table: a row per point; units in `attrs`.
+
+        Raises
+        ------
+        InputError : pandas is not installed.
+        """
+        from ..report.tables import import_optional
+
+        table = import_optional("pandas").DataFrame(dict(self))
+        table.attrs["units"] = dict(self.units)
+        return table
+
+    def report(self) -> str:
+        """The table as text, as `sidtool sweep` prints it."""
+        from ..report.tables import text_table
+
+        return text_table(self._shown(), self._rows())
+
+    def _shown(self) -> list[str]:
+        return self.header if any(map(_message_of, self.points)) else self.header[:-1]
+
+    def _rows(self) -> list[list[str]]:
+        """Numbers with six digits."""
+        columns = [[_short_text(value) for value in self[name]] for name in self]
+        columns = columns[: len(self._shown())]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    def data(self) -> dict[str, Any]:
+        """Return the data that `--json` prints."""
+        return {
+            "title": self.title,
+            "units": dict(self.units),
+            "points": [
+                {
+                    "values": dict(p.values),
+                    "measures": dict(p.measures),
+                    "message": p.message,
+                    "warnings": list(p.warnings),
+                }
+                for p in self.points
+            ],
+        }
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
+        """A matplotlib figure: a panel per measure over the first key, a line for each
+        combination of the others.
+
+        path : writes a picture as well (.png, .svg, .pdf)
+
+        Raises
+        ------
+        InputError : no run has a number.
+        """
+        from ..plot.sweeps import plot_sweep
+
+        return plot_sweep(None if path is None else Path(path), self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the table (.csv), or the picture (.png, .svg, .pdf).
+
+        Raises
+        ------
+        InputError, OSError : the file cannot be written.
+        """
+        if kind_by_ending(path, "sweep", "picture") == "picture":
+            self.plot(path)
+            return
+        with (
+            atomic_path(Path(path)) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as stream,
+        ):
+            writer = csv.writer(stream)
+            writer.writerow(self.header)
+            columns = [[_full_text(value) for value in self[name]] for name in self]
+            writer.writerows(zip(*columns, strict=True))
+
+    def __repr__(self) -> str:
+        name = f" {self.title!r}" if self.title else ""
+        failed = f", {len(self.failed)} failed" if self.failed else ""
+        return f"<Sweep{name}: {len(self.points)} points{failed}>"
+
+    def _repr_html_(self) -> str:
+        return html_table(self._rows(), self._shown(), self.title)
+
+
+def _as_array(values: list[Any]) -> np.ndarray:
+    if all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
+        return np.array(values, float)
+    found = np.empty(len(values), object)
+    found[:] = values
+    return found
+
+
+def _message_of(point: SweepPoint) -> str:
+    """Why it failed, or else its warnings."""
+    return point.message or "; ".join(f"warning: {text}" for text in point.warnings)
+
+
+def _short_text(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.6g}"
+    return str(value)
+
+
+def _full_text(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else repr(float(value))
+    return str(value)

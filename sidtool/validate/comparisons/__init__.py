@@ -1,1 +1,0 @@
-"""Comparison of two SIDs, or of a SID with a table."""

@@ -1,0 +1,294 @@
+"""Identities between the inertia blocks of one displacement field: I4 to I12.
+
+Each holds because both sides are the same integral over the body; see O. Wallrapp,
+"Standardization of flexible body modeling in multibody system codes, Part I", 1994.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sidtool.formats.base.sid import SID, Array, by_mode
+from sidtool.formats.geometric_stiffening import (
+    has_second_order_field,
+    stiffens_by_turning,
+)
+from sidtool.formats.sid_mass import IN_PLANE, free_motion, plane_of_motion, skew
+
+from .identity import (
+    Finding,
+    finding_of_difference,
+    identity,
+    modal_blocks,
+    modal_scale,
+    relative_difference,
+    rotation_scale,
+    translation_scale,
+    transpose_modes,
+)
+
+# A print of 12 digits is off by at most 5e-12 of the entry; two to four printed numbers
+# meet in each identity below, so 1e-11 (2e-11 for the sum of four) is exact.
+
+
+@identity(
+    "I4",
+    "mdCM m1 = Ct m0 transposed",
+    severity="error",
+    bound=1e-11,
+    meaning="the moving centre of mass and the inertia coupling disagree: gravity and "
+    "acceleration are felt differently, momentum is not conserved",
+)
+def first_moment_deviation(sid: SID) -> Finding:
+    """Both are the integral of the shape functions over the mass."""
+    if sid.nq == 0:
+        return _rigid_finding()
+    first = sid.mdCM.first_order(sid.nq)[:, :, 0]
+    return finding_of_difference(
+        first - sid.Ct.m0, first, sid.Ct.m0, natural=translation_scale(sid)
+    )
+
+
+@identity(
+    "I5",
+    "Oe m0 = -(J1xx/2, J1yy/2, J1zz/2, J1xy, J1yz, J1xz)",
+    severity="error",
+    bound=1e-11,
+    meaning="centrifugal forces on the elastic coordinates do not follow from the "
+    "change of inertia: a spinning body gains or loses energy",
+)
+def centrifugal_deviation(sid: SID) -> Finding:
+    """Note the order: Oe has yz before xz, J has xz before yz."""
+    if sid.nq == 0:
+        return _rigid_finding()
+    six = sid.J.first_order(sid.nq)[:, :, 0]
+    implied = -six[:, [0, 1, 2, 3, 5, 4]] * [0.5, 0.5, 0.5, 1.0, 1.0, 1.0]
+    exchanged = implied[:, [0, 1, 2, 3, 5, 4]]
+    other = relative_difference(sid.Oe.m0 - exchanged, sid.Oe.m0, implied)
+    detail = f"with yz and xz exchanged {other:.1e}"
+    return finding_of_difference(
+        sid.Oe.m0 - implied,
+        sid.Oe.m0,
+        implied,
+        natural=rotation_scale(sid),
+        detail=detail,
+    )
+
+
+@identity(
+    "I6",
+    "Gr_l + Gr_l^T = 2 J1_l",
+    severity="error",
+    bound=2e-11,
+    meaning="the gyroscopic block belongs to another inertia or its columns are mixed "
+    "up: vibrating and turning at once creates or loses energy",
+)
+def gyroscopic_rotation_deviation(sid: SID) -> Finding:
+    """The symmetric part of Gr is the rate of the inertia tensor."""
+    if sid.nq == 0:
+        return _rigid_finding()
+    modes = modal_blocks(sid)
+    layout = sid.dialect.gr_layout
+    other = _gr_deviation(_other_layout(sid.Gr.m0, sid.nq, layout), modes.J1)
+    difference = modes.Gr + modes.Gr.swapaxes(1, 2) - 2.0 * modes.J1
+    return finding_of_difference(
+        difference,
+        modes.Gr,
+        2.0 * modes.J1,
+        natural=rotation_scale(sid),
+        bound=2e-11,
+        terms=4,
+        detail=_layout_in_words(layout, other, sid.nq),
+    )
+
+
+@identity(
+    "I7",
+    "Ge_l = 2 Cr1_l, or Cr1_l - Cr1_l^T",
+    severity="error",
+    bound=1e-11,
+    meaning="Coriolis forces on the elastic coordinates do not follow from the "
+    "coupling of rotation and elasticity: a turning body gains or loses energy",
+)
+def gyroscopic_elastic_deviation(sid: SID) -> Finding:
+    """The second form is the exact one; it alone allows for geometric stiffening.
+
+    The symmetric part that stiffening adds to Cr1 leaves its rounding in the second.
+    """
+    if sid.nq == 0:
+        return _rigid_finding()
+    modes = modal_blocks(sid)
+    layout = sid.dialect.ge_layout
+    deviation, form = min(_ge_deviations(modes.Ge, modes.Cr1))
+    other = min(_ge_deviations(_other_layout(sid.Ge.m0, sid.nq, layout), modes.Cr1))
+    detail = f"Ge = {form}; {_layout_in_words(layout, other[0], sid.nq)}"
+    if deviation <= 1e-11:
+        return Finding(deviation, detail)
+    forms = {
+        "2 Cr1": 2.0 * modes.Cr1,
+        "Cr1 - Cr1^T": modes.Cr1 - transpose_modes(modes.Cr1),
+    }
+    return finding_of_difference(
+        modes.Ge - forms[form],
+        modes.Ge,
+        modes.Cr1,
+        natural=modal_scale(sid),
+        detail=detail,
+        terms=3,
+    )
+
+
+@identity(
+    "I8",
+    "Ge_l = Cr1_l - Cr1_l^T (exact theory)",
+    severity="warning",
+    bound=1e-11,
+    meaning="a spurious symmetric part sits in Ge: rotating and vibrating at once is "
+    "slightly non-conservative",
+)
+def gyroscopic_exact_deviation(sid: SID) -> Finding:
+    """Holds with and without geometric stiffening."""
+    if sid.nq == 0:
+        return _rigid_finding()
+    modes = modal_blocks(sid)
+    exact = modes.Cr1 - transpose_modes(modes.Cr1)
+    sizes = (modes.Ge, modes.Cr1)
+    return finding_of_difference(
+        modes.Ge - exact, *sizes, natural=modal_scale(sid), terms=3
+    )
+
+
+@identity(
+    "I9",
+    "Cr1 antisymmetric in the modes (no stiffening)",
+    severity="warning",
+    bound=1e-11,
+    meaning="Cr1 holds a symmetric part that no displacement field explains: angular "
+    "acceleration excites the elastic coordinates wrongly",
+)
+def rotation_coupling_deviation(sid: SID) -> Finding:
+    """The symmetric part, if any, is stiffening by angular acceleration (K0r)."""
+    if sid.nq == 0:
+        return _rigid_finding()
+    Cr1 = modal_blocks(sid).Cr1
+    if has_second_order_field(sid) or stiffens_by_turning(sid):
+        share = relative_difference(Cr1 + transpose_modes(Cr1), Cr1)
+        return Finding(
+            None, f"the symmetric part ({share:.1e}) is geometric stiffening"
+        )
+    return finding_of_difference(
+        Cr1 + transpose_modes(Cr1), Cr1, natural=modal_scale(sid)
+    )
+
+
+@identity(
+    "I10",
+    "antisymmetric part of Gr_l = -(Cr0_l)~",
+    severity="warning",
+    bound=0.1,
+    meaning="Gr or Cr0 misses a part: angular momentum is not conserved when the body "
+    "turns and vibrates at once",
+)
+def gyroscopic_antisymmetry(sid: SID) -> Finding:
+    """Writers that lump the mass for Gr are off by some per cent: hence the bound."""
+    if sid.nq == 0:
+        return _rigid_finding()
+    axis = _is_planar(sid)
+    if axis is not None:
+        return Finding(
+            None, f"planar data: entries across {'xyz'[axis]} are not written"
+        )
+    modes = modal_blocks(sid)
+    antisymmetric = 0.5 * (modes.Gr - modes.Gr.swapaxes(1, 2))
+    lever = skew(sid.Cr.m0)
+    return finding_of_difference(
+        antisymmetric + lever, modes.Gr, lever, natural=rotation_scale(sid), bound=0.1
+    )
+
+
+@identity(
+    "I11",
+    "Oe m1 symmetric in the modes",
+    severity="warning",
+    bound=1e-9,
+    meaning="the centrifugal stiffness matrix is not symmetric: a body spinning about "
+    "an oblique axis gains or loses energy and may grow unstable",
+)
+def centrifugal_symmetry(sid: SID) -> Finding:
+    """PY_SID stores only one of the two products in the columns xy, yz and xz."""
+    if sid.nq == 0:
+        return _rigid_finding()
+    Oe1 = modal_blocks(sid).Oe1
+    parts = {"xx, yy, zz": Oe1[..., :3], "xy, yz, xz": Oe1[..., 3:]}
+    found = [
+        (
+            finding_of_difference(
+                part - transpose_modes(part), part, natural=modal_scale(sid), bound=1e-9
+            ),
+            k,
+        )
+        for k, part in parts.items()
+    ]
+    shares = "; ".join(f"{name} {finding.measured:.1e}" for finding, name in found)
+    worst = max((finding for finding, _ in found), key=lambda f: f.measured or 0.0)
+    return replace(worst, detail=shares)
+
+
+@identity(
+    "I12",
+    "Oe m1 xx + yy + zz = -2 Me (no rotary inertia)",
+    severity="warning",
+    bound=0.1,
+    meaning="Me holds rotary inertia, or centrifugal terms were summed with a lumped "
+    "or reduced mass: centrifugal softening is off by this share",
+)
+def centrifugal_trace(sid: SID) -> Finding:
+    """Exact for solids; lumped and beam masses are off, see the bound of I10."""
+    if sid.nq == 0:
+        return _rigid_finding()
+    if has_second_order_field(sid):
+        return Finding(None, "Oe m1 holds geometric stiffening")
+    trace = modal_blocks(sid).Oe1[..., :3].sum(axis=2)
+    return finding_of_difference(
+        trace + 2.0 * sid.Me.m0, trace, 2.0 * sid.Me.m0, bound=0.1
+    )
+
+
+def _rigid_finding() -> Finding:
+    return Finding(None, "rigid body")
+
+
+def _is_planar(sid: SID) -> int | None:
+    axis = plane_of_motion(sid)
+    if axis is None or free_motion(sid).possible:
+        return None
+    return axis if free_motion(sid, IN_PLANE[axis]).possible else None
+
+
+def _gr_deviation(Gr: Array, J1: Array) -> float:
+    return relative_difference(Gr + Gr.swapaxes(1, 2) - 2.0 * J1, 2.0 * J1, Gr)
+
+
+def _ge_deviations(Ge: Array, Cr1: Array) -> list[tuple[float, str]]:
+    exact = Cr1 - transpose_modes(Cr1)
+    return [
+        (relative_difference(Ge - 2.0 * Cr1, Ge, 2.0 * Cr1), "2 Cr1"),
+        (relative_difference(Ge - exact, Ge, exact), "Cr1 - Cr1^T"),
+    ]
+
+
+def _other_layout(columns: Array, nq: int, layout: str) -> Array:
+    """The file's columns read the other way, (nq, rows, 3)."""
+    rows = len(columns)
+    per_mode = by_mode(columns, nq)
+    if layout == "axis":
+        return np.moveaxis(columns.reshape(rows, nq, 3), 1, 0)
+    return by_mode(np.moveaxis(per_mode, 0, 1).reshape(rows, 3 * nq), nq)
+
+
+def _layout_in_words(layout: str, other: float, nq: int) -> str:
+    if nq == 1:
+        return "one mode, both column layouts agree"
+    return f"file is {layout}-major; the other layout would give {other:.1e}"

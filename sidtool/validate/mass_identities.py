@@ -1,0 +1,213 @@
+"""Checks of mass, stiffness and damping matrices: I13 to I17."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.sid_mass import (
+    IN_PLANE,
+    SPATIAL,
+    central_inertia,
+    free_motion,
+    plane_of_motion,
+)
+
+from .frequencies import free_modes, held_modes, label_hertz, symmetric_part, to_hertz
+from .identity import Finding, identity, max_magnitude, relative_difference
+
+# Eigenvalues of a printed matrix (12 digits) may be off by its size times this.
+_PRINT = 1e-10
+
+
+@identity(
+    "I13",
+    "Me, Ke, De symmetric; Me > 0, Ke >= 0, De >= 0",
+    severity="error",
+    bound=1e-11,
+    meaning="the elastic coordinates have negative mass, stiffness or damping: "
+    "vibrations grow without bound",
+)
+def modal_matrix_deviation(sid: SID) -> Finding:
+    """Largest asymmetry; definiteness is decided by eigenvalues."""
+    if sid.nq == 0:
+        return Finding(None, "rigid body")
+    blocks = {"Me": sid.Me.m0, "Ke": sid.Ke.m0, "De": sid.De.m0}
+    asymmetry, size = max(
+        (relative_difference(m - m.T, m), max_magnitude(m)) for m in blocks.values()
+    )
+    broken = [
+        f"{name} is not positive {'definite' if name == 'Me' else 'semidefinite'}"
+        for name, matrix in blocks.items()
+        if not _is_definite(matrix, strictly=name == "Me")
+    ]
+    detail = "; ".join(broken) or "all definite"
+    return Finding(asymmetry, detail, broken=bool(broken), size=size, terms=2)
+
+
+@identity(
+    "I14",
+    "coupled mass matrix (6 + nq) positive definite",
+    severity="error",
+    bound=0.0,
+    meaning="coupled mass matrix not positive definite: this body cannot move freely "
+    "and may only be used with its frame held",
+)
+def coupled_mass_deviation(sid: SID) -> Finding:
+    """The deviation is the negative of the smallest relative eigenvalue, if negative.
+
+    A body whose data are planar is judged in its plane; it must not leave it.
+    """
+    space = free_motion(sid, SPATIAL)
+    if space.possible:
+        return Finding(0.0, f"smallest relative eigenvalue {space.smallest:.2e}")
+    axis = plane_of_motion(sid)
+    plane = None if axis is None else free_motion(sid, IN_PLANE[axis])
+    if axis is not None and plane is not None and plane.possible:
+        return Finding(
+            0.0,
+            f"planar body: smallest relative eigenvalue {plane.smallest:.2e} in its "
+            f"plane; it cannot leave it, since {space.reason}",
+        )
+    detail = f"{space.reason} (smallest relative eigenvalue {space.smallest:.2e})"
+    return Finding(max(0.0, -space.smallest), detail, broken=True)
+
+
+@identity(
+    "I15",
+    "frequencies in the labels follow from Ke, Me",
+    severity="warning",
+    bound=1e-3,
+    meaning="the labels tell other frequencies than the body has: other units, modes "
+    "moved to another frame and cut off, or a changed stiffness",
+)
+def frequency_deviation(sid: SID) -> Finding:
+    """Held frame or free body, whichever is closer; label digits count as unknown."""
+    label_frequencies = label_hertz(sid)
+    if label_frequencies is None:
+        return Finding(None, "no frequencies in the labels")
+    if not _is_definite(sid.Me.m0, strictly=True):
+        return Finding(None, "Me is not positive definite")
+    order = np.argsort(label_frequencies[0])
+    labels, digits = label_frequencies[0][order], label_frequencies[1][order]
+    candidates = [("(Ke, Me)", to_hertz(held_modes(sid)[0]))]
+    rigid = _free_coordinates(sid)
+    if rigid is not None:
+        candidates.append(("free body", to_hertz(free_modes(sid, rigid)[0])))
+    size = np.maximum(labels, digits)
+    found = [(float((np.abs(f - labels) / size).max()), name) for name, f in candidates]
+    detail = "; ".join(f"{name} {deviation:.1e}" for deviation, name in found)
+    bound = max(1e-3, float((digits / size).max()))
+    return Finding(min(found)[0], detail, bound=bound)
+
+
+@identity(
+    "I16",
+    "central inertia >= 0 and triangle inequality",
+    severity="warning",
+    bound=1e-6,
+    meaning="no distribution of mass has this inertia: the body turns like no real one",
+)
+def inertia_tensor_deviation(sid: SID) -> Finding:
+    """Relative to the largest principal moment; FEMBS prints J to about 6 digits."""
+    if not sid.mass > 0.0:
+        return Finding(0.0, "the mass is not positive", broken=True)
+    space, axis = free_motion(sid), plane_of_motion(sid)
+    planar = axis is not None and not space.possible
+    if planar and axis is not None and free_motion(sid, IN_PLANE[axis]).possible:
+        return Finding(None, "planar body, only one moment of inertia is known")
+    moments: Array = np.linalg.eigvalsh(central_inertia(sid)).astype(np.float64)
+    size = max_magnitude(moments)
+    if size == 0.0:
+        return Finding(0.0, "point mass")
+    excess = max(-moments[0], moments[2] - moments[0] - moments[1], 0.0)
+    parts = ", ".join(f"{value:.5g}" for value in moments)
+    return Finding(float(excess / size), f"principal moments {parts}")
+
+
+@identity(
+    "I17",
+    "De follows a damping law",
+    severity="warning",
+    bound=1e-9,
+    meaning="De is neither Rayleigh nor modal damping: shape functions are coupled by "
+    "damping, which few producers intend",
+)
+def damping_deviation(sid: SID) -> Finding:
+    """alpha Me + beta Ke, or 2 zeta sqrt(K M) per mode (of the body or of the file)."""
+    if sid.nq == 0:
+        return Finding(None, "rigid body")
+    if not sid.De.m0.any():
+        return Finding(None, "no damping")
+    if not _is_definite(sid.Me.m0, strictly=True):
+        return Finding(None, "Me is not positive definite")
+    squares, modes = held_modes(sid)
+    in_modes = modes.T @ symmetric_part(sid.De.m0) @ modes
+    as_written = np.diag(sid.Ke.m0), np.diag(sid.Me.m0), sid.De.m0
+    laws = [
+        _modal_fit(squares, np.ones(sid.nq), in_modes, "mode"),
+        _modal_fit(*as_written, "coordinate"),
+    ]
+    if sid.nq > 1:
+        laws.insert(0, _rayleigh_fit(squares, in_modes))
+    passing = [law for law in laws if law[0] <= 1e-9]
+    deviation, detail = passing[0] if passing else min(laws)
+    return Finding(deviation, detail)
+
+
+def _is_definite(matrix: Array, *, strictly: bool) -> bool:
+    """Decided on the matrix scaled to a unit diagonal, so modes of any size count."""
+    diagonal = np.diag(matrix)
+    if np.any(diagonal < 0.0) or (strictly and np.any(diagonal == 0.0)):
+        return False
+    size = np.where(
+        diagonal > 0.0, np.sqrt(diagonal), max_magnitude(matrix) ** 0.5 or 1.0
+    )
+    values = np.linalg.eigvalsh(symmetric_part(matrix) / np.outer(size, size))
+    return bool(values[0] > _PRINT if strictly else values[0] >= -_PRINT * len(matrix))
+
+
+def _free_coordinates(sid: SID) -> tuple[int, ...] | None:
+    """Rigid coordinates that the body can move in freely, if any."""
+    if free_motion(sid).possible:
+        return SPATIAL
+    axis = plane_of_motion(sid)
+    if axis is None or not free_motion(sid, IN_PLANE[axis]).possible:
+        return None
+    return IN_PLANE[axis]
+
+
+def _rayleigh_fit(squares: Array, damping: Array) -> tuple[float, str]:
+    """d_i = alpha + beta w_i^2, each row weighted by 1/d_i; Me = I in this basis."""
+    found = np.diag(damping)
+    weight = 1.0 / np.where(found != 0.0, np.abs(found), max_magnitude(damping))
+    rows = np.stack([np.ones_like(squares), squares], axis=1) * weight[:, None]
+    size = np.abs(rows).max(axis=0)
+    columns = np.where(size > 0.0, size, 1.0)
+    share = np.linalg.lstsq(rows / columns, found * weight, rcond=None)[0]
+    alpha, beta = np.where(np.abs(share) < 1e-9, 0.0, share) / columns
+    terms = [(alpha, "Me"), (beta, "Ke")]
+    text = " + ".join(f"{factor:.4g} {name}" for factor, name in terms if factor)
+    return _scaled_difference(damping, np.diag(alpha + beta * squares)), f"De = {text}"
+
+
+def _modal_fit(
+    stiffness: Array, mass: Array, damping: Array, per: str
+) -> tuple[float, str]:
+    """Fit 2 zeta_i sqrt(k_i m_i) to the diagonal, any zeta_i, with zeros off the
+    diagonal.
+    """
+    critical = 2.0 * np.sqrt(np.clip(stiffness * mass, 0.0, None))
+    found = np.diag(damping)
+    ratio = found / np.where(critical > 0.0, critical, 1.0)
+    text = f"zeta = {ratio.min():.4g} ... {ratio.max():.4g} per {per}"
+    if np.ptp(ratio) <= 1e-9 * np.abs(ratio).max():
+        text = f"zeta = {ratio.mean():.4g} for every {per}"
+    return _scaled_difference(damping, np.diag(found)), text
+
+
+def _scaled_difference(damping: Array, law: Array) -> float:
+    """Largest difference, each entry relative to the damping of its two modes."""
+    size = np.sqrt(np.abs(np.diag(damping)))
+    size = np.where(size > 0.0, size, size.max() or max_magnitude(damping) ** 0.5)
+    return max_magnitude((damping - law) / np.outer(size, size))

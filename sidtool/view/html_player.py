@@ -1,0 +1,274 @@
+"""Page that plays a mechanism in 3D, in any browser and without a network.
+
+three.js is taken from an installed package. Compared for a page that needs no network:
+three.js 0.63 MB (MIT); k3d 2.6 MB, vtk.js and plotly each over 3 MB, and none of them
+moves a deforming surface without sending all of its points for every picture.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Mapping, Sequence
+from functools import partial
+from importlib import resources
+from string import Template
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.html import escape
+from sidtool.formats.base.sid import Array
+from sidtool.formats.scene import unit_of
+
+from ..field.body_surfaces import BodySurface
+from ..field.surface import decimate
+from ..plot.curves import draw_curves_svg
+from ..plot.figure import COLOURS
+from .body_fields import ColourRange, colour_ranges
+from .film import vertical_axis, view_directions
+from .links import COLOURS as LINK_COLOURS
+from .links import Link
+from .motion import SampledMotion
+
+#: Triangles in all beyond which bodies are thinned, and of the picture that plays
+#: where a browser is slow.
+MOST_TRIANGLES, FEW_TRIANGLES = 250_000, 20_000
+#: Time between two pictures beyond which a browser counts as slow [ms].
+SLOW_FRAME_TIME = 60
+#: Speeds to choose from.
+PLAYBACK_SPEEDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.5, 1, 2, 5, 10, 30)
+#: Playing time that the speed at the beginning aims at [s].
+_MIN_PLAYING_TIME, _MAX_PLAYING_TIME = 3.0, 90.0
+_BODY_COLOURS = COLOURS[:6]
+#: What plays the motion, in the order of the page.
+_SCRIPT_FILES = ("body.js", "camera.js", "player.js")
+
+
+def player_page(
+    motion: SampledMotion,
+    bodies: Sequence[BodySurface],
+    columns: Mapping[str, Array],
+    *,
+    errors: Mapping[str, float] | None = None,
+    title: str,
+    colour: str = "",
+    scale: float = 1.0,
+    notes: Sequence[str] = (),
+    generator: str = "sidtool",
+) -> str:
+    """Return the page as text.
+
+    Parameters
+    ----------
+    columns : outputs at the times of the motion, drawn beside it
+    errors : estimated errors of some of these: bands around their curves
+    colour : initial colouring: "", "displacement" or "stress"
+    scale : initial magnification of deformations
+    notes : notes for its head
+
+    Raises
+    ------
+    InputError : three.js is not installed, or there is nothing to colour by.
+    """
+    ranges = colour_ranges(motion, bodies)
+    if colour and colour not in ranges:
+        raise InputError(
+            f"there is no {colour} to colour by",
+            place="--colour",
+            expected=" or ".join(ranges) or "a flexible body",
+        )
+    sentences = [*notes]
+    total = sum(len(body.triangles) for body in bodies)
+    entries = []
+    for number, body in enumerate(bodies):
+        share = len(body.triangles) / max(total, 1)
+        drawn = decimate(body.positions, body.triangles, int(share * MOST_TRIANGLES))
+        few = decimate(body.positions, drawn, int(share * FEW_TRIANGLES) + 12)
+        entries.append(_body_data(motion, body, drawn, few, number))
+    drawn_triangles = sum(entry.pop("count") for entry in entries)
+    if drawn_triangles < total:
+        sentences.append(f"thinned to {drawn_triangles} of {total} surface triangles")
+    content = {
+        "t": _pack_numbers(motion.t, "<f8"),
+        "size": motion.size,
+        "up": vertical_axis(motion.scene).tolist(),
+        "views": {
+            name: view.tolist() for name, view in view_directions(motion.scene).items()
+        },
+        "view": "front" if motion.scene.dimension == "planar" else "iso",
+        "triangles": drawn_triangles,
+        "slowest": SLOW_FRAME_TIME,
+        "speeds": PLAYBACK_SPEEDS,
+        "speed": _playback_speed(float(motion.t[-1] - motion.t[0])),
+        "scale": scale,
+        "colour": colour,
+        "colours": {name: _colour_legend(found) for name, found in ranges.items()},
+        "palette": _colour_palette(),
+        "bodies": entries,
+        "joints": [
+            {
+                "name": joint.name,
+                "kind": joint.kind,
+                "body": joint.body,
+                "position": joint.position.tolist(),
+                "shapes": joint.shapes.tolist(),
+            }
+            for joint in motion.joints
+        ],
+        "links": [_link_data(link) for link in motion.links],
+    }
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    return Template(_read_template("player.html")).substitute(
+        title=escape(title or "Motion"),
+        told=escape("; ".join(sentences)),
+        generator=escape(generator),
+        style=_read_template("player.css"),
+        plots=_output_plots(motion, columns, errors or {}),
+        data=text.replace("<", "\\u003c"),
+        library=three_js(),
+        player="".join(map(_read_template, _SCRIPT_FILES)),
+    )
+
+
+def _read_template(name: str) -> str:
+    return (resources.files("sidtool.view") / name).read_text(encoding="utf-8")
+
+
+def _body_data(
+    motion: SampledMotion,
+    body: BodySurface,
+    drawn: NDArray[np.int64],
+    few: Any,
+    number: int,
+) -> dict[str, Any]:
+    used, rows = np.unique(drawn, return_inverse=True)
+    name = body.name
+    shapes, sizes = _quantise_shapes(body.shapes[used])
+    entry: dict[str, Any] = {
+        "name": name,
+        "colour": _BODY_COLOURS[number % len(_BODY_COLOURS)],
+        "positions": _pack_numbers(body.positions[used], "<f4"),
+        "triangles": _pack_numbers(rows, "<u4"),
+        "coarse": None,
+        "sketched": body.sketched,
+        "shapes": shapes,
+        "shape_sizes": sizes,
+        "stress": None,
+        "places": _pack_numbers(motion.places[name], "<f4"),
+        "turns": _pack_numbers(_quaternions(motion.turns[name]), "<f4"),
+        "elastic": _pack_numbers(motion.elastic[name], "<f4"),
+        "count": len(drawn),
+    }
+    if len(few) < len(drawn):
+        entry["coarse"] = _pack_numbers(np.searchsorted(used, few), "<u4")
+    if body.stress is not None and body.nq:
+        entry["stress"], entry["stress_sizes"] = _quantise_shapes(body.stress[used])
+        if body.initial_stress.any():
+            entry["initial_stress"] = _pack_numbers(body.initial_stress[used], "<f4")
+    return entry
+
+
+def _link_data(link: Link) -> dict[str, Any]:
+    return {
+        "name": link.name,
+        "kind": link.kind,
+        "colour": LINK_COLOURS[link.kind],
+        "positions": _pack_numbers(link.positions, "<f4"),
+        "triangles": _pack_numbers(link.triangles, "<u4"),
+        "ends": [
+            {
+                "body": end.body,
+                "position": end.position.tolist(),
+                "shapes": end.shapes.tolist(),
+            }
+            for end in link.ends
+        ],
+    }
+
+
+def _quaternions(turns: Array) -> Array:
+    """(nt, 4) x, y, z, w; neighbours on one side, so that none turns the long way."""
+    found = Rotation.from_matrix(turns).as_quat()
+    signs = np.where(np.einsum("ta,ta->t", found[1:], found[:-1]) < 0, -1.0, 1.0)
+    found[1:] *= np.cumprod(signs)[:, None]
+    return np.asarray(found, float)
+
+
+def _quantise_shapes(shapes: Array) -> tuple[str, list[float]]:
+    """(n, c, nq) as shares of the largest entry of each mode in 16 bits."""
+    sizes = np.abs(shapes).max(axis=(0, 1), initial=0.0)
+    safe = np.where(sizes > 0, sizes, 1.0)
+    shares = np.round(np.moveaxis(shapes / safe, 2, 0) * 32767)
+    return _pack_numbers(shares, "<i2"), sizes.tolist()
+
+
+def _pack_numbers(numbers: ArrayLike, kind: str) -> str:
+    return base64.b64encode(
+        np.ascontiguousarray(numbers, dtype=kind).tobytes()
+    ).decode()
+
+
+def _colour_legend(found: ColourRange) -> dict[str, Any]:
+    return {
+        "title": found.title,
+        "unit": found.unit,
+        "most": found.most,
+        "per": found.per,
+    }
+
+
+def _colour_palette() -> str:
+    from matplotlib import colormaps
+
+    colours = colormaps["viridis"](np.arange(256))[:, :3]
+    return _pack_numbers(np.round(255 * colours), "<u1")
+
+
+def _playback_speed(duration: float) -> float:
+    """1 where that plays neither too short nor too long."""
+    if _MIN_PLAYING_TIME <= duration <= _MAX_PLAYING_TIME or duration <= 0:
+        return 1
+    wanted = duration / (
+        2 * _MIN_PLAYING_TIME if duration < _MIN_PLAYING_TIME else _MAX_PLAYING_TIME
+    )
+    return min(PLAYBACK_SPEEDS, key=lambda speed: abs(np.log(speed / wanted)))
+
+
+def _output_plots(
+    motion: SampledMotion, columns: Mapping[str, Array], errors: Mapping[str, float]
+) -> str:
+    if not columns or len(motion.t) < 2:
+        return ""
+    units = partial(unit_of, scene=motion.scene)
+    svg, left, right = draw_curves_svg(motion.t, columns, errors, units)
+    mark = f'<div class="cursor" data-left="{left:.6f}" data-right="{right:.6f}"></div>'
+    return f'<div class="plot">{svg}{mark}</div>'
+
+
+#: The package that ships three.js with its orbit controls as one minified file.
+PACKAGE = "jupyter_threejs_sage"
+
+
+def three_js() -> str:
+    """The newest three.js of the package, as one script.
+
+    Raises
+    ------
+    InputError : the package is not installed.
+    """
+    try:
+        folders = list((resources.files(PACKAGE) / "static").iterdir())
+    except (ModuleNotFoundError, FileNotFoundError):
+        raise InputError(
+            "the page needs three.js, which is not installed",
+            expected='pip install "sidtool[view]", or a film: -o motion.gif',
+        ) from None
+    releases = [f for f in folders if re.fullmatch(r"r\d+", f.name)]
+    newest = max(releases, key=lambda folder: int(folder.name[1:]))
+    script = (newest / "three.min.js").read_text(encoding="utf-8")
+    return script.replace("</script", "<\\/script")

@@ -1,1 +1,0 @@
-"""What a run says of its scene: checks, excitation, stiffening, causes of a stop."""

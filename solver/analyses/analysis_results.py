@@ -1,0 +1,107 @@
+"""States found by an analysis as a result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.formats.base.sid import Array
+from sidtool.formats.result import Result
+from sidtool.formats.storage.hdf5_files import versions
+
+from ..diagnostics.body_loads import find_state_warnings
+from ..diagnostics.result_notes import OutputNotes, callable_notes
+from ..initial_state.integrator_start import CONSTRAINT_TOLERANCES
+from ..output import columns
+from ..output.energies import integrals_between, needs_energy_integrals
+from ..output.samples import StateSampler, sample_known_motion
+from ..system.characteristic_sizes import constraint_sizes
+from ..system.errors import SimulationError
+from ..system.rotated_markers import original_scene
+from ..system.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class MotionState:
+    """A state of motion: z_I, z_II, z_II', multipliers and friction forces."""
+
+    z: Array
+    v: Array
+    a: Array
+    multipliers: Array
+    friction: Array
+
+
+def result_of_states(
+    system: System,
+    kind: str,
+    times: Array,
+    states: Sequence[MotionState],
+    message: str = "",
+    notes: Sequence[str] = (),
+) -> Result:
+    """The scene's outputs at some states, as a result.
+
+    Parameters
+    ----------
+    message
+        Why later states are missing, if they are.
+
+    Raises
+    ------
+    SimulationError
+        An output is not a number.
+    """
+    count = len(states)
+    z, v, a, multipliers, friction = (
+        np.array([getattr(s, part) for s in states]).reshape(count, size)
+        for part, size in (
+            ("z", system.n_positions),
+            ("v", system.n_velocities),
+            ("a", system.n_velocities),
+            ("multipliers", system.n_rows),
+            ("friction", len(system.friction_joints)),
+        )
+    )
+    span = system.scene.time.end - system.scene.time.start
+    tolerances = (
+        np.outer(constraint_sizes(system), [1.0, 1.0 / span]) * CONSTRAINT_TOLERANCES[0]
+    )
+    sampler, history = StateSampler(system, tolerances), None
+    if needs_energy_integrals(system.scene):
+        history = integrals_between(sampler, times, z, v)
+    known = sample_known_motion(
+        system, sampler.work, times, z, v, a, multipliers, friction
+    )
+    found = columns.evaluate_outputs(sampler, times, z, v, history, known)
+    remarks = OutputNotes(system)
+    remarks.add(times, found)
+    undefined = remarks.undefined_notes()
+    if undefined:
+        raise SimulationError(undefined[0])
+    warnings = find_state_warnings(system, z)
+    all_notes = (*warnings, *notes, *callable_notes(system), *remarks.sentences())
+    return Result(
+        title=system.scene.title,
+        names=found.names,
+        t=times,
+        values=found.values,
+        positions=z,
+        velocities=v,
+        multipliers=found.multipliers,
+        position_names=columns.position_names(system),
+        velocity_names=columns.velocity_names(system),
+        multiplier_names=columns.multiplier_names(system),
+        settings={"analysis": kind},
+        scene=original_scene(system.scene).model_dump_json(
+            by_alias=True, exclude_none=True
+        ),
+        sids=system.sids,
+        versions=versions(),
+        notes=tuple(dict.fromkeys(all_notes)),
+        warnings=warnings,
+        completed=not message,
+        message=message,
+    )

@@ -1,0 +1,293 @@
+"""Linearisation of an assembled mechanism: frequencies, damping ratios, mode shapes.
+
+The state should be an equilibrium or a steady motion such as a constant rotation; in
+axes that rotate with it the matrices of a steady motion are constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+
+from ..diagnostics.body_loads import find_state_warnings
+from ..initial_state.assembly import assemble
+from ..output.columns import position_names, velocity_names
+from ..system.characteristic_sizes import coordinate_sizes
+from ..system.errors import SimulationError
+from ..system.system import System
+from .dense_equations import DenseEquations, refuse_eliminated_joints
+from .frozen_inputs import with_continuous_laws, with_integrated_drives
+from .joint_friction import equations_at
+from .reference_axes import axis_angular_velocities, frame_rotation_matrix
+from .rigid_motions import spectrum
+from .state_matrix import CHANGING_EQUATIONS, SmallMotions, state_matrix, steady_axes
+from .static_equilibrium import static_equilibrium
+from .whirl import Whirl, mode_whirl
+
+STATES = ("static", "start")
+#: A state is near another one that differs by less than this part of the sizes; what is
+#: left of the accelerations there, relative to them.
+NEAR_STATE, STEADY_RESIDUAL = 0.05, 1e-6
+#: Ways below this share of the sizes lead nowhere; frequencies that differ by less than
+#: this share are the same, and those below this share of the square of the highest are
+#: rounding.
+NO_DISPLACEMENT, EQUAL_FREQUENCY, ROUNDING = 1e-12, 0.01, 1e-11
+#: Axes in which modes are seen.
+INERTIAL, ROTATING = "inertial", "rotating with each body"
+#: Accelerations below this part of those of the forces are rounding.
+FORCE_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Natural modes about a state.
+
+    Attributes
+    ----------
+    eigenvalues : (n,)
+        [1/s], one of each complex pair, by growing frequency.
+    frequencies : (n,)
+        |eigenvalue| / 2 pi [Hz].
+    damping_ratios : (n,)
+        -Re / |eigenvalue|; 1 or more (in size) without oscillation.
+    shapes : (n, velocity coordinates)
+        Complex, displacements in the body frames, the largest entry 1.
+    names
+        Of the velocity coordinates.
+    z, v
+        The state.
+    notes
+        What has to be known of it, and of the state.
+    warnings
+        Those of the notes that say that numbers may be wrong.
+    frame
+        The axes in which `eigenvalues`, `coordinate_frequencies` and `shapes` are seen.
+    inertial_frequencies : (n,)
+        [Hz] in axes that do not turn.
+    rotating_frequencies : (n,)
+        [Hz] in the axes of the bodies that move.
+    whirl : (n,)
+        Each mode "forward", "backward", or "" for none.
+    rigid : (n,)
+        True for rigid motions, whose eigenvalues are known exactly.
+    """
+
+    eigenvalues: np.ndarray
+    frequencies: Array
+    damping_ratios: Array
+    shapes: np.ndarray
+    names: tuple[str, ...]
+    z: Array
+    v: Array
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    frame: str = INERTIAL
+    inertial_frequencies: Array = field(default_factory=lambda: np.zeros(0))
+    rotating_frequencies: Array = field(default_factory=lambda: np.zeros(0))
+    whirl: tuple[str, ...] = ()
+    rigid: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+
+
+def linearise(
+    system: System,
+    about: str = "static",
+    state: tuple[Array, Array] | None = None,
+    time: float | None = None,
+    *,
+    frozen: bool = False,
+) -> Linearisation:
+    """Natural modes of a scene.
+
+    Parameters
+    ----------
+    about
+        "static", the static equilibrium, or "start", the assembled start with its
+        velocities.
+    state : (z_I, z_II)
+        Instead, as in a result's positions and velocities.
+    time
+        Of the drives at that state [s], default the start.
+    frozen
+        Give the modes of the instant also where the equations of small motions change
+        in time or the state is no steady motion; they do not describe a motion.
+
+    Raises
+    ------
+    InputError
+        There is no such state, or the start cannot be assembled, or friction of a joint
+        has no derivative there.
+    SimulationError
+        There is no static equilibrium, a body deforms by more than its own size in it,
+        the state is a singular configuration, its inertia is not positive, or it has no
+        modes, see `frozen`.
+    """
+    refuse_eliminated_joints(system)
+    system, notes_of_laws = with_continuous_laws(system)
+    of_state: tuple[str, ...] = ()
+    if about not in STATES:
+        raise InputError(f"found {about!r}", expected=f"one of {', '.join(STATES)}")
+    if state is not None:
+        system, _ = assemble(system)
+        z, v = (np.array(part, float) for part in state)
+        _check_size(system, z, v)
+        system, z, v = _with_integrated_rates(system, z, v)
+    elif about == "static":
+        found = static_equilibrium(system)
+        system, z, v, of_state = found.system, found.z, found.v, found.notes
+    else:
+        system, start = assemble(with_integrated_drives(system))
+        z, v = start.z, start.v
+    t = system.scene.time.start if time is None else time
+    mechanics = equations_at(system, t, z, v)
+    mechanics.set_scale(z, stiffness=0.0)
+    omegas, axes_notes = steady_axes(mechanics, z, v)
+    small = state_matrix(mechanics, z, v, omegas)
+    unsteady = _unsteady_notes(mechanics, small)
+    causes = unsteady or tuple(
+        text for text in axes_notes if text == CHANGING_EQUATIONS
+    )
+    if causes and not frozen:
+        raise SimulationError(f"there are no natural modes: {causes[0]}")
+    axes_notes = tuple(text for text in axes_notes if text != CHANGING_EQUATIONS)
+    unsteady = tuple(f"frozen values of one instant: {text}" for text in causes)
+    warnings = find_state_warnings(system, z[None])
+    notes = (
+        *warnings,
+        *of_state,
+        *unsteady,
+        *axes_notes,
+        *mechanics.notes(),
+        *notes_of_laws,
+    )
+    modes = _natural_modes(mechanics, small)
+    return replace(modes, notes=tuple(dict.fromkeys(notes)), warnings=warnings)
+
+
+def _unsteady_notes(mechanics: DenseEquations, small: SmallMotions) -> tuple[str, ...]:
+    """True if the state is far from rest and from steady motion, and what leaves it.
+
+    Near is where the equations, taken as linear, have such a state. It may be near and
+    have other modes: a column that nothing compresses yet accelerates, and is stiff.
+    """
+    matrix, motion, moved = (
+        small.matrix,
+        small.free_directions,
+        small.position_directions,
+    )
+    z, v, spins = small.z, small.v, small.omegas
+    mechanics.evaluate(z, v)
+    a, slow = mechanics.accelerations()[0], v / mechanics.scale
+    residual = motion.T @ (a - frame_rotation_matrix(mechanics, spins) @ slow)
+    force = np.abs(mechanics.force).max(initial=0.0)
+    force = max(force, mechanics.force_size(z))
+    mechanics.evaluate(z, v)
+    if np.abs(residual).max(initial=0.0) <= FORCE_ROUNDING * force:
+        return ()
+    forces = np.concatenate([np.zeros(len(matrix) - len(residual)), -residual])
+    shift = np.linalg.lstsq(matrix, forces, rcond=1e-10)[0]
+    sizes = coordinate_sizes(mechanics.system) / mechanics.scale
+    displacement = np.abs(moved @ shift) / sizes
+    remaining = np.abs(matrix @ shift - forces).max(initial=0.0)
+    names = velocity_names(mechanics.system)
+    first = names[int(np.argmax(np.abs(motion @ residual) / sizes))]
+    if displacement.max(
+        initial=0.0
+    ) < NEAR_STATE and remaining <= STEADY_RESIDUAL * np.abs(residual).max(initial=0.0):
+        if displacement.max(initial=0.0) < NO_DISPLACEMENT:
+            return ()
+        near_z = mechanics.displaced(z, moved @ shift)
+        near_matrix = state_matrix(mechanics, near_z, v, spins).matrix
+        mechanics.evaluate(z, v)
+        return _changed_mode_notes(matrix, near_matrix, first)
+    return (
+        f"the state is neither near rest nor near a steady motion, {first} "
+        "accelerates: modes tell of small motions about such states only",
+    )
+
+
+def _changed_mode_notes(here: Array, there: Array, first: str) -> tuple[str, ...]:
+    """True if the matrix of the state of rest beside the own has other frequencies."""
+    own, other = (np.sort(np.abs(np.linalg.eigvals(m))) for m in (here, there))
+    if own.shape != other.shape:
+        return ()
+    apart = np.abs(own**2 - other**2)
+    change = apart / np.maximum(own**2, ROUNDING * own.max(initial=0.0) ** 2)
+    k = int(np.argmax(change > 2 * EQUAL_FREQUENCY)) if len(change) else 0
+    if not len(change) or change[k] <= 2 * EQUAL_FREQUENCY:
+        return ()
+    f, g = (values[k] / (2.0 * np.pi) for values in (own, other))
+    return (
+        f"the state is near rest or steady motion, but {first} accelerates, so that "
+        f"loads which stiffen or soften are not there yet: {f:.4g} Hz here is {g:.4g} "
+        'Hz in that state; look about it, by initial = { state = "static" }',
+    )
+
+
+def _with_integrated_rates(
+    system: System, z: Array, v: Array
+) -> tuple[System, Array, Array]:
+    """The system whose drives of constant rate prescribe values, in the same state."""
+    integrated = with_integrated_drives(system)
+    if integrated is system:
+        return system, z, v
+    integrated, _ = assemble(integrated)
+    found = []
+    for names, part in ((position_names, z), (velocity_names, v)):
+        columns = {name: i for i, name in enumerate(names(system))}
+        if not columns.keys() >= set(names(integrated)):
+            return system, z, v
+        found.append(part[[columns[name] for name in names(integrated)]])
+    return integrated, found[0], found[1]
+
+
+def _check_size(system: System, z: Array, v: Array) -> None:
+    wanted = (system.n_positions,), (system.n_velocities,)
+    if (z.shape, v.shape) != wanted:
+        raise InputError(
+            f"the state has {z.size} positions and {v.size} velocities",
+            place="state",
+            expected=f"{wanted[0][0]} and {wanted[1][0]} of the same scene, compiled "
+            "in the same way",
+        )
+
+
+def _natural_modes(mechanics: DenseEquations, small: SmallMotions) -> Linearisation:
+    """Natural modes of the matrix of small motions, of pairs one, by frequency."""
+    z, v, spins = small.z, small.v, small.omegas
+    found = spectrum(mechanics, small)
+    order = np.argsort(np.abs(found.values), kind="stable")
+    kept = [k for k in order if found.values[k].imag >= 0.0]
+    values, rigid = found.values[kept], found.rigid[kept]
+    shapes = (small.position_directions @ found.vectors[:, kept]).T * mechanics.scale
+    for shape in shapes:
+        largest = shape[np.argmax(np.abs(shape))] if len(shape) else 1.0
+        shape /= largest if largest != 0.0 else 1.0
+    size = np.abs(values)
+    mechanics.evaluate(z, v)
+    is_rotating = bool(axis_angular_velocities(mechanics).any())
+    whirls = [
+        mode_whirl(mechanics, spins, float(abs(value.imag)), shape)
+        if is_rotating and value.imag
+        else Whirl((float(abs(value)),), float(abs(value)), "")
+        for value, shape in zip(values, shapes, strict=True)
+    ]
+    return Linearisation(
+        eigenvalues=values,
+        frequencies=size / (2.0 * np.pi),
+        damping_ratios=-values.real / np.where(size > 0.0, size, 1.0),
+        shapes=shapes,
+        names=velocity_names(mechanics.system),
+        z=z,
+        v=v,
+        frame=ROTATING if spins.any() else INERTIAL,
+        inertial_frequencies=np.array([w.inertial_frequencies[0] for w in whirls])
+        / (2.0 * np.pi),
+        rotating_frequencies=np.array([w.rotating_frequency for w in whirls])
+        / (2.0 * np.pi),
+        whirl=tuple(w.direction for w in whirls),
+        rigid=rigid,
+    )

@@ -1,0 +1,329 @@
+"""Static equilibrium: no velocity, no acceleration, all constraints met.
+
+On the null space N of the constraint Jacobian the applied forces vanish, N^T f = 0; the
+constraint forces balance the rest. Newton's method uses the stiffness of f + C^T lambda
+by central differences; where it is not positive definite, its absolute value, so that
+stable equilibria attract and unstable ones do not. With control laws the stiffness is
+not symmetric: it is shifted until x' = force decays in its neighbourhood.
+
+References
+----------
+Y. Dauphin et al.: Identifying and attacking the saddle point problem in
+high-dimensional non-convex optimization. NIPS 2014.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sidtool.formats.base.sid import Array
+from sidtool.formats.result import Result
+from sidtool.formats.scene.laws import Expression, Pid
+
+from ..diagnostics.body_loads import find_state_failure, find_state_warnings
+from ..diagnostics.failure_causes import lost_inertia_cause
+from ..diagnostics.implausible_values import implausible_value_warnings
+from ..initial_state.assembly import assemble
+from ..initial_state.constraint_jacobian import largest_residuals_text
+from ..initial_state.displacement_report import position_notes
+from ..output.columns import velocity_names
+from ..spatial import system_arrays as at
+from ..system.characteristic_sizes import coordinate_sizes
+from ..system.errors import SimulationError
+from ..system.system import System
+from ..system.work_arrays import new_work_arrays
+from .analysis_results import MotionState, result_of_states
+from .dense_equations import DenseEquations, null_space, refuse_eliminated_joints
+from .frozen_inputs import (
+    state_entries,
+    with_constant_drives,
+    with_constant_inputs,
+    with_continuous_laws,
+    with_law_states,
+)
+
+MAX_ITERATIONS = 300
+#: Forces that drive the motion vanish when below this part of the single forces, the
+#: largest ones met: nothing is left of the sum of forces that balance.
+FORCE_TOLERANCE = 1e-10
+#: Perturbation of positions, relative to the size of the mechanism.
+PERTURBATION = 1e-5
+#: Largest rotation [rad], and displacement in sizes of the mechanism, of one step.
+LARGEST_STEP = 0.3
+#: Joints are closed when they are open by less, relative to their sizes.
+RESIDUAL_TOLERANCE = 1e-10
+#: Scaled stiffnesses are kept above this part of the largest one and of the forces.
+MIN_STIFFNESS = 1e-12
+#: An equilibrium is unstable with a negative stiffness above this part of the largest
+#: one: differences do not tell less from none.
+UNSTABLE_STIFFNESS = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A state of rest.
+
+    Attributes
+    ----------
+    z, v : (n positions,)
+        (n velocities,); only states of laws have a v.
+    multipliers : (rows,)
+        Forces of the joints and drives.
+    residual
+        What is left of the forces, relative to them.
+    iterations
+        Newton steps taken.
+    system
+        The assembled scene, its drives and forces held at their values.
+    notes
+        What has to be known of it.
+    warnings
+        Those of the notes that say that numbers may be wrong.
+    """
+
+    z: Array
+    v: Array
+    multipliers: Array
+    residual: float
+    iterations: int
+    system: System
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def result(self) -> Result:
+        """The scene's outputs in equilibrium, as a result of one time."""
+        nothing = np.zeros(self.system.n_velocities)
+        no_friction = np.zeros(len(self.system.friction_joints))
+        state = MotionState(self.z, self.v, nothing, self.multipliers, no_friction)
+        times = np.array([self.system.scene.time.start])
+        kind = "static equilibrium"
+        return result_of_states(self.system, kind, times, [state], notes=self.notes)
+
+
+def static_equilibrium(system: System) -> Equilibrium:
+    """The static equilibrium nearest downhill from the start of a scene.
+
+    Drives and functions of time hold their values at the start: nothing moves, and no
+    inertia of their rates is left. So do the states of the laws of drives.
+
+    Raises
+    ------
+    InputError
+        The start position cannot be assembled.
+    SimulationError
+        There is no equilibrium near, a body may fall freely, joints come apart on the
+        way there, or a body deforms by more than its own size; its `result` holds such
+        a state.
+    """
+    refuse_eliminated_joints(system)
+    system, law_notes = with_continuous_laws(system)
+    system, start = assemble(system)
+    least = system.scene.accuracy.rtol
+    assembly_notes = tuple(
+        position_notes(system, new_work_arrays(system), start, least)
+    )
+    system, t = with_constant_inputs(system), system.scene.time.start
+    at_rest = with_constant_drives(with_law_states(system))
+    mechanics = DenseEquations(at_rest, t, 0.5 * (t + system.breaks[0]))
+    mechanics.set_scale(start.z)
+    state_positions, velocities = state_entries(system)
+    start.z[state_positions] = start.v[velocities]
+    z = mechanics.closed(start.z)
+    best, largest = np.inf, mechanics.force_size(z)
+    for iteration in range(MAX_ITERATIONS):
+        motion, force, multipliers, size = _force_balance(mechanics, z)
+        largest = max(largest, size)
+        if np.linalg.norm(force) >= FORCE_TOLERANCE * largest:
+            largest = max(largest, mechanics.force_size(z))
+        residual = float(np.linalg.norm(force) / max(largest, 1e-300))
+        if motion.shape[1] == 0 or residual < FORCE_TOLERANCE or size == 0.0:
+            warnings = find_state_warnings(system, z[None])
+            notes = (
+                *warnings,
+                *_check_equilibrium(mechanics, motion),
+                *force_limit_notes(system, mechanics.work),
+            )
+            notes += _stability_notes(mechanics, z, motion, multipliers)
+            notes += (*implausible_value_warnings(system), *assembly_notes, *law_notes)
+            notes += _friction_notes(system)
+            v = np.zeros(system.n_velocities)
+            v[velocities] = z[state_positions]
+            found = Equilibrium(
+                z, v, multipliers, residual, iteration, system, notes, warnings
+            )
+            if failure := find_state_failure(system, z[None]):
+                meaningless = replace(found.result(), completed=False, message=failure)
+                raise SimulationError(failure, meaningless)
+            return found
+        step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
+        z = _line_search(mechanics, z, step, motion @ force)
+        best = min(best, residual)
+    cause = "; ".join(force_limit_notes(system, mechanics.work)) or (
+        "a body may be free to fall or to fly away"
+    )
+    raise SimulationError(
+        f"no static equilibrium found in {MAX_ITERATIONS} steps: the unbalanced part "
+        f"of the forces is {best:.1e}, largest at "
+        f"{_most_loaded_body(system, motion @ force)}; "
+        f"{cause}" + "".join(f"; {text}" for text in implausible_value_warnings(system))
+    )
+
+
+def _most_loaded_body(system: System, force: Array) -> str:
+    """The body that unbalanced forces (n velocities,) push most."""
+    work = np.abs(force) * coordinate_sizes(system)
+    largest = int(np.argmax(work))
+    for row, body in zip(system.arrays.body, system.bodies, strict=True):
+        if row[at.VEL] <= largest < row[at.VEL] + row[at.NV]:
+            return body.name
+    return "no body"
+
+
+def _check_equilibrium(mechanics: DenseEquations, motion: Array) -> tuple[str, ...]:
+    """What has to be known of the equilibrium that was evaluated last.
+
+    Parameters
+    ----------
+    motion : (n velocities, n free)
+        The directions that the constraints leave.
+
+    Raises
+    ------
+    SimulationError
+        Joints are open in it.
+    """
+    if mechanics.scaled_residual > RESIDUAL_TOLERANCE:
+        where = largest_residuals_text(mechanics.system, mechanics.residual)
+        raise SimulationError(f"no static equilibrium keeps the joints closed: {where}")
+    cause = lost_inertia_cause(mechanics.system, mechanics.work)
+    if not cause or _has_inertia(mechanics, motion):
+        return ()
+    return (f"simulate cannot start in this equilibrium: {cause.removeprefix('; ')}",)
+
+
+def _has_inertia(mechanics: DenseEquations, motion: Array) -> bool:
+    """True if the mass matrix is positive definite along the free directions.
+
+    A body whose own mass matrix is not may have a prescribed frame.
+    """
+    mass = motion.T @ mechanics.mass @ motion
+    if not np.isfinite(mass).all():
+        return False
+    values = np.linalg.eigvalsh(0.5 * (mass + mass.T))
+    return bool((values > 0.0).all())
+
+
+def _friction_notes(system: System) -> tuple[str, ...]:
+    """What joints with friction leave open."""
+    names = ", ".join(rub.joint for rub in system.friction_joints)
+    if not names:
+        return ()
+    return (
+        f"the equilibrium is that without friction; with the friction of {names} the "
+        "scene rests in states around it, too",
+    )
+
+
+def _stability_notes(
+    mechanics: DenseEquations, z: Array, motion: Array, multipliers: Array
+) -> tuple[str, ...]:
+    """True if the least disturbance leads away, and what moves most then."""
+    states = len(state_entries(mechanics.system)[0])
+    if motion.shape[1] == 0 or states:
+        return ()
+    stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
+    values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
+    if values[0] >= -UNSTABLE_STIFFNESS * np.abs(values).max():
+        return ()
+    direction = np.abs(motion @ vectors[:, 0])
+    name = velocity_names(mechanics.system)[int(direction.argmax())]
+    return (f"the equilibrium is unstable: the least disturbance moves {name} away",)
+
+
+def _force_balance(
+    mechanics: DenseEquations, z: Array
+) -> tuple[Array, Array, Array, float]:
+    """Free directions, force along them, multipliers, and the size of all forces."""
+    mechanics.evaluate(z, np.zeros(mechanics.system.n_velocities))
+    C, f = mechanics.jacobian, mechanics.force
+    motion = null_space(C)
+    return motion, motion.T @ f, mechanics.multipliers(-f), float(np.linalg.norm(f))
+
+
+def _newton_step(
+    mechanics: DenseEquations, z: Array, motion: Array, force: Array, multipliers: Array
+) -> Array:
+    stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
+    softest = MIN_STIFFNESS * max(np.abs(stiffness).max(), float(np.linalg.norm(force)))
+    if any(element.code for element in mechanics.system.forces):
+        least = float(np.linalg.eigvals(stiffness).real.min())
+        shift = max(0.0, softest - 2.0 * least) if least < softest else 0.0
+        shifted = stiffness + shift * np.eye(len(force))
+        return np.asarray(np.linalg.solve(shifted, force), np.float64)
+    values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
+    if values[0] > softest:
+        return np.asarray(np.linalg.solve(stiffness, force), np.float64)
+    positive = np.maximum(np.abs(values), softest)
+    return vectors @ ((vectors.T @ force) / positive)
+
+
+def tangent_stiffness(
+    mechanics: DenseEquations, z: Array, motion: Array, multipliers: Array
+) -> Array:
+    """-N^T d(f + C^T lambda)/dz N at rest, by central differences."""
+    system = mechanics.system
+    rest = np.zeros(system.n_velocities)
+    columns = []
+    for direction in motion.T:
+        delta = PERTURBATION / max(_largest_extent(mechanics, direction), 1e-300)
+        forces = []
+        for sign in (1.0, -1.0):
+            moved = mechanics.displaced(z, sign * delta * direction)
+            mechanics.evaluate(moved, rest)
+            forces.append(mechanics.force + mechanics.jacobian.T @ multipliers)
+        columns.append((forces[1] - forces[0]) / (2.0 * delta))
+    return motion.T @ np.column_stack(columns)
+
+
+def _largest_extent(mechanics: DenseEquations, x: Array) -> float:
+    """Largest share of the size of the mechanism, or of a radian, in a tangent."""
+    return float(
+        np.max(np.abs(x * mechanics.scale) / coordinate_sizes(mechanics.system))
+    )
+
+
+def _line_search(
+    mechanics: DenseEquations, z: Array, step: Array, force: Array
+) -> Array:
+    """A step that is not too large, and at whose end the force is not reversed."""
+    step = step * min(1.0, LARGEST_STEP / max(_largest_extent(mechanics, step), 1e-300))
+    work = float(force @ step)
+    moved = z
+    for _ in range(12):
+        moved = mechanics.closed(mechanics.displaced(z, step))
+        motion, remaining, _, _ = _force_balance(mechanics, moved)
+        if float((motion @ remaining) @ step) > -0.5 * abs(work) or work <= 0.0:
+            return moved
+        step, work = 0.5 * step, 0.5 * work
+    return moved
+
+
+#: A value is at a limit within this part of it, which differences do not blur.
+LIMIT_TOLERANCE = 1e-9
+
+
+def force_limit_notes(system: System, work: at.WorkArrays) -> Iterator[str]:
+    """What is said of forces that are at a limit in the state evaluated last."""
+    for k, element in enumerate(system.forces):
+        force = system.scene.forces.get(element.name) if element.is_force else None
+        law = getattr(force, "function", None)
+        limits = law.limits if isinstance(law, Expression | Pid) else None
+        if not element.code or limits is None:
+            continue
+        value = float(work.force_scale[k])
+        for limit in limits:
+            if abs(value - limit) <= LIMIT_TOLERANCE * abs(limit):
+                yield f"{element.name} is at its limit of {limit:g}"

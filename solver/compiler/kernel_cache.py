@@ -1,0 +1,260 @@
+"""Cache of compiled kernels on disk: one file per kernel, complete or absent.
+
+A file holds a checksum, the key of the kernel and its machine code. A file that cannot
+be read, does not fit the key or may have been written by another user is ignored. The
+key is a digest of the kernel with all functions and constants that it refers to, of
+the compiler of this package and of the environment.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import CodeType, FunctionType
+from typing import Any
+
+from numba import types
+
+from sidtool.formats.base.errors import InputError, warn_caller
+from sidtool.formats.storage.atomic import atomic_path
+from sidtool.formats.storage.operating_system import (
+    Untrusted,
+    cache_folder,
+    create_file,
+    make_trusted_folder,
+    read_trusted,
+)
+from sidtool.formats.storage.unreadable import failure_reason
+
+from .arrays import PointerType
+from .tables import TableType
+
+MAGIC = b"sidtool kernel 1\n"
+#: Bytes of the checksum and of the length of the key.
+DIGEST_SIZE, LENGTH_SIZE = 32, 8
+#: Permissions of a file: others may use what an administrator has compiled.
+MODE = 0o644
+COMPILER_FOLDER = Path(__file__).resolve().parent
+
+_warned: set[str] = set()
+
+
+class KernelCacheWarning(UserWarning):
+    """Compiled kernels cannot be kept, or what was kept is damaged."""
+
+
+def cache_folders() -> list[Path]:
+    """Where kernels are looked for, and written if possible: the first comes first.
+
+    The folder in NUMBA_CACHE_DIR, or the package and, behind it, the user's cache.
+    """
+    package = hashlib.sha256(os.fsencode(COMPILER_FOLDER)).hexdigest()[:16]
+    configured = os.environ.get("NUMBA_CACHE_DIR")
+    if configured:
+        return [Path(configured).absolute() / f"sidtool-{package}"]
+    found, users = [COMPILER_FOLDER / "__pycache__"], cache_folder()
+    return found if users is None else [*found, users / package]
+
+
+def read_code(name: str, key: str) -> bytes | None:
+    """The machine code in a file, if it is whole and of this key."""
+    for folder in cache_folders():
+        path = folder / name
+        try:
+            content = read_trusted(path, _trusted_like(folder))
+        except Untrusted as error:
+            text = f"{error.filename}: {failure_reason(error)}"
+            warn_once("untrusted", f"{text}; its kernels are compiled anew")
+            continue
+        except OSError:
+            continue
+        try:
+            found, code = _decode(content)
+        except ValueError:
+            warn_once("damaged", f"{path} is damaged: what it held is compiled anew")
+            continue
+        if found == key:
+            return code
+    return None
+
+
+def write_code(name: str, key: str, code: bytes) -> None:
+    """Stores machine code where that is possible."""
+    content = _encode(key, code)
+    failures = []
+    for folder in cache_folders():
+        try:
+            make_trusted_folder(folder, _trusted_like(folder))
+            path = folder / name
+            with atomic_path(path, keep_beside=False, mode=MODE) as temporary:
+                temporary.write_bytes(content)
+            return
+        except OSError as error:
+            failures.append(f"{folder} ({failure_reason(error)})")
+        except InputError as error:
+            failures.append(f"{folder} ({error.problem})")
+    _warn_unwritable(failures)
+
+
+def is_writable() -> bool:
+    """True if kernels can be kept at all; says so if they cannot."""
+    failures = []
+    for folder in cache_folders():
+        try:
+            make_trusted_folder(folder, _trusted_like(folder))
+            create_file(folder, ".sidtool-", ".tmp").unlink()
+            return True
+        except OSError as error:
+            failures.append(f"{folder} ({failure_reason(error)})")
+    _warn_unwritable(failures)
+    return False
+
+
+def _trusted_like(folder: Path) -> Path | None:
+    """The package beside whose code kernels stand: who may change that is trusted."""
+    return (
+        folder.parent
+        if folder.parent == COMPILER_FOLDER and COMPILER_FOLDER.is_dir()
+        else None
+    )
+
+
+def has_failed_to_write() -> bool:
+    """True if this process has failed to keep a kernel."""
+    return "unwritable" in _warned
+
+
+def warn_once(kind: str, text: str) -> None:
+    """Warns once of each kind of trouble."""
+    if kind not in _warned:
+        _warned.add(kind)
+        warn_caller(text, KernelCacheWarning)
+
+
+def _warn_unwritable(failures: list[str]) -> None:
+    if "untrusted" in _warned:
+        _warned.add("unwritable")
+    warn_once(
+        "unwritable",
+        f"compiled kernels cannot be kept in {', '.join(failures)}: "
+        "every run compiles them anew; "
+        "NUMBA_CACHE_DIR may name another folder",
+    )
+
+
+def _encode(key: str, code: bytes) -> bytes:
+    text = key.encode()
+    body = len(text).to_bytes(LENGTH_SIZE, "little") + text + code
+    return MAGIC + hashlib.sha256(body).digest() + body
+
+
+def _decode(content: bytes) -> tuple[str, bytes]:
+    """Key and machine code.
+
+    Raises
+    ------
+    ValueError
+        These are not the bytes that were written.
+    """
+    start = len(MAGIC) + DIGEST_SIZE
+    head, body = content[:start], content[start:]
+    if head != MAGIC + hashlib.sha256(body).digest():
+        raise ValueError("checksum")
+    end = LENGTH_SIZE + int.from_bytes(body[:LENGTH_SIZE], "little")
+    return body[LENGTH_SIZE:end].decode(), body[end:]
+
+
+#: Globals that kernels take into their code; others only share a name with a field.
+HASHED_TYPES = (bool, int, float, complex, str, tuple, types.Type)
+#: What decides beside the code of a kernel what becomes of it.
+COMPILER_MODULES = (
+    "compiler.kernels",
+    "compiler.inner_kernels",
+    "compiler.fast_lowering",
+    "compiler.kernel_cache",
+    "compiler.tables",
+    "compiler.arrays",
+    "compiler.records",
+    "compiler.vectors",
+    "spatial.algebra",
+    "spatial.system_arrays",
+    "spatial.dimension",
+)
+
+
+def kernel_digest(function: FunctionType, signatures: tuple[Any, ...]) -> str:
+    """Of a kernel with all that it calls.
+
+    Its name is a part: kernels of plane and of space are written once.
+    """
+    texts = [function.__qualname__, *map(_type_text, signatures)]
+    texts.append(_function_text(function, {}))
+    return _digest("\n".join(texts))
+
+
+@cache
+def compiler_digest() -> str:
+    """Of our own code that turns kernels into machine code."""
+    solver = __package__.rpartition(".")[0]
+    modules = [import_module(f"{solver}.{name}") for name in COMPILER_MODULES]
+    sources = [m.__loader__.get_data(m.__file__) for m in modules]  # type: ignore
+    return hashlib.sha256(b"".join(sources)).hexdigest()
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _type_text(kind: Any) -> str:
+    """A signature with the fields of its tables."""
+    if hasattr(kind, "args") and hasattr(kind, "return_type"):
+        return " ".join(_type_text(t) for t in (kind.return_type, *kind.args))
+    if isinstance(kind, PointerType):
+        return _type_text(kind.signature)
+    if isinstance(kind, TableType):
+        members = (t for t in kind.members.values() if t is not kind)
+        return f"{kind}{kind.fields}({' '.join(map(_type_text, members))})"
+    return str(kind)
+
+
+def _function_text(function: FunctionType, seen: dict[CodeType, int]) -> str:
+    """Bytecode and constants of a function and of everything it refers to."""
+    code = function.__code__
+    if code in seen:
+        return f"<{seen[code]}>"
+    seen[code] = len(seen)
+    parts = [_code_text(code), repr(function.__defaults__)]
+    scope = {name: function.__globals__.get(name) for name in _looked_up_names(code)}
+    cells = function.__closure__ or ()
+    enclosed = {
+        n: c.cell_contents for n, c in zip(code.co_freevars, cells, strict=True)
+    }
+    for name, value in (scope | enclosed).items():
+        # kernels and numba's functions have a py_func, intrinsics a _defn
+        python = getattr(value, "py_func", None) or getattr(value, "_defn", None)
+        either = getattr(value, "py_funcs", () if python is None else (python,))
+        if either:
+            parts += [_function_text(function, seen) for function in either]
+        elif isinstance(value, HASHED_TYPES):
+            parts.append(f"{name}={value!r}")
+        elif isinstance(value, FunctionType):
+            parts.append(f"{name}={value.__qualname__}")
+    return " ".join(parts)
+
+
+def _code_text(code: CodeType) -> str:
+    """Bytecode, names and constants, also of functions within."""
+    parts = [code.co_code.hex(), repr(code.co_varnames), repr(code.co_names)]
+    for constant in code.co_consts:
+        within = isinstance(constant, CodeType)
+        parts.append(_code_text(constant) if within else repr(constant))
+    return " ".join(parts)
+
+
+def _looked_up_names(code: CodeType) -> list[str]:
+    """Names that a function and those within it look up."""
+    within = [c for c in code.co_consts if isinstance(c, CodeType)]
+    return [*code.co_names, *(name for c in within for name in _looked_up_names(c))]

@@ -1,0 +1,216 @@
+"""Machine code of kernels: compilation, loading and the call from Python.
+
+numba translates a kernel and each kernel that it calls to LLVM; the units are linked,
+optimised as a whole and compiled to an object file, which is cached on disk (see
+`kernel_cache`) and loaded into the process. An entry kernel is one that Python calls,
+or that other kernels call through a pointer.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import platform
+from collections.abc import Callable
+from functools import cache, cached_property
+from types import FunctionType
+from typing import Any
+
+import llvmlite
+import numba
+from llvmlite import binding as llvm
+from numba import types
+
+from . import kernel_cache
+from .arrays import CHECKED, ViewType, array_words
+from .inner_kernels import Unit, compile_unit, inner, lock
+from .kernel_cache import compiler_digest, kernel_digest
+from .tables import TableType
+
+#: What machine code is called by.
+ENTRY_SYMBOL = "sidtool_kernel"
+#: How names begin that are not of the C library.
+PYTHON_SYMBOLS = "numba", "NRT_", "Py", "_Py"
+_engines: list[Any] = []
+
+
+@cache
+def environment() -> str:
+    """The processor, and the versions of everything else that compiles."""
+    versions = f"numba {numba.__version__} llvmlite {llvmlite.__version__}"
+    python = f"{platform.python_implementation()} {platform.python_version()}"
+    processor = f"{llvm.get_process_triple()} {' '.join(_processor())}"
+    return f"{python} {versions} {processor}{' checked' if CHECKED else ''}"
+
+
+@cache
+def _processor() -> tuple[str, str]:
+    """Name and features."""
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def _new_target() -> Any:
+    """What knows the processor. One that loads code is freed with what it loaded."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    cpu, features = _processor()
+    return llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
+        cpu=cpu, features=features, opt=3, codemodel="jitdefault", jit=True
+    )
+
+
+_target = cache(_new_target)
+
+
+def compile_kernel(function: FunctionType, signature: Any) -> bytes:
+    """The machine code of a kernel with all that it calls: an object file."""
+    with lock:
+        module = _link_units(compile_unit(function, signature))
+        _optimise(module)
+        _refuse_python(function, module)
+        code: bytes = _target().emit_object(module)
+    return code
+
+
+def _link_units(entry: Unit) -> Any:
+    """One module, in which nothing but the entry is seen from outside."""
+    module = llvm.parse_assembly("")
+    for unit in entry.with_callees():
+        module.link_in(llvm.parse_assembly(unit.text))
+    for values in (module.functions, module.global_variables):
+        for value in values:
+            if not value.is_declaration and value.name != entry.name:
+                value.linkage = "internal"
+    module.get_function(entry.name).name = ENTRY_SYMBOL
+    return module
+
+
+def _optimise(module: Any) -> None:
+    """Loops here are short: to vectorise them takes longer, to compile and to run.
+
+    To unroll them doubles the machine code and its cost, and saves no time in a step.
+    """
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization = options.slp_vectorization = False
+    options.loop_unrolling = False
+    builder = llvm.create_pass_builder(_target(), options)
+    builder.getModulePassManager().run(module, builder)
+
+
+def _refuse_python(function: FunctionType, module: Any) -> None:
+    """Raises TypeError where a kernel may raise or allocate: nobody would be told."""
+    names = [f.name for f in module.functions if f.is_declaration]
+    forbidden = [name for name in names if name.startswith(PYTHON_SYMBOLS)]
+    if forbidden:
+        raise TypeError(f"{function.__qualname__} needs {', '.join(forbidden)}")
+
+
+def load_object_code(code: bytes) -> int:
+    """The address of a kernel in this process, where it stays."""
+    with lock:
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _new_target())
+        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        engine.finalize_object()
+        _engines.append(engine)
+        return int(engine.get_function_address(ENTRY_SYMBOL))
+
+
+__all__ = ["Entry", "entry", "inner"]
+
+#: How numbers get into machine code and out of it.
+C_TYPES = {
+    types.float64: ctypes.c_double,
+    types.int64: ctypes.c_int64,
+    types.void: None,
+}
+
+
+class Entry:
+    """A kernel that Python calls, or that other kernels call through a pointer."""
+
+    def __init__(self, function: FunctionType, signatures: tuple[Any, ...]) -> None:
+        self.signatures = signatures
+        self._function = function
+        self._addresses: dict[Any, int] = {}
+
+    @cached_property
+    def code_digest(self) -> str:
+        """Tells one version of a kernel, with all that it calls, from another."""
+        return kernel_digest(self._function, self.signatures)
+
+    def address(self, signature: Any) -> int:
+        """Of the machine code for one signature; compiles or loads it once."""
+        if signature not in self._addresses:
+            with lock:
+                if signature not in self._addresses:
+                    self._addresses[signature] = load_object_code(self._code(signature))
+        return self._addresses[signature]
+
+    def is_cached(self, signature: Any) -> bool:
+        """True if the machine code is there already, loaded or on disk."""
+        return signature in self._addresses or self.cached_code(signature) is not None
+
+    def cached_code(self, signature: Any) -> bytes | None:
+        """The machine code on disk."""
+        return kernel_cache.read_code(*self.cache_location(signature))
+
+    def cache_location(self, signature: Any) -> tuple[str, str]:
+        """Name of the file, one for all versions of the code, and the full key."""
+        name = f"{self._function.__module__}.{self._function.__qualname__}"
+        slot = f"{name} {signature} {environment()}"
+        digest = hashlib.sha256(slot.encode()).hexdigest()[:16]
+        file = f"{name.rpartition('.')[2]}-{digest}.kernel"
+        return file, f"{slot} compiler {compiler_digest()} code {self.code_digest}"
+
+    def _code(self, signature: Any) -> bytes:
+        code = self.cached_code(signature)
+        if code is None:
+            code = compile_kernel(self._function, signature)
+            kernel_cache.write_code(*self.cache_location(signature), code)
+        return code
+
+    def python_callable(self, signature: Any) -> Callable[..., Any]:
+        """For callers in Python, with one signature."""
+        return _python_wrapper(self.address(signature), signature)
+
+    @cached_property
+    def _default_callable(self) -> Callable[..., Any]:
+        return self.python_callable(self.signatures[0])
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Of a kernel with several signatures the first is meant."""
+        return self._default_callable(*arguments)
+
+
+def entry(*signatures: Any) -> Callable[[Any], Entry]:
+    """An entry kernel for the given signatures."""
+    return lambda function: Entry(function, signatures)
+
+
+def _python_wrapper(address: int, signature: Any) -> Callable[..., Any]:
+    """A function of tables, arrays and numbers; what calls it holds them meanwhile."""
+    kinds = [_argument_conversion(kind) for kind in signature.args]
+    returned = C_TYPES[signature.return_type]
+    words = [word for listed, _ in kinds for word in listed]
+    function = ctypes.PYFUNCTYPE(returned, *words)(address)
+    converters = [way for _, way in kinds]
+
+    def call(*arguments: Any) -> Any:
+        passed: list[Any] = []
+        for converter, argument in zip(converters, arguments, strict=True):
+            passed += converter(argument)
+        return function(*passed)
+
+    return call
+
+
+def _argument_conversion(kind: Any) -> tuple[list[Any], Callable[[Any], list[Any]]]:
+    """What becomes of an argument: types of words, and the words of a value."""
+    if isinstance(kind, TableType):
+        return [ctypes.c_void_p], lambda table: [kind.checked(table).address]
+    if isinstance(kind, ViewType):
+        words: list[Any] = [ctypes.c_void_p, *[ctypes.c_int64] * kind.ndim]
+        return words, lambda array: array_words(kind, array)
+    if kind == types.complex128:
+        return [ctypes.c_double] * 2, lambda z: [z.real, z.imag]
+    return [C_TYPES[kind]], lambda number: [number]

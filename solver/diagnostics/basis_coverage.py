@@ -1,0 +1,269 @@
+"""Loads in directions that the shape functions of a body hardly represent.
+
+A modal basis often lacks the shapes that stretch or twist a body: no shape function
+moves a marker in the direction of a load, for which the body is then rigid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sidtool.formats.base.sid import SID, Array, Node
+from sidtool.formats.scene import PointForce, SceneFile, marker_names, marker_reference
+
+from ..initial_state.assembly import StateVectors
+from ..initial_state.constraint_jacobian import InitialState
+from ..initial_state.contradictions import (
+    LARGE_SCENE,
+    remove_deformation,
+    undeformed_state,
+)
+from ..spatial import system_arrays as at
+from ..system.rotations import to_rotation_matrices
+from ..system.system import ConstraintRows, System
+from .basis_quality import (
+    Load,
+    is_poorly_represented,
+    is_unassessed,
+    poor_direction_notes,
+    poor_inertia_notes,
+    suggested_shapes,
+    unassessed_loads,
+)
+
+#: Shape functions move a marker when they do so by more than this part of what they
+#: move any node of the body.
+MIN_DISPLACEMENT = 1e-9
+#: A direction is that of an axis when its cosine is closer to one than this.
+AXIS_COSINE = 1e-6
+
+#: Where a load acts: body and marker.
+LoadPosition = tuple[str, str]
+RigidDirections = dict[LoadPosition, dict[str, str]]
+
+
+def unrepresented_loads(system: System, start: StateVectors) -> Iterator[str]:
+    """One sentence for each body and marker that is loaded where shapes are missing.
+
+    Parameters
+    ----------
+    start
+        The assembled start of the system.
+    """
+    ends = _loaded_markers(system.scene)
+    checks = (_may_be_rigid, is_poorly_represented, is_unassessed)
+    if any(doubt(system, *end) for doubt in checks for end in ends):
+        loads = list(_body_loads(system, start))
+        yield from _rigid_directions(system, loads)
+        yield from poor_direction_notes(system, loads)
+        yield from unassessed_loads(system, loads)
+    yield from poor_inertia_notes(system, start)
+
+
+def _body_loads(system: System, start: StateVectors) -> Iterator[Load]:
+    """What joints and forces do to flexible bodies at the start."""
+    if system.full_joint_system.n_rows > LARGE_SCENE:
+        return
+    state = undeformed_state(system, system.scene.time.start, start.z, start.v)
+    remove_deformation(state)
+    yield from _joint_loads(state)
+    yield from _force_loads(state)
+
+
+def _rigid_directions(system: System, loads: list[Load]) -> Iterator[str]:
+    """Of markers that no shape function moves where they are loaded."""
+    found: RigidDirections = {}
+    for load in loads:
+        _find_rigid_direction(system, *load, found)
+    for (body, marker), directions in found.items():
+        names = list(dict.fromkeys(directions.values()))
+        shapes = suggested_shapes(system.bodies[system.index(body)].sid)
+        yield (
+            f"{body} is rigid {' and '.join(directions)} at {marker}, where "
+            f"{', '.join(names)} {'load' if names[1:] else 'loads'} it: no shape "
+            f"function moves that; {shapes} with this marker among the interfaces do"
+        )
+
+
+def _loaded_markers(scene: SceneFile) -> set[tuple[str, str]]:
+    """Bodies and markers that joints and forces load."""
+    texts = [t for joint in scene.joints.values() for t in marker_names(joint)]
+    forces = [f for f in scene.forces.values() if isinstance(f, PointForce)]
+    return {marker_reference(t) for t in (*texts, *(f.marker for f in forces))}
+
+
+def _may_be_rigid(system: System, body: str, marker: str) -> bool:
+    """True if a force or a moment in some direction could leave a marker in its place.
+
+    False if the shape functions move and turn it in all directions.
+    """
+    data = system.bodies[system.index(body)]
+    if not data.is_scene_body or not data.sid.nq:
+        return False
+    node = data.node(marker)
+    if _is_frame_node(data.sid, node):
+        return False
+    move, turn = (slice(2), slice(2, 3)) if system.planar else (slice(3), slice(3))
+    least = MIN_DISPLACEMENT * data.sid.nq**0.5
+    return any(
+        len(shapes) > data.sid.nq
+        or np.linalg.svd(shapes, compute_uv=False)[-1] <= least * largest
+        for shapes, largest in (
+            (node.phi.m0[move], _largest_shape_entry(data.sid)),
+            (node.psi.m0[turn], _largest_rotation_entry(data.sid)),
+        )
+    )
+
+
+def _joint_loads(state: InitialState) -> Iterator[Load]:
+    """Constraint forces: rows of C hold their directions, rigid and elastic."""
+    system = state.system
+    owner = {
+        i: row.name for row in system.rows for i in range(row.first, _end_row(row))
+    }
+    for row, b, offset in system.arrays.segment:
+        body = system.bodies[b]
+        table = system.arrays.body[b]
+        rd, nq = int(table[at.RD]), int(table[at.NQ])
+        if not nq or not rd or not body.is_scene_body:
+            continue
+        joint = system.scene.joints.get(owner[row])
+        for text in marker_names(joint) if joint is not None else ():
+            name, marker = marker_reference(text)
+            if name != body.name:
+                continue
+            C = state.work.C[offset : offset + rd + nq]
+            axes = 2 if system.planar else 3
+            f, m = _row_as_3d(C[:axes]), _row_as_3d(C[axes:rd], turn=True)
+            m = m - np.cross(body.node(marker).position, f)
+            if np.linalg.norm(f) > MIN_DISPLACEMENT:
+                m = np.zeros(3)
+            yield (name, marker), f, m, owner[row]
+
+
+def _force_loads(state: InitialState) -> Iterator[Load]:
+    """Forces and torques at markers, by their directions at the start."""
+    system = state.system
+    for name, force in system.scene.forces.items():
+        if not isinstance(force, PointForce):
+            continue
+        body, marker = marker_reference(force.marker)
+        b = system.index(body)
+        if not system.bodies[b].is_scene_body or not system.bodies[b].sid.nq:
+            continue
+        R = _orientation(state, b)
+        if force.axes == "marker":
+            R = np.asarray(system.bodies[b].node(marker).AP.m0).T
+        f = R.T @ _pad_vector(force.force)
+        torque = np.ravel(force.torque or 0.0)
+        turn = torque if len(torque) == 3 else np.array([0.0, 0.0, torque[0]])
+        for kind, vector in enumerate((f, R.T @ turn)):
+            if np.any(vector):
+                pair = [np.zeros(3), np.zeros(3)]
+                pair[kind] = vector
+                yield (body, marker), pair[0], pair[1], name
+
+
+def _find_rigid_direction(
+    system: System,
+    position: LoadPosition,
+    f: Array,
+    m: Array,
+    owner: str,
+    found: RigidDirections,
+) -> None:
+    """Enters a force f or a moment m at a marker that does not deform its body."""
+    body = system.bodies[system.index(position[0])]
+    sid, node = body.sid, body.node(position[1])
+    is_moment = bool(np.any(m))
+    largest = _largest_shape_entry(sid)
+    is_at_origin = (
+        not node.position.any() and not is_moment and _is_zero(node.phi.m0, largest)
+    )
+    if is_at_origin or _is_frame_node(sid, node):
+        return
+    vector = m if is_moment else _chord_component(sid, node, f, largest)
+    if is_moment:
+        largest = _largest_rotation_entry(sid)
+    displacement = vector @ (node.psi if is_moment else node.phi).m0
+    size = float(np.linalg.norm(vector))
+    if size > 0.0 and _is_zero(displacement, size * largest):
+        direction_text = (
+            f"{'about' if is_moment else 'along'} {_direction_text(vector / size)}"
+        )
+        found.setdefault(position, {}).setdefault(direction_text, owner)
+
+
+def _largest_shape_entry(sid: SID) -> float:
+    """The size of what shape functions move, also if they turn the nodes only."""
+    size = max(float(np.abs(n.position).max(initial=0.0)) for n in sid.nodes)
+    moved = [float(np.abs(n.phi.m0).max(initial=0.0)) for n in sid.nodes]
+    turned = [float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes]
+    return max(*moved, *(size * turn for turn in turned)) or 1.0
+
+
+def _largest_rotation_entry(sid: SID) -> float:
+    return max(float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes) or 1.0
+
+
+def _is_frame_node(sid: SID, node: Node) -> bool:
+    """True if the body frame moves with a node: no shape function does."""
+    moved, turned = (
+        _is_zero(node.phi.m0, _largest_shape_entry(sid)),
+        _largest_rotation_entry(sid),
+    )
+    return moved and _is_zero(node.psi.m0, turned)
+
+
+def _is_zero(shapes: Array, largest: float) -> bool:
+    return float(np.abs(shapes).max(initial=0.0)) <= MIN_DISPLACEMENT * largest
+
+
+def _chord_component(sid: SID, node: Node, force: Array, largest: float) -> Array:
+    """The part of a force that meets the shape functions in a chord frame.
+
+    Across the line from its origin no node at the end of the chord moves, however soft
+    the body is: the frame rotates with it.
+    """
+    length = float(np.linalg.norm(node.position))
+    origins = [n for n in sid.nodes if not n.position.any() and n.psi.m0.any()]
+    if not length or not any(_is_zero(n.phi.m0, largest) for n in origins):
+        return force
+    along = node.position / length
+    if not _is_zero(node.phi.m0 - np.outer(along, along @ node.phi.m0), largest):
+        return force
+    return np.asarray(along * (along @ force))
+
+
+def _direction_text(unit: Array) -> str:
+    for axis, name in enumerate("xyz"):
+        if abs(unit[axis]) > 1.0 - AXIS_COSINE:
+            return name
+    return f"({', '.join(f'{x:.3g}' for x in unit + 0.0)})"
+
+
+def _orientation(state: InitialState, b: int) -> Array:
+    """Body axes to inertial ones."""
+    return to_rotation_matrices(state.system.frames(state.work.frame[b])["R"])
+
+
+def _pad_vector(values: tuple[float, ...] | None) -> Array:
+    full = np.zeros(3)
+    full[: len(values or ())] = values or ()
+    return full
+
+
+def _row_as_3d(part: Array, turn: bool = False) -> Array:
+    """Components of a planar or spatial row, in three dimensions."""
+    full = np.zeros(3)
+    if turn and len(part) == 1:
+        full[2] = part[0]
+    else:
+        full[: len(part)] = part
+    return full
+
+
+def _end_row(row: ConstraintRows) -> int:
+    return row.first + row.count

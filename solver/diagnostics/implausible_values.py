@@ -1,0 +1,261 @@
+"""Values of a scene that are hardly intended: angles, sizes, friction, gains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sidtool.formats.plausibility import body_warnings, first_frequency
+from sidtool.formats.scene import (
+    Actuator,
+    Pid,
+    Polynomial,
+    RigidBody,
+    SceneFile,
+    SmoothStep,
+    SpringDamper,
+    driven_coordinate,
+    marker_names,
+    marker_reference,
+)
+from sidtool.formats.sid_mass import central_inertia
+
+from ..system.system import System
+from .body_extents import body_extent, is_dense, marker_extent, mechanism_extent
+from .excitation import ANGLES, drive_history, fastest_rotation
+from .implausible_forces import frequency_warnings, stiffness_warnings
+
+#: No pair of materials rubs as much.
+_MAX_FRICTION = 3.0
+#: A pin thicker than this many times the mechanism.
+_MAX_PIN_RADIUS = 1.0
+#: Outputs that are lengths, and how many times the mechanism they hardly are.
+_LENGTH_OUTPUTS, _MAX_LENGTH_RATIO = (
+    (".displacement", ".length", ".x", ".y", ".z"),
+    50.0,
+)
+
+
+def implausible_friction_warnings(system: System) -> Iterator[str]:
+    """One sentence each."""
+    size = mechanism_extent(system)
+    for name, joint in system.scene.joints.items():
+        friction = getattr(joint, "friction", None)
+        if friction is None:
+            continue
+        largest = max(friction.coefficient, friction.static or 0.0)
+        if largest > _MAX_FRICTION:
+            yield (
+                f"the friction of {name} has a coefficient of {largest:g}, more than "
+                "any pair of materials: is it in per cent?"
+            )
+        if (friction.radius or 0.0) > _MAX_PIN_RADIUS * size:
+            yield (
+                f"the pin of {name} has a radius of {friction.radius:g} m, in a "
+                f"mechanism of {size:.3g} m: is it in mm?"
+            )
+    yield from _gain_warnings(system.scene)
+    yield from _length_warnings(system, size)
+
+
+def controllers(scene: SceneFile) -> Iterator[tuple[str, Pid]]:
+    """Forces and drives that a controller decides, by their names."""
+    for name, owner in (*scene.forces.items(), *scene.drives.items()):
+        law = getattr(owner, "function", None)
+        if isinstance(law, Pid):
+            yield name, law
+
+
+def _length_warnings(system: System, size: float) -> Iterator[str]:
+    """What is to be reached far beyond the mechanism."""
+    found = []
+    for name, law in controllers(system.scene):
+        if law.measured.endswith(_LENGTH_OUTPUTS) and isinstance(law.reference, float):
+            found.append((f"the reference of {name}", law.reference))
+    for name, force in system.scene.forces.items():
+        if isinstance(force, SpringDamper) and force.markers is not None:
+            found.append((f"the rest length of {name}", force.rest))
+    for what, length in found:
+        if abs(length) > _MAX_LENGTH_RATIO * size > 0.0:
+            yield (
+                f"{what} is {length:g} m, and the mechanism is {size:.3g} m "
+                "large: is it in mm?"
+            )
+
+
+def _gain_warnings(scene: SceneFile) -> Iterator[str]:
+    """Controllers that drive their own joint away from what they are to hold."""
+    for name, force in scene.forces.items():
+        law = getattr(force, "function", None)
+        if not isinstance(force, Actuator) or not isinstance(law, Pid):
+            continue
+        if force.joint is None or law.measured.partition(".")[0] != force.joint:
+            continue
+        for key in ("p", "d"):
+            gain = getattr(law, key)
+            if gain < 0.0:
+                yield (
+                    f"{name} drives {law.measured} away from its reference: its gain "
+                    f"{key} is {gain:g} and it acts on what it measures; is its sign "
+                    "meant?"
+                )
+
+
+#: Stronger than gravity on any planet or in a lift [m/s2].
+_MAX_GRAVITY = 100.0
+#: Whole multiples of these [deg], more than a turn in radians, may be degrees.
+_DEGREE_STEPS, _FULL_TURN = (30.0, 45.0), 2.0 * np.pi
+#: Bodies that a joint holds together may differ by as much in size.
+_SIZE_RATIO = 100.0
+#: Radii of gyration larger by as much than the body, and speeds [m/s], are no ordinary
+#: ones.
+_GYRATION_RATIO, _MAX_SPEED = 30.0, 2000.0
+#: What the sum of two moments of inertia may lack by rounding.
+_INERTIA_ROUNDING = 1e-6
+#: A run of a smaller part of the longest period shows no vibration.
+_SHORT_RUN = 0.01
+
+
+def implausible_value_warnings(system: System) -> Iterator[str]:
+    """What to ask the author of a scene, one sentence each."""
+    scene = system.scene
+    gravity = float(np.linalg.norm(scene.gravity or 0.0))
+    if gravity > _MAX_GRAVITY:
+        yield (
+            f"gravity is {gravity:g} m/s2, {gravity / 9.81:.3g} times that of the "
+            "earth: is it in mm/s2?"
+        )
+    for data in system.bodies:
+        if data.is_scene_body and data.sid.nq:
+            for text in body_warnings(data.sid, gravity or None):
+                yield f"{data.name}: {text}"
+    yield from _angle_warnings(system)
+    yield from _size_warnings(system)
+    yield from _inertia_warnings(system)
+    yield from _force_warnings(system)
+    yield from implausible_friction_warnings(system)
+    yield from stiffness_warnings(system)
+    yield from frequency_warnings(system)
+    yield from _time_span_warnings(system)
+    rate, drive = fastest_rotation(system, system.cached(drive_history))
+    if rate * system.length > _MAX_SPEED:
+        yield (
+            f"{drive} turns at {rate:.3g} rad/s, at which {system.length:.3g} m move "
+            f"at {rate * system.length:.2g} m/s: is it in revolutions per minute? "
+            f"{rate:.3g} 1/min are {rate * np.pi / 30:.3g} rad/s"
+        )
+
+
+def _angle_warnings(system: System) -> Iterator[str]:
+    """Angles in radians that look like degrees."""
+    scene = system.scene
+    for name, body in scene.bodies.items():
+        yield from _angle_warning(f"bodies.{name}.initial.angle", body.initial.angle)
+    for name, drive in scene.drives.items():
+        function = drive.function
+        if not driven_coordinate(drive, scene.joints).startswith(ANGLES):
+            continue
+        ends: list[float] = []
+        if drive.of != "value":
+            ends = [drive.start]
+        elif isinstance(function, SmoothStep):
+            ends = [function.start, function.end]
+        elif isinstance(function, Polynomial):
+            ends = [piece.end[0] for piece in function.pieces if piece.end]
+            ends += [p.coefficients[0] for p in function.pieces if p.coefficients]
+        for value in ends:
+            yield from _angle_warning(f"the angle of drive {name}", value)
+    for name, law in controllers(scene):
+        if law.measured.endswith(".angle") and isinstance(law.reference, float):
+            yield from _angle_warning(f"the reference of {name}", law.reference)
+
+
+def _angle_warning(what: str, value: float | None) -> Iterator[str]:
+    if value is None or abs(value) <= _FULL_TURN:
+        return
+    if any(value % degrees == 0.0 for degrees in _DEGREE_STEPS):
+        yield (
+            f"{what} is {value:g} rad, {value / _FULL_TURN:.3g} turns: is it in "
+            f"degrees? {value:g} degrees are {np.radians(value):.4g} rad"
+        )
+
+
+def _size_warnings(system: System) -> Iterator[str]:
+    """Bodies that are joined to much smaller ones."""
+    sizes = {data.name: body_extent(system, data.name) for data in system.bodies[1:]}
+    reported: set[str] = set()
+    for name, joint in system.scene.joints.items():
+        pair = [marker_reference(text)[0] for text in marker_names(joint)]
+        known = sorted((sizes[n], n) for n in pair if sizes.get(n, 0.0) > 0.0)
+        if len(known) == 2 and known[1][0] >= _SIZE_RATIO * known[0][0]:
+            (small, one), (large, other) = known
+            if not reported & {one, other}:
+                yield (
+                    f"{other} is {large:.3g} m long and {one}, to which {name} joins "
+                    f"it, {small:.3g} m: is one of them in mm?"
+                )
+            reported |= {one, other}
+
+
+def _inertia_warnings(system: System) -> Iterator[str]:
+    """Rigid bodies whose mass would lie far outside them."""
+    for name, body in system.scene.bodies.items():
+        if not isinstance(body, RigidBody) or body.inertia is None:
+            continue
+        sid = system.bodies[system.index(name)].sid
+        moments = np.linalg.eigvalsh(central_inertia(sid))
+        if (
+            not system.planar
+            and moments[2] > (1.0 + _INERTIA_ROUNDING) * moments[:2].sum()
+        ):
+            moments_text = ", ".join(f"{moment:.4g}" for moment in moments)
+            yield (
+                f"the moments of inertia of {name}, {moments_text} kg m2, are those "
+                "of no body: the largest one is more than the sum of the others"
+            )
+        radius = float(np.sqrt(moments[2] / body.mass))
+        extent = marker_extent(sid)
+        far = extent > 0.0 and radius > _GYRATION_RATIO * extent
+        if far and not is_dense(sid, radius):
+            yield (
+                f"the inertia of {name} is that of a mass {radius:.3g} m away from its "
+                f"centre, and its markers are {extent:.3g} m apart: is it in kg mm2 or "
+                "g mm2, or its mass in tonnes?"
+            )
+
+
+def _force_warnings(system: System) -> Iterator[str]:
+    """Springs and dampers that push, and those that can do nothing."""
+    for name, force in system.scene.forces.items():
+        for key, word in (("stiffness", "spring"), ("damping", "damper")):
+            values = np.ravel(getattr(force, key, None) or 0.0)
+            if values[0] < 0.0:
+                yield (
+                    f"{name} has a negative {key}, {values[0]:g}: a {word} that drives "
+                    "what it should hold; is its sign meant?"
+                )
+        pair = getattr(force, "markers", None)
+        ends = {marker_reference(text)[0] for text in pair or ()}
+        rigid = [n for n in ends if not system.bodies[system.index(n)].sid.nq]
+        if len(ends) == 1 and rigid:
+            yield (
+                f"{name} acts between two markers of {rigid[0]}, which is rigid, and "
+                "moves nothing: is one of them on another body?"
+            )
+
+
+def _time_span_warnings(system: System) -> Iterator[str]:
+    """A run that ends before anything can vibrate."""
+    time = system.scene.time
+    periods = {
+        data.name: (time.end - time.start) * first_frequency(data.sid)
+        for data in system.bodies
+        if data.sid.nq
+    }
+    if periods and 0.0 < max(periods.values()) < _SHORT_RUN:
+        name = max(periods, key=lambda body: periods[body])
+        yield (
+            f"the run of {time.end - time.start:g} s lasts {periods[name]:.1g} of the "
+            f"first period of {name}: is its end in other units than seconds?"
+        )

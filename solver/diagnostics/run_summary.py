@@ -1,0 +1,321 @@
+"""Diagnostics of a run, evaluated when they are asked for.
+
+Many runs of one scene are made for their numbers only. Therefore recorded rows are
+stored, as far as they are few, and evaluated together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.result import FlexibleBody
+
+from ..initial_state import assembly
+from ..initial_state.assembly import assemble, row_names
+from ..initial_state.displacement_report import displacement_notes
+from ..initial_state.initial_friction import with_prescribed_friction
+from ..output.columns import RecordedOutputs
+from ..output.dense_output import StepEndStates, StepStates
+from ..output.samples import Samples
+from ..spatial import system_arrays as at
+from ..system.body_data import BodyData
+from ..system.system import System
+from ..system.work_arrays import new_work_arrays
+from .basis_coverage import unrepresented_loads
+from .body_loads import LoadExtrema, expected_bodies
+from .checks import check_attachments
+from .implausible_values import implausible_value_warnings
+from .light_links import refuse_light_links
+from .result_notes import OutputNotes, callable_notes
+from .vibration import Vibrations
+
+#: Numbers of frames, markers and states that may wait.
+MAX_PENDING_NUMBERS = 100_000
+
+
+class DiagnosticsResult(NamedTuple):
+    """What flexible bodies met, remarks, vibrations, and states not to be missed."""
+
+    load_extrema: LoadExtrema
+    output_notes: OutputNotes
+    vibrations: Vibrations
+    step_end_states: StepEndStates
+
+
+class RunDiagnostics:
+    """What rows and ends of steps of a run tell of it.
+
+    Attributes
+    ----------
+    expect
+        What was said of flexible bodies before it.
+    """
+
+    def __init__(
+        self, system: System, expect: Callable[[], Mapping[str, FlexibleBody]]
+    ) -> None:
+        self._system, self._expect = system, expect
+        self._waiting: list[Callable[[], None]] = []
+        self._numbers = 0
+
+    @property
+    def has_pending(self) -> bool:
+        """True if what is added may be kept for later."""
+        return self._numbers <= MAX_PENDING_NUMBERS
+
+    def add(self, found: RecordedOutputs, t: Array) -> None:
+        """Recorded rows."""
+        samples = found.samples
+
+        def process() -> None:
+            self._found.output_notes.add(t, found)
+            self._found.vibrations.add(samples)
+            self._found.load_extrema.add(samples, t)
+
+        self._defer(process, samples.frames.size + samples.points.size)
+
+    def add_previous_rows(self, samples: Samples, t: Array) -> None:
+        """Rows that a run before this one recorded."""
+        self._defer(
+            lambda: self._found.load_extrema.add(samples, t), samples.frames.size
+        )
+
+    def add_step_ends(self, ends: StepStates) -> None:
+        """Ends of some steps."""
+        self._defer(
+            lambda: self._found.step_end_states.add(ends), ends.z.size + ends.v.size
+        )
+
+    def continue_after(self, times: Array, z: Array) -> None:
+        """Rows and ends of steps in the order of time."""
+        self._defer(lambda: self._found.load_extrema.start_after(times, z), z.size)
+
+    def _defer(self, process: Callable[[], None], numbers: int) -> None:
+        self._numbers += numbers
+        if self.has_pending:
+            self._waiting.append(process)
+        else:
+            self._process_pending()
+            process()
+
+    def _process_pending(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for look in waiting:
+            look()
+
+    @property
+    def found(self) -> DiagnosticsResult:
+        """What there is, of all that was added."""
+        self._process_pending()
+        return self._found
+
+    @cached_property
+    def _found(self) -> DiagnosticsResult:
+        system, expected = self._system, self._expect()
+        worst = np.array([body.expected.time for body in expected.values()])
+        return DiagnosticsResult(
+            LoadExtrema(system, expected),
+            OutputNotes(system),
+            Vibrations(system),
+            StepEndStates(system, worst),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class InitialisedSystem:
+    """A system at its start.
+
+    Attributes
+    ----------
+    notes
+        The system as it was compiled.
+    system
+        With redundant constraints marked.
+    start
+        Positions and velocities that meet the constraints.
+    """
+
+    notes: System
+    system: System
+    start: assembly.StateVectors
+
+    @cached_property
+    def implausible_inputs(self) -> tuple[str, ...]:
+        """Sentences for the author of the scene."""
+        return (
+            *implausible_value_warnings(self.notes),
+            *unrepresented_loads(self.system, self.start),
+        )
+
+    @cached_property
+    def result_notes(self) -> Mapping[str, FlexibleBody]:
+        """What runs will ask of each flexible body."""
+        return expected_bodies(self.system, self.start)
+
+
+def initialise(system: System) -> InitialisedSystem:
+    """Finds a start; for `System.once`, as nothing here depends on a run.
+
+    Raises
+    ------
+    InputError
+        No start position meets the constraints, friction that the joints do not
+        determine, or a link whose inertia rounding hides.
+    """
+    assembled, start = _assemble_with_warnings(system)
+    refuse_light_links(assembled, start)
+    return InitialisedSystem(system, with_prescribed_friction(assembled, start), start)
+
+
+def _assemble_with_warnings(system: System) -> tuple[System, assembly.StateVectors]:
+    """An error that numbers in other units may explain ends with the questions."""
+    try:
+        return assembly.assemble(system)
+    except InputError as error:
+        warnings = tuple(implausible_value_warnings(system))
+        if not warnings:
+            raise
+        problem = "; ".join((error.problem, *warnings))
+        raise InputError(problem, place=error.place, expected=error.expected) from None
+
+
+#: Relative size below which stiffening at markers counts as zero.
+_NEGLIGIBLE = 1e-6
+_TERMS = {
+    at.HAS_CR1: "first-order terms of Cr and Ge",
+    at.HAS_OE1: "first-order term of Oe",
+    at.HAS_CT1: "geometric stiffening by acceleration (Ct1)",
+    at.HAS_KE1: "elastic forces quadratic in the coordinates (Ke1)",
+    at.HAS_QUADRATIC_J: "quadratic inertia",
+}
+#: Terms that the inertia of a stiffened body always has, in mean axes.
+_STIFFENED_TERMS = at.HAS_CR1 | at.HAS_OE1 | at.HAS_CT1 | at.HAS_QUADRATIC_J
+
+
+def describe(system: System) -> list[str]:
+    """Lines that say what is integrated.
+
+    Raises
+    ------
+    InputError
+        No start position meets the constraints.
+    """
+    system, start = assemble(system)
+    kind = "planar" if system.planar else "spatial"
+    lines = [
+        f"{kind} scene: {system.n_positions - system.n_rotation_counters} position "
+        "coordinates, "
+        f"{system.n_velocities} velocity coordinates, {system.n_rows} constraints"
+    ]
+    lines += [_degrees_of_freedom(system), _total_mass(system)]
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.is_scene_body:
+            lines.append(f"body {data.name}: {_body_text(row, data)}")
+            lines += _marker_stiffening_lines(system, data)
+            lines += _prestress_lines(data)
+    for name, body in expected_bodies(system, start).items():
+        lines.append(f"body {name}: {body.before}")
+    lines += _defect_lines(system)
+    least = system.scene.accuracy.rtol
+    lines += displacement_notes(system, new_work_arrays(system), start, least)
+    for name, owner in system.eliminated.items():
+        lines.append(
+            f"{name}: dropped from the constraints, the frame of {owner} is prescribed"
+        )
+    if system.redundant:
+        names = ", ".join(dict.fromkeys(row_names(system, system.redundant)))
+        count = len(system.redundant)
+        plural = "" if count == 1 else "s"
+        lines.append(
+            f"{count} redundant constraint{plural} ({names}): met by the others; of "
+            "all multipliers that hold the mechanism the smallest are told"
+        )
+    lines += callable_notes(system)
+    used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
+    lines.append(f"markers: {used} used of {total} exported nodes")
+    return lines
+
+
+def _degrees_of_freedom(system: System) -> str:
+    """What joints and drives leave free at the start, by counting (Gruebler).
+
+    States of laws are no degrees of freedom, and redundant constraints hold nothing.
+    """
+    pairs = list(zip(system.arrays.body, system.bodies, strict=True))
+    free = sum(int(row[at.NV]) for row, data in pairs if data.is_scene_body)
+    elastic = sum(int(row[at.NQ]) for row, data in pairs if data.is_scene_body)
+    redundant = len({*system.redundant, *system.inactive_rows})
+    freedom = free - (system.n_rows - redundant)
+    return (
+        f"degrees of freedom: {freedom}, of {free} velocity coordinates ({elastic} "
+        f"elastic), {system.n_rows} constraints and {redundant} redundancies"
+    )
+
+
+def _total_mass(system: System) -> str:
+    mass = sum(data.sid.mass for data in system.bodies if data.is_scene_body)
+    return f"total mass: {mass:.6g} kg"
+
+
+def _marker_stiffening_lines(system: System, data: BodyData) -> list[str]:
+    """Geometric stiffening by forces and moments at markers that are used."""
+    markers = [marker for body, marker in system.markers if body == data.name]
+    sizes = {
+        (marker, entry): np.abs(getattr(data.node(marker), entry).m1).max(initial=0.0)
+        for marker in markers
+        for entry in ("phi", "psi")
+        if getattr(data.node(marker), entry).m1 is not None
+    }
+    least = _NEGLIGIBLE * max(sizes.values(), default=0.0)
+    lines = []
+    for wanted, what in (("phi", "forces kept"), ("psi", "moments kept")):
+        found = [m for (m, entry), s in sizes.items() if entry == wanted and s > least]
+        if found:
+            listed = ", ".join(found)
+            lines.append(f"body {data.name}: stiffening by {what} at {listed}")
+    return lines
+
+
+def _prestress_lines(data: BodyData) -> list[str]:
+    """What a body under initial stress needs of the scene, and must not hold itself."""
+    if not data.sid.ksigma.m0.any():
+        return []
+    return [
+        f"body {data.name}: prestressed (ksigma), undeformed under the loads of its "
+        "prestress only; what these stiffen at markers must not be in its Ke as well"
+    ]
+
+
+def _defect_lines(system: System) -> list[str]:
+    """What `compile_scene` would refuse unless told to accept it."""
+    try:
+        check_attachments(system)
+    except InputError as error:
+        return [f"{error.problem} (--accept-defects)"]
+    return []
+
+
+def _body_text(row: object, data: BodyData) -> str:
+    nq, rigid = int(row[at.NQ]), int(row[at.RD])  # type: ignore[index]
+    flags = int(row[at.FLAGS])  # type: ignore[index]
+    frame = {0: "prescribed frame, no coordinates", 2: "point mass, 2 coordinates"}
+    frame |= {3: "3 frame coordinates", 6: "6 frame coordinates"}
+    parts = [frame[rigid]]
+    if nq:
+        if flags & at.STIFFENED:
+            flags |= _STIFFENED_TERMS
+        included = [text for bit, text in _TERMS.items() if flags & bit]
+        omitted = [text for bit, text in _TERMS.items() if not flags & bit]
+        parts.append(f"{nq} elastic coordinates")
+        parts.append(f"kept: {', '.join(included) or 'nothing beyond zeroth order'}")
+        parts.append(
+            f"dropped, zero or not asked for: {', '.join(omitted) or 'nothing'}"
+        )
+    return "; ".join(parts)

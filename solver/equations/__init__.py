@@ -1,1 +1,0 @@
-"""The equations of motion: compiled kernels, plain loops without allocation."""

@@ -1,0 +1,339 @@
+"""The state that a scene states, and rotations over full turns at the start.
+
+Bodies whose frames joints or drives prescribe get the coordinates that these give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.scene import Initial, as_3d, orientation_matrix
+
+from ..dynamics.drives import function_value
+from ..integrators import loop_state, projection
+from ..spatial import system_arrays as at
+from ..spatial.system_arrays import IntTable, WorkArrays
+from ..system import work_arrays
+from ..system.body_data import BodyData
+from ..system.force_rows import ForceRow
+from ..system.rotations import to_rotation_matrices
+from ..system.sid_packing import quaternion
+from ..system.system import System
+from ..system.work_arrays import new_work_arrays
+
+
+def place_prescribed_bodies(system: System, z: Array, v: Array) -> None:
+    """Gives bodies with prescribed frames the coordinates that their joints prescribe
+    at the start.
+
+    The assembly then leaves them alone, and a scene with all of its joints starts where
+    the one without them does.
+    """
+    if system.prescribed_body_table is None:
+        return
+    work = new_work_arrays(system)
+    work.interval_time[0] = 0.5 * (system.scene.time.start + system.breaks[0])
+    work_arrays.evaluate(
+        prescribing_system(system), work, system.scene.time.start, z, v
+    )
+    for b in prescribed_rows(system.prescribed_body_table):
+        set_prescribed_frame(system, b, work.frame[b], z, v)
+
+
+def prescribing_system(system: System) -> System:
+    """The system in which frames that joints prescribe have no coordinates."""
+    if system.prescribed_body_table is None:
+        return system
+    return replace(
+        system, arrays=system.arrays.replaced(body=system.prescribed_body_table)
+    )
+
+
+def prescribed_rows(body: IntTable) -> list[int]:
+    """Rows of the bodies whose frames a body table prescribes."""
+    motion = body[:, at.MOTION]
+    return [int(b) for b in np.flatnonzero((motion != at.FREE) & (motion != at.GROUND))]
+
+
+def set_prescribed_frame(
+    system: System, b: int, frame: Array, z: Array, v: Array
+) -> None:
+    """Writes a frame (.) into the coordinates of its body, or frames (nt, .)."""
+    row = system.arrays.body[b]
+    p, u, rigid = row[at.POS], row[at.VEL], row[at.RD]
+    of = system.frames(frame)
+    if system.planar:
+        orientation = np.asarray(of["angle"])[..., None]
+    else:
+        orientation = quaternion(to_rotation_matrices(of["R"]))
+    position = np.concatenate([of["x"], orientation], axis=-1)
+    velocity = np.concatenate([of["v"], of["w"]], axis=-1)
+    count = row[at.NP] - row[at.NQ]
+    z[..., p : p + count] = position[..., :count]
+    v[..., u : u + rigid] = velocity[..., :rigid]
+
+
+def initial_rotations(system: System) -> Array:
+    """What counted rotations are nearest to at the start, (n_turns,) [rad]."""
+    t, found = system.scene.time.start, []
+    clock = 0.5 * (t + system.breaks[0])
+    for counted_rotation in system.rotations:
+        rest_angle = counted_rotation.rest
+        if counted_rotation.drive >= 0:
+            rest_angle = function_value.py_func(
+                system.arrays, counted_rotation.drive, clock, t
+            )[0]
+        counted = system.scene.initial.rotations or {}
+        found += [counted.get(name, rest_angle) for name in counted_rotation.angles]
+    return np.array(found[: system.n_rotation_counters])
+
+
+def store_rotations(system: System, work: WorkArrays, z: Array) -> None:
+    """Lets z say how far its markers turned, as evaluated last."""
+    z[len(z) - system.n_rotation_counters :] = work.rotation_counter[
+        : system.n_rotation_counters, at.ROTATION_VALUE
+    ]
+
+
+def lost_rotation_text(
+    system: System, work: WorkArrays, control: loop_state.StepLoopState
+) -> str:
+    """Why the last step could not be counted; empty if it could."""
+    fixed = control.fixed_step == 1
+    n, h = system.n_rotation_counters, control.step if fixed else 0.0
+    known, reached = control.z[len(control.z) - n :], work.rotation_counter[:n]
+    change = abs(reached[:, at.ROTATION_VALUE] - known)
+    change = np.maximum(change, h * abs(reached[:, at.ROTATION_RATE]))
+    for counted_rotation in system.rotations:
+        part = slice(
+            counted_rotation.entry,
+            counted_rotation.entry + len(counted_rotation.angles),
+        )
+        if (
+            not counted_rotation.is_counted
+            or not change[part].max() > projection.MAX_ROTATION_PER_STEP
+        ):
+            continue
+        name = counted_rotation.name.split(".")[0]
+        if (
+            np.linalg.norm(known[part]) > np.pi
+            and counted_rotation.kind == at.ROTATION_VECTOR_MEASURE
+        ):
+            return (
+                f"{name} is nearly a full turn away from rest, beyond which a bushing "
+                "does not know its torque; `shaft` names an axis to turn about"
+            )
+        return (
+            f"{name} turns by more than {projection.MAX_ROTATION_PER_STEP} rad in a "
+            "step, which cannot be told from less"
+            f"{'; a smaller fixed step may help' if fixed else ''}"
+        )
+    return ""
+
+
+@dataclass(frozen=True, eq=False)
+class StateVectors:
+    """A consistent state: z_I and z_II."""
+
+    z: Array
+    v: Array
+
+
+def initial_estimate(system: System) -> StateVectors:
+    """The state that the scene file states.
+
+    Raises
+    ------
+    InputError
+        Wrong number of elastic coordinates.
+    """
+    z, v = np.zeros(system.n_positions), np.zeros(system.n_velocities)
+    for row, data in zip(system.arrays.body.tolist(), system.bodies, strict=True):
+        if not data.is_scene_body:
+            began = (system.scene.initial.states or {}).get(
+                data.name, data.initial_state
+            )
+            v[row[at.VEL] : row[at.VEL] + row[at.NV]] = began
+            continue
+        initial = system.scene.initial_of(data.name)
+        rigid = row[at.NP] - row[at.NQ]
+        p, u = row[at.POS], row[at.VEL]
+        if row[at.RD] > 0:
+            axes = 2 if system.planar else 3
+            z[p : p + axes] = initial.position or 0.0
+            v[u : u + axes] = _in_frame(initial, initial.velocity)[:axes]
+            if system.planar and rigid == 3:
+                z[p + 2] = initial.angle or 0.0
+                v[u + 2] = float(np.ravel(initial.angular_velocity or 0.0)[-1])
+            elif rigid == 7:
+                z[p + 3 : p + 7] = _quaternion(system, data.name)
+                v[u + 3 : u + 6] = _in_frame(initial, initial.angular_velocity)
+        z[p + rigid : p + row[at.NP]] = _elastic_values(initial, "elastic", data)
+        v[u + row[at.RD] : u + row[at.NV]] = _elastic_values(
+            initial, "elastic_velocity", data
+        )
+    place_prescribed_bodies(system, z, v)
+    z[len(z) - system.n_rotation_counters :] = initial_rotations(system)
+    return StateVectors(z, v)
+
+
+def is_velocity_specified(system: System) -> Array:
+    """True for the velocity coordinates that the scene file states, (n,).
+
+    A body of which it states any has elastic velocities of zero unless it says others.
+    """
+    is_specified = np.zeros(system.n_velocities, bool)
+    for row, data in zip(system.arrays.body.tolist(), system.bodies, strict=True):
+        if not data.is_scene_body:
+            continue
+        initial = system.scene.initial_of(data.name)
+        u, axes = row[at.VEL], 2 if system.planar else 3
+        rotation_end, elastic = u + min(axes, row[at.RD]), u + row[at.RD]
+        is_specified[u:rotation_end] = initial.velocity is not None
+        is_specified[rotation_end:elastic] = initial.angular_velocity is not None
+        given = getattr(initial, "elastic_velocity", None)
+        has_velocity = is_specified[u:elastic].any() or given is not None
+        is_specified[elastic : u + row[at.NV]] = has_velocity
+    return is_specified
+
+
+def _quaternion(system: System, body: str) -> Array:
+    """The orientation of a body; of a result with its sign, which
+    `direction_constraints` counts.
+    """
+    initial = system.scene.initial_of(body)
+    if initial is system.scene.bodies[body].initial or initial.quaternion is None:
+        return quaternion(orientation_matrix(initial))
+    found = np.array(initial.quaternion)
+    return found / np.linalg.norm(found)
+
+
+def _in_frame(initial: Initial, value: Any) -> Array:
+    """Inertial components, as files hold them, in the body frame, (3,)."""
+    return (
+        np.zeros(3) if value is None else orientation_matrix(initial).T @ as_3d(value)
+    )
+
+
+def _elastic_values(initial: Initial, key: str, data: BodyData) -> Array | float:
+    values = getattr(initial, key, None)
+    if values is None:
+        return 0.0
+    if len(values) != data.sid.nq:
+        raise InputError(
+            f"has {len(values)} values",
+            place=f"bodies.{data.name}.initial.{key}",
+            expected=f"{data.sid.nq}, one for each elastic coordinate of the SID",
+        )
+    return np.array(values)
+
+
+FULL_TURN = 2.0 * np.pi
+#: Whole turns from marker to marker, rows of the marker table [rad].
+Pairs = dict[tuple[int, int], float]
+
+
+def with_full_turns(system: System, work: WorkArrays) -> System:
+    """A planar system whose joints and drives start in the turns of the scene.
+
+    Parameters
+    ----------
+    work
+        Of the system, to evaluate it.
+    """
+    if not system.planar:
+        return system
+    work.interval_time[0] = 0.5 * (system.scene.time.start + system.breaks[0])
+    system, pairs = _frame_turns(system, work)
+    system, more = _constraint_turns(system, work)
+    pairs |= more
+    entries = {}
+    for con in system.arrays.constraint:
+        if con[at.KIND] == at.COUPLED_ANGLE:
+            ends = int(con[at.MARKER_A]), int(con[at.MARKER_B])
+            entries[int(con[at.C_DATA])] = _turns_between(pairs, *ends)
+    twists = [*system.forces, *system.coordinates.values()]
+    if all(element.kind != at.ANGLE_MEASURE for element in twists):
+        return _with_real_data(system, entries)
+    known = {
+        key: _with_counted_turns(system, pairs, element)
+        for key, element in system.coordinates.items()
+    }
+    forces = tuple(
+        _with_counted_turns(system, pairs, element) for element in system.forces
+    )
+    rows = np.concatenate([system.arrays.force, system.measures])
+    for row, element in zip(rows, [*forces, *known.values()], strict=True):
+        if element.kind == at.ANGLE_MEASURE:
+            entries[int(row[at.F_DATA])] = element.data[0]
+    system = _with_real_data(system, entries)
+    return replace(system, forces=forces, coordinates=known)
+
+
+def _with_real_data(system: System, numbers: Mapping[int, float]) -> System:
+    """The system with other numbers at some places of its real data, itself where they
+    stand there already.
+    """
+    real_data = system.arrays.real_data
+    if all(real_data[place] == number for place, number in numbers.items()):
+        return system
+    real_data = real_data.copy()
+    real_data[list(numbers)] = list(numbers.values())
+    return replace(system, arrays=system.arrays.replaced(real_data=real_data))
+
+
+def _frame_turns(system: System, work: WorkArrays) -> tuple[System, Pairs]:
+    """Keeps bodies with prescribed frames in their turns, each after its base."""
+    prescribing, pairs = prescribing_system(system), Pairs()
+    start, z = system.scene.time.start, np.zeros(system.n_positions)
+    body = prescribing.arrays.body
+    for b in prescribed_rows(body):
+        work_arrays.evaluate(prescribing, work, start, z, np.zeros(system.n_velocities))
+        specified = system.scene.initial_of(system.bodies[b].name).angle or 0.0
+        entry = int(body[b, at.FRAME]) + 1
+        angle = float(system.frames(work.frame[b])["angle"])
+        turns = float(system.arrays.real_data[entry]) + _full_turns(specified - angle)
+        system = _with_real_data(system, {entry: turns})
+        prescribing = prescribing_system(system)
+        pairs[int(body[b, at.BASE]), int(body[b, at.TIP])] = turns
+    return system, pairs
+
+
+def _constraint_turns(system: System, work: WorkArrays) -> tuple[System, Pairs]:
+    """Lets angles that are held or driven count from the turns of the start."""
+    angle_constraints = [
+        con for con in system.arrays.constraint if con[at.KIND] == at.ANGLE
+    ]
+    if not angle_constraints:
+        return system, {}
+    start, numbers, pairs = initial_estimate(system), {}, Pairs()
+    work_arrays.evaluate(system, work, system.scene.time.start, start.z, start.v)
+    for con in angle_constraints:
+        place, value = int(con[at.C_DATA]), work.row[con[at.ROW], at.C_VALUE]
+        numbers[place] = float(system.arrays.real_data[place]) + _full_turns(value)
+        ends = int(con[at.MARKER_A]), int(con[at.MARKER_B])
+        pairs[ends] = numbers[place]
+    return _with_real_data(system, numbers), pairs
+
+
+def _full_turns(angle: float) -> float:
+    return FULL_TURN * float(np.round(angle / FULL_TURN))
+
+
+def _with_counted_turns(system: System, pairs: Pairs, element: ForceRow) -> ForceRow:
+    """The element with the turns from which its angle counts."""
+    if element.kind != at.ANGLE_MEASURE:
+        return element
+    assert element.a is not None
+    ends = system.markers[element.a], system.markers[element.b]
+    return replace(element, data=(_turns_between(pairs, *ends), *element.data[1:]))
+
+
+def _turns_between(pairs: Pairs, a: int, b: int) -> float:
+    return pairs[a, b] if (a, b) in pairs else -pairs.get((b, a), 0.0)

@@ -1,1 +1,0 @@
-"""Generalised-alpha, with its error estimate."""

@@ -1,1 +1,0 @@
-"""Radau IIA methods: their stages and their passing of events."""

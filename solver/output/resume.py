@@ -1,0 +1,242 @@
+"""Continuation of an interrupted run: its last state, its rows and its energy sums."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.result import Result
+from sidtool.formats.result.data import TABLES
+from sidtool.formats.result.rows import Rows, iterate_rows
+from sidtool.formats.scene import OutputTimes
+from sidtool.formats.storage.sid_content import differing_entries
+
+from ..initial_state.assembly import StateVectors
+from ..initial_state.integrator_start import (
+    RunSettings,
+    constraint_tolerances,
+    scene_with_settings,
+)
+from ..system.system import System
+from . import energies
+from .columns import position_names, velocity_names
+from .evaluated_forces import EvaluatedForces
+from .reactions import restore_eliminated_joints
+from .samples import StateSampler
+
+#: Output times differ by more than this part of the time span.
+DIFFERENT_TIME = 1e-12
+#: Dissipated energy first.
+_SUMS = ("energy.dissipated", "energy.supplied")
+BALANCE = "energy.balance"
+
+
+@dataclass(frozen=True, eq=False)
+class ResumeState:
+    """What a run goes on from.
+
+    Attributes
+    ----------
+    t, start
+        The last state of that run.
+    done
+        Its result at the output times until then.
+    energy_sums
+        Energies dissipated and supplied until t [J].
+    """
+
+    t: float
+    start: StateVectors
+    done: Result
+    energy_sums: Array
+
+    def join(self, rest: Result) -> Result:
+        """The result of the whole run; its tables are those of the rest."""
+        counters = {
+            name: value + self.done.counters.get(name, 0)
+            for name, value in rest.counters.items()
+        }
+        drift = {
+            name: max(value, self.done.drift.get(name, 0.0))
+            for name, value in rest.drift.items()
+        }
+        previous_notes = [n for n in self.done.notes if n not in self.done.warnings]
+        note = f"the run went on at t = {self.t:.9g} s, where it had been ended"
+        return replace(
+            rest,
+            counters=counters,
+            drift=drift,
+            events=(*self.done.events, *rest.events),
+            notes=tuple(
+                dict.fromkeys((*rest.warnings, *previous_notes, *rest.notes, note))
+            ),
+        )
+
+
+def resume_state(system: System, settings: RunSettings, result: Result) -> ResumeState:
+    """What a result leaves to do that is unfinished, or complete to an earlier end.
+
+    Raises
+    ------
+    InputError
+        It is complete, of another scene, SID or setting, or its last state does not
+        tell all that the rest of the run needs.
+    """
+    if not len(result.t):
+        raise InputError("holds no state", expected="a run that began")
+    _check_same_run(system, settings, result)
+    if result.completed:
+        _check_extended(system, result)
+    for table, names in (
+        ("position", position_names(system)),
+        ("velocity", velocity_names(system)),
+    ):
+        if getattr(result, f"{table}_names") != tuple(names):
+            raise InputError(
+                f"its {table} columns are not those of the scene",
+                expected="a result of this version of sidtool",
+            )
+    if any(element.sample_period for element in system.forces):
+        raise InputError(
+            "laws of the scene hold values between samples, which are not kept",
+            expected="laws without sample_time, or a run from the start",
+        )
+    times = OutputTimes(system.scene)[:]
+    tolerance = DIFFERENT_TIME * (system.scene.time.end - system.scene.time.start)
+    is_output_time = np.array(
+        [np.abs(times - t).min() <= tolerance for t in result.t], bool
+    )
+    count = int(is_output_time.sum())
+    if (
+        count > len(times)
+        or (np.abs(times[:count] - result.t[is_output_time]) > tolerance).any()
+    ):
+        raise InputError(
+            "was recorded at other times",
+            place="time.output_step",
+            expected="the output times that the run was begun with",
+        )
+    tables = {name: getattr(result, name)[is_output_time] for name in TABLES}
+    events = tuple(event for event in result.events if event.t <= result.t[-1])
+    done = replace(result, t=result.t[is_output_time], events=events, **tables)
+    start = StateVectors(result.positions[-1].copy(), result.velocities[-1].copy())
+    return ResumeState(
+        float(result.t[-1]), start, done, _energy_sums(system, settings, result)
+    )
+
+
+def previous_rows(state: ResumeState) -> list[Rows]:
+    """The rows of the unfinished run, block by block."""
+    return list(iterate_rows(state.done))
+
+
+def _check_extended(system: System, result: Result) -> None:
+    """Raise a complete run that has no later end, or that an event has ended."""
+    before = json.loads(result.scene)["time"]["end"]
+    end = system.scene.time.end
+    if ended_by_event(result):
+        raise InputError(
+            f"an event ended it at t = {result.t[-1]:.9g} s",
+            place="completed",
+            expected="an unfinished run, or one that reached its end",
+        )
+    if not end > before:
+        raise InputError(
+            f"is complete to t = {before:.9g} s",
+            place="completed",
+            expected="an unfinished run, or a later time.end",
+        )
+
+
+def ended_by_event(result: Result) -> bool:
+    """True if an event of the scene ended the run."""
+    scene = json.loads(result.scene or "{}")
+    ends = {n for n, e in scene.get("events", {}).items() if e["action"] == "stop"}
+    return any(e.name in ends and e.t >= result.t[-1] for e in result.events)
+
+
+def _with_time(before: dict[str, Any], now: dict[str, Any]) -> dict[str, Any]:
+    """The first scene with the end of the second one, if that is not earlier; with its
+    output times, too, if they begin with those of the first."""
+    old, new = before.get("time", {}), now["time"]
+    time = dict(old)
+    if new["end"] > old.get("end", new["end"]):
+        time["end"] = new["end"]
+    times, more = old.get("output_times"), new.get("output_times")
+    if times and more and more[: len(times)] == times:
+        time["output_times"] = more
+    return before | {"time": time}
+
+
+def _changed_keys(before: Any, now: Any, key: str = "") -> list[str]:
+    """Keys whose values differ between two scenes, with both values if short."""
+    if before == now:
+        return []
+    if isinstance(before, dict) and isinstance(now, dict):
+        names = dict.fromkeys([*before, *now])
+        found = (_changed_keys(before.get(n), now.get(n), f"{key}.{n}") for n in names)
+        return [text for texts in found for text in texts]
+    there, here = json.dumps(before), json.dumps(now)
+    values = f" ({there} there, {here} here)" if len(there + here) < 60 else ""
+    return [key.removeprefix(".") + values]
+
+
+def _check_same_run(system: System, settings: RunSettings, result: Result) -> None:
+    now = scene_with_settings(system.scene, settings)
+    if result.scene != now:
+        scene = json.loads(now)
+        begun = _with_time(json.loads(result.scene or "{}"), scene)
+        changed = _changed_keys(begun, scene)
+    else:
+        changed = []
+    if changed:
+        raise InputError(
+            f"is of another scene, or of other options: {', '.join(changed[:3])}"
+            + (", ..." if len(changed) > 3 else ""),
+            place="unfinished run",
+            expected="the scene and the options that the run was begun with",
+        )
+    for name, sid in system.sids.items():
+        before = result.sids.get(name)
+        changed = ["all of it"] if before is None else differing_entries(before, sid)
+        if changed:
+            more = ", ..." if len(changed) > 3 else ""
+            raise InputError(
+                f"was begun with another SID of {name}: other numbers in "
+                f"{', '.join(changed[:3])}{more}",
+                place=f"sids.{name}",
+                expected="the same SIDs",
+            )
+
+
+def _energy_sums(system: System, settings: RunSettings, result: Result) -> Array:
+    """Energies until the last state; zero where no output needs them.
+
+    The balance tells their difference, also where it was recorded alone.
+    """
+    known = {n: result[n][-1] for n in _SUMS if n in result.names}
+    if BALANCE in result.names and len(known) < len(_SUMS):
+        lost_less_given = result[BALANCE][-1] - _stored_energy(system, settings, result)
+        lost, given = _SUMS
+        known.setdefault(lost, lost_less_given + known.get(given, 0.0))
+        known.setdefault(given, known[lost] - lost_less_given)
+    return np.array([known.get(name, 0.0) for name in _SUMS])
+
+
+def _stored_energy(system: System, settings: RunSettings, result: Result) -> float:
+    """Kinetic, elastic and potential energy at the last state [J]."""
+    t, z, v = result.t[-1:], result.positions[-1:].copy(), result.velocities[-1:].copy()
+    sampler = StateSampler(system, constraint_tolerances(system, settings))
+    whole, motion = restore_eliminated_joints(system, t, sampler.sample(t, z, v))
+    told = EvaluatedForces(whole, motion, t)
+    parts = (
+        energies.kinetic_energy(told),
+        energies.elastic_energy(told),
+        energies.potential_energy(told),
+    )
+    return float(sum(part[-1] for part in parts))

@@ -1,0 +1,544 @@
+"""Stick and slip of joints with friction: decisions and their times, section 14.
+
+Every step is made with constant friction states. After the steps the instants are
+located at which a sliding joint stops or a sticking joint reaches its limit; there the
+states are decided again: what slides goes on sliding, what rests sticks if it can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.base.sid import Array
+
+from ..integrators import loop_state, output_sampling
+from ..integrators.output_sampling import (
+    N_FRICTION_OUTPUT,
+    OUTPUT_ACCELERATION,
+    OUTPUT_CONTACT_FORCE,
+    OUTPUT_FRICTION,
+    OUTPUT_LOAD,
+    OUTPUT_POSITION,
+    OUTPUT_RATE,
+)
+from ..spatial import system_arrays as at
+from ..system import work_arrays
+from ..system.characteristic_sizes import resting_rates
+from ..system.joint_friction import FrictionStateHistory
+from ..system.system import System
+from .dense_output import StepPoints, StepStates, join_steps
+from .events import LocatedEvent
+from .samples import StateSampler
+
+#: Friction is at its limit within this part of it.
+LIMIT_TOLERANCE = 1e-9
+#: Events without progress in time after which a run is given up.
+MAX_SIMULTANEOUS = 100
+#: Progress in time that is none, relative to the time and the span of a run.
+TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
+#: A joint that was seen to break loose does so also where its limit seems so far.
+OBSERVED_SLIP = 1e-6
+#: A joint turns round where to stop it would take so many times what its load holds.
+CLEAR_REVERSAL = 2.0
+#: Joints that stick hold the same motion where so little tells them apart.
+SHARED_MOTION = 1e-8
+NO_SOLUTION = "friction has no solution, or several: the load that it makes feeds it"
+
+
+def with_friction_states(system: System) -> System:
+    """The system with friction states of its own, for one run."""
+    if not system.friction_joints:
+        return system
+    history = FrictionStateHistory(system.arrays.friction_state.copy())
+    return replace(
+        system,
+        arrays=system.arrays.replaced(friction_state=history.current_states),
+        friction_history=history,
+    )
+
+
+StateOfMotion = tuple[Array, Array, Array]
+
+
+class StickSlipDecision:
+    """Chooses how joints with friction move on.
+
+    Attributes
+    ----------
+    changing_joints
+        Joints whose friction states change next.
+    reversing_contacts
+        Contact points, in one row, whose force changes its side next.
+    changed_joints
+        Those whose friction states did last.
+    """
+
+    def __init__(
+        self, system: System, rtol: float = 0.0, closed: Array | None = None
+    ) -> None:
+        """Parameters
+        ----------
+        closed
+            See `StateSampler`; default states are taken as they are.
+        """
+        assert system.friction_history is not None
+        self.system = system
+        self.sampler = StateSampler(
+            system, np.zeros((0, 2)) if closed is None else closed
+        )
+        self.history, self.friction_state = (
+            system.friction_history,
+            system.friction_history.current_states,
+        )
+        self.work, self.memory = self.sampler.work, self.sampler.memory
+        self.prescribed, self.is_at_rest = (
+            self.friction_state[:, at.REST_RATE] > 0.0,
+            resting_rates(system),
+        )
+        self.span = system.scene.time.end - system.scene.time.start
+        self.rest_speed = np.array(
+            [self._static_limit(j) for j in range(len(self.friction_state))]
+        )
+        self.largest_rate, self.rtol = np.zeros(len(self.friction_state)), rtol
+        self.has_single_direction = np.array(
+            [self._has_single_direction(j) for j in range(len(self.friction_state))]
+        )
+        self.largest_contact_force = np.zeros(self.has_single_direction.shape)
+        self.largest_acceleration, self.largest_compliance = (
+            np.zeros(len(self.friction_state)),
+            np.zeros(len(self.friction_state)),
+        )
+        self.changing_joints: list[int] = []
+        self.reversing_contacts: list[int] = []
+        self.changed_joints = set[int]()
+        self.is_started, self._last, self._count = False, -np.inf, 0
+
+    def _static_limit(self, j: int) -> float:
+        """Largest friction force per unit of load of a sticking joint."""
+        law = self.system.arrays.friction[j, at.R_LAW]
+        pool = self.system.arrays.real_data
+        return float(pool[law + at.L_STATIC] * pool[law + at.L_RADIUS])
+
+    def _has_single_direction(self, j: int) -> list[bool]:
+        """True if what presses each place of a joint has a single direction."""
+        across = [
+            bool(place[1].any()) for place in self.system.friction_joints[j].weights
+        ]
+        return [k < len(across) and not across[k] for k in range(at.MAX_CONTACTS)]
+
+    def friction_output(self, t: Array, z: Array, v: Array) -> Array:
+        """Friction quantities in states of one smooth interval, (nt,
+        n_frictions, .).
+        """
+        found = np.zeros((len(t), len(self.friction_state), N_FRICTION_OUTPUT))
+        self.work.interval_time[0] = self.system.clocks(t[len(t) // 2 :])[0]
+        arrays = self.system.arrays
+        calls = self.sampler.kernels
+        output_sampling.evaluate_friction(
+            calls, arrays, self.work, self.memory, t, z, v, found
+        )
+        work_arrays.raise_pending(self.system)
+        return found
+
+    def choose_states(self, t: float, z: Array, v: Array) -> str:
+        """Decide the friction states from an instant on, into the history.
+
+        What slides goes on sliding; what rests sticks if it can. Returns why there is
+        no decision, or an empty string.
+        """
+        progress = TIME_ROUNDING * max(abs(t), self.span)
+        self._count = self._count + 1 if t <= self._last + progress else 0
+        self._last = t
+        if self._count > MAX_SIMULTANEOUS:
+            count = self.has_single_direction.shape[1]
+            joints = self.changing_joints or [
+                k // count for k in self.reversing_contacts
+            ]
+            return f"{self._joint_names(joints)} change between stick and slip at once"
+        states = np.array([t]), z[None], v[None]
+        before, changing = self.friction_state.copy(), self.changing_joints
+        sense = self.friction_state[:, at.SLIP_DIRECTION]
+        self.friction_state[:] = 0.0
+        self.friction_state[:, at.REST_RATE] = before[:, at.REST_RATE]
+        output = self.friction_output(*states)[0]
+        stops = any(before[j, at.SLIP_DIRECTION] != 0.0 for j in changing)
+        noise = self.rtol * self.largest_rate if stops else 0.0
+        rests = np.abs(output[:, OUTPUT_RATE]) <= self.is_at_rest + noise
+        rests[changing] = True
+        sense[:] = np.where(rests, 0.0, np.sign(output[:, OUTPUT_RATE]))
+        self._set_prescribed_directions(output)
+        rests &= ~self.prescribed
+        stays_stuck = (before[:, at.SLIP_DIRECTION] == 0.0) & rests & self.is_started
+        self.friction_state[:, at.STICK_POSITION] = np.where(
+            stays_stuck, before[:, at.STICK_POSITION], output[:, OUTPUT_POSITION]
+        )
+        for j in np.intersect1d(changing, np.flatnonzero(rests & ~stays_stuck)):
+            if self._reverses(states, int(j), -before[j, at.SLIP_DIRECTION]):
+                rests[j] = False
+        self.changing_joints = []
+        reason = self._release_overloaded(
+            states, rests, [j for j in changing if stays_stuck[j]]
+        )
+        self.friction_state[~self._is_sticking, at.STICK_POSITION] = 0.0
+        self._set_contact_sides(states, before[:, at.CONTACT_SIDE :])
+        changed = (before[:, at.SLIP_DIRECTION] != sense) & self.is_started
+        self.changed_joints = {*np.flatnonzero(changed).tolist(), *changing}
+        self.is_started = True
+        return reason
+
+    @property
+    def _is_sticking(self) -> NDArray[np.bool_]:
+        """Which joints friction holds, (frictions,)."""
+        return (self.friction_state[:, at.SLIP_DIRECTION] == 0.0) & ~self.prescribed
+
+    def _certain_contact_force(self, output: Array) -> Array:
+        """Smallest contact forces whose side is certain, (n_frictions, .).
+
+        Relative to the largest one so far, and to the force that moves the joint most
+        easily: at a dead point no force does.
+        """
+        self.largest_compliance = np.fmax(
+            self.largest_compliance, self.memory.friction_P.diagonal()
+        )
+        self.largest_acceleration = np.fmax(
+            self.largest_acceleration,
+            np.abs(output[:, :, OUTPUT_ACCELERATION]).max(axis=0),
+        )
+        moving = self.largest_acceleration / np.maximum(
+            self.largest_compliance, np.finfo(float).tiny
+        )
+        moving[self.prescribed] = 0.0
+        press = np.abs(output[:, :, OUTPUT_CONTACT_FORCE:]).max(axis=0)
+        self.largest_contact_force = np.fmax(self.largest_contact_force, press)
+        return max(LIMIT_TOLERANCE, self.rtol) * np.fmax(
+            self.largest_contact_force, moving[:, None]
+        )
+
+    def _set_prescribed_directions(self, output: Array) -> None:
+        """Set the slip directions of prescribed motions.
+
+        Where they rest, the direction in which they continue.
+        """
+        rate, acceleration = output[:, OUTPUT_RATE], output[:, OUTPUT_ACCELERATION]
+        noise = self.rtol * self.largest_rate
+        noise[[j for j in range(len(noise)) if j not in self.changing_joints]] = 0.0
+        significant_acceleration = np.where(
+            np.abs(acceleration) * self.span > self.is_at_rest, acceleration, 0.0
+        )
+        directions = np.where(
+            np.abs(rate) > self.is_at_rest + noise, rate, significant_acceleration
+        )
+        self.friction_state[self.prescribed, at.SLIP_DIRECTION] = np.sign(
+            directions[self.prescribed]
+        )
+
+    def _set_contact_sides(self, states: StateOfMotion, before: Array) -> None:
+        """Store the contact sides of sliding joints, until they change."""
+        output = self.friction_output(*states)
+        press, certain = (
+            output[0, :, OUTPUT_CONTACT_FORCE:],
+            self._certain_contact_force(output),
+        )
+        sides = np.where(before == 0.0, 1.0, before)
+        sides.ravel()[self.reversing_contacts] *= -1.0
+        sides = np.where(np.abs(press) > certain, np.sign(press), sides)
+        slides = self.friction_state[:, at.SLIP_DIRECTION, None] != 0.0
+        self.friction_state[:, at.CONTACT_SIDE :] = np.where(
+            self.has_single_direction & slides, sides, 0.0
+        )
+        self.reversing_contacts = []
+
+    def _reverses(self, states: StateOfMotion, j: int, sense: float) -> bool:
+        """True if a joint that turns round does so far above what could stop it.
+
+        To stop it might take any force: where other joints move on, its coordinate may
+        have a stationary value. Its sense is the new one then.
+        """
+        self._mark_shared()
+        self.friction_state[j, at.SLIP_DIRECTION] = sense
+        output = self.friction_output(*states)[0]
+        needed = (
+            output[j, OUTPUT_FRICTION] * self.memory.friction_P[j, j]
+            - output[j, OUTPUT_ACCELERATION]
+        )
+        limit = (
+            self.rest_speed[j] * output[j, OUTPUT_LOAD] * self.memory.friction_P[j, j]
+        )
+        if (
+            sense * output[j, OUTPUT_ACCELERATION] > 0.0
+            and abs(needed) > CLEAR_REVERSAL * limit
+        ):
+            return True
+        self.friction_state[j, at.SLIP_DIRECTION] = 0.0
+        return False
+
+    def _mark_shared(self) -> None:
+        """Mark sticking joints if some of them constrain the same motion."""
+        stuck = np.flatnonzero(self._is_sticking)
+        P = self.memory.friction_P[np.ix_(stuck, stuck)]
+        size = np.sqrt(np.maximum(P.diagonal(), np.finfo(float).tiny))
+        alone = np.linalg.eigvalsh(P / np.outer(size, size)).min(initial=1.0)
+        self.friction_state[:, at.SHARES_MOTION] = 0.0
+        self.friction_state[stuck, at.SHARES_MOTION] = float(alone < SHARED_MOTION)
+
+    def _release_overloaded(
+        self, states: StateOfMotion, rests: Array, observed_slips: list[int]
+    ) -> str:
+        """Lets go, in sequence, what friction cannot hold.
+
+        Parameters
+        ----------
+        observed_slips
+            Joints that were seen to break loose.
+        """
+        sense, names = (
+            self.friction_state[:, at.SLIP_DIRECTION],
+            self._joint_names(np.flatnonzero(rests)),
+        )
+        for _ in range(4 * len(sense) + 1):
+            self._mark_shared()
+            output = self.friction_output(*states)[0]
+            if not np.isfinite(output[:, OUTPUT_FRICTION]).all():
+                moves = self._release_together(states, rests)
+                return "" if moves else f"{NO_SOLUTION} ({names})"
+            limits = self.rest_speed * output[:, OUTPUT_LOAD]
+            negligible = self._negligible()
+            excess = np.abs(output[:, OUTPUT_FRICTION]) - limits - negligible
+            excess[observed_slips] += (
+                OBSERVED_SLIP * limits[observed_slips]
+                + 2.0 * negligible[observed_slips]
+            )
+            excess[~self._is_sticking] = -np.inf
+            most_loaded = int(np.argmax(excess - LIMIT_TOLERANCE * limits))
+            if excess[most_loaded] > LIMIT_TOLERANCE * limits[most_loaded]:
+                sense[most_loaded] = -np.sign(output[most_loaded, OUTPUT_FRICTION])
+                continue
+            least = self.memory.friction_P.diagonal() * (
+                LIMIT_TOLERANCE * limits + negligible
+            )
+            must_stick = rests & (sense * output[:, OUTPUT_ACCELERATION] < -least)
+            if not must_stick.any():
+                return ""
+            sense[must_stick] = 0.0
+        return f"friction allows neither stick nor slip ({names})"
+
+    def _negligible(self) -> Array:
+        """Friction forces that change no rate in the whole run, (n_frictions,).
+
+        An unloaded joint at rest bears rounding errors only.
+        """
+        mobility = np.maximum(self.memory.friction_P.diagonal(), np.finfo(float).tiny)
+        return np.asarray(self.is_at_rest / (self.span * mobility))
+
+    def _release_together(self, states: StateOfMotion, rests: Array) -> bool:
+        """Lets go all that rests and holds one motion together, one way or the other.
+
+        Where in sequence lets go, what the last of them holds may feed loads without
+        bound, though the mechanism can move.
+        """
+        at_rest, P = np.flatnonzero(rests), self.memory.friction_P.copy()
+        if not len(at_rest):
+            return False
+        first = at_rest[0]
+        size = np.sqrt(np.maximum(P.diagonal() * P[first, first], 0.0))
+        if (np.abs(P[at_rest, first]) < (1.0 - SHARED_MOTION) * size[at_rest]).any():
+            return False
+        signs = np.sign(P[at_rest, first])
+        for sign in (signs, -signs):
+            self.friction_state[at_rest, at.SLIP_DIRECTION] = sign
+            self._mark_shared()
+            push = self.friction_output(*states)[0][at_rest, OUTPUT_ACCELERATION]
+            if np.isfinite(push).all() and (sign * push > 0.0).all():
+                return True
+        return False
+
+    def _joint_names(self, joints: Iterable[int]) -> str:
+        return ", ".join(self.system.friction_joints[j].joint for j in joints)
+
+
+def set_friction_states(system: System, t: Array, z: Array, v: Array) -> None:
+    """Puts the friction states of known states into a system `with_friction_states`,
+    from each time on.
+
+    Parameters
+    ----------
+    t, z, v : (nt,)
+        (nt, .), (nt, .).
+    """
+    if system.friction_history is None:
+        return
+    decision = StickSlipDecision(system)
+    system.friction_history.clear()
+    for t_k, position, velocity in zip(t, z, v, strict=True):
+        decision.choose_states(float(t_k), position, velocity)
+        system.friction_history.store(float(np.nextafter(t_k, -np.inf)))
+
+
+#: Steps that may be lost at once, and which share of those since the last change.
+MAX_STRIDE, MAX_LOST_FRACTION = 4, 0.25
+
+
+class StickSlipEvents(StickSlipDecision):
+    """Looks at the steps of a run for instants at which friction states change.
+
+    Attributes
+    ----------
+    stride
+        Steps to make before they are looked at; those behind a change are lost.
+    steps_since_change
+        Steps since the last change.
+    """
+
+    def __init__(
+        self, system: System, closed: Array, points: StepPoints, rtol: float
+    ) -> None:
+        super().__init__(system, rtol, closed)
+        self.points, self.stride, self.steps_since_change = points, 1, 0
+
+    @property
+    def needs_decision(self) -> bool:
+        """True if friction states must be decided before the run continues."""
+        return bool(self.changing_joints or self.reversing_contacts)
+
+    def enter_interval(
+        self, t: float, z: Array, v: Array
+    ) -> tuple[str, list[LocatedEvent]]:
+        """Decide friction from an instant on, and set sticking coordinates of z and v
+        to rest.
+
+        Returns why there is no decision, or an empty string; and the joints that
+        changed.
+        """
+        if self.is_started:
+            self._project(t, z, v)
+        why = self.choose_states(t, z, v)
+        self.history.store(t)
+        self._project(t, z, v)
+        state = t, z.copy(), v.copy()
+        sense, joints = (
+            self.friction_state[:, at.SLIP_DIRECTION],
+            self.system.friction_joints,
+        )
+        kinds = [
+            (j, "slip" if sense[j] else "stick") for j in sorted(self.changed_joints)
+        ]
+        return why, [LocatedEvent(joints[j].joint, kind, *state) for j, kind in kinds]
+
+    def steps_before(self, steps: StepStates, end: float) -> StepStates:
+        """The parts of steps before an instant."""
+        count = self.points.count
+        whole = count * int(np.searchsorted(steps.t[count - 1 :: count], end))
+        before = StepStates(steps.t[:whole], steps.z[:whole], steps.v[:whole])
+        begin = steps.t[whole]
+        if not end > begin:
+            return before
+        t = begin + self.points.fractions * (end - begin)
+        t[-1] = np.nextafter(end, -np.inf)
+        z, v = zip(
+            *(self.points.interpolate_state(steps, when) for when in t), strict=True
+        )
+        return join_steps([before, StepStates(t, np.array(z), np.array(v))])
+
+    def steps_until_change(
+        self, control: loop_state.StepLoopState, steps: StepStates
+    ) -> StepStates:
+        """The steps as far as no friction state changes; there the control
+        goes back.
+        """
+        t = self.look(steps) if len(steps.t) else None
+        self.steps_since_change += len(steps.t) // self.points.count
+        self.stride = max(
+            min(2 * self.stride, MAX_STRIDE),
+            int(MAX_LOST_FRACTION * self.steps_since_change),
+        )
+        if t is None:
+            return steps
+        self.stride, self.steps_since_change = 1, 0
+        control.time = t
+        control.z[:], control.v[:] = self.points.interpolate_state(steps, t)
+        known = control.output_times[: control.next_output]
+        control.next_output = int(np.searchsorted(known, t, "right"))
+        return self.steps_before(steps, t)
+
+    def look(self, steps: StepStates) -> float | None:
+        """The first instant in some steps at which a friction state changes."""
+        output = self.friction_output(steps.t, steps.z, steps.v)
+        margins, bounds = self._margins(output), self._margin_bounds(output)
+        first, changing = np.inf, list[int]()
+        for j, bound in enumerate(bounds):
+            below = np.flatnonzero(margins[:, j] < -bound)
+            if not len(below):
+                continue
+            before = np.flatnonzero(margins[: below[0], j] > 0.0)
+            when = self._change_time(
+                steps, j, before[-1] if len(before) else 0, below[0]
+            )
+            if when < first:
+                first, changing = when, []
+            if when <= first:
+                changing.append(j)
+        count = len(self.friction_state)
+        self.changing_joints = [j for j in changing if j < count]
+        self.reversing_contacts = [j - count for j in changing if j >= count]
+        return first if changing else None
+
+    def _margins(self, output: Array) -> Array:
+        """How far joints are from another friction state, negative beyond: (nt,
+        frictions).
+
+        Of sliding ones the rate, of sticking ones what their load holds beyond what
+        they need, of those that drives keep at rest how much slower they are than what
+        counts as motion. Behind them the forces that press their places of contact.
+        """
+        sense, rate = (
+            self.friction_state[:, at.SLIP_DIRECTION],
+            output[:, :, OUTPUT_RATE],
+        )
+        margin_of_sticking = self.rest_speed * output[:, :, OUTPUT_LOAD] - np.abs(
+            output[:, :, OUTPUT_FRICTION]
+        )
+        margin_of_sticking = np.where(
+            self.prescribed, 2.0 * self.is_at_rest - np.abs(rate), margin_of_sticking
+        )
+        own = np.where(sense == 0.0, margin_of_sticking, sense * rate)
+        side = self.friction_state[:, at.CONTACT_SIDE :]
+        contact_margin = np.where(
+            side == 0.0, np.inf, side * output[:, :, OUTPUT_CONTACT_FORCE:]
+        )
+        return np.hstack([own, contact_margin.reshape(len(output), -1)])
+
+    def _margin_bounds(self, output: Array) -> Array:
+        """How far beyond is certain, of each of `_margins`."""
+        self.largest_rate = np.fmax(
+            self.largest_rate, np.abs(output[:, :, OUTPUT_RATE]).max(axis=0)
+        )
+        moving = self.is_at_rest + self.rtol * self.largest_rate
+        load = np.abs(output[:, :, OUTPUT_LOAD]).max(axis=0)
+        bound_of_sticking = (
+            LIMIT_TOLERANCE * self.rest_speed * load + self._negligible()
+        )
+        own = np.where(self._is_sticking, bound_of_sticking, moving)
+        return np.concatenate([own, self._certain_contact_force(output).ravel()])
+
+    def _change_time(self, steps: StepStates, j: int, low: int, high: int) -> float:
+        from scipy.optimize import brentq
+
+        def margin(t: float) -> float:
+            z, v = self.points.interpolate_state(steps, t)
+            output = self.friction_output(np.array([t]), z[None], v[None])
+            return float(self._margins(output)[0, j])
+
+        begin, end = float(steps.t[low]), float(steps.t[high])
+        if begin == end or margin(begin) <= 0.0:
+            return begin
+        rounding = float(np.finfo(float).eps)
+        smallest = rounding * max(abs(begin), abs(end), end - begin)
+        return float(brentq(margin, begin, end, xtol=smallest, rtol=4.0 * rounding))
+
+    def _project(self, t: float, z: Array, v: Array) -> None:
+        """Project a state onto all constraints, with sticking joints at rest."""
+        self.sampler.sample(np.array([np.nextafter(t, np.inf)]), z[None], v[None])

@@ -1,0 +1,293 @@
+"""Result of a run, its notes, and the message of a failure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.result import Result
+from sidtool.formats.result.accuracy_report import (
+    MAX_DEFLECTION,
+    MAX_ROTATION,
+    MEANINGLESS_DEFLECTION,
+    failure_text,
+    validity_warnings,
+)
+from sidtool.formats.result.data import TABLES
+from sidtool.formats.scene import observed_outputs
+from sidtool.formats.storage.hdf5_files import versions
+
+from ..diagnostics import result_notes
+from ..diagnostics.body_loads import find_state_warnings
+from ..diagnostics.failure_causes import (
+    CAUSES,
+    REMEDIES,
+    explain_failure,
+    friction_lock_cause,
+    infeasible_drive_cause,
+    lost_inertia_cause,
+    mass_rounding_cause,
+    near_singular_cause,
+)
+from ..diagnostics.implausible_forces import runaway_warnings
+from ..diagnostics.initial_deformation import initial_deformation_notes
+from ..diagnostics.singular_configurations import singular_passage_notes
+from ..initial_state import assembly
+from ..initial_state.displacement_report import displacement_notes
+from ..initial_state.given_state import lost_rotation_text
+from ..initial_state.integrator_start import scene_with_settings
+from ..integrators import loop_state
+from ..linear.factor_storage import Memory
+from ..output import columns
+from ..output.samples import Samples
+from ..system.control_laws import law_error, rejected_trials
+
+if TYPE_CHECKING:
+    from ..system.system import System
+    from .run_loop import Run
+
+#: Velocity coordinates up to which a static start is tried before it is advised.
+MAX_TRIED_COORDINATES = 300
+
+
+def build_result(
+    run: Run, seconds: dict[str, float], failure: str, rows: Mapping[str, Any]
+) -> Result:
+    """What a run found; what is reported of it waits until somebody looks at it.
+
+    Parameters
+    ----------
+    rows
+        t and the tables, where they are known; default they are empty.
+    """
+    system, recorder = run.system, run.recorder
+    columns = recorder.columns
+    tables: dict[str, Any] = {TABLES[table]: names for table, names in columns.items()}
+    if not rows:
+        none = {table: np.zeros((0, len(names))) for table, names in columns.items()}
+        rows = {"t": np.zeros(0), **none}
+    known = Result(
+        title=system.scene.title,
+        **tables,
+        **rows,
+        counters=_counters(run) | seconds,
+        drift={
+            "position": run.control.position_drift,
+            "velocity": run.control.velocity_drift,
+        },
+        settings=_settings_table(run),
+        events=tuple(sorted(recorder.events, key=lambda event: event.t)),
+        sids=system.sids,
+        versions=versions(),
+        completed=not failure,
+        message=failure or _stopping_event_text(run),
+    )
+    scene, settings = system.scene, run.settings
+    known = known.with_lazy_fields(
+        lambda: {"scene": scene_with_settings(scene, settings)}, "scene"
+    )
+    return known.with_lazy_fields(
+        lambda: _deferred_fields(run), "bodies", "notes", "warnings"
+    )
+
+
+def _deferred_fields(run: Run) -> dict[str, Any]:
+    """Fields of a result that are evaluated when they are read."""
+    scene, remarks = run.system.scene, run.recorder.verdicts.found.output_notes
+    warnings = validity_warnings(run.recorder.bodies)
+    return {
+        "bodies": run.recorder.bodies,
+        "notes": (
+            *warnings,
+            *_run_notes(run),
+            *remarks.sentences(observed_outputs(scene)),
+        ),
+        "warnings": warnings,
+    }
+
+
+def may_exceed_linear_theory(run: Run) -> bool:
+    """True if a body may have left linear theory by its deformation; False is certain.
+
+    Cheap, while the warnings of a result are found once somebody looks at them.
+    """
+    return run.recorder.may_exceed(MAX_DEFLECTION, MAX_ROTATION)
+
+
+def failure_reason(run: Run, stop_reason: str) -> str:
+    """Why a run stopped early, or why its numbers mean nothing; empty if they do.
+
+    Parameters
+    ----------
+    stop_reason
+        Why the run stopped early, if it did.
+    """
+    if stop_reason:
+        return explain_failure(stop_reason, run.recorder.bodies)
+    if not run.recorder.may_exceed(MEANINGLESS_DEFLECTION, np.inf):
+        return ""
+    return failure_text(run.recorder.bodies)
+
+
+def failure_message(run: Run, code: int) -> str:
+    """Why the step loop could not continue."""
+    system, work, control = run.system, run.work, run.control
+    law_text = law_error(system, work, since=run.current_time)
+    if law_text:
+        return f"stopped at t = {run.current_time:.9g} s: {law_text}"
+    cause = CAUSES.get(code, f"code {code}")
+    if code in (loop_state.TOO_SMALL, loop_state.OFF_CONSTRAINTS):
+        cause = lost_rotation_text(system, work, control) or cause
+    fastest = columns.fastest_body(system, control)
+    text = (
+        f"stopped at t = {run.current_time:.9g} s: {cause} (fastest change: {fastest})"
+    )
+    if contradiction := infeasible_drive_cause(
+        system, run.current_time, *_last_sound_state(run)
+    ):
+        return f"{text}; {contradiction}"
+    fixed = control.fixed_step == 1
+    text += REMEDIES.get(code, "") if fixed else ""
+    text += (
+        lost_inertia_cause(system, work, run.current_time)
+        or mass_rounding_cause(system, work)
+        or friction_lock_cause(system, run.memory, run.current_time, control)
+        or near_singular_cause(control, bool(run.method.singular_loop))
+    )
+    if system.redundant:
+        rows = assembly.row_names(system, system.redundant)
+        names = ", ".join(dict.fromkeys(rows))
+        text += f"; redundant at the start, perhaps contradicting now: {names}"
+    return text
+
+
+def _last_sound_state(run: Run) -> tuple[Array, Array]:
+    """Positions and velocities of the last known state within linear theory.
+
+    Where a body has deformed by more, its frame is arbitrary, and rounding decides
+    which joints can be met from there. A state with values that are not finite is
+    returned unchanged.
+    """
+    system, control = run.system, run.control
+    if not np.isfinite(control.z).all():
+        return control.z, control.v
+    _, z, v = run.window.reached_states(control)
+    states = [(control.z, control.v), *zip(z[::-1], v[::-1], strict=True)]
+    for positions, velocities in states:
+        if not find_state_warnings(system, positions[None]):
+            return positions, velocities
+    return run.recorder.sound or (run.start.z, run.start.v)
+
+
+def _settings_table(run: Run) -> dict[str, str | float]:
+    """Settings of the run, as a table."""
+    settings = run.settings
+    name = settings.integrator
+    if not math.isnan(run.switch_time):
+        name += f", then {settings.when_stiff} from t = {run.switch_time:.6g} s"
+    table: dict[str, str | float] = {"integrator": name, "rtol": settings.rtol}
+    table["step"] = settings.step or 0.0
+    if run.method.has_spectral_radius:
+        table["spectral_radius"] = settings.radius
+    return table
+
+
+def _run_notes(run: Run) -> Iterator[str]:
+    """Notes on the numbers of a run."""
+    system, recorder, rtol = run.system, run.recorder, run.settings.rtol
+    steps = run.memory.steps
+    yield from dict.fromkeys((*run.notes, *run.initialised.implausible_inputs))
+    yield from singular_passage_notes(
+        system, run.kernels, run.control, rtol, run.start.z
+    )
+    yield from displacement_notes(system, recorder.sampler.work, run.start, rtol)
+    if run.current_time >= system.scene.time.end and not _stopping_event_text(run):
+        yield from result_notes.output_time_notes(
+            system.scene, float(run.times[-1:][0])
+        )
+    yield from result_notes.callable_notes(system)
+    yield from result_notes.peak_stress_notes(system)
+    yield from result_notes.sampled_loop_notes(system, run.control, run.start.z)
+    if run.control.fixed_step != 1:
+        span = run.current_time - system.scene.time.start
+        yield from recorder.verdicts.found.vibrations.sentences(steps, span)
+    yield from result_notes.rounding_notes(system, run.control, rtol, steps)
+    reached_end = run.current_time >= system.scene.time.end or _stopping_event_text(run)
+    if reached_end:  # speeds where a run stops are those of its failure
+        yield from result_notes.rotation_error_notes(run.control, run.settings)
+        yield from rejected_trials(system, run.work)
+    yield from result_notes.skipped_feature_notes(system, run.control, run.settings)
+    yield from _constraint_deformation_notes(run)
+    ends = (system.scene.time.start, run.current_time)
+    start, control = run.start, run.control
+    if reached_end:
+        yield from runaway_warnings(
+            system, ends, np.array([start.z, control.z]), np.array([start.v, control.v])
+        )
+    bodies = recorder.bodies
+    if bodies and run.current_time > system.scene.time.start:
+        yield from initial_deformation_notes(
+            system, _initial_samples(run), bodies, lambda: _has_static_start(system)
+        )
+
+
+def _has_static_start(system: System) -> bool:
+    """True if the scene can start in a static equilibrium, and does not yet.
+
+    It is tried: a free mechanism has none, or has one by its springs. Not for large
+    scenes, nor where a program gives functions.
+    """
+    from .. import compile_scene
+
+    scene = system.scene
+    is_excluded = scene.initial.state == "static" or bool(system.shortest_features)
+    if is_excluded or system.n_velocities > MAX_TRIED_COORDINATES:
+        return False
+    initial = scene.initial.model_copy(update={"state": "static"})
+    at_rest = scene.model_copy(update={"initial": initial})
+    try:
+        compile_scene(at_rest, sids=system.sids)
+    except InputError:
+        return False
+    return True
+
+
+def _constraint_deformation_notes(run: Run) -> Iterator[str]:
+    """Notes on deformations that joints and drives impose instead of loads."""
+    deformed = [
+        n for n, body in run.recorder.bodies.items() if body.deflection > MAX_DEFLECTION
+    ]
+    if deformed and run.current_time >= run.system.scene.time.end:
+        why = infeasible_drive_cause(
+            run.system, run.current_time, *_last_sound_state(run)
+        )
+        if why:
+            yield (
+                f"joints and drives deform {', '.join(deformed)}: {why}; such motions "
+                f"may magnify errors, and rtol = {run.settings.rtol:g} is not promised"
+            )
+
+
+def _initial_samples(run: Run) -> Samples:
+    """The start, with accelerations."""
+    t, start = np.array([run.system.scene.time.start]), run.start
+    return run.recorder.sampler.sample(t, start.z[None], start.v[None])
+
+
+def _counters(run: Run) -> dict[str, Any]:
+    stiff = run.control.stiff_steps
+    explicit = {"stiff_steps": stiff} if run.method.explicit else {}
+    return {name: getattr(run.memory, name) for name in Memory.kind.scalars} | explicit
+
+
+def _stopping_event_text(run: Run) -> str:
+    """The event that ended the run before the end of the time span, as a sentence."""
+    if run.watch is None or not run.watch.stopping_event:
+        return ""
+    t = run.watch.events_found[-1].t
+    return f"event {run.watch.stopping_event} ended the run at t = {t:.9g} s"

@@ -1,0 +1,349 @@
+"""Step loop of a run over smooth intervals; events and friction between steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.result import Sink
+
+from ..diagnostics.failure_causes import singular_system_message
+from ..diagnostics.run_summary import InitialisedSystem
+from ..diagnostics.singular_configurations import undetermined_friction_notes
+from ..dynamics.equations_of_motion import kernel_pointers
+from ..initial_state.given_state import store_rotations
+from ..initial_state.integrator_start import (
+    RunSettings,
+    constraint_tolerances,
+    new_step_loop_state,
+)
+from ..integrators import loop_state, newton_iteration, output_sampling
+from ..integrators.registry import INTEGRATORS, StepFunction
+from ..integrators.singular_configurations import NEAR_SINGULAR
+from ..linear.factor_storage import Memory
+from ..output import dense_output, events
+from ..output.dense_output import OutputTimeBuffer
+from ..output.energies import EnergyIntegrals, needs_energy_integrals
+from ..output.resume import ResumeState, previous_rows
+from ..output.samples import StateSampler
+from ..output.stick_slip import StickSlipEvents, with_friction_states
+from ..spatial.system_arrays import WorkArrays
+from ..system.control_laws import law_error
+from ..system.sensors import OutputTimesAtSamples, SampledLaws
+from ..system.work_arrays import new_memory, new_work_arrays, raise_pending
+from .recorder import Recorder
+from .result import failure_message
+
+#: Steps between two reports of progress.
+STEPS_PER_REPORT = 500
+
+Progress = Callable[[float], None]
+
+
+class Run:
+    """Storage and step function of one run."""
+
+    def __init__(
+        self,
+        initialised: InitialisedSystem,
+        settings: RunSettings,
+        told: Iterable[str],
+        sink: Sink,
+        resume: ResumeState | None,
+    ) -> None:
+        system = with_friction_states(initialised.system)
+        self.system, self.settings, self.start = system, settings, initialised.start
+        self.initialised, self.notes = initialised, told
+        methods = [INTEGRATORS[name] for name in settings.integrators]
+        self.method, self.switch_time = methods[0], math.nan
+        self.work: WorkArrays = new_work_arrays(system)
+        self.memory: Memory = new_memory(system, max(m.complex_pairs for m in methods))
+        self.kernels = kernel_pointers(system.planar)
+        self.times = OutputTimesAtSamples(system)
+        self.samplers = SampledLaws(system)
+        self.closed = constraint_tolerances(system, settings)
+        points = dense_output.step_points(max(m.dense_degree for m in methods))
+        self.watch = None
+        if system.scene.events:
+            self.watch = events.EventDetector(system, self.closed, points)
+        history = None
+        if needs_energy_integrals(system.scene):
+            sums = None if resume is None else resume.energy_sums
+            history = EnergyIntegrals(StateSampler(system, self.closed), points, sums)
+        self.stick_slip_events = None
+        if system.friction_joints:
+            self.stick_slip_events = StickSlipEvents(
+                system, self.closed, points, settings.rtol
+            )
+        self.looks_inside_steps = not (
+            self.watch is self.stick_slip_events is history is None
+        )
+        most = len(self.times) + 1
+        self.recorder = Recorder(
+            system,
+            self.closed,
+            lambda: initialised.result_notes,
+            history,
+            sink,
+            most,
+        )
+        shares, self.limit = np.zeros(0), STEPS_PER_REPORT
+        if self.looks_inside_steps:
+            shares, self.limit = (
+                points.fractions_of_chunk(),
+                dense_output.STEPS_PER_CHUNK,
+            )
+        elif system.flexible:
+            shares = dense_output.end_fractions(fixed=settings.step is not None)
+            self.limit = dense_output.ENDS_PER_CHUNK
+        self.points = points
+        self.window = OutputTimeBuffer(
+            self.times, system.n_positions + system.n_velocities
+        )
+        begin = initialised.start if resume is None else resume.start
+        self.control = new_step_loop_state(
+            system, settings, begin, self.window.size, shares, self.closed
+        )
+        if resume is not None:
+            self._resume_from(resume)
+        self.window.fill_next(self.control)
+        self.breaks: list[events.LocatedEvent] = []
+        self.step_counts = [0, 0]
+        self.needs_new_interval = False
+        self.advance = self._prepare()
+
+    def _prepare(self) -> StepFunction:
+        return self.method.prepare(
+            self.system, self.kernels, self.work, self.memory, self.control
+        )
+
+    def _resume_from(self, resume: ResumeState) -> None:
+        """The rows, times and events of an unfinished run are behind this one."""
+        self.control.time = self.control.start_time = resume.t
+        rows = previous_rows(resume)
+        self.window.skip(sum(len(part.t) for part in rows))
+        for part in rows:
+            self.recorder.add_previous_rows(part)
+        if self.watch is not None:
+            for event in resume.done.events:
+                if event.name in self.watch.counts:
+                    self.watch.counts[event.name] += 1
+
+    def integrate(
+        self, progress: Progress | None, stop_requested: Callable[[], str] | None = None
+    ) -> str:
+        """Integrate over all smooth intervals; returns the reason if one is not
+        finished.
+
+        Parameters
+        ----------
+        stop_requested
+            Returns why to stop early, or an empty string.
+        """
+        self.stop_requested = stop_requested
+        for stop in self.system.breaks:
+            if stop <= self.current_time:
+                continue
+            failure = self._enter_interval(stop)
+            code = loop_state.STEPS_DONE
+            while code == loop_state.STEPS_DONE and not failure:
+                code = self._make_steps()
+                if self.watch is not None and self.watch.stopping_event:
+                    return ""
+                if self._needs_stiff_method(code):
+                    self._switch_method()
+                    self.needs_new_interval = True
+                if self.needs_new_interval:
+                    failure, code = self._enter_interval(stop), loop_state.STEPS_DONE
+                if progress is not None:
+                    progress(self.current_time)
+                why = (
+                    stop_requested()
+                    if stop_requested is not None and code == loop_state.STEPS_DONE
+                    else ""
+                )
+                if why and not failure:
+                    return f"{why} at t = {self.current_time:.9g} s"
+            if failure:
+                return failure
+            if code != loop_state.INTERVAL_END:
+                return failure_message(self, code)
+            self._record_breaks(stop)
+        return ""
+
+    def _make_steps(self) -> int:
+        """Make some steps, however many output times they contain; returns why they
+        end.
+        """
+        left = self.limit
+        while True:
+            before = self.memory.steps
+            most = (
+                left
+                if self.stick_slip_events is None
+                else min(left, self.stick_slip_events.stride)
+            )
+            code = self.advance(self.control, most)
+            raise_pending(self.system)
+            left -= self.memory.steps - before
+            self._process_steps()
+            if self.needs_new_interval or (
+                self.watch is not None and self.watch.stopping_event
+            ):
+                return code
+            full = code == loop_state.OUTPUT_FULL
+            if full or self.recorder.has_pending:
+                rows = self.window.reached_states(self.control)
+                self.recorder.take_rows(*rows, self._new_events())
+                self.control = self.window.continue_after(self.control, full)
+            if not full:
+                return code
+            if self.stop_requested is not None and self.stop_requested():
+                left = 1  # so many rows may lie in all of them that it lasts minutes
+
+    def _new_events(self) -> list[events.LocatedEvent]:
+        """Breaks and events that were not requested before."""
+        kinds = self.breaks, self.watch.events_found if self.watch else []
+        new = [
+            m for kind, k in zip(kinds, self.step_counts, strict=True) for m in kind[k:]
+        ]
+        self.step_counts = [len(kind) for kind in kinds]
+        return sorted(new, key=lambda moment: moment.t)
+
+    def finish(self, failed: bool) -> None:
+        """Hands over the rest, and last the state where the run ended early."""
+        t, z, v = self.window.reached_states(self.control)
+        last = None
+        if self.watch is not None and self.watch.stopping_event:
+            last = self.watch.events_found[-1]
+        elif failed and np.isfinite([*self.control.z, *self.control.v]).all():
+            last = events.LocatedEvent(
+                "", "stop", self.current_time, self.control.z, self.control.v
+            )
+        if last is not None:
+            self.recorder.discard_after(last.t)
+            count = int(np.searchsorted(t, last.t))
+            t, z, v = (
+                np.concatenate([rows[:count], np.array([end])])
+                for rows, end in ((t, last.t), (z, last.z), (v, last.v))
+            )
+        if failed:
+            t, z, v = self.recorder.finite_rows(t, z, v)
+        self.recorder.take_rows(t, z, v, self._new_events())
+
+    @property
+    def current_time(self) -> float:
+        """Time that was reached [s]."""
+        return self.control.time
+
+    def _needs_stiff_method(self, code: int) -> bool:
+        """True if another method has to go on: stiffness, or a singular
+        configuration.
+        """
+        waits = self.settings.when_stiff and math.isnan(self.switch_time)
+        if not waits or code not in (loop_state.STEPS_DONE, loop_state.TOO_STIFF):
+            return False
+        if self.control.singular_proximity == NEAR_SINGULAR:
+            return True
+        stiff = self.control.stiff_steps
+        return bool(loop_state.STIFF_STEP_FRACTION * stiff > self.memory.steps)
+
+    def _switch_method(self) -> None:
+        """Continue with the method for stiff scenes."""
+        self.method, self.switch_time = (
+            INTEGRATORS[self.settings.when_stiff],
+            self.current_time,
+        )
+        self.advance = self._prepare()
+
+    def _record_breaks(self, t: float) -> None:
+        """Store the state where drives or forces are not smooth."""
+        z, v = self.control.z.copy(), self.control.v.copy()
+        for name in self.system.break_causes.get(t, ()):
+            self.breaks.append(events.LocatedEvent(name, "break", t, z, v))
+
+    def _process_steps(self) -> None:
+        """Stores what is wanted of the last steps, and looks for events in them."""
+        if not self.looks_inside_steps:
+            self.recorder.add_step_ends(dense_output.take_step_ends(self.control))
+            return
+        steps = dense_output.take_steps(self.control)
+        if self.stick_slip_events is not None:
+            steps = self.stick_slip_events.steps_until_change(self.control, steps)
+            self.needs_new_interval = self.stick_slip_events.needs_decision
+        self.recorder.add_step_ends(self.points.step_ends(steps))
+        if self.recorder.history is not None:
+            self.recorder.history.add(steps)
+        if self.watch is not None:
+            self.watch.look(steps)
+
+    def _enter_interval(self, end: float) -> str:
+        """Start a smooth interval without memory of earlier steps.
+
+        Returns why it cannot start, or an empty string.
+        """
+        self.needs_new_interval = False
+        failure = self._decide_friction()
+        if failure:
+            return failure
+        control, begin = self.control, self.current_time
+        control.stop = end
+        control.old_step = 0.0
+        control.factored_step = 0.0
+        control.newton_step_limit = np.inf
+        control.steps_since_failure = newton_iteration.FREQUENT_FAILURES
+        control.needs_jacobian = 1
+        control.stage_prediction = 0
+        self.work.interval_time[0] = 0.5 * (begin + end)
+        if self.settings.step is not None:
+            count = max(1, int(np.ceil((end - begin) / self.settings.step - 1e-9)))
+            control.step = (end - begin) / count
+        status = self._evaluate_start()
+        if status == 0 and self.samplers.take_samples(self.work, begin, control.v):
+            failure = self._decide_friction()
+            if failure:
+                return failure
+            status = self._evaluate_start()
+        law_text = law_error(self.system, self.work, since=begin)
+        if law_text and begin == self.system.scene.time.start:
+            raise InputError(law_text, place="forces", expected="a number at the start")
+        if law_text:
+            return f"stopped at t = {begin:.9g} s: {law_text}"
+        if status != 0:
+            return singular_system_message(self.system, self.work, begin, status)
+        store_rotations(self.system, self.work, control.z)
+        control.force_measures[:, :2] = self.work.measure
+        return ""
+
+    def _decide_friction(self) -> str:
+        """Decide the friction states; returns why there is no decision, or an empty
+        string.
+        """
+        if self.stick_slip_events is None:
+            return ""
+        reason, located = self.stick_slip_events.enter_interval(
+            self.current_time, self.control.z, self.control.v
+        )
+        self.breaks += located
+        if reason:
+            reason += undetermined_friction_notes(
+                self.system, self.current_time, self.control.z, self.control.v
+            )
+        return f"stopped at t = {self.current_time:.9g} s: {reason}" if reason else ""
+
+    def _evaluate_start(self) -> int:
+        """Evaluates the state in hand; 0, or the code of a singular system."""
+        status: int = output_sampling.evaluate_start(
+            self.kernels,
+            self.system.arrays,
+            self.work,
+            self.memory,
+            self.current_time,
+            self.control.z,
+            self.control.v,
+        )
+        raise_pending(self.system)
+        return status

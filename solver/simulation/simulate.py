@@ -1,0 +1,131 @@
+"""Simulation run: from a compiled scene to a result."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
+
+from sidtool.formats.result import FlexibleBody, InMemory, Result, Sink
+
+from ..compiler import precompile
+from ..diagnostics.run_summary import InitialisedSystem, initialise
+from ..initial_state.integrator_start import run_settings
+from ..integrators.registry import INTEGRATORS
+from ..output.evaluated_forces import needs_body_quantities
+from ..output.resume import resume_state
+from ..system.errors import SimulationError
+from ..system.system import System
+from .result import build_result, failure_reason, may_exceed_linear_theory
+from .run_loop import Progress, Run
+
+ExpectationCallback = Callable[[Mapping[str, FlexibleBody]], None]
+
+
+def simulate(
+    system: System,
+    *,
+    integrator: str | None = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    spectral_radius: float | None = None,
+    progress: Progress | None = None,
+    foresee: ExpectationCallback | None = None,
+    tell: Callable[[str], None] | None = None,
+    told: Iterable[str] = (),
+    into: Sink | None = None,
+    stop: Callable[[], str] | None = None,
+    warn: Callable[[str], None] | None = None,
+    unfinished: Result | None = None,
+) -> Result:
+    """Integrates a compiled scene over its time span.
+
+    Parameters
+    ----------
+    integrator
+        Name in `sidtool.solver.integrators.INTEGRATORS` or "auto", default as in the
+        scene.
+    rtol
+        Tolerated error relative to the largest motion, default as in the scene.
+    step
+        Fixed step [s]; replaces the error control.
+    spectral_radius
+        Of generalised_alpha, 0 to 1, default as in the scene.
+    progress
+        Called with the simulated time [s] from time to time.
+    foresee
+        Called before the first step with what is expected of flexible bodies.
+    tell
+        Called before the first step with what is to be asked or known of the scene.
+    told
+        Sentences for the notes of the result.
+    into
+        Takes the rows of the result while the run goes on, and the result at its end,
+        whose tables are then empty; default they are kept in memory.
+    stop
+        Asked from time to time why the run is to end before its time, if at all.
+    warn
+        Called after the run with each of the warnings of the result that a large
+        deformation is the cause of.
+    unfinished
+        A run of this scene and these settings that stopped, or that is complete to an
+        earlier end; this one goes on from its last state, and its result is that of
+        both.
+
+    Raises
+    ------
+    InputError
+        Unknown integrator, or no start position meets the constraints.
+    SimulationError
+        The run stopped early, or a body deformed by more than its own size, so that its
+        numbers mean nothing; `result` holds what was computed.
+    """
+    settings = run_settings(system, integrator, rtol, step, spectral_radius)
+    loops = [INTEGRATORS[name].step_loop for name in settings.integrators]
+    precompile.ensure_compiled(
+        system.planar, loops, needs_body_quantities(system.scene)
+    )
+    started = time.perf_counter()
+    initialised = initial_notes(system, foresee, tell)
+    memory_sink = InMemory()
+    told = chain(system.notes, told)
+    resume = (
+        None
+        if unfinished is None
+        else resume_state(initialised.system, settings, unfinished)
+    )
+    run = Run(initialised, settings, told, into or memory_sink, resume)
+    assembled = time.perf_counter()
+    failure = run.integrate(progress, stop)
+    solved = time.perf_counter() - assembled - run.recorder.seconds
+    run.finish(bool(failure))
+    failure = failure_reason(run, failure)
+    seconds = {"seconds_assembly": assembled - started, "seconds": solved}
+    result = build_result(
+        run, seconds, failure, memory_sink.arrays() if into is None else {}
+    )
+    if resume is not None:
+        result = resume.join(result)
+    if into is not None:
+        into.finish(result)
+    if warn is not None and may_exceed_linear_theory(run):
+        for text in result.warnings:
+            warn(text)
+    if failure:
+        raise SimulationError(result.message, result)
+    return result
+
+
+def initial_notes(
+    system: System,
+    foresee: ExpectationCallback | None,
+    tell: Callable[[str], None] | None,
+) -> InitialisedSystem:
+    """What a run begins with, said as `simulate` does before it."""
+    initialised = system.cached(initialise)
+    if tell is not None:
+        for sentence in initialised.implausible_inputs:
+            tell(sentence)
+    if foresee is not None:
+        foresee(initialised.result_notes)
+    return initialised

@@ -1,1 +1,0 @@
-"""Plane and space: their algebra, coordinates, and the arrays that kernels share."""

@@ -1,1 +1,0 @@
-"""Consistent initial conditions: assembly, redundant constraints, turns."""

@@ -1,0 +1,339 @@
+"""Data of the bodies of a scene: SID, markers and elastic coordinates of each body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import (
+    SID,
+    Array,
+    Node,
+    Taylor,
+    rigid_node,
+    rigid_sid,
+    symmetric_3x3,
+)
+from sidtool.formats.motion_kinds import named_by_kind
+from sidtool.formats.scene import (
+    KIND,
+    Body,
+    ElasticInitial,
+    Fixed,
+    Marker,
+    Placement,
+    RigidBody,
+    SceneFile,
+    SidBody,
+    as_3d,
+    has_wildcard,
+    is_elastic,
+    is_stress,
+    orientation_matrix,
+    parse_output,
+    position_3d,
+)
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.sid_subset import select_shape_functions, selected_indices
+
+from .body_damping import sid_with_damping
+from .planar_reduction import out_of_plane_momenta, unloaded_across
+from .sid_terms import check_first_order, has_quadratic_inertia
+from .stiffening import without_stiffening
+
+#: Name of the added node.
+FRAME_NODE = "held frame"
+
+
+def with_held_frames(scene: SceneFile) -> SceneFile:
+    """The scene with a fixed joint "NAME held" for each body whose frame is held."""
+    markers, joints = dict(scene.ground.markers), dict(scene.joints)
+    held = {n: body for n, body in scene.sid_bodies.items() if body.frame == "held"}
+    for body, content in held.items():
+        name = f"{body} held"
+        start = content.initial
+        pose: dict[str, Any] = {k: getattr(start, k) for k in Placement.model_fields}
+        markers[name] = Marker(**pose)
+        ends = (f"ground.{name}", f"{body}.{FRAME_NODE}")
+        joints[name] = Fixed(type="fixed", markers=ends)
+    if not held:
+        return scene
+    ground = scene.ground.model_copy(update={"markers": markers})
+    return scene.model_copy(update={"ground": ground, "joints": joints})
+
+
+def without_held_frames(scene: SceneFile) -> SceneFile:
+    """The scene that became this one, as files hold it."""
+    held = {f"{name} held" for name in scene.bodies}
+    joints = {n: joint for n, joint in scene.joints.items() if n not in held}
+    markers = {n: m for n, m in scene.ground.markers.items() if n not in held}
+    ground = scene.ground.model_copy(update={"markers": markers})
+    return scene.model_copy(update={"ground": ground, "joints": joints})
+
+
+def with_frame_node(sid: SID) -> SID:
+    """The SID with a node at the origin of its frame."""
+    shapes = Taylor(np.zeros((3, sid.nq)))
+    origin, AP = Taylor(np.zeros((3, 1))), Taylor(np.eye(3))
+    return replace(
+        sid, nodes=(*sid.nodes, Node(FRAME_NODE, origin, shapes, shapes, AP))
+    )
+
+
+def is_taken_as_rigid(scene: SceneFile, name: str) -> bool:
+    """True if a body has a SID of which only the mass counts."""
+    body = scene.bodies.get(name)
+    return isinstance(body, SidBody) and body.rigid
+
+
+def elastic_outputs(scene: SceneFile) -> list[str]:
+    """Outputs that only the flexibility of rigid bodies would give."""
+    found = []
+    for text in scene.outputs.record:
+        if has_wildcard(text):
+            continue
+        name = parse_output(text)
+        elastic = is_elastic(name.quantity) or is_stress(name.quantity)
+        if elastic and is_taken_as_rigid(scene, name.owner):
+            found.append(text)
+    return found
+
+
+def without_elasticity(scene: SceneFile) -> SceneFile:
+    """The scene without what is said of the elastic coordinates of rigid bodies."""
+    if not any(is_taken_as_rigid(scene, name) for name in scene.bodies):
+        return scene
+    bodies = {
+        name: body.model_copy(
+            update={"initial": _undeformed_initial(body), "damping": None}
+        )
+        if isinstance(body, SidBody) and body.rigid
+        else body
+        for name, body in scene.bodies.items()
+    }
+    removed = set(elastic_outputs(scene))
+    record = tuple(text for text in scene.outputs.record if text not in removed)
+    outputs = scene.outputs.model_copy(update={"record": record})
+    return scene.model_copy(update={"bodies": bodies, "outputs": outputs})
+
+
+def _undeformed_initial(body: SidBody) -> ElasticInitial:
+    nothing = {"elastic": None, "elastic_velocity": None}
+    return body.initial.model_copy(update=nothing)
+
+
+def as_rigid_sid(sid: SID) -> SID:
+    """The same body undeformed: mass, centre, inertia and nodes."""
+    centre = sid.mdCM.m0[:, 0] / sid.mass if sid.mass else sid.mdCM.m0[:, 0]
+    nodes = tuple(
+        rigid_node(node.id, node.origin.m0[:, 0], node.AP.m0) for node in sid.nodes
+    )
+    return rigid_sid(sid.mass, centre, symmetric_3x3(sid.J.m0[:, 0]), nodes)
+
+
+@dataclass(frozen=True)
+class BodyData:
+    """One body of a compiled scene.
+
+    Attributes
+    ----------
+    sid
+        Its Standard Input Data; a rigid body has no elastic coordinates.
+    rotates
+        False for a point mass, whose orientation never changes.
+    quadratic_inertia
+        Keep the term of J that is quadratic in q; stiffened bodies always do.
+    nodes
+        Marker name to node id.
+    coordinate_numbers : (nq,)
+        The elastic coordinates, from 1, as in the SID that was given.
+    is_scene_body
+        False for the ground, and for what carries a state of a law, see `control_laws`.
+    initial_state
+        That state at the start.
+    given_sid
+        The SID that was given, of which elastic coordinates have their names.
+    out_of_plane_momenta : (n, nq)
+        Momenta of motions that nothing in the plane of a planar scene excites, see
+        `out_of_plane_momenta`.
+    rotated_markers
+        Name of a rotated marker to the marker and its rotation, (3, 3); see
+        `rotated_markers`.
+    """
+
+    name: str
+    sid: SID
+    rotates: bool
+    quadratic_inertia: bool
+    nodes: Mapping[str, str]
+    coordinate_numbers: tuple[int, ...] = ()
+    is_scene_body: bool = True
+    initial_state: float = 0.0
+    given_sid: SID | None = None
+    out_of_plane_momenta: Array | None = None
+    rotated_markers: Mapping[str, tuple[str, Array]] = field(default_factory=dict)
+
+    def node(self, marker: str) -> Node:
+        """The node behind a marker name; no name is the origin of a rigid body."""
+        if marker not in self.rotated_markers:
+            return self.sid.node(self.nodes.get(marker, marker))
+        marker, turn = self.rotated_markers[marker]
+        node = self.node(marker)
+        m1 = None if node.AP.m1 is None else node.AP.m1 @ turn
+        return replace(node, AP=Taylor(node.AP.m0 @ turn, m1))
+
+    def elastic_number(self, quantity: str, place: str) -> int:
+        """Number of the elastic coordinate that qN, vqN, bending_yN, ... stand for.
+
+        Raises
+        ------
+        InputError
+            The body has no such coordinate.
+        """
+        kind = KIND.fullmatch(quantity)
+        if kind is not None:
+            return self._number_of(kind[2], place)
+        prefix = "vq" if quantity.startswith("v") else "q"
+        number = int(quantity.removeprefix(prefix))
+        if number not in self.coordinate_numbers:
+            raise InputError(
+                f"{self.name} has {len(self.coordinate_numbers)} elastic coordinates",
+                place=place,
+                expected=listed_numbers(self.coordinate_numbers, prefix),
+            )
+        return number
+
+    def _number_of(self, kind: str, place: str) -> int:
+        """Of the elastic coordinate that is called so by its kind."""
+        known = named_by_kind(self.given_sid or self.sid)
+        available = {
+            name: k for name, k in known.items() if k in self.coordinate_numbers
+        }
+        if kind in available:
+            return available[kind]
+        listed = ", ".join(available)
+        raise InputError(
+            f"{self.name} has no elastic coordinate {kind}",
+            place=place,
+            expected=f"one of {listed}" if listed else "another output",
+        )
+
+
+def listed_numbers(numbers: Sequence[int], prefix: str) -> str:
+    """ "q1 to q5", or "q1, q3" where some are left out."""
+    names = [f"{prefix}{k}" for k in numbers]
+    whole = list(numbers) == list(range(1, len(names) + 1))
+    if len(names) > 1 and whole:
+        return f"{names[0]} to {names[-1]}"
+    return ", ".join(names) or "another name"
+
+
+def read_sids(
+    scene: SceneFile, folder: Path, sids: Mapping[str, SID]
+) -> dict[str, SID]:
+    """The SIDs of all bodies that have one, by name; given ones replace files.
+
+    Raises
+    ------
+    InputError
+        A SID cannot be read.
+    """
+    found = {}
+    for name, body in scene.sid_bodies.items():
+        if name not in sids and not body.sid:
+            raise InputError(
+                f"{body.model} is a model that has to be converted first",
+                place=f"bodies.{name}.model",
+                expected="a command of sidtool, which converts it, or a SID",
+            )
+        found[name] = sids[name] if name in sids else read_sid(folder / body.sid)
+    return found
+
+
+def body_data(name: str, body: Body, sids: Mapping[str, SID], planar: bool) -> BodyData:
+    """The data of one body of a scene; see `read_sids`.
+
+    Raises
+    ------
+    InputError
+        Its SID lacks a node that a marker names.
+    """
+    if isinstance(body, SidBody):
+        return _flexible_body(name, body, sids[name], planar)
+    return rigid_body(name, body, rigid_nodes(body.markers))
+
+
+def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData:
+    for marker, node in body.markers.items():
+        try:
+            sid.node(node)
+        except InputError as error:
+            raise InputError(
+                f"{error.problem} in {body.sid}",
+                place=f"bodies.{name}.markers.{marker}",
+                expected=error.expected,
+            ) from None
+    nodes, place, given = dict(body.markers), f"bodies.{name}", sid
+    kept = selected_indices(body.shape_functions, sid.nq, f"{place}.shape_functions")
+    across: Array | None = None
+    if body.rigid:
+        sid, kept = as_rigid_sid(sid), ()
+    else:
+        check_first_order(sid, body.sid, f"{place}.sid")
+        sid = sid_with_damping(sid, body.damping, name)
+        if not body.geometric_stiffening:
+            stiffening = f"{place}.geometric_stiffening"
+            sid = without_stiffening(sid, planar, stiffening)
+        sid = select_shape_functions(sid, kept)
+        if planar:
+            ids = map(str, body.markers.values())
+            across = out_of_plane_momenta(
+                sid, ids, body.frame == "held", f"{place}.sid"
+            )
+            sid = unloaded_across(sid, across)
+    sid = with_frame_node(sid) if body.frame == "held" else sid
+    numbers = tuple(k + 1 for k in kept)
+    return BodyData(
+        name,
+        sid,
+        True,
+        has_quadratic_inertia(body, sid, planar),
+        nodes,
+        numbers,
+        given_sid=given,
+        out_of_plane_momenta=across,
+    )
+
+
+def rigid_body(name: str, body: RigidBody, nodes: tuple[Node, ...]) -> BodyData:
+    """The data of a rigid body; see `rigid_nodes`."""
+    centre = as_3d(body.centre_of_mass)
+    inertia = np.zeros((3, 3)) if body.inertia is None else inertia_tensor(body.inertia)
+    steiner = body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    sid = rigid_sid(body.mass, centre, inertia + steiner, nodes)
+    rotates = body.inertia is not None or bool(centre.any())
+    return BodyData(name, sid, rotates, False, {})
+
+
+def rigid_nodes(markers: Mapping[str, Marker]) -> tuple[Node, ...]:
+    """The origin of a rigid body or of the ground, and its markers, as nodes."""
+    markers_with_pose = (
+        (n, position_3d(marker), orientation_matrix(marker))
+        for n, marker in markers.items()
+    )
+    return rigid_node("", np.zeros(3)), *(
+        rigid_node(*marker) for marker in markers_with_pose
+    )
+
+
+def inertia_tensor(inertia: object) -> Array:
+    """zz alone (planar), principal values, or a full tensor, as (3, 3)."""
+    values = np.asarray(inertia, float)
+    if values.ndim == 0:
+        return np.diag([0.0, 0.0, float(values)])
+    return np.diag(values) if values.ndim == 1 else values

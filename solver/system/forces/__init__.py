@@ -1,1 +1,0 @@
-"""Forces, laws and joint friction of a scene as tables."""

@@ -1,0 +1,178 @@
+"""Second markers of joints, rotated to the relative orientation that the scene states.
+
+The axis of a joint is a direction of its first marker. Where the scene states the
+orientations of both bodies, the joint uses a copy of the second marker with other axes,
+in which the axis has the same components. Where an orientation is not stated, the axis
+has the same components in both markers and the assembly rotates the body. A fixed or
+prismatic joint keeps the whole relative orientation that is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from sidtool.formats.base.sid import Array
+from sidtool.formats.scene import (
+    Initial,
+    SceneFile,
+    as_3d,
+    marker_names,
+    marker_reference,
+    orientation_matrix,
+)
+
+from .body_data import BodyData, without_held_frames
+from .joints import spatial_axis
+from .rotations import rotation_matrix, rotation_vector, shortest_rotation
+from .sid_packing import nearest_rotation
+from .system import GROUND_NAME
+
+#: Axes nearer to each other than this are taken for one that was rounded [rad].
+ROUNDED_ANGLE = 0.01
+#: Joints that keep an axis, and those that keep the whole orientation.
+_AXIS_JOINTS = ("revolute", "cylindrical", "screw", "planar")
+_ORIENTATION_JOINTS = ("fixed", "prismatic")
+
+
+def with_rotated_markers(
+    scene: SceneFile, data: Mapping[str, BodyData]
+) -> tuple[SceneFile, dict[str, BodyData]]:
+    """The scene whose joints name rotated markers, and the bodies that have them.
+
+    A rotated marker is called "MARKER rotated by JOINT".
+    """
+    found, joints = dict(data), dict(scene.joints)
+    for name, rotation_ in _marker_rotations(scene, data):
+        first, second = marker_names(joints[name])
+        body, marker = marker_reference(second)
+        key = marker + _suffix(name)
+        known = found[body]
+        found[body] = replace(
+            known, rotated_markers={**known.rotated_markers, key: (marker, rotation_)}
+        )
+        pair = first, f"{body}.{key}"
+        joints[name] = joints[name].model_copy(update={"markers": pair})
+    return scene.model_copy(update={"joints": joints}), found
+
+
+def original_scene(scene: SceneFile) -> SceneFile:
+    """The scene that became that of a system, as files hold it."""
+    scene = without_held_frames(scene)
+    joints = dict(scene.joints)
+    for name, joint in joints.items():
+        texts = marker_names(joint)
+        if texts and texts[1].endswith(_suffix(name)):
+            pair = texts[0], texts[1].removesuffix(_suffix(name)).removesuffix(".")
+            joints[name] = joint.model_copy(update={"markers": pair})
+    return scene.model_copy(update={"joints": joints})
+
+
+def _suffix(joint: str) -> str:
+    return f" turned by {joint}"
+
+
+def _marker_rotations(
+    scene: SceneFile, data: Mapping[str, BodyData]
+) -> Iterator[tuple[str, Array]]:
+    """Joints that turn their second marker, and the rotation of that."""
+    kinds = (
+        _ORIENTATION_JOINTS
+        if scene.dimension == "planar"
+        else (*_ORIENTATION_JOINTS, *_AXIS_JOINTS)
+    )
+    for name, joint in scene.joints.items():
+        if joint.type not in kinds:
+            continue
+        a, b = marker_names(joint)
+        second = getattr(joint, "second_axis", None)
+        specified = _relative_orientations(scene, data, a, b)
+        rotation_ = _marker_rotation(
+            specified, spatial_axis(joint), second, joint.type in _ORIENTATION_JOINTS
+        )
+        if rotation_ is not None and not _is_point_mass(data, a, b):
+            yield name, rotation_
+
+
+def _marker_rotation(
+    specified: tuple[Array, ...],
+    axis: Array,
+    second: tuple[float, ...] | None,
+    keeps_orientation: bool,
+) -> Array | None:
+    """Rotation of the second marker; None where it keeps its axes.
+
+    Parameters
+    ----------
+    specified
+        Orientations of the second marker in the first, see `_relative_orientations`.
+    second
+        Direction of the axis in the second marker, if it is stated.
+    """
+    rotation_ = np.eye(3)
+    if keeps_orientation or second is None:
+        rotations_ = [
+            Q.T if keeps_orientation else shortest_rotation(axis, Q.T @ axis)
+            for Q in specified
+        ]
+        if all(
+            np.linalg.norm(rotation_vector(turn)) > ROUNDED_ANGLE for turn in rotations_
+        ):
+            rotation_ = rotations_[-1] if rotations_ else rotation_
+    if second is not None:
+        target = as_3d(second) / np.linalg.norm(second)
+        rotation_ = shortest_rotation(rotation_ @ axis, target) @ rotation_
+    return None if np.array_equal(rotation_, np.eye(3)) else rotation_
+
+
+def _relative_orientations(
+    scene: SceneFile, data: Mapping[str, BodyData], a: str, b: str
+) -> tuple[Array, ...]:
+    """Stated orientations of a marker in another one, none where one is not stated.
+
+    Of the bodies as they are, and as stated elastic coordinates deform them: a start
+    that is deformed may be stated either way.
+    """
+    found = []
+    for body, marker in map(marker_reference, (a, b)):
+        specified = (
+            np.eye(3) if body == GROUND_NAME else _specified_orientation(scene, body)
+        )
+        if specified is None:
+            return ()
+        found.append(
+            [specified @ axes for axes in _marker_axes(scene, data[body], marker)]
+        )
+    return tuple(np.asarray(A.T @ B) for A, B in zip(*found, strict=True))
+
+
+def _marker_axes(scene: SceneFile, data: BodyData, marker: str) -> tuple[Array, Array]:
+    """Orientation of a marker in the body frame, undeformed and deformed."""
+    node = data.node(marker)
+    axes = nearest_rotation(node.AP.m0)
+    initial = None if data.name == GROUND_NAME else scene.bodies[data.name].initial
+    elastic = getattr(initial, "elastic", None)
+    if elastic is None or len(elastic) != data.sid.nq:
+        return axes, axes
+    return axes, rotation_matrix(node.psi.m0 @ np.array(elastic)) @ axes
+
+
+def _specified_orientation(scene: SceneFile, body: str) -> Array | None:
+    initial: Initial = scene.bodies[body].initial
+    descriptions = (
+        initial.angle,
+        initial.axis_angle,
+        initial.quaternion,
+        initial.matrix,
+    )
+    if all(way is None for way in descriptions) and not initial.fixed:
+        return None
+    return orientation_matrix(initial)
+
+
+def _is_point_mass(data: Mapping[str, BodyData], a: str, b: str) -> bool:
+    """True if one of two markers is on a point mass, which has no orientation."""
+    bodies = [data[marker_reference(text)[0]] for text in (a, b)]
+    return not all(body.rotates or body.name == GROUND_NAME for body in bodies)

@@ -1,0 +1,147 @@
+"""Linear elements that bend too stiffly are told, with the right frequency beside."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sidtool.conversion import element_accuracy
+from sidtool.formats.model import ModelFile
+from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from tests.metamorphic.parts.meshes import block, dimension
+
+from .bores import pinned
+
+#: Length, height and thickness of a free bar, E and density: first bending frequency.
+LENGTH, HEIGHT, DEPTH = 0.4, 0.008, 0.02
+FIRST = 22.3733 / (2 * np.pi) * np.sqrt(2.1e11 / 7850 / 12) * HEIGHT / LENGTH**2
+
+#: Elements along and through a bar that bends about its least thickness; the larger
+#: meshes are too large to be solved outright.
+BARS = [
+    ("tri3", (40, 1)),
+    ("quad4", (40, 1)),
+    ("quad4", (60, 20)),
+    ("tri3", (120, 3)),
+    ("tet4", (30, 1, 1)),
+    ("tet4", (40, 2, 2)),
+    ("hex8", (40, 1, 1)),
+    ("hex8", (90, 2, 2)),
+    ("wedge6", (40, 1, 2)),
+]
+
+
+def bar(
+    folder: Path, kind: str, counts: tuple[int, ...], said: str | None = None
+) -> ModelFile:
+    mesh = block(kind, counts, (LENGTH, HEIGHT, DEPTH)[: dimension(kind)])
+    marker = {"end": {"node": 1, "mesh_node": 1}}
+    model = pinned(folder, mesh, {}, marker)
+    settings = model.discretisation.model_copy(
+        update={"formulation": said, "state": "plane_stress"}
+    )
+    return model.model_copy(update={"discretisation": settings})
+
+
+def notes(model: ModelFile) -> tuple[str, ...]:
+    return element_accuracy.element_notes(finite_element_model(model))
+
+
+@pytest.mark.parametrize(("kind", "counts"), BARS)
+def test_the_better_mesh_bends_as_a_beam(
+    tmp_path: Path, kind: str, counts: tuple[int, ...]
+) -> None:
+    said = "full_integration" if kind in ("quad4", "hex8") else None
+    (note,) = notes(bar(tmp_path, kind, counts, said))
+    assert note.startswith(f"{kind} elements bend too stiffly")
+    own, excess = map(
+        float, re.search(r"body, ([\d.]+).* are ([\d.]+) %", note).groups()
+    )
+    assert own / (1 + excess / 100) == pytest.approx(FIRST, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("kind", "counts"),
+    [
+        ("quad4", (40, 1)),
+        ("hex8", (40, 1, 1)),
+        ("tri6", (20, 1)),
+        ("tet10", (10, 1, 1)),
+        ("wedge15", (10, 1, 1)),
+    ],
+)
+def test_elements_that_bend_are_not_told(
+    tmp_path: Path, kind: str, counts: tuple[int, ...]
+) -> None:
+    said = "incompatible_modes" if kind in ("quad4", "hex8") else None
+    assert not notes(bar(tmp_path, kind, counts, said))
+
+
+@pytest.mark.parametrize(
+    ("factors", "stiff", "soft"),
+    [
+        ((0.63, 0.64, 0.62), False, True),
+        ((0.63, 1.06, 0.64), True, True),
+        ((1.2, 0.995, 1.0), True, False),
+        ((1.005, 0.995, 1.0), False, False),
+    ],
+)
+def test_what_is_said_has_the_sign_of_the_difference(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    factors: tuple[float, ...],
+    stiff: bool,
+    soft: bool,
+) -> None:
+    """Elements that give way too much are told as well, and as what they are."""
+    right = np.array([100.0, 200.0, 300.0])
+    pair = right * factors, right
+    monkeypatch.setattr(element_accuracy, "_frequencies", lambda *_: pair)
+    told = " ".join(notes(bar(tmp_path, "tet4", (20, 1, 1))))
+    assert bool(told) == (stiff or soft)
+    assert ("stiff" in told, "soft" in told) == (stiff, soft)
+    if told:
+        way = -1.0 if soft and not stiff else 1.0
+        shares = re.findall(r"(-?[\d.]+) %", told)
+        assert [float(x) / 100 for x in shares] == pytest.approx(
+            way * (np.array(factors) - 1), abs=6e-3
+        )
+
+
+def test_a_mesh_that_is_fine_enough_is_not_told(tmp_path: Path) -> None:
+    coarse, fine = (
+        notes(bar(tmp_path, "quad4", counts, "full_integration"))
+        for counts in ((40, 4), (320, 8))
+    )
+    assert coarse and not fine
+
+
+def test_masses_beside_the_elements_do_not_matter(tmp_path: Path) -> None:
+    """The better mesh has none: 50 kg on the bar would pass for its elements' cost."""
+    model = bar(tmp_path, "tet4", (20, 1, 1))
+    before = notes(model)
+    with (tmp_path / "part.inp").open("a", encoding="utf-8") as deck:
+        deck.write("*ELEMENT, TYPE=MASS, ELSET=TOOL\n90001, 5\n")
+        deck.write("*MASS, ELSET=TOOL\n50.\n")
+    body = finite_element_model(model)
+    assert body.mass.diagonal().sum() > 100
+    assert element_accuracy.element_notes(body) == before
+
+
+def test_what_is_too_large_to_compare_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = bar(tmp_path, "tet4", (20, 1, 1))
+    monkeypatch.setattr(element_accuracy, "_LARGEST_MESH", 100)
+    (note,) = notes(model)
+    assert "bend too stiffly where few" in note
+    assert f"{3 * 41 * 3 * 3} degrees of freedom" in note
+
+
+def test_converting_tells_it(tmp_path: Path) -> None:
+    model = bar(tmp_path, "tet4", (20, 1, 1))
+    with pytest.warns(UserWarning, match="tet4 elements bend too stiffly"):
+        sid_from_model(model)

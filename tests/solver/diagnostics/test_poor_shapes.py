@@ -1,0 +1,174 @@
+"""Shape functions that carry a part only of what loads do are told, by their share.
+
+References: the compliance of a clamped bar by its modes, 8 / (pi (2 k - 1))^2 of
+L / (E A) by the k-th of stretching, and dense algebra on the full mesh.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.formats.base.sid import SID
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.formats.toml.reading import validate_data
+from sidtool.pipeline.model_to_sid import sid_from_model
+from sidtool.solver import simulate
+from tests.sidtool.models import rod_data
+from tests.solver.scenes import compiled, scene
+from tests.steel_bars import steel_bar
+
+#: Numbers of the shape functions of `stout` that bend, and that stretch.
+BENDING, STRETCHING = [1, 2, 3, 4, 7, 8, 10, 11], [6, 13]
+
+
+@cache
+def stout(**reduction: Any) -> SID:
+    chosen = {"method": "modal", "modes": 14, **reduction}
+    return steel_bar(width=0.1, height=0.1, elements=16, reduction=chosen)
+
+
+def notes(sid: SID, force: list[float], numbers: list[int] | None = None) -> list[str]:
+    """Of a clamped bar under a force at its tip, with some shape functions."""
+    body: dict[str, Any] = {"sid": "-", "markers": {"a": 1, "tip": 2}}
+    body["damping"] = {"type": "modal", "ratio": 1.0}
+    if numbers is not None:
+        body["shape_functions"] = numbers
+    joints = {"wall": {"type": "fixed", "markers": ["ground", "rod.a"]}}
+    pull = {"type": "force", "marker": "rod.tip", "force": force}
+    described = scene(
+        {"rod": body}, joints, forces={"pull": pull}, end=1e-4, steps=1,
+        dimension="spatial",
+    )  # fmt: skip
+    told = simulate(compiled(described, rod=sid)).notes
+    return [note for note in told if "carry" in note]
+
+
+def share(k: int) -> float:
+    """Of L / (E A), by the k-th mode of stretching."""
+    return 8.0 / (np.pi * (2 * k - 1)) ** 2
+
+
+def test_a_poor_axial_shape_beside_bending_modes_is_told() -> None:
+    """The second mode of stretching alone carries 9 % of the pull at the tip."""
+    (note,) = notes(stout(), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
+    assert note.startswith("the shape functions of rod carry 9")
+    assert float(re.search(r"carry ([\d.]+) %", note)[1]) == pytest.approx(
+        100 * share(2), rel=0.02
+    )
+    for words in ("along x at tip", "pull loads it", "attachment", "Craig-Bampton"):
+        assert words in note
+
+
+def test_what_the_first_axial_mode_lacks_is_small_beside_bending() -> None:
+    """81 % of a stretch that is a four-hundredth of the bending beside it."""
+    known = stout().carried
+    assert known is not None
+    both = share(1) + share(2)
+    assert known.shares["2"][0] == pytest.approx(both, rel=3e-3)
+    assert notes(stout(), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[0]]) == []
+    assert notes(stout(), [1e3, 0.0, 0.0]) == []
+
+
+def test_only_what_is_loaded_is_told() -> None:
+    """The first modes of bending are left out, which have 97 % of it."""
+    numbers = [k for k in BENDING if k not in (1, 2)]
+    along_x = notes(stout(), [1e3, 0.0, 0.0], [*numbers, *STRETCHING])
+    assert along_x == []
+    (across,) = notes(stout(), [0.0, 0.0, 1e3], [*numbers, *STRETCHING])
+    assert "along z at tip" in across and "along y" not in across
+    (both,) = notes(stout(), [0.0, 7e2, 7e2], [*numbers, *STRETCHING])
+    assert "along y and" in both and "along z" in both
+
+
+def test_attachment_shapes_carry_all() -> None:
+    attached = steel_bar(
+        width=0.1,
+        height=0.1,
+        reduction={"method": "attachment", "interfaces": ["tip"], "modes": 2},
+    )
+    for force in ([1e3, 0.0, 0.0], [0.0, 1e3, 1e3]):
+        assert notes(attached, force) == []
+
+
+@pytest.mark.parametrize("suffix", [".SID_FEM", ".h5"])
+def test_files_carry_it(tmp_path: Any, suffix: str) -> None:
+    path = tmp_path / f"rod{suffix}"
+    write_sid(path, stout())
+    (note,) = notes(read_sid(path), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
+    assert "along x at tip" in note
+
+
+# A free part -----------------------------------------------------------------------
+
+PINS = ("crank_pin", "piston_pin")
+
+
+def free_part(method: str, modes: int) -> SID:
+    """A plate of 1 m x 0.4 m in mean axes, which joints load at both ends."""
+    data = rod_data({"type": "q4", "elements": [12, 4], "state": "plane_stress"})
+    data["geometry"] = {
+        "type": "nurbs",
+        "degrees": [1, 1],
+        "knots": [[0, 0, 1, 1], [0, 0, 1, 1]],
+        "control_points": [[[0, 0], [0, 0.4]], [[1, 0], [1, 0.4]]],
+        "thickness": 0.01,
+    }
+    data["frame"] = {"type": "buckens"}
+    data["reduction"] = {"method": method, "modes": modes, "interfaces": PINS}
+    return sid_from_model(validate_data(data, ModelFile), lambda _: None)
+
+
+def swung(sid: SID) -> list[str]:
+    """Hung at one pin, with a mass at the other."""
+    body = {"sid": "-", "markers": {"a": sid.nodes[0].id, "b": sid.nodes[1].id}}
+    first, last = (node.position for node in sid.nodes)
+    body["initial"] = {"position": [-float(x) for x in first[:2]]}
+    load = {
+        "mass": 1.0,
+        "initial": {"position": [float(x) for x in (last - first)[:2]]},
+    }
+    joints = {
+        "hinge": {"type": "revolute", "markers": ["ground", "rod.a"]},
+        "pin": {"type": "revolute", "markers": ["rod.b", "load"]},
+    }
+    described = scene({"rod": body, "load": load}, joints, end=1e-5, steps=1)
+    told = simulate(compiled(described, rod=sid)).notes
+    return [note for note in told if "carry" in note]
+
+
+def test_craig_bampton_of_a_free_part() -> None:
+    """Its static shapes are those of a part that is held at its pins."""
+    poor = free_part("craig_bampton", 1)
+    assert poor.carried is not None and poor.carried.free
+    told = swung(poor)
+    assert any("of its compliance" in note and "hinge" in note for note in told), told
+    assert all("attachment or Herting" in note for note in told)
+    assert swung(free_part("attachment", 1)) == []
+
+
+# Inertia ---------------------------------------------------------------------------
+
+
+def weighed(numbers: list[int], gravity: list[float]) -> list[str]:
+    body = {"sid": "-", "markers": {"a": 1}, "shape_functions": numbers}
+    joints = {"wall": {"type": "fixed", "markers": ["ground", "rod.a"]}}
+    described = scene(
+        {"rod": body}, joints, gravity=gravity, end=1e-4, steps=1, dimension="spatial"
+    )
+    told = simulate(compiled(described, rod=stout())).notes
+    return [note for note in told if "weight" in note]
+
+
+def test_weight_that_no_shape_bends_under_is_told() -> None:
+    """Without the first modes of bending next to nothing is left of its sagging."""
+    assert weighed([*BENDING], [0.0, -9.81, 0.0]) == []
+    lacking = [k for k in BENDING if k not in (1, 2)]
+    (note,) = weighed(lacking, [0.0, -9.81, 0.0])
+    assert re.match(r"the shape functions of rod carry [\d.]+ % .* along y under", note)
+    assert weighed(lacking, [-9.81, 0.0, 0.0]) == []  # a stretch of a thousandth

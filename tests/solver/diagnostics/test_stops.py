@@ -1,0 +1,167 @@
+"""Runs that cannot go on: what they say, and what they keep."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.diagnostics import failure_causes
+from sidtool.solver.simulation import simulate as simulate_module
+from sidtool.solver.system.errors import SimulationError
+from sidtool.solver.system.system import System
+from tests.places import ROOT
+from tests.solver.scenes import compiled, polynomial, scene, slender_rod
+
+
+def stopped(system: System, **settings: Any) -> Result:
+    with pytest.raises(SimulationError) as failure:
+        simulate(system, **settings)
+    result = failure.value.result
+    assert result is not None and not result.completed
+    assert str(failure.value) == result.message
+    assert np.isfinite(result.values).all()
+    return result
+
+
+def flywheel(speed: float) -> System:
+    """A wheel of 1 kg m2 that winds up a spring of 1 N m / rad: speed cos t."""
+    wheel = {
+        "mass": 1.0,
+        "inertia": [0.5, 0.5, 1.0],
+        "initial": {"angular_velocity": [0.0, 0.0, speed]},
+    }
+    axle = {"type": "revolute", "markers": ["ground", "wheel"]}
+    spring = {"type": "spring_damper", "joint": "axle", "stiffness": 1.0}
+    described = scene(
+        {"wheel": wheel},
+        {"axle": axle},
+        dimension="spatial",
+        forces={"spring": spring},
+        record=["wheel.wz", "energy.balance", "energy.supplied"],
+    )
+    return compiled(described)
+
+
+def test_a_run_that_fails_in_its_first_step_keeps_the_start() -> None:
+    """60 rad/s in steps of 0.05 s are 3 rad each, more than can be counted."""
+    result = stopped(flywheel(60.0), step=0.05)
+    assert "stopped at t = 0 s" in result.message
+    assert result.t == pytest.approx([0.0], abs=0)
+    assert result["wheel.wz"] == pytest.approx([60.0])
+    assert result["energy.supplied"] == pytest.approx([0.0], abs=0)
+
+
+def test_the_last_state_before_a_stop_is_kept() -> None:
+    """A point between two rods, one of which grows, until both are stretched."""
+    ground = {"markers": {"p": {"position": [1.5, 0.0]}}}
+    joints = {
+        "rod": {"type": "distance", "markers": ["ground.p", "a"], "length": 1.2},
+        "growing": {"type": "distance", "markers": ["ground", "a"]},
+    }
+    pieces = [{"from": 0.0, "coefficients": [0.5, 1.0]}]
+    growth = {"joint": "growing", "function": {"type": "polynomial", "pieces": pieces}}
+    described = scene(
+        {"a": {"mass": 1.0, "initial": {"position": [0.35, 0.35]}}},
+        joints,
+        {"growth": growth},
+        end=5.0,
+        steps=5,
+        ground=ground,
+        record=["a.x", "a.y"],
+    )
+    result = stopped(compiled(described))
+    assert result.t[:-1] == pytest.approx([0.0, 1.0, 2.0], abs=0)
+    assert result.t[-1] == pytest.approx(2.2, abs=1e-6)
+    length = 0.5 + result.t
+    assert np.hypot(result["a.x"], result["a.y"]) == pytest.approx(length, abs=1e-9)
+
+
+def test_an_interval_that_cannot_be_entered_keeps_what_was_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a push that ends after 0.5 s, where the equations become singular."""
+    begin = simulate_module.Run._evaluate_start
+
+    def fails_later(self: simulate_module.Run) -> int:
+        return 2 if self.current_time > 0.0 else begin(self)
+
+    monkeypatch.setattr(simulate_module.Run, "_evaluate_start", fails_later)
+    pieces = [
+        {"from": 0.0, "to": 0.5, "coefficients": [3.0]},
+        {"from": 0.5, "coefficients": [0.0]},
+    ]
+    push = {
+        "type": "force",
+        "marker": "block",
+        "force": [2.0, 0.0],
+        "function": {"type": "polynomial", "pieces": pieces},
+    }
+    joints = {"rail": {"type": "prismatic", "markers": ["ground", "block.a"]}}
+    described = scene(
+        {"block": slender_rod(1.0, 4.0)},
+        joints,
+        forces={"push": push},
+        steps=4,
+        record=["block.x", "block.ax"],
+    )
+    result = stopped(compiled(described))
+    assert "stopped at t = 0.5 s: the constraints depend" in result.message
+    assert result.t == pytest.approx([0.0, 0.25, 0.5])
+    assert result["block.x"] == pytest.approx(0.75 * result.t**2, abs=1e-9)
+    assert result["block.ax"] == pytest.approx([1.5] * 3)
+
+
+@pytest.mark.parametrize("place", [-1e20, 3e18])
+def test_a_mechanism_beyond_all_sizes_stops_with_the_cause(place: float) -> None:
+    """Mass matrices of elastic coordinates of 1e20 have no scale, nor eigenvalues."""
+    folder = ROOT / "examples" / "slider_crank"
+    data = read_scene(folder / "slider_crank.toml").model_dump(exclude_none=True)
+    data["bodies"]["crank"]["markers"]["bearing"]["position"] = [place, 0.0]
+    data["bodies"]["rod"]["quadratic_inertia"] = False
+    result = stopped(compile_scene(SceneFile.model_validate(data), folder), rtol=1e-2)
+    assert "stopped at t = 0 s" in result.message
+
+
+@pytest.mark.parametrize("worst", [-1e300, 0.0, np.nan])
+def test_matrices_without_a_scale_are_not_positive(worst: float) -> None:
+    M = np.eye(3) * [1.0, 2.0, worst] + 1e200 * np.eye(3)[::-1]
+    assert failure_causes._smallest_scaled_eigenvalue(M) == -np.inf
+    assert failure_causes._smallest_scaled_eigenvalue(
+        np.array([[4.0, 1.0], [1.0, 1.0]])
+    ) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("step", [0, 1])
+def test_the_integrator_of_a_run_is_not_advised_to_it(step: int) -> None:
+    """Methods that pass singular positions themselves are no remedy for themselves."""
+    near = SimpleNamespace(largest_independence=1.0, independence=1e-3, fixed_step=step)
+    apart = SimpleNamespace(largest_independence=1.0, independence=0.5, fixed_step=step)
+    assert "radau9" in failure_causes.near_singular_cause(near, passes=False)
+    assert "radau9" not in failure_causes.near_singular_cause(near, passes=True)
+    for passes in (True, False):
+        told = failure_causes.near_singular_cause(near, passes)
+        assert ("tolerance" in told) == (step == 0)
+        assert failure_causes.near_singular_cause(apart, passes) == ""
+
+
+@pytest.mark.parametrize("integrator", ["radau9", "dop853"])
+def test_no_step_is_advised_where_none_can_help(integrator: str) -> None:
+    """A crank of 1 m on a link of 0.5 m is turned beyond 30 degrees."""
+    slider = scene(
+        {"rod": slender_rod(1.0), "link": slender_rod(0.5, position=[1.0, 0.0])},
+        {
+            "a": {"type": "revolute", "markers": ["ground", "rod.a"]},
+            "b": {"type": "revolute", "markers": ["rod.b", "link.a"]},
+            "c": {"type": "point_on_line", "markers": ["ground", "link.b"]},
+        },
+        {"turn": {"joint": "a", "function": polynomial(0.0, 1.0)}},
+    )
+    result = stopped(compiled(slider), integrator=integrator, step=1e-2)
+    assert "contradict each other" in result.message
+    assert "may help" not in result.message

@@ -1,0 +1,129 @@
+"""What is hardly meant is asked about, and what means nothing is not said."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.formats.geometric_stiffening import LoadStiffening
+from sidtool.formats.result import FlexibleBody
+from sidtool.solver import simulate
+from sidtool.solver.diagnostics.failure_causes import explain_failure
+from sidtool.solver.diagnostics.implausible_forces import frequency_warnings
+from sidtool.solver.diagnostics.implausible_values import (
+    implausible_friction_warnings,
+    implausible_value_warnings,
+)
+from sidtool.solver.system.system import System
+from tests.solver.scenes import compiled, scene, slender_rod
+
+
+def asked(gain: float, measured: str, coefficient: float, radius: float) -> list[str]:
+    """Of a pendulum on a pin that rubs, with a controller."""
+    law = {"type": "pid", "measured": measured, "reference": 0.3, "p": gain}
+    motor = {"type": "actuator", "joint": "pin", "function": law}
+    pin: dict[str, Any] = {"type": "revolute", "markers": ["ground", "rod.a"]}
+    pin["friction"] = {"coefficient": coefficient, "radius": radius}
+    described = scene({"rod": slender_rod(1.0)}, {"pin": pin}, forces={"motor": motor})
+    return list(implausible_friction_warnings(compiled(described)))
+
+
+@pytest.mark.parametrize(
+    ("gain", "measured", "coefficient", "radius", "words"),
+    [
+        (9.0, "pin.angle", 0.3, 0.02, ()),
+        (9.0, "pin.angle", 1.5, 0.4, ()),
+        (-9.0, "rod.angle", 0.3, 0.02, ()),  # what it drives may turn it either way
+        (-2.0, "pin.angle", 0.3, 0.02, ("motor drives pin.angle away",)),
+        (9.0, "pin.angle", 30.0, 0.02, ("per cent",)),
+        (9.0, "pin.angle", 0.3, 20.0, ("in mm",)),
+    ],
+)
+def test_only_what_is_hardly_meant_is_asked_about(
+    gain: float, measured: str, coefficient: float, radius: float, words: tuple[str]
+) -> None:
+    found = asked(gain, measured, coefficient, radius)
+    assert len(found) == len(words)
+    for text, word in zip(found, words, strict=True):
+        assert word in text
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "turns"),
+    [(2e12, 0.0, 1), (2e6, 0.0, 0), (2e12, 1e3, 0), (8e12, 1.0, 1)],
+)
+def test_a_spring_that_would_make_a_run_long_is_told(
+    stiffness: float, damping: float, turns: int
+) -> None:
+    """Of 2 kg on it; the run takes about as many steps for a period as it says."""
+    spring = {
+        "type": "spring_damper",
+        "joint": "rail",
+        "stiffness": stiffness,
+        "damping": damping,
+    }
+    body = {"mass": 2.0, "inertia": 0.1, "initial": {"position": [1e-3, 0.0]}}
+    rail = {"type": "prismatic", "markers": ["ground", "block"]}
+    parts: tuple[Any, ...] = ({"block": body}, {"rail": rail})
+    system = compiled(scene(*parts, forces={"spring": spring}, end=1.0))
+    found = list(frequency_warnings(system))
+    assert len(found) == turns
+    if turns:
+        frequency = np.sqrt(stiffness / 2.0) / (2.0 * np.pi)
+        assert f"2 kg vibrate at {frequency:.3g} Hz or more" in found[0]
+        short = scene(*parts, forces={"spring": spring}, end=40.0 / frequency)
+        steps = simulate(compiled(short)).counters["steps"]
+        assert 200 < steps < 2000
+
+
+def test_percentages_after_lost_inertia_are_not_told() -> None:
+    """Loads there are those of no body: it "diverged, -9.5e9 %"."""
+    huge = LoadStiffening(-9.5e7, "rotation", False, diverges=True)
+    body = FlexibleBody(10.0, (), huge, found=huge)
+    lost = "stopped at t = 1 s; rod has deformed so far that its inertia is lost"
+    assert explain_failure(lost, {"rod": body}) == lost
+    other = explain_failure("stopped at t = 1 s: a step", {"rod": body})
+    assert "deformed without bound" in other and "%" not in other
+    plain = LoadStiffening(-2.5, "rotation", False, diverges=True)
+    body = FlexibleBody(10.0, (), plain, found=plain)
+    assert "diverges, -250 %" in explain_failure("stopped at t = 1 s", {"rod": body})
+
+
+def rotor_on_pin(offset: float, mass: float, radius: float, inertia: float) -> System:
+    """A disc with its centre of mass beside its pin, which is fixed to a shaft."""
+    shaft = slender_rod(0.8)
+    disc = {"mass": mass, "inertia": inertia, "centre_of_mass": [0.0, offset]}
+    joints = {
+        "bearing": {"type": "revolute", "markers": ["ground", "shaft.a"]},
+        "shrink": {"type": "revolute", "markers": ["shaft.a", "disc"]},
+    }
+    joints["bearing"]["friction"] = {"coefficient": 0.1, "radius": radius / 10.0}
+    ring = {"type": "spring_damper", "markers": ["ground", "disc"], "stiffness": 1e5}
+    ring["rest"] = radius
+    return compiled(
+        scene({"shaft": shaft, "disc": disc}, joints, forces={"ring": ring})
+    )
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_nothing_is_asked_about_eccentric_discs(seed: int) -> None:
+    """From a balance wheel to a flywheel, eccentric by 1e-6 to 0.1 of a radius."""
+    random = np.random.default_rng(seed)
+    radius, thin = 10.0 ** random.uniform(-2.0, 0.0), random.uniform(0.01, 0.5)
+    mass = 7850.0 * np.pi * radius**2 * (thin * radius)
+    offset = radius * 10.0 ** random.uniform(-6.0, -1.0)
+    inertia = mass * (radius**2 / 2.0 + offset**2)
+    assert not list(
+        implausible_value_warnings(rotor_on_pin(offset, mass, radius, inertia))
+    )
+
+
+@pytest.mark.parametrize(("masses", "inertias"), [(1.0, 1e6), (1.0, 1e9), (1e-3, 1.0)])
+def test_inertia_in_other_units_is_asked_about(masses: float, inertias: float) -> None:
+    """Of an eccentric disc, in kg mm2 or g mm2, or with its mass in tonnes."""
+    system = rotor_on_pin(1e-4, 2.0 * masses, 0.05, 2.0 * 0.05**2 / 2.0 * inertias)
+    assert any(
+        "the inertia of disc" in text for text in implausible_value_warnings(system)
+    )
