@@ -15,7 +15,7 @@ test: $(READY)
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m tests.type_check
+	$(BIN)/python -m tests.static_checks
 
 kernels: $(READY)
 	$(BIN)/sidtool warmup

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..toml.expressions import Instruction, Postfix, parse_expression
 from .accuracy import Tolerance, tolerance
-from .base import Placement, as_3d, orientation_matrix, position_3d
+from .base import Placement, Time, as_3d, orientation_matrix, position_3d
 from .bodies import (
     Body,
     Damping,
@@ -20,8 +20,8 @@ from .bodies import (
     SidDamping,
 )
 from .drives import Drive, driven_coordinate
-from .events import Event, observed_outputs
-from .file import Accuracy, Outputs, SceneFile, Time, read_scene
+from .events import Event
+from .file import SceneFile, read_scene
 from .forces import (
     Actuator,
     Bushing,
@@ -87,6 +87,7 @@ from .outputs import (
     parse_output,
 )
 from .shapes import Box, Cylinder, Shape, Sphere, SurfaceMesh
+from .tables import Accuracy, Outputs
 from .times import OutputTimes, output_times
 from .units import unit_of
 from .wildcards import (
@@ -94,6 +95,7 @@ from .wildcards import (
     has_wildcard,
     known_outputs,
     matching_names,
+    observed_outputs,
     owners_of,
     rarer_outputs,
 )

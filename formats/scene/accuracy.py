@@ -5,23 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, NamedTuple
-
-from pydantic import StringConstraints
+from typing import NamedTuple
 
 from ..base.errors import InputError
-from ..toml.constructor_types import Field
+from .tables import MAX_RELATIVE_ERROR, MIN_RELATIVE_ERROR, SceneTables
 from .units import unit_of
 from .wildcards import has_wildcard
-
-if TYPE_CHECKING:
-    from .file import SceneFile
-
-#: Limits of the requested relative error; what is feasible is measured.
-MIN_RELATIVE_ERROR, MAX_RELATIVE_ERROR = 1e-10, 0.5
-Relative = Annotated[float, Field(ge=MIN_RELATIVE_ERROR, le=MAX_RELATIVE_ERROR)]
-Amount = Annotated[str, StringConstraints(min_length=1)]
-Wanted = Relative | Annotated[dict[str, Relative | Amount], Field(min_length=1)]
 
 _AMOUNT = re.compile(r"([-+0-9.eE]++)\s*+(\S.*)?")
 _PREFIXES = {
@@ -46,7 +35,7 @@ class Tolerance(NamedTuple):
 
 
 def tolerance(
-    name: str, wanted: float | str, scene: SceneFile | None = None
+    name: str, wanted: float | str, scene: SceneTables | None = None
 ) -> Tolerance:
     """Return the requested error of an output: 1e-3, "0.1 %" of its variation, or "1e-6
     m".
@@ -81,7 +70,7 @@ def request_texts(wanted: float | Mapping[str, float | str]) -> dict[str, str]:
 
 
 def check_wanted(
-    wanted: float | Mapping[str, float | str] | None, scene: SceneFile
+    wanted: float | Mapping[str, float | str] | None, scene: SceneTables
 ) -> None:
     """Check the requests for outputs without wildcards, whose units are known.
 
@@ -113,7 +102,7 @@ def _unit_factors(unit: str) -> dict[str, float]:
     return found | ({"deg": _DEGREE} if unit == "rad" else {})
 
 
-def _invalid_amount(name: str, wanted: str, scene: SceneFile | None) -> InputError:
+def _invalid_amount(name: str, wanted: str, scene: SceneTables | None) -> InputError:
     unit = unit_of(name, scene)
     amount = f'"1e-6 {unit}"' if unit else '"1e-6"'
     return InputError(

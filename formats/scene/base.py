@@ -10,7 +10,9 @@ from pydantic import BeforeValidator
 
 from ..toml.constructor_types import (
     Field,
+    Number,
     OptionalNumber,
+    OptionalNumbers,
     Takes,
 )
 from ..toml.tables import Table
@@ -117,4 +119,16 @@ def _from_quaternion(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
             [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
+    )
+
+
+class Time(Table):
+    """The time span [s] and when the motion is recorded: at multiples of the
+    `output_step`, or at `output_times`, of which analyses of one state need none."""
+
+    start: Number = Field(default=0.0, description="start of the simulation [s]")
+    end: Number = Field(description="end of the simulation [s]")
+    output_step: OptionalNumber = Field(default=None, gt=0, description="[s]")
+    output_times: OptionalNumbers = Field(
+        default=None, min_length=1, description="[s], growing"
     )

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from .bodies import RigidBody
 from .drives import Drive, driven_coordinate
 from .forces import Force
 from .joints import Joint, marker_names
 from .outputs import POWER, marker_reference
-
-if TYPE_CHECKING:
-    from .file import SceneFile
+from .tables import SceneTables
 
 #: Of the multipliers of a joint those that are forces, in the plane and in space: they
 #: come first, and the others are torques.
@@ -44,7 +41,7 @@ _TORQUES = {
 THREAD_MULTIPLIER = 5
 
 
-def multipliers(name: str, scene: SceneFile) -> int:
+def multipliers(name: str, scene: SceneTables) -> int:
     """How many Lagrange multipliers, f1, f2, ..., a joint or drive has."""
     drive, is_spatial = scene.drives.get(name), scene.dimension == "spatial"
     if drive is not None:
@@ -61,7 +58,7 @@ def multipliers(name: str, scene: SceneFile) -> int:
     return FORCES[joint.type][is_spatial] + torques[is_spatial] + thread
 
 
-def _holds_point(joint: Joint, scene: SceneFile) -> bool:
+def _holds_point(joint: Joint, scene: SceneTables) -> bool:
     """Whether a joint fixes a point mass, which has no orientation."""
     for text in marker_names(joint):
         name, marker = marker_reference(text)
@@ -83,7 +80,7 @@ def effort_name(coordinate: str) -> str:
     return "torque" if is_turned(coordinate) else "force"
 
 
-def force_coordinate(force: Force, scene: SceneFile) -> str:
+def force_coordinate(force: Force, scene: SceneTables) -> str:
     """The coordinate that a force acts on; empty for one in several directions."""
     if not hasattr(force, "coordinate"):
         return ""
@@ -100,7 +97,7 @@ def joint_coordinate_of(joint: Joint, quantity: str) -> str:
 
 
 def actions_on_coordinate(
-    joint: str, coordinate: str, scene: SceneFile
+    joint: str, coordinate: str, scene: SceneTables
 ) -> Iterator[tuple[str, str]]:
     """Table and name of the drives and forces that act on a coordinate of a joint."""
     for other, drive in scene.drives.items():
@@ -112,7 +109,7 @@ def actions_on_coordinate(
             yield "forces", other
 
 
-def _is_driving(drive: Drive, coordinate: str, scene: SceneFile) -> bool:
+def _is_driving(drive: Drive, coordinate: str, scene: SceneTables) -> bool:
     return driven_coordinate(drive, scene.joints) == coordinate
 
 
@@ -122,12 +119,12 @@ def quantities_of_joint(joint: Joint) -> tuple[str, ...]:
     return (*efforts, POWER) if efforts else ()
 
 
-def quantities_of_drive(drive: Drive, scene: SceneFile) -> tuple[str, ...]:
+def quantities_of_drive(drive: Drive, scene: SceneTables) -> tuple[str, ...]:
     """Return the quantities of this module that a drive has."""
     return effort_name(driven_coordinate(drive, scene.joints)), POWER
 
 
-def quantities_of_force(force: Force, scene: SceneFile) -> tuple[str, ...]:
+def quantities_of_force(force: Force, scene: SceneTables) -> tuple[str, ...]:
     """Return the quantities of this module that a force has."""
     coordinate = force_coordinate(force, scene)
     if not coordinate:
@@ -137,7 +134,7 @@ def quantities_of_force(force: Force, scene: SceneFile) -> tuple[str, ...]:
     return (*length, *deflection, "rate", effort_name(coordinate), POWER)
 
 
-def owner_table(owner: str, quantity: str, scene: SceneFile) -> str:
+def owner_table(owner: str, quantity: str, scene: SceneTables) -> str:
     """The table of the scene whose part `owner` has a quantity of this module; joints
     first, as forces may have their names. Empty if none has it."""
     joint, drive = scene.joints.get(owner), scene.drives.get(owner)

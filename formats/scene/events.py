@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from ..toml.constructor_types import Field, Number, OptionalInteger
 from .base import Table
 from .outputs import INSTANTANEOUS, SCENE_QUANTITIES, parse_output
 from .values import raise_failure
-
-if TYPE_CHECKING:
-    from .file import SceneFile
 
 
 class Event(Table):
@@ -50,9 +47,3 @@ def check_quantity(text: str, place: str) -> None:
     if name.owner in SCENE_QUANTITIES and name.quantity not in INSTANTANEOUS:
         listed = ", ".join(f"energy.{quantity}" for quantity in INSTANTANEOUS[:3])
         raise_failure(place, f"{text} is nothing that an event can look at", listed)
-
-
-def observed_outputs(scene: SceneFile) -> tuple[str, ...]:
-    """Outputs that the scene records or its events look at."""
-    looked_at = (event.quantity for event in scene.events.values())
-    return tuple(dict.fromkeys([*scene.outputs.record, *looked_at]))

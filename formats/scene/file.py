@@ -9,226 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, Self, TypeVar
 
-from numpy.typing import ArrayLike
 from pydantic import model_validator
 
 from ..base.errors import InputError
-from ..toml.constructor_types import (
-    Entries,
-    Field,
-    Number,
-    OptionalNumber,
-    OptionalNumbers,
-    Takes,
-    Texts,
-)
-from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File, key_path
 from ..toml.tables import to_plain
-from .accuracy import Wanted
-from .base import Table, Vector, as_tuples
-from .bodies import Body, ElasticInitial, Ground, Initial, SidBody
-from .drives import Drive
-from .events import Event
-from .forces import Force
-from .joints import Joint
+from .base import Table, as_tuples
 from .laws import Expression
 from .scene_checks import check_scene
-
-if TYPE_CHECKING:
-    from ..result.data import Result
-else:
-    Result = Any  # imports scenes itself
+from .tables import SceneTables
 
 
-class Time(Table):
-    """The time span [s] and when the motion is recorded: at multiples of the
-    `output_step`, or at `output_times`, of which analyses of one state need none."""
-
-    start: Number = Field(default=0.0, description="start of the simulation [s]")
-    end: Number = Field(description="end of the simulation [s]")
-    output_step: OptionalNumber = Field(default=None, gt=0, description="[s]")
-    output_times: OptionalNumbers = Field(
-        default=None, min_length=1, description="[s], growing"
-    )
-
-
-class Accuracy(Table):
-    """How the motion is integrated; a fixed `step` replaces the error control.
-
-    With `wanted` the model and how it is integrated are chosen by measurement, and
-    `rtol` and `integrator` do not count.
-    """
-
-    wanted: Takes[Wanted | None, float | Mapping[str, float | str] | None] = Field(
-        default=None,
-        description="error that outputs may have: a part of the variation of all that "
-        'are recorded, such as 1e-3, or a table such as {"piston.x" = "1e-6 m", '
-        '"pin.fx" = "0.1 %", "rod.q*" = 1e-3} of those that count. The cheapest model '
-        "that keeps it is found: shape functions, rigid bodies, terms, integrator",
-    )
-    rtol: Number = Field(
-        default=1e-6,
-        ge=1e-13,
-        le=0.1,
-        description="error of the run, relative to the largest motion",
-    )
-    integrator: str = Field(
-        default="radau9",
-        description="radau5, radau9, radau13, dop853 (not stiff), generalised_alpha, "
-        "trapezoidal, or auto: dop853 for rigid bodies, radau9 else and where they are "
-        "stiff",
-    )
-    step: OptionalNumber = Field(default=None, gt=0, description="fixed step [s]")
-    spectral_radius: Number = Field(
-        default=0.8,
-        ge=0,
-        le=1,
-        description="of generalised_alpha: what it leaves of a vibration far too fast "
-        "for the step, 0 nothing to 1 all",
-    )
-
-
-class Outputs(Table):
-    """What is recorded: BODY.QUANTITY, BODY.MARKER.QUANTITY, JOINT.QUANTITY, ..."""
-
-    record: Texts = Field(
-        default=(),
-        description="of bodies x, vx, ax, angle, wz, q1, q*, peak_von_mises, "
-        "quaternion_0 to _3, rotation_x, momentum_x, angular_momentum_x; of markers x, "
-        "vx, ax, ux, angle, wz, quaternion_0 to _3, rotation_x, sigma_xx, von_mises; "
-        "of joints angle, angle_rate, displacement, ... as they have them; of joints, "
-        "drives and forces fx, mz and, along their coordinate, force or torque, power; "
-        "of joints and drives the multipliers f1, f2, ...; of springs, dampers and "
-        "actuators length, deflection, rate; energy.kinetic, constraint.position, "
-        "momentum.x, angular_momentum.x, ...; y and z likewise; `*` stands for any "
-        "letters within a part: rod.*.ux, *.x, pin.f*",
-    )
-
-
-class Start(Table):
-    """How bodies start; where each stands is said in its own table `initial`."""
-
-    state: Literal["stated", "static", "result"] = Field(
-        default="stated",
-        description="result: in a state of another run, see `file`; static: in the "
-        "equilibrium nearest downhill from what is stated, under gravity and the loads "
-        "at the start, drives held; stated velocities stay, and bodies carry the loads "
-        "of that motion; where bodies rotate about fixed axes it is a steady rotation, "
-        "in which springs and bushings carry them, too, without vibration, and a note "
-        "says so where none exists",
-    )
-    file: Takes[str | None, str | Result | None] = Field(
-        default=None,
-        min_length=1,
-        description="result (.h5) in whose last state all bodies start, found by their "
-        "names; joints, drives and forces may be others",
-    )
-    time: OptionalNumber = Field(
-        default=None, description="another output time of `file` to start from [s]"
-    )
-    bodies: Takes[
-        dict[str, ElasticInitial] | None, Mapping[str, ElasticInitial | Entries] | None
-    ] = Field(
-        default=None,
-        description="where bodies start, in the place of `file`, as results hold it; "
-        "their own tables `initial` then place axes of joints only",
-    )
-    rotations: Takes[dict[str, float] | None, Mapping[str, float] | None] = Field(
-        default=None,
-        description="counted rotations of joints, with their whole turns [rad]",
-    )
-    states: Takes[dict[str, float] | None, Mapping[str, float] | None] = Field(
-        default=None, description="states of laws, by FORCE.state.NAME"
-    )
-    sids: Takes[dict[str, str] | None, Mapping[str, str] | None] = Field(
-        default=None,
-        description="digests of the SIDs that elastic coordinates in `bodies` are of",
-    )
-
-    @model_validator(mode="after")
-    def _begins_somewhere(self) -> Start:
-        if self.state == "result" and self.file is None and self.bodies is None:
-            raise ValueError("the name of a result as `file`")
-        if self.state != "result" and not (self.file is None is self.bodies):
-            raise ValueError('`state = "result"` beside `file`')
-        return self
-
-
-class SceneFile(File):
+class SceneFile(SceneTables):
     """A scene. Lengths, masses and times in SI units, angles in radians.
 
     Raises
     ------
     InputError : names that do not exist, wrong numbers of components, and so on.
     """
-
-    named: ClassVar[tuple[str, ...]] = (
-        "bodies",
-        "joints",
-        "drives",
-        "forces",
-        "events",
-        PARAMETERS,
-    )
-    either: ClassVar[tuple[tuple[str, str], ...]] = (("sid", "model"),)
-    paths: ClassVar[tuple[tuple[str, ...], ...]] = (
-        ("bodies", "*", "sid"),
-        ("bodies", "*", "model"),
-        ("bodies", "*", "shape", "file"),
-        ("initial", "file"),
-    )
-
-    format: Literal["sidtool scene"] = "sidtool scene"
-    version: Literal[1] = 1
-    title: str = ""
-    parameters: Takes[dict[str, float], Mapping[str, float | str]] = Field(
-        default_factory=dict, description=PARAMETERS_MEAN
-    )
-    dimension: Literal["planar", "spatial"] = Field(
-        description="motion in the xy plane, or in space"
-    )
-    gravity: Takes[Vector | None, ArrayLike | None] = Field(
-        default=None, description="[m/s2], default none"
-    )
-    time: Takes[Time, Time | Entries] = Field(
-        description="the table [time] with start, end, output_step"
-    )
-    accuracy: Takes[Accuracy, Accuracy | Entries] = Field(default=Accuracy())
-    initial: Takes[Start, Start | Entries] = Field(default=Start())
-    ground: Takes[Ground, Ground | Entries] = Field(default=Ground())
-    bodies: Takes[dict[str, Body], Mapping[str, Body | Entries]] = Field(
-        min_length=1, description="at least one body"
-    )
-    joints: Takes[dict[str, Joint], Mapping[str, Joint | Entries]] = Field(
-        default_factory=dict
-    )
-    drives: Takes[dict[str, Drive], Mapping[str, Drive | Entries]] = Field(
-        default_factory=dict
-    )
-    forces: Takes[dict[str, Force], Mapping[str, Force | Entries]] = Field(
-        default_factory=dict
-    )
-    events: Takes[dict[str, Event], Mapping[str, Event | Entries]] = Field(
-        default_factory=dict
-    )
-    outputs: Takes[Outputs, Outputs | Entries] = Field(default=Outputs())
-
-    @property
-    def sid_bodies(self) -> dict[str, SidBody]:
-        """The bodies with a SID."""
-        return {n: b for n, b in self.bodies.items() if isinstance(b, SidBody)}
-
-    def initial_of(self, body: str) -> Initial:
-        """Where a body starts: as its own table says, or in the state of a result."""
-        return (self.initial.bodies or {}).get(body) or self.bodies[body].initial
-
-    @property
-    def flexible(self) -> list[str]:
-        """Names of the bodies with a SID."""
-        return list(self.sid_bodies)
 
     def with_(self, changes: Mapping[str, Any] | None = None, **more: Any) -> Self:
         content = with_numbers(self, {**(changes or {}), **more})

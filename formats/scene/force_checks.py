@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from ..base.errors import InputError
 from ..toml.expressions import FUNCTIONS, parse_expression
+from .base import Time
 from .bodies import SidBody
 from .forces import Bushing, Characteristic, Force, Friction, PointForce, SpringDamper
 from .functions import (
@@ -21,13 +21,11 @@ from .functions import (
 )
 from .laws import Expression, ForceFunction, Pid
 from .outputs import marker_reference
+from .tables import SceneTables
 from .values import check_length, expected_names, raise_failure
 
-if TYPE_CHECKING:
-    from .file import SceneFile, Time
 
-
-def check_force(force: Force, place: str, scene: SceneFile) -> None:
+def check_force(force: Force, place: str, scene: SceneTables) -> None:
     """Raise what does not fit in a force as `InputError` with its key."""
     if isinstance(force, PointForce):
         check_reference(force.marker, f"{place}.marker", scene)
@@ -45,7 +43,7 @@ def check_force(force: Force, place: str, scene: SceneFile) -> None:
         check_function(function, f"{place}.function", scene.time)
 
 
-def _check_components(force: PointForce, place: str, scene: SceneFile) -> None:
+def _check_components(force: PointForce, place: str, scene: SceneTables) -> None:
     if force.force is None and force.torque is None:
         raise_failure(
             place, "has neither force nor torque", "components of one of them"
@@ -59,7 +57,7 @@ def _check_components(force: PointForce, place: str, scene: SceneFile) -> None:
         )
 
 
-def _check_pair(force: Force, place: str, scene: SceneFile) -> None:
+def _check_pair(force: Force, place: str, scene: SceneTables) -> None:
     markers, joint = getattr(force, "markers", None), getattr(force, "joint", None)
     if (markers is None) == (joint is None):
         found = "both are given" if joint is not None else "neither is given"
@@ -75,7 +73,7 @@ def _check_pair(force: Force, place: str, scene: SceneFile) -> None:
 
 
 def _check_joint(
-    name: str, coordinate: str | None, place: str, scene: SceneFile
+    name: str, coordinate: str | None, place: str, scene: SceneTables
 ) -> None:
     joint = scene.joints.get(name)
     if joint is None:
@@ -109,7 +107,7 @@ def _check_table(table: Characteristic, place: str) -> None:
             raise_failure(f"{place}.deflection", found, "growing values")
 
 
-def _check_bushing(force: Bushing, place: str, scene: SceneFile) -> None:
+def _check_bushing(force: Bushing, place: str, scene: SceneTables) -> None:
     count = 3 if scene.dimension == "planar" else 6
     if force.shaft and count == 3:
         raise_failure(
@@ -246,7 +244,7 @@ def _check_piece(piece: Piece, place: str) -> None:
         raise_failure(f"{place}.to", f"found {piece.to}", f"a time after {piece.from_}")
 
 
-def check_reference(text: str, place: str, scene: SceneFile) -> None:
+def check_reference(text: str, place: str, scene: SceneTables) -> None:
     """Raise a marker that does not exist, or that is no marker's name at all."""
     try:
         name, marker = marker_reference(text)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from .base import as_3d
@@ -11,13 +9,11 @@ from .drives import MARKER_COORDINATES, Drive, driven_coordinate
 from .force_checks import check_function, check_reference, check_two_bodies
 from .joints import Coupling, Gear, Joint, JointFriction, Screw, Universal, marker_names
 from .laws import Expression
+from .tables import SceneTables
 from .values import check_length, expected_names, raise_failure
 
-if TYPE_CHECKING:
-    from .file import SceneFile
 
-
-def check_joint(joint: Joint, place: str, scene: SceneFile) -> None:
+def check_joint(joint: Joint, place: str, scene: SceneTables) -> None:
     """Raise what does not fit in a joint as `InputError` with its key."""
     if scene.dimension not in joint.dimensions:
         raise_failure(
@@ -78,7 +74,7 @@ def _check_axis(
         raise_failure(place, "has no direction", "a vector that is not zero")
 
 
-def _check_coupling(joint: Gear | Coupling, place: str, scene: SceneFile) -> None:
+def _check_coupling(joint: Gear | Coupling, place: str, scene: SceneTables) -> None:
     count = len(joint.joints)
     for index, name in enumerate(joint.joints):
         other = scene.joints.get(name)
@@ -111,7 +107,7 @@ def _couplable(joint: Joint) -> tuple[str, ...]:
     return tuple(name for name in joint.coordinates if name != "length")
 
 
-def check_drives(scene: SceneFile) -> None:
+def check_drives(scene: SceneTables) -> None:
     """Raise what does not fit in the drives of a scene."""
     driven: dict[tuple[str | None, ...], str] = {}
     for name, drive in scene.drives.items():
@@ -141,7 +137,7 @@ def check_drives(scene: SceneFile) -> None:
         _check_law(drive, name, scene)
 
 
-def _check_law(drive: Drive, name: str, scene: SceneFile) -> None:
+def _check_law(drive: Drive, name: str, scene: SceneTables) -> None:
     """Check a drive that follows a control law, or a rate or an acceleration."""
     place = f"drives.{name}"
     needs = {"start": drive.integrated, "start_rate": drive.integrated[1:]}
@@ -164,7 +160,7 @@ def _check_law(drive: Drive, name: str, scene: SceneFile) -> None:
                 raise_failure(f"{place}.function", found, "another name")
 
 
-def _check_joint_drive(drive: Drive, place: str, scene: SceneFile) -> None:
+def _check_joint_drive(drive: Drive, place: str, scene: SceneTables) -> None:
     assert drive.joint is not None
     joint = scene.joints.get(drive.joint)
     if joint is None:
@@ -183,7 +179,7 @@ def _check_joint_drive(drive: Drive, place: str, scene: SceneFile) -> None:
         )
 
 
-def _check_marker_drive(drive: Drive, place: str, scene: SceneFile) -> None:
+def _check_marker_drive(drive: Drive, place: str, scene: SceneTables) -> None:
     assert drive.marker is not None
     check_reference(drive.marker, f"{place}.marker", scene)
     check_reference(drive.reference, f"{place}.reference", scene)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..base.errors import InputError
 from .accuracy import check_wanted
@@ -33,6 +33,7 @@ from .outputs import (
     is_stress,
     parse_output,
 )
+from .tables import SceneTables
 from .values import (
     check_initial,
     check_length,
@@ -44,11 +45,8 @@ from .values import (
 )
 from .wildcards import has_wildcard, quantities_of
 
-if TYPE_CHECKING:
-    from .file import SceneFile
 
-
-def check_scene(scene: SceneFile, fitting: SceneFile | None = None) -> None:
+def check_scene(scene: SceneTables, fitting: SceneTables | None = None) -> None:
     """Raise the first inconsistency of a scene as `InputError` with its key.
 
     Parameters
@@ -87,7 +85,7 @@ def check_scene(scene: SceneFile, fitting: SceneFile | None = None) -> None:
 
 
 def _changed_parts(
-    table: str, scene: SceneFile, fitting: SceneFile | None
+    table: str, scene: SceneTables, fitting: SceneTables | None
 ) -> Iterator[Any]:
     """Parts of a table by name, but those of a scene that fits."""
     known = getattr(fitting, table, {})
@@ -95,7 +93,7 @@ def _changed_parts(
     return ((name, part) for name, part in parts if part is not known.get(name))
 
 
-def _check_wanted(scene: SceneFile) -> None:
+def _check_wanted(scene: SceneTables) -> None:
     wanted = scene.accuracy.wanted
     if wanted is not None and scene.accuracy.step is not None:
         found = "stands beside accuracy.step, a step without error control"
@@ -106,7 +104,7 @@ def _check_wanted(scene: SceneFile) -> None:
     check_wanted(wanted, scene)
 
 
-def _check_names(scene: SceneFile) -> None:
+def _check_names(scene: SceneTables) -> None:
     for table in ("bodies", "joints", "drives", "forces", "events"):
         for name in getattr(scene, table):
             if not NAME.fullmatch(name) or name in RESERVED:
@@ -136,7 +134,7 @@ def _check_names(scene: SceneFile) -> None:
                 )
 
 
-def _check_output(text: str, place: str, scene: SceneFile) -> None:
+def _check_output(text: str, place: str, scene: SceneTables) -> None:
     try:
         name = parse_output(text)
     except InputError as error:
@@ -201,7 +199,7 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         )
 
 
-def _check_along_coordinate(name: OutputName, place: str, scene: SceneFile) -> None:
+def _check_along_coordinate(name: OutputName, place: str, scene: SceneTables) -> None:
     """Check a quantity of joints, drives and forces along their coordinate."""
     owner, quantity = name.owner, name.quantity
     joint = scene.joints.get(owner)
@@ -217,7 +215,7 @@ def _check_along_coordinate(name: OutputName, place: str, scene: SceneFile) -> N
     raise_failure(place, f"there is no joint, drive or force {owner!r}", expected)
 
 
-def _check_multiplier(name: OutputName, place: str, scene: SceneFile) -> None:
+def _check_multiplier(name: OutputName, place: str, scene: SceneTables) -> None:
     """A multiplier that the joint or drive has."""
     if name.owner not in [*scene.joints, *scene.drives]:
         return
@@ -227,7 +225,9 @@ def _check_multiplier(name: OutputName, place: str, scene: SceneFile) -> None:
         raise_failure(place, found, f"f1 to f{count}" if count else "another joint")
 
 
-def _check_connection(owner: str, quantity: str, place: str, scene: SceneFile) -> None:
+def _check_connection(
+    owner: str, quantity: str, place: str, scene: SceneTables
+) -> None:
     """Raise what joints, drives and forces do not have, with what they have."""
     tables: dict[str, Mapping[str, object]]
     tables = {"joint": scene.joints, "drive": scene.drives, "force": scene.forces}
@@ -239,7 +239,7 @@ def _check_connection(owner: str, quantity: str, place: str, scene: SceneFile) -
             )
 
 
-def _check_state(name: OutputName, place: str, scene: SceneFile) -> None:
+def _check_state(name: OutputName, place: str, scene: SceneTables) -> None:
     """A state that a law has; those of a law of a program are not known here."""
     owner = scene.drives.get(name.owner) or scene.forces[name.owner]
     function = getattr(owner, "function", None)
@@ -250,7 +250,7 @@ def _check_state(name: OutputName, place: str, scene: SceneFile) -> None:
 
 
 def _check_coordinate(
-    owner: str, coordinate: str, place: str, scene: SceneFile
+    owner: str, coordinate: str, place: str, scene: SceneTables
 ) -> None:
     """Coordinates of joints and their rates; bodies have an angle, too."""
     if owner not in scene.joints:

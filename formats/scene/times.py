@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from .file import SceneFile
+from .tables import SceneTables
 
 MAX_OUTPUT_TIMES = 10_000_000
 
@@ -21,7 +21,7 @@ class OutputTimes:
     InputError : there are too many, or the scene defines none.
     """
 
-    def __init__(self, scene: SceneFile) -> None:
+    def __init__(self, scene: SceneTables) -> None:
         self._time = scene.time
         self._span = scene.time.end - scene.time.start
         self._count = len(scene.time.output_times or ())
@@ -57,6 +57,6 @@ class OutputTimes:
         return time.start + time.output_step * steps
 
 
-def output_times(scene: SceneFile) -> NDArray[np.float64]:
+def output_times(scene: SceneTables) -> NDArray[np.float64]:
     """All of them, (nt,)."""
     return OutputTimes(scene)[:]

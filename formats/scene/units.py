@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from .connections import FORCES, THREAD_MULTIPLIER, force_coordinate, is_turned
 from .drives import Drive, driven_coordinate
 from .forces import Force, PointForce
@@ -26,9 +24,7 @@ from .outputs import (
     is_stress,
     parse_output,
 )
-
-if TYPE_CHECKING:
-    from .file import SceneFile
+from .tables import SceneTables
 
 _KINDS = {"u": "m", "v": "m/s", "a": "m/s\N{SUPERSCRIPT TWO}", "w": "rad/s"}
 
@@ -37,7 +33,7 @@ _MOMENTA = {"momentum": "kg m/s", "angular_momentum": "kg m\N{SUPERSCRIPT TWO}/s
 _WORDS = {**_MOMENTA, "quaternion": "", "rotation": "rad"}
 
 
-def unit_of(name: str, scene: SceneFile | None = None) -> str:
+def unit_of(name: str, scene: SceneTables | None = None) -> str:
     """Return the unit of an output; empty if it has none, or an unknown one.
 
     Quaternions, force scales, and `sticking` have none; elastic coordinates have the
@@ -89,7 +85,7 @@ def _effort_unit(coordinate: str) -> str:
     return "N m" if is_turned(coordinate) else "N"
 
 
-def _measure_unit(name: OutputName, scene: SceneFile | None) -> str:
+def _measure_unit(name: OutputName, scene: SceneTables | None) -> str:
     """Return the unit of a length, a deflection or a rate of a force."""
     if name.quantity == "length" or scene is None:
         return "m" if name.quantity == "length" else ""
@@ -98,7 +94,7 @@ def _measure_unit(name: OutputName, scene: SceneFile | None) -> str:
     return f"{unit}/s" if name.quantity == "rate" else unit
 
 
-def _friction_unit(name: OutputName, scene: SceneFile | None) -> str:
+def _friction_unit(name: OutputName, scene: SceneTables | None) -> str:
     if name.quantity == "normal_force":
         return "N"
     if scene is None or name.quantity == "sticking":
@@ -106,7 +102,7 @@ def _friction_unit(name: OutputName, scene: SceneFile | None) -> str:
     return _effort_unit(scene.joints[name.owner].coordinates[0])
 
 
-def _law_unit(name: OutputName, scene: SceneFile | None) -> str:
+def _law_unit(name: OutputName, scene: SceneTables | None) -> str:
     if scene is None:
         return ""
     force: Force | Drive | None = scene.forces.get(name.owner)
@@ -133,7 +129,7 @@ def _law_unit(name: OutputName, scene: SceneFile | None) -> str:
     return unit.removesuffix("/s") if unit.endswith("/s") else f"{unit} s"
 
 
-def _multiplier_unit(name: OutputName, scene: SceneFile | None) -> str:
+def _multiplier_unit(name: OutputName, scene: SceneTables | None) -> str:
     """That of fK."""
     if scene is None:
         return ""
@@ -148,7 +144,7 @@ def _multiplier_unit(name: OutputName, scene: SceneFile | None) -> str:
     return "N" if number <= forces or is_thread else "N m"
 
 
-def _coupling_unit(joint: Gear | Coupling, scene: SceneFile) -> str:
+def _coupling_unit(joint: Gear | Coupling, scene: SceneTables) -> str:
     """Return the unit of the last coordinate of a gear; its ratio converts the first.
 
     Of other sums only if all coordinates are of one kind.

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
 from ..base.errors import InputError
-from .base import Placement
+from .base import Placement, Time
 from .bodies import Initial, RigidBody
-
-if TYPE_CHECKING:
-    from .file import Time
 
 
 def check_time(time: Time) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from ..base.errors import InputError
 from ..base.sid import SID
@@ -40,10 +40,8 @@ from .outputs import (
     VALUE,
     VELOCITIES,
 )
+from .tables import SceneTables
 from .values import expected_names
-
-if TYPE_CHECKING:
-    from .file import SceneFile
 
 _SPATIAL = tuple(kind + axis for kind in ("", "v", "a") for axis in "xyz")
 #: By dimension: quantities of points, of bodies besides, of joints and forces,
@@ -82,7 +80,7 @@ def matching_names(pattern: str, names: Iterable[str]) -> list[str]:
 
 
 def expand_names(
-    texts: Iterable[str], scene: SceneFile, sids: Mapping[str, SID], place: str = ""
+    texts: Iterable[str], scene: SceneTables, sids: Mapping[str, SID], place: str = ""
 ) -> tuple[str, ...]:
     """Return the names without wildcards, each once.
 
@@ -129,7 +127,7 @@ def owners_of(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(name.rpartition(".")[0] for name in names))
 
 
-def quantities_of(owner: str, scene: SceneFile) -> list[str]:
+def quantities_of(owner: str, scene: SceneTables) -> list[str]:
     """Return the quantities of a part of a scene that are known without its SIDs."""
     names = (
         name.rpartition(".")
@@ -139,7 +137,7 @@ def quantities_of(owner: str, scene: SceneFile) -> list[str]:
     return [quantity for found, _, quantity in names if found == owner]
 
 
-def rarer_outputs(scene: SceneFile) -> Iterator[str]:
+def rarer_outputs(scene: SceneTables) -> Iterator[str]:
     """Return the outputs for wildcards that match none of `known_outputs`."""
     for name, body in scene.bodies.items():
         point_mass = isinstance(body, RigidBody) and body.inertia is None
@@ -153,7 +151,7 @@ def rarer_outputs(scene: SceneFile) -> Iterator[str]:
             )
 
 
-def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:
+def known_outputs(scene: SceneTables, sids: Mapping[str, SID]) -> Iterator[str]:
     """The outputs of a scene that wildcards find first; see the top of this module."""
     dimension = scene.dimension
     for name, body in scene.bodies.items():
@@ -212,11 +210,11 @@ def _flexible_outputs(
             yield from _qualified_names(f"{name}.{marker}", STRESSES)
 
 
-def _multiplier_outputs(name: str, scene: SceneFile) -> list[str]:
+def _multiplier_outputs(name: str, scene: SceneTables) -> list[str]:
     return [f"f{k + 1}" for k in range(multipliers(name, scene))]
 
 
-def _has_quantity(force: str, quantity: str, scene: SceneFile) -> bool:
+def _has_quantity(force: str, quantity: str, scene: SceneTables) -> bool:
     """Whether a joint or drive with the name of a force has this quantity already."""
     joint = scene.joints.get(force)
     is_coordinate = joint is not None and quantity in joint.coordinates
@@ -225,3 +223,9 @@ def _has_quantity(force: str, quantity: str, scene: SceneFile) -> bool:
 
 def _qualified_names(owner: str, quantities: Iterable[str]) -> Iterator[str]:
     return (f"{owner}.{quantity}" for quantity in quantities)
+
+
+def observed_outputs(scene: SceneTables) -> tuple[str, ...]:
+    """Outputs that the scene records or its events look at."""
+    looked_at = (event.quantity for event in scene.events.values())
+    return tuple(dict.fromkeys([*scene.outputs.record, *looked_at]))

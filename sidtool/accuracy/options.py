@@ -11,7 +11,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import Listener, use_listener
 from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.scene.accuracy import MAX_RELATIVE_ERROR, MIN_RELATIVE_ERROR
+from sidtool.formats.scene.tables import MAX_RELATIVE_ERROR, MIN_RELATIVE_ERROR
 
 from ..measurement.request import Wanted
 from ..pipeline.model_cache import body_models

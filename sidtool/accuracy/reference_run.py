@@ -13,10 +13,9 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, unit_of
 
 from ..measurement.candidates import Choice, is_out_of_plane, planar_scene
-from ..measurement.reference import MUCH
+from ..measurement.reference import MUCH, is_varying
 from ..measurement.request import Request
 from ..measurement.runs import Runs, Setting, max_difference
-from ..study import is_varying
 
 #: The uncertainty of the reference is at most this part of what is allowed.
 UNCERTAINTY_SHARE = 0.05

@@ -182,11 +182,9 @@ class Equilibrium(_NamedNumbers, SolverEquilibrium):
 
     def rows(self) -> list[tuple[str, float, str]]:
         """Recorded outputs and all multipliers, with their values and units."""
-        result = self.result()
-        names = (*result.names, *result.multiplier_names)
-        values = [*result.values[0], *result.multipliers[0]]
-        found = dict(zip(names, map(float, values), strict=True))
-        return [(name, value, result.unit(name)) for name, value in found.items()]
+        from ..report.result import state_rows
+
+        return state_rows(self.result())
 
     def __repr__(self) -> str:
         title = self.system.scene.title

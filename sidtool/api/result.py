@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from sidtool.formats import result as stored
-from sidtool.formats.base.errors import InputError, ValidityWarning, warn_caller
+from sidtool.formats.base.errors import ValidityWarning, warn_caller
 from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
 from sidtool.formats.result import units_in
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-    from .scene import Scene
 
 Names = str | Iterable[str]
 
@@ -72,21 +71,6 @@ class Result(stored.Result):
     def units(self) -> dict[str, str]:
         """The units of the outputs that were recorded."""
         return {name: self.unit(name) for name in self.names}
-
-    def said(self) -> Scene:
-        """The scene that was simulated.
-
-        Raises
-        ------
-        InputError : the result does not hold it.
-        """
-        import json
-
-        from .scene import Scene
-
-        if not self.scene:
-            raise InputError("holds no scene", place="result")
-        return Scene.checked(json.loads(self.scene), "scene of the result")
 
     def to_dataframe(self, names: Names | None = None) -> pandas.DataFrame:
         """A pandas table: index t [s], a column per output; units in `attrs`.

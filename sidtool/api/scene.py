@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
@@ -74,6 +75,18 @@ class Scene(SceneFile):
     ------
     InputError : names the argument, what was found and what was expected.
     """
+
+    @classmethod
+    def of_result(cls, result: Result) -> Self:
+        """Return the scene that a result is of.
+
+        Raises
+        ------
+        InputError : the result does not hold its scene.
+        """
+        if not result.scene:
+            raise InputError("holds no scene", place="result")
+        return cls.checked(json.loads(result.scene), "scene of the result")
 
     def simulate(
         self,

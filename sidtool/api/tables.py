@@ -87,10 +87,10 @@ from sidtool.formats.scene import (
     Time,
     Universal,
 )
-from sidtool.formats.scene.file import Start
 from sidtool.formats.scene.joints import Screw
 from sidtool.formats.scene.laws import State
 from sidtool.formats.scene.shapes import Box, Cylinder, Sphere, SurfaceMesh
+from sidtool.formats.scene.tables import Start
 
 __all__ = [
     "Box",

@@ -14,10 +14,14 @@ from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.beams import BeamGeometry, GeneralSection, RectangularSection
 from sidtool.formats.model.discretisation import BeamDiscretisation
 
-from ..elements.finite_element_model import BeamOutline, FiniteElementModel, MarkerRows
+from ..elements.finite_element_model import (
+    BeamOutline,
+    FiniteElementModel,
+    GeometryMass,
+    MarkerRows,
+)
 from ..elements.markers import check_length, name_marker_in_errors
 from ..elements.markers import markers_with_position as with_places
-from ..elements.mass_properties import GeometryMass
 from .axis import Axis, beam_axis
 from .cross_section import section_at, side_profile
 from .element import BeamElement, BeamProperties, ElementRows

@@ -21,11 +21,26 @@ from .material_points import BeamMaterial, Continuum, InertiaPoints
 if TYPE_CHECKING:
     from ..geometry.nurbs_patch import NurbsPatch
     from ..mesh.mesh import Mesh
-    from .mass_properties import GeometryMass
     from .solid_mesh import SolidMesh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryMass:
+    """Exact mass and first moments of a body, by integrals over its surface.
+
+    Attributes
+    ----------
+    mass : [kg]
+    first : (d,) first moments [kg m]
+    sampled : whether the mesh only approximates the geometry
+    """
+
+    mass: float
+    first: Array
+    sampled: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -17,7 +16,7 @@ from ..mesh.materials import ElasticMaterial
 from ..mesh.mesh import Mesh
 from ..mesh.quadrature_rules import quadrature_rule
 from ..mesh.reference_elements import element_edges, element_faces, reference_element
-from .finite_element_model import FiniteElementModel
+from .finite_element_model import FiniteElementModel, GeometryMass
 
 Array = NDArray[np.float64]
 
@@ -87,22 +86,6 @@ def _area_normals(tangents: Array) -> Array:
 #: Differences of mass, and of the centre relative to the size, that are refused where
 #: the discretisation is exact, and noted where it samples the geometry.
 _EXACT_TOLERANCE, _NOTED_DIFFERENCE = 1e-6, 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class GeometryMass:
-    """Exact mass and first moments of a body, by integrals over its surface.
-
-    Attributes
-    ----------
-    mass : [kg]
-    first : (d,) first moments [kg m]
-    sampled : whether the mesh only approximates the geometry
-    """
-
-    mass: float
-    first: Array
-    sampled: bool = False
 
 
 def patch_mass(

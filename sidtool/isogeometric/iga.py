@@ -18,7 +18,8 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import IgaDiscretisation, ModelFile
 from sidtool.formats.model.checks import check_knots
 
-from ..elements.mass_properties import GeometryMass, patch_mass
+from ..elements.finite_element_model import GeometryMass
+from ..elements.mass_properties import patch_mass
 from ..elements.material_points import Continuum, make_continuum
 from ..elements.solid_elements import ElementBatch, assemble_body, mapped_batch
 from ..geometry.bspline import LocalBasis, breakpoints, gauss_points, local_basis

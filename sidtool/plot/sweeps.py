@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
 
 from .figure import legend_columns, legend_rows, saved_figure, use_log_scale, wrap_label
-
-if TYPE_CHECKING:
-    from ..sweep.sweep_result import Sweep
 
 #: Size of a page without legend, height of a panel, and of a row of the legend [inch].
 _WIDTH, _PANEL, _ROW = 5.5, 2.2, 0.19
@@ -23,38 +21,52 @@ MOST_LINES = 24
 _LOGARITHMIC = 20.0
 
 
-def plot_sweep(path: Path | None, found: Sweep) -> Any:
-    """A panel per measure over the first key, a line for each combination of the other
-    keys; runs that failed are gaps.
+def plot_sweep(
+    path: Path | None,
+    table: Mapping[str, np.ndarray],
+    axes: Sequence[str],
+    measures: Sequence[str],
+    header: Mapping[str, str],
+    succeeded: Sequence[bool],
+) -> Any:
+    """Draw a panel per measure over the first key, a line for each combination of the
+    other keys; runs that failed are gaps.
+
+    Parameters
+    ----------
+    path : picture to write, None for none
+    table : columns (n,) by name
+    axes, measures : names of columns
+    header : titles of columns, with units
+    succeeded : (n,) whether the run gave numbers
 
     Raises
     ------
     InputError : no run has a number.
     """
-    measures = [n for n in found.measures if np.isfinite(found[n]).any()]
+    measures = [name for name in measures if np.isfinite(table[name]).any()]
     if not measures:
         raise InputError("holds no numbers to draw", expected="a run that succeeds")
-    first, *others = found.axes
+    first, *others = axes
     lines: dict[str, list[int]] = {}
-    for row, point in enumerate(found.points):
+    for row in range(len(succeeded)):
         label = ", ".join(
-            f"{_key_label(k)} = {_value_text(point.values[k])}" for k in others
+            f"{_key_label(k)} = {_value_text(table[k][row])}" for k in others
         )
         lines.setdefault(label, []).append(row)
     lines = {
         label: rows
         for label, rows in lines.items()
-        if any(not found.points[row].message for row in rows)
+        if any(succeeded[row] for row in rows)
     }
-    places, labels = _axis_positions(found[first])
+    places, labels = _axis_positions(table[first])
     keyed = [label for label in lines if label] if len(lines) <= MOST_LINES else []
     legend_height = _ROW * legend_rows(keyed, _WIDTH) if keyed else 0.0
     size = _WIDTH, 0.6 + _PANEL * len(measures) + legend_height
-    header = dict(zip(found, found.header, strict=True))
-    with saved_figure(path, len(measures), size=size) as axes:
-        panels = np.atleast_1d(axes)
+    with saved_figure(path, len(measures), size=size) as drawn:
+        panels = np.atleast_1d(drawn)
         for panel, name in zip(panels, measures, strict=True):
-            values = found[name]
+            values = table[name]
             for number, (label, rows) in enumerate(lines.items()):
                 shade = {}
                 if len(lines) > MOST_LINES:

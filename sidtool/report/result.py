@@ -21,8 +21,7 @@ from .tables import TextBlock, counted_noun, named_values, text_table
 
 if TYPE_CHECKING:
     from sidtool.solver.analyses.linearisation import Linearisation
-
-    from ..api.analyses import Equilibrium
+    from sidtool.solver.analyses.static_equilibrium import Equilibrium
 
 #: counters in the order of a summary, with the words for them
 COUNTERS = {
@@ -281,11 +280,25 @@ def describe_equilibrium(found: Equilibrium) -> str:
         )
     ]
     parts += _plain_notes(result)
-    rows = found.rows()
+    rows = state_rows(result)
     if rows:
         texts = [[name, f"{value:.10g}", unit] for name, value, unit in rows]
         parts.append(text_table(["output", "value", "unit"], texts))
     return "\n\n".join(parts)
+
+
+def state_rows(result: Result) -> list[tuple[str, float, str]]:
+    """Return recorded outputs and all multipliers of a result of one time.
+
+    Returns
+    -------
+    names, values and units
+    """
+    names = (*result.names, *result.multiplier_names)
+    values = [*result.values[0], *result.multipliers[0]]
+    unit = units_in(result)
+    found = dict(zip(names, map(float, values), strict=True))
+    return [(name, value, unit(name)) for name, value in found.items()]
 
 
 def describe_modes(modes: Linearisation) -> str:

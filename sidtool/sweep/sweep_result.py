@@ -150,7 +150,14 @@ class Sweep(Mapping[str, np.ndarray]):
         """
         from ..plot.sweeps import plot_sweep
 
-        return plot_sweep(None if path is None else Path(path), self)
+        return plot_sweep(
+            None if path is None else Path(path),
+            self,
+            self.axes,
+            self.measures,
+            dict(zip(self, self.header, strict=True)),
+            [not point.message for point in self.points],
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the table (.csv), or the picture (.png, .svg, .pdf).

@@ -6,8 +6,9 @@ turned into their direction.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +26,6 @@ from sidtool.solver.system.system import GROUND_NAME, System
 
 from ..field.sampled_points import CORNERS, tube
 
-if TYPE_CHECKING:
-    from .motion import SampledMotion
-
 Indices = NDArray[np.int64]
 #: The axis of the meshes.
 X = np.array([1.0, 0.0, 0.0])
@@ -38,6 +36,23 @@ _COIL, _CYLINDER, _ROD, _WIRE = 0.02, 0.012, 0.005, 0.003
 _COILS, _PIECES = 8, 12
 #: Part of the length at each end of a spring that is straight, and of a cylinder.
 _STRAIGHT, _OUTER = 0.12, 0.55
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BodyMotion:
+    """Motion of all bodies but the ground.
+
+    Attributes
+    ----------
+    t : (nt,) [s]
+    places, turns : by body, origins (nt, 3) [m] and orientations (nt, 3, 3)
+    elastic : by body, (nt, nq)
+    """
+
+    t: Array
+    places: Mapping[str, Array]
+    turns: Mapping[str, Array]
+    elastic: Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +67,7 @@ class Anchor:
     position: Array
     shapes: Array
 
-    def path(self, motion: SampledMotion, scale: float) -> Array:
+    def path(self, motion: BodyMotion, scale: float) -> Array:
         """(nt, 3) with deformations `scale` times as large [m]."""
         if not self.body:
             return np.tile(self.position, (len(motion.t), 1))
@@ -78,7 +93,7 @@ class Link:
     positions: Array
     triangles: Indices
 
-    def corners(self, motion: SampledMotion, row: int, scale: float) -> Array:
+    def corners(self, motion: BodyMotion, row: int, scale: float) -> Array:
         """Corners of its triangles at one time, (m, 3, 3) [m]."""
         a, b = (end.path(motion, scale)[row] for end in self.ends)
         length = float(np.linalg.norm(b - a))

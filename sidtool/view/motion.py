@@ -19,7 +19,7 @@ from sidtool.solver.simulation.replay import Replay, replay
 from sidtool.solver.system.system import GROUND_NAME, System
 
 from ..field.shapes import shape_mesh
-from .links import Link, scene_links
+from .links import BodyMotion, Link, scene_links
 
 #: Rotation between two pictures above which more are put between [rad].
 MAX_ROTATION = 0.15
@@ -43,15 +43,12 @@ class SampledJoint:
     shapes: Array
 
 
-@dataclass(frozen=True, eq=False)
-class SampledMotion:
-    """Motion of all bodies but the ground.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SampledMotion(BodyMotion):
+    """Motion of a scene at the times of its pictures.
 
     Attributes
     ----------
-    t : (nt,) [s]
-    places, turns : by body, origins (nt, 3) [m] and orientations (nt, 3, 3)
-    elastic : by body, (nt, nq)
     links : springs, dampers, actuators and rods
     size, centre : extent and centre (3,) of the mechanism over all times [m]
     told : notes on the times
@@ -59,10 +56,6 @@ class SampledMotion:
 
     scene: SceneFile
     system: System
-    t: Array
-    places: Mapping[str, Array]
-    turns: Mapping[str, Array]
-    elastic: Mapping[str, Array]
     joints: tuple[SampledJoint, ...]
     links: tuple[Link, ...]
     size: float

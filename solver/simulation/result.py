@@ -46,10 +46,10 @@ from ..linear.factor_storage import Memory
 from ..output import columns
 from ..output.samples import Samples
 from ..system.control_laws import law_error, rejected_trials
+from .run_loop import Run, Stop
 
 if TYPE_CHECKING:
     from ..system.system import System
-    from .run_loop import Run
 
 #: Velocity coordinates up to which a static start is tried before it is advised.
 MAX_TRIED_COORDINATES = 300
@@ -134,8 +134,12 @@ def failure_reason(run: Run, stop_reason: str) -> str:
     return failure_text(run.recorder.bodies)
 
 
-def failure_message(run: Run, code: int) -> str:
-    """Why the step loop could not continue."""
+def stop_reason(run: Run, stop: Stop) -> str:
+    """Return why a run ends early, with its likely cause."""
+    return stop.reason if stop.code is None else _step_loop_failure(run, stop.code)
+
+
+def _step_loop_failure(run: Run, code: int) -> str:
     system, work, control = run.system, run.work, run.control
     law_text = law_error(system, work, since=run.current_time)
     if law_text:

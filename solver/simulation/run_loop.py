@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,12 +36,18 @@ from ..system.control_laws import law_error
 from ..system.sensors import OutputTimesAtSamples, SampledLaws
 from ..system.work_arrays import new_memory, new_work_arrays, raise_pending
 from .recorder import Recorder
-from .result import failure_message
 
 #: Steps between two reports of progress.
 STEPS_PER_REPORT = 500
 
 Progress = Callable[[float], None]
+
+
+class Stop(NamedTuple):
+    """Why a run ends before its time: a reason in words, or the code of a step loop."""
+
+    reason: str = ""
+    code: int | None = None
 
 
 class Run:
@@ -134,14 +141,17 @@ class Run:
 
     def integrate(
         self, progress: Progress | None, stop_requested: Callable[[], str] | None = None
-    ) -> str:
-        """Integrate over all smooth intervals; returns the reason if one is not
-        finished.
+    ) -> Stop | None:
+        """Integrate over all smooth intervals.
 
         Parameters
         ----------
         stop_requested
             Returns why to stop early, or an empty string.
+
+        Returns
+        -------
+        why an interval is not finished, None if all are or an event ends the run
         """
         self.stop_requested = stop_requested
         for stop in self.system.breaks:
@@ -152,7 +162,7 @@ class Run:
             while code == loop_state.STEPS_DONE and not failure:
                 code = self._make_steps()
                 if self.watch is not None and self.watch.stopping_event:
-                    return ""
+                    return None
                 if self._needs_stiff_method(code):
                     self._switch_method()
                     self.needs_new_interval = True
@@ -166,13 +176,13 @@ class Run:
                     else ""
                 )
                 if why and not failure:
-                    return f"{why} at t = {self.current_time:.9g} s"
+                    return Stop(f"{why} at t = {self.current_time:.9g} s")
             if failure:
-                return failure
+                return Stop(failure)
             if code != loop_state.INTERVAL_END:
-                return failure_message(self, code)
+                return Stop(code=code)
             self._record_breaks(stop)
-        return ""
+        return None
 
     def _make_steps(self) -> int:
         """Make some steps, however many output times they contain; returns why they

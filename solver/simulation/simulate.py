@@ -16,7 +16,12 @@ from ..output.evaluated_forces import needs_body_quantities
 from ..output.resume import resume_state
 from ..system.errors import SimulationError
 from ..system.system import System
-from .result import build_result, failure_reason, may_exceed_linear_theory
+from .result import (
+    build_result,
+    failure_reason,
+    may_exceed_linear_theory,
+    stop_reason,
+)
 from .run_loop import Progress, Run
 
 ExpectationCallback = Callable[[Mapping[str, FlexibleBody]], None]
@@ -96,10 +101,11 @@ def simulate(
     )
     run = Run(initialised, settings, told, into or memory_sink, resume)
     assembled = time.perf_counter()
-    failure = run.integrate(progress, stop)
+    stopped = run.integrate(progress, stop)
     solved = time.perf_counter() - assembled - run.recorder.seconds
-    run.finish(bool(failure))
-    failure = failure_reason(run, failure)
+    reason = "" if stopped is None else stop_reason(run, stopped)
+    run.finish(failed=stopped is not None)
+    failure = failure_reason(run, reason)
     seconds = {"seconds_assembly": assembled - started, "seconds": solved}
     result = build_result(
         run, seconds, failure, memory_sink.arrays() if into is None else {}

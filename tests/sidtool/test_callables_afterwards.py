@@ -95,7 +95,7 @@ def test_a_drive_of_a_callable_is_known_afterwards(start: str, tmp_path: Path) -
     np.testing.assert_allclose(between["wheel.rim.y"], R * np.sin(f), atol=1e-10)
     torque = INERTIA * angle_acceleration(t)
     np.testing.assert_allclose(between["motor.mz"], torque, atol=1e-6)
-    again = result.said().simulate()  # needs no program any more
+    again = sidtool.Scene.of_result(result).simulate()  # needs no program any more
     np.testing.assert_array_equal(again.values, result.values)
 
 

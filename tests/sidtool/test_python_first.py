@@ -77,7 +77,7 @@ def test_a_scene_of_python_moves_as_mechanics_says(tmp_path: Path) -> None:
     again = sidtool.read(tmp_path / "thrown.toml")
     assert type(again) is sidtool.Scene and again == scene
     np.testing.assert_array_equal(again.simulate().values, result.values)
-    assert result.said().bodies == scene.bodies
+    assert sidtool.Scene.of_result(result).bodies == scene.bodies
     data = tomllib.loads((tmp_path / "thrown.toml").read_text(encoding="utf-8"))
     assert data["format"] == "sidtool scene" and data["bodies"]["stone"]["mass"] == 2
 

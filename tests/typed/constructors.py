@@ -1,4 +1,4 @@
-"""What constructors take and results give, to checkers of types; see `type_check`.
+"""What constructors take and results give, to checkers of types; see `static_checks`.
 
 Lines that have to be refused say so; `--strict` refuses ignored errors that are none.
 """

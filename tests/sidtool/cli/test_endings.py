@@ -125,7 +125,7 @@ def test_commands_refuse_them_before_any_work(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     made["result"].save("r.h5")
-    made["result"].said().save("s.toml")
+    sidtool.Scene.of_result(made["result"]).save("s.toml")
     sidtool.write("b.SID_FEM", made["sid"])
     names = {"result": "r.h5", "scene": "s.toml", "sid": "b.SID_FEM", "model": "s.toml"}
     before = set(tmp_path.iterdir())

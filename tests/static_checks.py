@@ -1,9 +1,12 @@
-"""Run mypy on the package as it is installed: `python -m tests.type_check`.
+"""Check types and the order of imports: `python -m tests.static_checks`.
 
-The examples of the documentation and the files of `tests/typed` are checked as those of
-users are: strictly, in another folder; with pyright, too, where it is installed.
+mypy checks the package as it is installed, and import-linter the contracts of
+pyproject.toml: each package imports only packages below it, and no module imports
+itself through others. The examples of the documentation and the files of `tests/typed`
+are checked as those of users are: strictly, in another folder; with pyright, too, where
+it is installed.
 
-mypy follows folders, and `sidtool.solver` and `sidtool.formats` stand at the top of the
+Both follow folders, and `sidtool.solver` and `sidtool.formats` stand at the top of the
 repository. A folder below `build/` shows them where they are installed: by links, on
 Windows by copies.
 """
@@ -22,12 +25,18 @@ from .places import ROOT
 
 #: Folder of the repository to its place in the package.
 INNER = {"formats": "formats", "solver": "solver"}
+#: The command `lint-imports`, wherever it is installed.
+LINT_IMPORTS = """
+from importlib.metadata import entry_points
+(command,) = entry_points(group="console_scripts", name="lint-imports")
+command.load()()
+"""
 #: The Python blocks of a page, which go on one after the other.
 EXAMPLE = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
 def main() -> int:
-    """Exit status of mypy."""
+    """Exit status of the first check that fails, 0 if none does."""
     top = ROOT / "build" / "typed"
     package = top / "sidtool"
     if package.exists():
@@ -46,7 +55,26 @@ def main() -> int:
             shutil.copy(path, package / name)
     command = [sys.executable, "-m", "mypy", "--config-file", ROOT / "pyproject.toml"]
     done = subprocess.run([*command, *sys.argv[1:]], cwd=top, check=False)
-    return done.returncode or _check_users(top)
+    return done.returncode or _check_imports(top) or _check_users(top)
+
+
+def _check_imports(top: Path) -> int:
+    """Exit status of import-linter; what it prints is shown if a contract is broken."""
+    command = [sys.executable, "-c", LINT_IMPORTS, "--no-cache", "--no-logo"]
+    environment = {**os.environ, "PYTHONPATH": str(top)}
+    done = subprocess.run(
+        [*command, str(ROOT / "pyproject.toml")],
+        cwd=top,
+        env=environment,
+        stdout=subprocess.PIPE,
+        encoding="utf-8",
+        check=False,
+    )
+    if done.returncode:
+        print(done.stdout)
+    else:
+        print("Success:", *re.findall(r"Analyzed .*|Contracts: .*", done.stdout))
+    return done.returncode
 
 
 def _check_users(top: Path) -> int:
