@@ -147,7 +147,7 @@ def motions(motion: Study) -> Table:
             str(p.dofs),
             f"{p.conversion:.2f}",
             f"{p.seconds:.3f}",
-            f"{p.error:.1e}" if p.told else f"<{p.error:.1e}",
+            f"{p.error:.1e}" if p.is_resolved else f"<{p.error:.1e}",
         ]
         for p in sorted(motion.points, key=_order)
     ]

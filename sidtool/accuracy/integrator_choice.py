@@ -48,7 +48,8 @@ def fastest_setting(
     """The fastest run that uses at most a share of what is allowed."""
     integrators = _integrators(reference, choice)
     settings = [
-        loosest_tolerance(runs, reference, choice, name, share) for name in integrators
+        largest_sufficient_tolerance(runs, reference, choice, name, share)
+        for name in integrators
     ]
     fit = [setting for setting in settings if setting is not None]
     seconds = runs.cost if len(fit) > 1 else runs.seconds
@@ -65,7 +66,7 @@ def fastest_setting(
     return best if best.seconds < (1.0 - MIN_SAVING) * default.seconds else default
 
 
-def loosest_tolerance(
+def largest_sufficient_tolerance(
     runs: Runs, reference: Reference, choice: Choice, integrator: str, share: float
 ) -> Setting | None:
     """The loosest tolerance found that uses at most a share of what is allowed.

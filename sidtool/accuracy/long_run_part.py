@@ -313,7 +313,7 @@ def _budget_lines(
             )
             changes["errors"] = {n: float(e) for n, e, a in pairs if np.isfinite(a)}
         elif line.part != "mesh":
-            changes["choice"] = f"{line.choice}; {part.told}"
+            changes["choice"] = f"{line.choice}; {part.time_text}"
         result.append(line.model_copy(update=changes))
     return tuple(result)
 
@@ -321,6 +321,6 @@ def _budget_lines(
 def _interval_notes(runs: Runs, part: InitialInterval) -> str:
     time = runs.scene.time
     return (
-        f"long runs: choices were made, and single effects seen, in {part.told}; the "
-        f"errors of all together were seen on all {time.end - time.start:.3g} s"
+        f"long runs: choices were made, and single effects seen, in {part.time_text}; "
+        f"the errors of all together were seen on all {time.end - time.start:.3g} s"
     )

@@ -35,7 +35,7 @@ from .integrator_choice import (
     STAGNATION_RATIO,
     TIGHTEST_RTOL,
     AcceptedRun,
-    loosest_tolerance,
+    largest_sufficient_tolerance,
 )
 from .reference_run import (
     CHECKING_INTEGRATOR,
@@ -105,7 +105,7 @@ class InitialInterval:
     sentences: tuple[str, ...]
 
     @property
-    def told(self) -> str:
+    def time_text(self) -> str:
         time = self.runs.scene.time
         return f"the first {time.end - time.start:.3g} s"
 
@@ -129,7 +129,7 @@ class InitialInterval:
 def relaxed_setting(part: InitialInterval) -> Setting:
     """Return the setting of a finest run whose error is a part of the allowed one."""
     reference = part.reference_without_mesh_errors
-    found = loosest_tolerance(
+    found = largest_sufficient_tolerance(
         part.runs, reference, reference.choice, MEASURING_INTEGRATOR, LOOSE_SHARE
     )
     return Setting(

@@ -70,20 +70,23 @@ class RefinedBodies:
     unstiffened : bodies whose missing geometric stiffening is reported here
     """
 
-    made: Mapping[str, ConvertedBody]
+    converted_bodies: Mapping[str, ConvertedBody]
     refinements: Mapping[str, Refinement]
     errors: Array
     sentences: tuple[str, ...]
     unstiffened: frozenset[str] = frozenset()
 
     def sids(self, others: Mapping[str, SID]) -> dict[str, SID]:
-        return {**others, **{name: made.sid for name, made in self.made.items()}}
+        return {
+            **others,
+            **{name: body.sid for name, body in self.converted_bodies.items()},
+        }
 
     def scene(self, scene: SceneFile) -> SceneFile:
         """The scene that names the SIDs that were made."""
         bodies = dict(scene.bodies)
-        for name, made in self.made.items():
-            text = made.file or f"(made of {bodies[name].model})"  # type: ignore[union-attr]
+        for name, body in self.converted_bodies.items():
+            text = body.file or f"(made of {bodies[name].model})"  # type: ignore[union-attr]
             bodies[name] = bodies[name].model_copy(update={"sid": text, "model": None})
         return scene.model_copy(update={"bodies": bodies})
 
@@ -112,7 +115,7 @@ def refine_bodies(
     search = _Search(scene, sids, sources, request, compile_)
     with count_within(EqualStages(EXPECTED_CHANGES * len(sources))) as search.steps:
         for name in sources:
-            search.settle(name)
+            search.refine_body(name)
     if sources and search.use(search.errors) > MAX_STIFFENING_EFFECT:
         cause = search.largest[1]
         helps = (
@@ -132,7 +135,9 @@ def refine_bodies(
         search.sentences.append(
             f"not judged over meshes and modes, whose shape functions differ: {listed}"
         )
-    bodies = {name: search.made(name, fine) for name, fine in search.state.items()}
+    bodies = {
+        name: search.converted_body(name, fine) for name, fine in search.state.items()
+    }
     sentences, judged = tuple(search.sentences), frozenset(search.stiffness)
     return RefinedBodies(bodies, search.state, search.errors, sentences, judged)
 
@@ -168,16 +173,16 @@ class _Search:
         #: What geometric stiffening would change, of the stiffness of bodies without.
         self.stiffness: dict[str, float] = {}
         self.reference: Reference | None = None
-        self._made: dict[tuple[str, Refinement], ConvertedBody] = {}
+        self._converted_bodies: dict[tuple[str, Refinement], ConvertedBody] = {}
         self._runs: dict[tuple[Refinement, ...], Runs] = {}
 
-    def made(self, name: str, fineness: Refinement) -> ConvertedBody:
+    def converted_body(self, name: str, fineness: Refinement) -> ConvertedBody:
         key = name, fineness
-        if key not in self._made:
-            self._made[key] = self.sources[name].sid(fineness)
-        return self._made[key]
+        if key not in self._converted_bodies:
+            self._converted_bodies[key] = self.sources[name].sid(fineness)
+        return self._converted_bodies[key]
 
-    def settle(self, name: str) -> None:
+    def refine_body(self, name: str) -> None:
         """The mesh and the modes of one body."""
         self.steps.next()
         if self.reference is None:
@@ -224,7 +229,7 @@ class _Search:
         )
         matters = bool((change > visible).any())
         self.sentences += missing_stiffening_notes(
-            self.stiffness, self._seen(change), matters
+            self.stiffness, self._largest_change_text(change), matters
         )
 
     def _initial_reference(self) -> Reference:
@@ -271,7 +276,9 @@ class _Search:
         sentence += f", and for loads at {loaded}" if loaded else ""
         verdict = "kept" if matters else "dropped"
         left = np.zeros_like(change) if matters else change
-        self._record_step(f"{sentence}: {self._seen(change)}, {verdict}", left)
+        self._record_step(
+            f"{sentence}: {self._largest_change_text(change)}, {verdict}", left
+        )
         return self.state[name]
 
     def _more_modes(
@@ -287,7 +294,9 @@ class _Search:
             name, fineness, self._error_with_more_modes
         )
         sentence = f"{source.modes} to {found.modes} modes of {name}"
-        self._record_step(f"{sentence}: the last change {self._seen(left)}", left)
+        self._record_step(
+            f"{sentence}: the last change {self._largest_change_text(left)}", left
+        )
         return found
 
     def _error_with_more_modes(
@@ -314,7 +323,8 @@ class _Search:
             name, fineness, self._error_with_finer_mesh
         )
         times = "once" if found.level == 1 else f"{found.level} times"
-        sentence = f"mesh of {name}: halved {times}, the rest {self._seen(left)}"
+        rest = self._largest_change_text(left)
+        sentence = f"mesh of {name}: halved {times}, the rest {rest}"
         if self.slow[self._worst_output(left)]:
             sentence += ", as changes hardly get smaller"
             points = source.point_markers(loaded_nodes(self.scene, name).values())
@@ -395,7 +405,7 @@ class _Search:
         assert self.reference is not None
         return self.reference.worst(errors)
 
-    def _seen(self, errors: Array) -> str:
+    def _largest_change_text(self, errors: Array) -> str:
         """The output that sees most of it."""
         assert self.reference is not None
         row = self._worst_output(errors)
@@ -405,7 +415,10 @@ class _Search:
     def _runs_of(self, state: Mapping[str, Refinement]) -> Runs:
         key = tuple(state.values())
         if key not in self._runs:
-            found = {name: self.made(name, fine).sid for name, fine in state.items()}
+            found = {
+                name: self.converted_body(name, fine).sid
+                for name, fine in state.items()
+            }
             sids = {**self.sids, **found}
             self._runs[key] = Runs(self.scene, sids, self.compile, self.request.names)
         return self._runs[key]

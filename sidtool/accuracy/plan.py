@@ -66,7 +66,7 @@ class Plan:
     evaluated_run: Result | None = None
 
     @property
-    def told(self) -> list[str]:
+    def notes(self) -> list[str]:
         """Sentences for the notes of the result."""
         theory = theory_notes(self.report)
         return [*rigid_body_notes(self.scene), *reduced_body_notes(self.scene), *theory]
@@ -216,7 +216,13 @@ def _search_model(
         *meshes.sentences,
         *(decision.sentence for decision in decided),
         *accuracy_notes(
-            scene, request, reference, sids, terms, meshes.made, meshes.unstiffened
+            scene,
+            request,
+            reference,
+            sids,
+            terms,
+            meshes.converted_bodies,
+            meshes.unstiffened,
         ),
         *found.sentences,
         *bound_notes(found.bounds, scene),

@@ -118,9 +118,9 @@ class CompiledScene:
         content, found = replace_sids(content, sids, self.scene.folder)
         same = content is self._content
         system = self._before if same else self._compiled(content, found)
-        return system, self._told(changes, found)
+        return system, self._notes_on_changes(changes, found)
 
-    def _told(
+    def _notes_on_changes(
         self, changes: Mapping[str, Any], sids: Mapping[str, SID]
     ) -> Iterator[str]:
         """Yield the notes as of `apply_changes`, computed on demand."""

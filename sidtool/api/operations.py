@@ -123,7 +123,7 @@ def simulate(
             progress=searching,
         )
         if plan is not None:
-            content, notes = plan.scene, [*notes, *plan.told]
+            content, notes = plan.scene, [*notes, *plan.notes]
             replaced = dict(plan.sids)
         system = compile_scene(
             content, folder, replaced, accept_defects, drives, forces=forces

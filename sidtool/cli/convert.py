@@ -130,7 +130,7 @@ def convert(
         sid, whole = _read_or_convert(
             source, changes, engine, processes.rank == 0, field is not None
         )
-        processes.go_on()
+        processes.wait_for_all()
         if processes.rank > 0:
             return
         sid = _repair_sid(sid) if repair else sid
@@ -197,7 +197,7 @@ class _SingleProcess:
 
     rank = 0
 
-    def go_on(self) -> None:
+    def wait_for_all(self) -> None:
         """Do nothing: there are no other processes."""
 
 

@@ -47,7 +47,7 @@ class ProgressBar:
         self._share: float | None = None
         self._pace = TimeEstimate()
         self._progress: Any = None
-        self._told: dict[str, Any] = {}
+        self._task_fields: dict[str, Any] = {}
         self._lock, self._closed = threading.Lock(), False
         self._timer: threading.Timer | None = None
 
@@ -60,7 +60,7 @@ class ProgressBar:
             self._pace = TimeEstimate()
         if share is not None:
             self._pace.at(now, share)
-        self._told = {
+        self._task_fields = {
             "description": text,
             "total": None if share is None else 1.0,
             "completed": share or 0.0,
@@ -76,7 +76,7 @@ class ProgressBar:
             if self._progress is not None:
                 if anew:
                     self._progress.reset(self._task)
-                self._progress.update(self._task, **self._told)
+                self._progress.update(self._task, **self._task_fields)
 
     def close(self) -> None:
         """Leaves nothing behind."""
@@ -111,7 +111,7 @@ class ProgressBar:
             console = Console(stderr=True)
             progress = Progress(*columns, console=console, transient=True)
             self._task = progress.add_task("", total=None, left="")
-            progress.update(self._task, **self._told)
+            progress.update(self._task, **self._task_fields)
             progress.start()
             self._progress = progress
 

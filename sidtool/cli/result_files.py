@@ -39,7 +39,7 @@ class OutputFiles:
             self._open[table] = TableFile(table, elsewhere=True)
         if result is not None:
             self._open[result] = ResultFile(result, elsewhere=True)
-        self._told: list[str] = []
+        self._messages: list[str] = []
         self.span: tuple[float, float, int] = (0.0, 0.0, 0)
         self.failed = False
 
@@ -71,15 +71,15 @@ class OutputFiles:
             assert file.file is not None
             moved = file.file.moved
             if moved is None:
-                self._told.append(f"{path} written")
+                self._messages.append(f"{path} written")
                 continue
             self._fail(path, moved)
-            self._told.append(f"sidtool: {file.file.target} written instead")
+            self._messages.append(f"sidtool: {file.file.target} written instead")
         self._open = {}
 
-    def tell(self, err: bool) -> None:
+    def print_messages(self, err: bool) -> None:
         """Print where the files are, or why they are missing."""
-        for text in self._told:
+        for text in self._messages:
             click.echo(text, err=err or text.startswith("sidtool:"))
 
     def _each(self, act: Callable[[File], None]) -> None:
@@ -92,11 +92,11 @@ class OutputFiles:
                 del self._open[path]
                 self._fail(path, error)
                 if not self._open and not isinstance(error, StoredUnderOtherName):
-                    self._told.append(
+                    self._messages.append(
                         "sidtool: nothing was kept: run again with another -o"
                     )
                     raise
 
     def _fail(self, path: Path, error: OSError) -> None:
         self.failed = True
-        self._told.append(f"sidtool: {path}: {failure_reason(error)}")
+        self._messages.append(f"sidtool: {path}: {failure_reason(error)}")

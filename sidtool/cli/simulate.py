@@ -184,17 +184,17 @@ def simulate(
             click.echo(f"sidtool: {scene}: {error}", err=True)
             if error.result is not None:
                 _print_failure_notes(error.result, str(error))
-            files.tell(err=True)
+            files.print_messages(err=True)
             if stop.number and output is not None and not files.failed:
                 click.echo("note: the same command with --continue goes on", err=True)
             status = 128 + stop.number if stop.number else 1
             raise click.exceptions.Exit(status) from None
         except OSError:
-            files.tell(err=True)
+            files.print_messages(err=True)
             if not files.failed:
                 raise
             raise click.exceptions.Exit(1) from None
-    files.tell(err=False)
+    files.print_messages(err=False)
     if files.failed:
         raise click.exceptions.Exit(1)
     from ..report.json_data import result_data
@@ -303,7 +303,7 @@ def _run(
         if plan is not None:
             scene, notes, files = (
                 plan.scene,
-                [*notes, *plan.told],
+                [*notes, *plan.notes],
                 Certified(files, plan),
             )
             sids = dict(plan.sids)

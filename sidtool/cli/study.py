@@ -198,13 +198,13 @@ def study(
             raise click.exceptions.Exit(1) from None
         except StudyInterrupted as why:
             points = None if output is None else output / "points"
-            rest = _kept_text("point", output, points)
+            rest = _finished_files_text("point", output, points)
             click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
             raise click.exceptions.Exit(128 + stop.number) from None
     _print_study(result, wanted, output)
 
 
-def _kept_text(kind: str, folder: Path | None, finished: Path | None) -> str:
+def _finished_files_text(kind: str, folder: Path | None, finished: Path | None) -> str:
     """State what an interrupted command keeps.
 
     kind : "point" or "run"
@@ -415,7 +415,7 @@ def sweep(
                     progress=say,
                 )
         except StudyInterrupted as why:
-            rest = _kept_text("run", folder, folder)
+            rest = _finished_files_text("run", folder, folder)
             click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
             raise click.exceptions.Exit(128 + stop.number) from None
     print_result(found.report(), found.data)

@@ -105,7 +105,7 @@ class Processes:
         vector.destroy()
         return None if lowest == self.size else int(lowest)
 
-    def go_on(self) -> None:
+    def wait_for_all(self) -> None:
         """Wait for all.
 
         Raises
@@ -133,7 +133,7 @@ def parallel_run() -> Iterator[Processes]:
         if processes.synchronise(failed=True) == processes.rank:
             raise
         raise PartnerFailed from None
-    processes.go_on()
+    processes.wait_for_all()
 
 
 def slepc_eigenvectors(pencil: Pencil, count: int) -> Array:
@@ -149,7 +149,7 @@ def slepc_eigenvectors(pencil: Pencil, count: int) -> Array:
     """
     petsc, slepc = _import_slepc()
     processes = Processes()
-    processes.go_on()
+    processes.wait_for_all()
     notify(f"eigenvectors by SLEPc, processes: {processes.size}")
     rows, rigid = pencil.constraints, pencil.rigid
     n, k = pencil.stiffness.shape[0], len(rows)
@@ -194,7 +194,7 @@ class PetscFactors:
     def __init__(self, matrix: sp.csr_matrix) -> None:
         self._petsc, _ = _import_slepc()
         self._processes = Processes()
-        self._processes.go_on()
+        self._processes.wait_for_all()
         self._matrix = _distributed_matrix(self._petsc, self._processes, matrix)
         self._ksp = self._petsc.KSP().create()
         self._ksp.setOperators(self._matrix)
@@ -203,7 +203,7 @@ class PetscFactors:
 
     def solve(self, load: Array) -> Array:
         """A^-1 b for b (n,) or (n, k), on every process."""
-        self._processes.go_on()
+        self._processes.wait_for_all()
         columns = load.reshape(len(load), -1)
         x, b = self._matrix.createVecs()
         first, last = b.getOwnershipRange()

@@ -203,7 +203,7 @@ def read_deck_names(path: Path, ignored: frozenset[str] = frozenset()) -> DeckNa
     chosen = {"".join(word.split()) for word in ignored}
     left_out = tuple(
         name
-        for name in deck.said
+        for name in deck.unread_keywords
         if name.endswith(LEFT_OUT)
         and "".join(name.removesuffix(LEFT_OUT).strip("*").split()) in chosen
     )

@@ -24,7 +24,7 @@ class Point:
     ----------
     error : of the worst output, relative: the difference to the reference, and the
         uncertainty of the reference
-    told : False if the difference is less than that uncertainty
+    is_resolved : False if the difference is less than that uncertainty
     choices : value by axis
     size : elastic coordinates of all bodies
     dofs : degrees of freedom of the meshes of models
@@ -37,7 +37,7 @@ class Point:
     seconds: float
     steps: int
     message: str = ""
-    told: bool = True
+    is_resolved: bool = True
     choices: Mapping[str, str] = field(default_factory=dict)
     size: int = 0
     dofs: int = 0
@@ -68,7 +68,7 @@ def point_of(
         float(sums[worst]),
         record.seconds,
         record.steps,
-        told=bool(errors[worst] > reference.floors[worst]),
+        is_resolved=bool(errors[worst] > reference.floors[worst]),
         choices=choices,
         size=size,
         errors=dict(zip(reference.names, errors.tolist(), strict=True)),
@@ -90,7 +90,7 @@ def pareto_front(
     """
     best: list[Point] = []
     for point in sorted(points, key=lambda p: (cost(p), p.error)):
-        less = not best or (best[-1].told and point.error < best[-1].error)
+        less = not best or (best[-1].is_resolved and point.error < best[-1].error)
         if less and np.isfinite(point.error):
             best.append(point)
     return best

@@ -163,7 +163,7 @@ class Runs:
             self.counter.runs += 1
             self._steps.next()
             with count_within(self._steps):
-                listener = self._told(setting)
+                listener = self._progress_callback(setting)
                 try:
                     known, took, _ = _timed_run(
                         self._system(choice), setting, progress=listener
@@ -273,7 +273,7 @@ class Runs:
         found = dict(zip(known, levels, strict=True))
         return np.array([found.get(name, 0.0) for name in self.names])
 
-    def _told(self, setting: Setting) -> Callable[[float], None] | None:
+    def _progress_callback(self, setting: Setting) -> Callable[[float], None] | None:
         """Return a callback that reports the progress of a run if there is a
         listener.
         """

@@ -297,7 +297,7 @@ class PointCache:
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
 
-    def course(self, task: RunTask) -> RunRecord | None:
+    def load_run(self, task: RunTask) -> RunRecord | None:
         """The run, if it was made before."""
         found = self._read(_run_key(task))
         if found is None:

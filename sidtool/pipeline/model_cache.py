@@ -113,7 +113,7 @@ class BodyModel:
         from .model_to_sid import BASIS_PREFIX, NOTE_PREFIX, sid_from_model
 
         model = self.refined(fineness)
-        name, file = self._kept(model)
+        name, file = self._cached_sid_file(model)
         with suppress(InputError):
             return ConvertedBody(read_sid(file), name, ())
         lines: list[str] = []
@@ -143,7 +143,7 @@ class BodyModel:
         """
         from .model_to_sid import field_from_model
 
-        file = self._kept(self.model)[1].with_suffix(FIELD_ENDING)
+        file = self._cached_sid_file(self.model)[1].with_suffix(FIELD_ENDING)
         with suppress(InputError):
             return read_field(file)
         field = field_from_model(self.model, _ignore_progress)[1]
@@ -164,7 +164,7 @@ class BodyModel:
             model = model.model_copy(update={"stiffening": Stiffening()})
         return model
 
-    def _kept(self, model: ModelFile) -> tuple[str, Path]:
+    def _cached_sid_file(self, model: ModelFile) -> tuple[str, Path]:
         """Return the file of the cached SID, as the scene names it and as a
         full path.
         """

@@ -109,7 +109,7 @@ class BodyAxes:
 
     def _ends(self, axes: Any) -> Array:
         """(2, 2) where the lowest and the highest corner of the box are [inch]."""
-        projected = self.seen(axes, [self.low, self.high])
+        projected = self.project(axes, [self.low, self.high])
         return np.asarray(axes.transData.transform(projected) / axes.figure.dpi)
 
     def _ticks(self, number: int) -> list[float]:
@@ -129,7 +129,7 @@ class BodyAxes:
                 return found
         return [0.0] if low <= 0 <= high else [float((low + high) / 2)]
 
-    def seen(self, axes: Any, points: Any) -> Array:
+    def project(self, axes: Any, points: Any) -> Array:
         """Return the projections (n, 2) of points (n, 3), in the data of the axes."""
         axes.apply_aspect()
         x, y, _ = proj_transform(*np.reshape(points, (-1, 3)).T, axes.get_proj())

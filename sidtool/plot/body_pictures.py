@@ -165,7 +165,7 @@ def _draw_solid_page(
     page.draw_without_rendering()
     left = []
     for axes, picture, corner in zip(every, pictures, corners, strict=True):
-        projected = shape.seen(axes, list(picture.marks.values()))
+        projected = shape.project(axes, list(picture.marks.values()))
         places = dict(zip(picture.marks, projected, strict=True))
         left += place_names(axes, places, shape.room(page, *corner))
     return page, left

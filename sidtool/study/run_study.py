@@ -194,7 +194,7 @@ class Workers:
 
         def unknown() -> Iterator[RunTask]:
             for task in tasks:
-                before = self.store.course(task)
+                before = self.store.load_run(task)
                 if before is None:
                     yield task
                 else:

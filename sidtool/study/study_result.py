@@ -161,7 +161,7 @@ class Study:
         rows = [
             [*(p.choices.get(name, "") for name in axes), p.setting.integrator]
             + [p.setting.value, p.size, f"{p.seconds:.4f}"]
-            + [p.message or f"{'' if p.told else '<'}{p.error:.1e}"]
+            + [p.message or f"{'' if p.is_resolved else '<'}{p.error:.1e}"]
             for p in self.points
         ]
         return html_table(rows, header, repr(self)[1:-1])
@@ -251,7 +251,7 @@ def _point_cost(point: Point, name: str) -> str:
 
 
 def _error_text(point: Point) -> str:
-    return f"{point.error:.1e}" if point.told else f"<{point.error:.1e}"
+    return f"{point.error:.1e}" if point.is_resolved else f"<{point.error:.1e}"
 
 
 def recommendation_table(points: Sequence[Point], wanted: Iterable[float]) -> str:
@@ -343,7 +343,7 @@ def study_file(result: Study) -> StudyFile:
             seconds=p.seconds if np.isfinite(p.seconds) else None,
             steps=p.steps,
             message=p.message,
-            told=p.told,
+            told=p.is_resolved,
             choices=dict(p.choices),
             size=p.size,
             dofs=p.dofs,

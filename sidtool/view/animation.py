@@ -32,12 +32,12 @@ class AnimationData:
 
     Attributes
     ----------
-    told : notes on what was omitted, or what bodies are drawn from
+    notes : notes on what was omitted, or what bodies are drawn from
     """
 
     motion: SampledMotion
     bodies: list[BodySurface]
-    told: list[str]
+    notes: list[str]
 
 
 def animation_data(
@@ -60,7 +60,7 @@ def animation_data(
     bodies = body_surfaces(
         motion.scene, motion.system.bodies, known, motion.size, folders
     )
-    notes = [*motion.told, *notes]
+    notes = [*motion.notes, *notes]
     notes += [f"{body.name} is drawn from {body.source}" for body in bodies if body.nq]
     return AnimationData(motion, bodies, notes)
 
@@ -96,7 +96,7 @@ def animate(
     check_ending(path, kind_by_ending(path, "page", "film"))
     data = animation_data(result, fields, folder)
     scale = fitting_scale(data.motion, data.bodies) if scale is None else scale
-    notes = list(data.told)
+    notes = list(data.notes)
     if scale != 1:
         notes.insert(0, f"deformations are drawn {scale:g} times as large")
     if path.suffix.lower() != ".html":
@@ -112,7 +112,7 @@ def animate(
         title=result.title,
         colour=colour,
         scale=scale,
-        notes=data.told,
+        notes=data.notes,
         generator=f"sidtool {__version__}",
     )
     with atomic_path(path) as temporary:

@@ -130,7 +130,7 @@ class ExportMesh:
     offsets: Indices
     types: NDArray[np.uint8]
     body: Indices
-    told: tuple[str, ...]
+    notes: tuple[str, ...]
 
     @property
     def n_points(self) -> int:

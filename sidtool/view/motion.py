@@ -51,7 +51,7 @@ class SampledMotion(BodyMotion):
     ----------
     links : springs, dampers, actuators and rods
     size, centre : extent and centre (3,) of the mechanism over all times [m]
-    told : notes on the times
+    notes : notes on the times
     """
 
     scene: SceneFile
@@ -60,7 +60,7 @@ class SampledMotion(BodyMotion):
     links: tuple[Link, ...]
     size: float
     centre: Array
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def sample_motion(
@@ -109,7 +109,7 @@ def sample_motion(
         links=scene_links(system, size),
         size=size,
         centre=(low + high) / 2,
-        told=notes,
+        notes=notes,
     )
 
 

@@ -129,7 +129,7 @@ class Deck:
     ties: list[CouplingDefinition] = field(default_factory=list)
     density: float | None = None
     temperatures: set[float] = field(default_factory=set)
-    said: dict[str, None] = field(default_factory=dict)
+    unread_keywords: dict[str, None] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     scope: Namespace = field(default_factory=Namespace)
     system: tuple[Namespace, Array] | None = None

@@ -87,9 +87,9 @@ def read_deck(path: Path, ignored: frozenset[str] = frozenset()) -> Deck:
                 block = spelled_out(block)
                 _READERS.get(block.keyword, _skip_keyword)(deck, block)
         elif kind == "step":
-            deck.said["all steps"] = None
+            deck.unread_keywords["all steps"] = None
         else:
-            deck.said[f"*{block.keyword}" + _REMARKS.get(kind, "")] = None
+            deck.unread_keywords[f"*{block.keyword}" + _REMARKS.get(kind, "")] = None
             if kind == "without effect" and block.keyword == "INITIAL CONDITIONS":
                 with stops.collect_errors():
                     _initial_temperatures(deck, block)
@@ -233,7 +233,9 @@ def _read_section(deck: Deck, block: Block) -> None:
     if block.rows and any(block.rows[0][0]):
         words, place = block.rows[0]
         thickness = parse_numbers(_blank_as_zero(words[:1]), place)[0] or None
-    deck.said |= {f"{k} of *SOLID SECTION": None for k in _IDLE if k in block.options}
+    deck.unread_keywords |= {
+        f"{k} of *SOLID SECTION": None for k in _IDLE if k in block.options
+    }
     given = block.options.get("ORIENTATION", "")
     axes = deck.own_name(given) if given else ""
     deck.scope.sections.append(Section(elset, material, thickness, block.place, axes))

@@ -36,7 +36,9 @@ def merge_instances(deck: Deck, part: str | None) -> Deck:
         chosen = {name: deck.instances[name]} if name is not None else {}
         scopes = [deck.assembly, *(deck.parts[part] for part in chosen.values())]
 
-        def kept(holds: list[CouplingDefinition]) -> list[CouplingDefinition]:
+        def in_chosen_scopes(
+            holds: list[CouplingDefinition],
+        ) -> list[CouplingDefinition]:
             return [hold for hold in holds if any(hold.scope is s for s in scopes)]
 
         return replace(
@@ -44,10 +46,10 @@ def merge_instances(deck: Deck, part: str | None) -> Deck:
             instances=chosen,
             chosen=True,
             unused_instances=others,
-            holds=kept(deck.holds),
-            masses=kept(deck.masses),
-            equations=kept(deck.equations),
-            ties=kept(deck.ties),
+            holds=in_chosen_scopes(deck.holds),
+            masses=in_chosen_scopes(deck.masses),
+            equations=in_chosen_scopes(deck.equations),
+            ties=in_chosen_scopes(deck.ties),
         )
     if len(deck.instances) > 1:
         deck = _merge_to_one_scope(deck)

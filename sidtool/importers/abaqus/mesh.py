@@ -255,4 +255,4 @@ def _reading_notes(
         if part is not body and not deck.chosen:
             yield f"part {part.name} has no instance and is left out"
     yield from deck.remarks
-    yield from unread_keyword_notes(deck.said)
+    yield from unread_keyword_notes(deck.unread_keywords)

@@ -35,7 +35,7 @@ def read_surface(deck: Deck, block: Block) -> None:
     name = deck.name(block.options.get("NAME", ""))
     kind = block.options.get("TYPE", "ELEMENT").upper()
     if kind not in ("ELEMENT", "NODE"):
-        deck.said[f"*SURFACE, TYPE={kind}"] = None
+        deck.unread_keywords[f"*SURFACE, TYPE={kind}"] = None
         return
     parts = deck.scope.surfaces.setdefault(name, [])
     for words, place in block.rows:

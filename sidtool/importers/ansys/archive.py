@@ -115,7 +115,7 @@ def _read_command(content: ArchiveContent, line: str, ignored: frozenset[str]) -
     if name in _BRANCHES:
         content.branches += _BRANCHES[name]
     elif "=" in name:
-        content.said["assignments of parameters"] = None
+        content.unread_keywords["assignments of parameters"] = None
     elif name in _READERS and name not in ignored:
         if content.branches:
             raise InputError(
@@ -125,7 +125,9 @@ def _read_command(content: ArchiveContent, line: str, ignored: frozenset[str]) -
             )
         _READERS[name](content, words)
     elif name in ignored or name in _WITHOUT_EFFECT or ONLY_NODES in ignored:
-        content.said[name if name in _WITHOUT_EFFECT else f"{name}{LEFT_OUT}"] = None
+        content.unread_keywords[
+            name if name in _WITHOUT_EFFECT else f"{name}{LEFT_OUT}"
+        ] = None
     else:
         error = InputError(
             f"{name} is not supported",
@@ -301,7 +303,7 @@ def _read_component(content: ArchiveContent, words: list[str]) -> None:
     elif kind.startswith("ELEM"):
         content.parts[name] = members
     else:
-        content.said[f"component {name} of {kind}"] = None
+        content.unread_keywords[f"component {name} of {kind}"] = None
 
 
 _READERS: dict[str, Callable[[ArchiveContent, list[str]], None]] = {
@@ -342,7 +344,7 @@ def _imported_mesh(content: ArchiveContent) -> ImportedMesh:
         check_element(values, place)
         given = content.types.get(key)
         if given in WITHOUT_STIFFNESS:
-            content.said[f"elements of type {given}"] = None
+            content.unread_keywords[f"elements of type {given}"] = None
             continue
         if given == POINT_MASS:
             masses.append(point_mass(content, values, place))
@@ -369,7 +371,7 @@ def _imported_mesh(content: ArchiveContent) -> ImportedMesh:
     mesh = assemble_mesh(middles.nodes, raw, content.sets)
     notes = [*reading_notes(middles.nodes, raw, len(raw)), *replaced]
     notes += middles.note()
-    notes += unread_keyword_notes(content.said)
+    notes += unread_keyword_notes(content.unread_keywords)
     labels = {element.label for element in raw}
     idle = {values[10] for values, _ in content.elements} - labels
     return ImportedMesh(

@@ -61,7 +61,7 @@ class ArchiveContent:
     sets: dict[str, list[int]] = field(default_factory=dict)
     parts: dict[str, list[int]] = field(default_factory=dict)
     current: dict[str, int] = field(default_factory=dict)
-    said: dict[str, None] = field(default_factory=dict)
+    unread_keywords: dict[str, None] = field(default_factory=dict)
     branches: int = 0
     turned: dict[int, tuple[float, ...]] = field(default_factory=dict)
     systems: dict[int, LocalSystem] = field(default_factory=dict)

@@ -64,7 +64,7 @@ def read_property(content: ArchiveContent, words: list[str]) -> None:
                 place=content.place,
                 expected=f"one of {', '.join([*_CONSTANTS, *_OTHER_CONSTANTS])}",
             )
-        content.said[f"property {name}"] = None
+        content.unread_keywords[f"property {name}"] = None
         return
     found = parse_numbers(given, content.place, "a constant")
     table = content.tables.setdefault((material, name), [])
@@ -95,7 +95,7 @@ def read_table(content: ArchiveContent, words: list[str]) -> None:
             place=content.place,
             expected="the elasticity by MP: EX, PRXY, GXY, ...",
         )
-    content.said[f"TB, {kind}"] = None
+    content.unread_keywords[f"TB, {kind}"] = None
 
 
 def materials_of(content: ArchiveContent) -> dict[str, ElasticMaterial]:

@@ -76,7 +76,9 @@ def pbar(content: BulkData, card: Card) -> None:
     _check_end_station(card, 19)
     turn, i1, i2 = _principal(card, i1, i2, product)
     if turn and shear != (_RIGID_SHEAR_RATIO, _RIGID_SHEAR_RATIO):
-        content.said["K1 and K2 of PBAR with I12 (Nastran ignores them)"] = None
+        content.unread_keywords["K1 and K2 of PBAR with I12 (Nastran ignores them)"] = (
+            None
+        )
         shear = (_RIGID_SHEAR_RATIO, _RIGID_SHEAR_RATIO)
     first, second, third, fourth, fifth = map(
         _constant_profile, (area, i2, i1, torsion, extra)
@@ -171,14 +173,14 @@ def _principal(
 def _bar_section_of_shapes(
     sections: Sequence[tuple[float, SectionProperties, float]],
 ) -> BarSection:
-    def course(name: str) -> SectionProfile:
+    def profile(name: str) -> SectionProfile:
         return tuple(sorted((at, getattr(s, name)) for at, s, _ in sections))
 
     return BarSection(
-        course("area"),
-        course("iy"),
-        course("iz"),
-        course("torsion"),
+        profile("area"),
+        profile("iy"),
+        profile("iz"),
+        profile("torsion"),
         tuple(sorted((at, extra) for at, _, extra in sections)),
         sections[0][1].shear,
     )
@@ -377,7 +379,7 @@ def _shear_factor(card: Card, at: int, default: float) -> float:
 
 def _stress_points(content: BulkData, card: Card, at: int, count: int = 8) -> None:
     if any(card.words[at : at + count]):
-        content.said[f"stress points of {card.name}"] = None
+        content.unread_keywords[f"stress points of {card.name}"] = None
 
 
 def _check_output(card: Card, at: int) -> None:

@@ -232,7 +232,7 @@ def _read_conrod(content: BulkData, card: Card) -> RawBar:
     section = BarSection(area, torsion=torsion, extra=extra)
     found = BarProperty(str(card.integer(3, "a material")), section, card.place)
     if card.word(6):
-        content.said["stress points of CONROD"] = None
+        content.unread_keywords["stress points of CONROD"] = None
     label = card.integer(0, "an element number")
     return _make_bar(content, card, (label, _end_nodes(content, card, 1)), found)
 

@@ -147,13 +147,13 @@ def bulk_data(
 def _read_card(content: BulkData, card: Card, ignored: frozenset[str]) -> None:
     if card.name in ignored:
         idle = card.name in WITHOUT_EFFECT
-        content.said[card.name if idle else f"{card.name}{LEFT_OUT}"] = None
+        content.unread_keywords[card.name if idle else f"{card.name}{LEFT_OUT}"] = None
     elif card.name in _ELEMENTS:
         _read_element(content, card)
     elif card.name in _READERS:
         _READERS[card.name](content, card)
     elif card.name in WITHOUT_EFFECT or ONLY_NODES in ignored:
-        content.said[card.name] = None
+        content.unread_keywords[card.name] = None
     else:
         error = InputError(
             f"{card.name} is not supported",
@@ -175,7 +175,7 @@ def _read_grid(content: BulkData, card: Card) -> None:
     content.local[label] = (place, card.place)
     content.turned[label] = directions
     if card.word(6):
-        content.said["PS of GRID (supports)"] = None
+        content.unread_keywords["PS of GRID (supports)"] = None
 
 
 def _read_grdset(content: BulkData, card: Card) -> None:
@@ -183,7 +183,7 @@ def _read_grdset(content: BulkData, card: Card) -> None:
     content.system = card.integer(1, "a coordinate system", 0)
     content.directions = card.integer(5, "a coordinate system", 0)
     if card.word(6):
-        content.said["PS of GRDSET (supports)"] = None
+        content.unread_keywords["PS of GRDSET (supports)"] = None
 
 
 def _only_zero(card: Card, places: tuple[int, ...], problem: str) -> None:
@@ -264,7 +264,7 @@ def _add_supports(
     name = f"SPC{card.integer(0, 'a set')}"
     content.extend_set(name, words, card.place)
     if not {"1", "2", "3"} <= set(components):
-        content.said[f"directions of {name}: as a set it names nodes"] = None
+        content.unread_keywords[f"directions of {name}: as a set it names nodes"] = None
 
 
 def _read_set1(content: BulkData, card: Card) -> None:
@@ -297,14 +297,14 @@ def _read_mdlprm(content: BulkData, card: Card) -> None:
             place=card.place,
             expected="MDLPRM HDF5 or OFFDEF, which touch neither mass nor stiffness",
         )
-    content.said[f"MDLPRM {card.word(0).upper()}"] = None
+    content.unread_keywords[f"MDLPRM {card.word(0).upper()}"] = None
 
 
 def _read_param(content: BulkData, card: Card) -> None:
     if card.word(0).upper() == "WTMASS":
         content.weight = card.real(1, "a factor", 1.0)
         return
-    content.said[f"PARAM {card.word(0).upper()}"] = None
+    content.unread_keywords[f"PARAM {card.word(0).upper()}"] = None
 
 
 _READERS: dict[str, Callable[[BulkData, Card], None]] = {
@@ -421,7 +421,7 @@ def _imported_mesh(content: BulkData, bending: bool) -> ImportedMesh:
         materials_of(content)
     stops.check()
     notes = reading_notes(content.nodes, raw, len(raw))
-    notes += [*content.name_only_notes, *turned, *middles.note(), *_said(content)]
+    notes += [*content.name_only_notes, *turned, *middles.note(), *_notes(content)]
     return ImportedMesh(
         assemble_mesh(content.nodes, raw, content.sets),
         materials_of(content),
@@ -448,16 +448,18 @@ def _completed_middles(content: BulkData) -> MidsideNodes:
 def _note_plane(content: BulkData, label: int, kind: str) -> None:
     """List what plane elements do not have."""
     if content.shell_cards:
-        content.said["bending of PSHELL: its elements are plane"] = None
+        content.unread_keywords["bending of PSHELL: its elements are plane"] = None
     if any(other_properties(kind, content.shell_fields.get(label, []))):
-        content.said["further fields of plane elements (angles, offsets)"] = None
+        content.unread_keywords[
+            "further fields of plane elements (angles, offsets)"
+        ] = None
 
 
-def _said(content: BulkData) -> list[str]:
+def _notes(content: BulkData) -> list[str]:
     notes = []
     if content.weight != 1.0:
         notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
-    return notes + unread_keyword_notes(content.said)
+    return notes + unread_keyword_notes(content.unread_keywords)
 
 
 def _structure(content: BulkData) -> ImportedMesh:
@@ -498,7 +500,7 @@ def _structure(content: BulkData) -> ImportedMesh:
     everything = [*solids, *shells, *bars, *springs]
     check_unique_labels(everything)
     notes = reading_notes(content.nodes, everything, len(everything))
-    notes += [*content.name_only_notes, *turned, *middles.note(), *_said(content)]
+    notes += [*content.name_only_notes, *turned, *middles.note(), *_notes(content)]
     return ImportedMesh(
         assemble_mesh(content.nodes, solids, content.sets)
         if solids

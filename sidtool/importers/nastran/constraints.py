@@ -211,7 +211,7 @@ def equations_of(content: BulkData) -> tuple[RawEquation, ...]:
             expected="one set, which MPC = SET in case control names",
         )
     if content.controlled and not content.chosen:
-        content.said["MPC, which case control does not name"] = None
+        content.unread_keywords["MPC, which case control does not name"] = None
         return ()
     wanted = content.chosen or content.sums or content.multipoint
     cards = [card for label in wanted for card in _cards_of_set(content, label)]
@@ -220,7 +220,7 @@ def equations_of(content: BulkData) -> tuple[RawEquation, ...]:
         c for own in content.multipoint.values() for c in own if id(c) not in used_cards
     ]
     if rest:
-        content.said["sets of MPC that case control does not name"] = None
+        content.unread_keywords["sets of MPC that case control does not name"] = None
     return tuple(_make_equation(content, card) for card in cards)
 
 

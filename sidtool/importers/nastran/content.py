@@ -125,7 +125,7 @@ class BulkData:
     materials: dict[str, ElasticMaterial | None] = field(default_factory=dict)
     sets: dict[str, list[int]] = field(default_factory=dict)
     gaps: dict[str, set[int]] = field(default_factory=dict)
-    said: dict[str, None] = field(default_factory=dict)
+    unread_keywords: dict[str, None] = field(default_factory=dict)
     weight: float = 1.0
     couplings: list[RawCoupling] = field(default_factory=list)
     masses: list[RawMass] = field(default_factory=list)

@@ -85,7 +85,7 @@ def read_psolid(content: BulkData, card: Card) -> None:
     _store_property(content, card, None, card.integer(2, "a coordinate system", 0))
     chosen = [word for word in (card.word(3), card.word(5)) if word]
     if chosen:
-        content.said[f"the integration {', '.join(chosen)} of PSOLID"] = None
+        content.unread_keywords[f"the integration {', '.join(chosen)} of PSOLID"] = None
 
 
 def read_pshell(content: BulkData, card: Card) -> None:
@@ -211,7 +211,9 @@ def new_name(content: BulkData, card: Card) -> str:
 
 def _note_damping(content: BulkData, card: Card, place: int) -> None:
     if card.real(place, "a damping"):
-        content.said[f"GE of {card.name} (damping is that of the model file)"] = None
+        content.unread_keywords[
+            f"GE of {card.name} (damping is that of the model file)"
+        ] = None
 
 
 def material_name(content: BulkData, given: Property) -> str:

@@ -50,7 +50,7 @@ def pbush(content: BulkData, card: Card) -> None:
                 )
             stiffness = [card.real(at + 1 + i, "a stiffness") for i in range(6)]
         elif word in _IDLE:
-            content.said[f"{word} of PBUSH"] = None
+            content.unread_keywords[f"{word} of PBUSH"] = None
         elif word:
             raise InputError(
                 f"PBUSH {card.word(0)} has {word}",
@@ -91,7 +91,7 @@ def springs_of(content: BulkData) -> tuple[RawSpring, ...]:
             grounded.append(name)
     if grounded:
         listed = ", ".join(grounded[:5]) + (" and others" if grounded[5:] else "")
-        content.said[
+        content.unread_keywords[
             f"{len(grounded)} springs to the ground, which are supports and name node "
             f"sets ({listed}): bushings of the scene hold the body there"
         ] = None

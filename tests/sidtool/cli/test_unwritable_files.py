@@ -25,6 +25,6 @@ def test_an_error_of_a_library_is_shown_in_its_words(
         files.begin(dict.fromkeys(TABLES, ()), 1)
         with pytest.raises(OSError, match="too large"):
             files.finish(None)  # type: ignore[arg-type]
-    files.tell(err=False)
+    files.print_messages(err=False)
     assert "r.h5: object header message is too large" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

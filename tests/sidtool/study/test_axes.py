@@ -145,7 +145,7 @@ def test_what_the_last_modes_change_is_not_called_converged() -> None:
     rigid, one, whole = sorted(found.points, key=lambda p: p.size)
     assert (rigid.size, one.size, whole.size) == (0, 1, 3)
     assert rigid.error > one.error > whole.error >= found.reference.uncertainty
-    assert not whole.told
+    assert not whole.is_resolved
 
 
 def test_what_the_reference_errs_itself_is_part_of_an_error() -> None:

@@ -287,7 +287,7 @@ def test_fields_beside_the_sids_are_found(
     write_field(tmp_path / "rod.field.h5", wrong)
     again = animation_data(result, folder=tmp_path)
     assert any(
-        "is not the field of rod: it has other Ke" in text for text in again.told
+        "is not the field of rod: it has other Ke" in text for text in again.notes
     )
     with pytest.raises(InputError, match="has other Ke than the SID"):
         animation_data(result, {"rod": wrong})
