@@ -1,4 +1,4 @@
-"""``sidtool analyse``: analyses of a scene without integration of its motion."""
+"""``sidtool analyse``: equilibrium, natural modes and inverse dynamics of a scene."""
 
 from __future__ import annotations
 
@@ -25,8 +25,10 @@ from .common import (
 _ACCEPT_DEFECTS_OPTION = click.option(
     "--accept-defects",
     is_flag=True,
-    help="Use what is refused otherwise: impossible mass matrices, and joints or "
-    "forces on nodes that no shape function moves.",
+    help=(
+        "Accept impossible mass matrices, and joints or forces on nodes that no"
+        " shape function moves, which are refused otherwise."
+    ),
 )
 
 
@@ -35,9 +37,9 @@ def analyse() -> None:
     """Analyse a SCENE without integrating its motion.
 
     \b
-    static   where it comes to rest, and the forces of its joints there
+    static   static equilibrium, and the joint forces in it
     modes    natural frequencies, damping ratios and mode shapes
-    inverse  the forces of a motion that drives prescribe completely
+    inverse  forces and torques of a motion that is prescribed by drives
 
     \b
     Examples:
@@ -59,18 +61,19 @@ def static(
     force: bool,
     accept_defects: bool,
 ) -> None:
-    """Find the static equilibrium of a SCENE, downhill from its start.
+    """Find the static equilibrium of a SCENE.
 
-    Drives and forces keep the values that they have at the start; nothing moves.
-    Shown are the scene's outputs and the forces of all joints and drives, and which of
-    them are not determined because the mechanism is over-constrained.
+    The search starts at the initial state and lowers the potential energy. Drives and
+    forces keep their values at the start time, and all velocities are zero. The command
+    prints the outputs of the scene and the forces of all joints and drives. It marks
+    the forces that are not determined because the mechanism is over-constrained.
 
     \b
     Example:
       sidtool analyse static crane.toml -o rest.h5
 
-    Exit status: 0 found, 1 there is none (a body can fall), or a body deforms by more
-    than its own size, 2 the input is wrong.
+    Exit status: 0 an equilibrium was found; 1 there is none (a body can fall), or a
+    body deforms by more than its own size; 2 the input is wrong.
     """
     from ..api.analyses import static_equilibrium
     from ..report.json_data import equilibrium_data
@@ -92,16 +95,25 @@ def static(
     type=click.Choice(["static", "start"]),
     default="static",
     show_default=True,
-    help="The state: static equilibrium, or the start with its velocities.",
+    help=(
+        "State to linearise about: the static equilibrium, or the initial state"
+        " with its velocities."
+    ),
 )
 @click.option(
     "--frozen",
     is_flag=True,
-    help="Show the values of one instant where there are no modes: where the equations "
-    "of small motions change as bodies turn, or the start is no steady motion.",
+    help=(
+        "Print the values at one instant if there are no modes: if the "
+        "equations of small motions change as bodies rotate, or the initial "
+        "state is no steady motion."
+    ),
 )
 @click.option(
-    "-o", "--output", type=output_path, help="Modes with their shapes (JSON)."
+    "-o",
+    "--output",
+    type=output_path,
+    help="File to write: modes with their shapes (JSON).",
 )
 @changes_option
 @force_option
@@ -117,20 +129,20 @@ def modes(
 ) -> None:
     """Find the natural modes of the assembled SCENE.
 
-    The equations are linearised about the static equilibrium, or about the start, for
-    example that of a rotor at its speed. Of what spins two frequencies are shown: in
-    inertial axes, as fixed sensors and Campbell diagrams have it, with the direction of
-    the whirl, and in the axes of the body, as a strain gauge on it does. Rigid motions
-    are shown once each, at 0 Hz.
+    The equations are linearised about the static equilibrium, or with --about start
+    about the initial state, for example that of a rotor at its speed. For rotating
+    bodies two frequencies are printed: in inertial axes, as fixed sensors and Campbell
+    diagrams show it, with the direction of the whirl, and in the axes of the body, as a
+    strain gauge on it shows it. Each rigid motion is printed once, at 0 Hz.
 
     \b
     Examples:
       sidtool analyse modes crane.toml
       sidtool analyse modes rotor.toml --about start -o modes.json
 
-    Exit status: 0 found, 1 there is no equilibrium or none that has modes (a singular
-    configuration, no inertia, no steady motion, equations that change in time), 2 the
-    input is wrong.
+    Exit status: 0 modes were found; 1 there is no equilibrium, or the state has no
+    modes (a singular configuration, no inertia, no steady motion, equations that change
+    in time); 2 the input is wrong.
     """
     from ..api.analyses import linearise
     from ..report.result import describe_modes, modes_as_data
@@ -178,13 +190,14 @@ def inverse(
 ) -> None:
     """Find the forces of a SCENE whose motion is prescribed completely.
 
-    Needs as many drives as the mechanism has degrees of freedom. Record outputs such
+    The mechanism needs as many drives as it has degrees of freedom. Record outputs such
     as JOINT.fx or DRIVE.f1 to get forces and drive torques.
 
-    No drive prescribes the vibrations of flexible bodies. --quasi-static leaves them
-    out, velocities and accelerations of the elastic coordinates with them: what a
-    transient run comes to when the motion is slow against all natural frequencies and
-    vibrations have died out. Softer bodies need sidtool simulate.
+    Drives do not prescribe the vibrations of flexible bodies. --quasi-static neglects
+    them: the velocities and accelerations of the elastic coordinates are set to zero. A
+    transient run approaches this solution if the motion is slow compared with all
+    natural frequencies and vibrations have decayed. For softer bodies use sidtool
+    simulate.
 
     \b
     Examples:
@@ -219,8 +232,7 @@ def _run_analysis(
     output: Path | None = None,
     **settings: Any,
 ) -> Any:
-    """Run an analysis; print one line and exit with status 1 if physics does not allow
-    it.
+    """Run an analysis; on a physical failure print one line and exit with status 1.
 
     The incomplete result is then written to `output`.
     """

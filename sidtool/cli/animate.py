@@ -34,28 +34,34 @@ if TYPE_CHECKING:
     "--output",
     required=True,
     type=output_path,
-    help="Page (.html) or film (.gif, or .mp4 where ffmpeg is installed) to write.",
+    help=(
+        "File to write: page (.html) or film (.gif, or .mp4 if ffmpeg is installed)."
+    ),
 )
 @full_fields
 @click.option(
     "--outputs",
     "outputs",
     metavar="NAMES",
-    help="Outputs beside the motion, with commas between them, `*` for any letters; "
-    "default the first that were recorded.",
+    help=(
+        "Outputs to plot next to the motion, separated by commas, `*` for any "
+        "letters; default the first recorded ones."
+    ),
 )
 @click.option(
     "--colour",
     type=click.Choice(["body", "displacement", "stress"]),
     default="body",
     show_default=True,
-    help="What bodies are coloured by; a page lets you choose again.",
+    help="Initial colouring of bodies; a page can change it.",
 )
 @click.option(
     "--scale",
     type=float,
     metavar="FACTOR",
-    help="Magnification of elastic deformations; default one that shows them.",
+    help=(
+        "Magnification of elastic deformations; default one that makes them visible."
+    ),
 )
 @force_option
 def animate(
@@ -67,14 +73,14 @@ def animate(
     scale: float | None,
     force: bool,
 ) -> None:
-    """Show the motion of a RESULT: as a page for any browser, or as a film.
+    """Animate the motion of a RESULT as a page for a browser or as a film.
 
-    The page is one file that needs no network. It plays the mechanism in 3D with a
-    slider for time, speed, magnification of deformations, colours by displacement or
-    von Mises stress, views, joints and frames, and outputs beside it; a click on a
-    plot goes to its time. It takes three.js from `pip install "sidtool[view]"`.
+    The page is one file that needs no network. It shows the mechanism in 3D, with
+    controls for time, speed, magnification of deformations, colours (displacement or
+    von Mises stress), views, joints and frames. Outputs are plotted next to it; a click
+    on a plot moves to its time. It needs three.js from `pip install "sidtool[view]"`.
 
-    Flexible bodies are drawn from their full field where it is known (see `sidtool
+    Flexible bodies are drawn from their full field if there is one (see `sidtool
     convert --field`), else as the hull of the nodes of their SIDs; rigid bodies as
     lines between their markers, or as boxes.
 
@@ -118,10 +124,10 @@ def animate(
     "-o",
     "--output",
     type=output_path,
-    help="File to write: .vtkhdf, or .pvd with a folder of .vtu beside it.",
+    help="File to write: .vtkhdf, or .pvd with a folder of .vtu files.",
 )
 @full_fields
-@click.option("--peak", is_flag=True, help="Tell the peak stress of flexible bodies.")
+@click.option("--peak", is_flag=True, help="Print the peak stress of flexible bodies.")
 @click.option("--json", "as_json", is_flag=True, help="Print the peaks as JSON.")
 @force_option
 def export(
@@ -134,18 +140,20 @@ def export(
 ) -> None:
     """Write the bodies of a RESULT in motion for ParaView and VTK.
 
-    Of every point: elastic displacement and velocity in inertial axes, and of flexible
-    bodies with a full field (see `sidtool convert --field`) all stress components in
-    the axes of the body and von Mises; elsewhere these are NaN. Cell data `body` is
-    the number of the body. Bodies without a full field are drawn as by `sidtool
-    animate`. Springs, dampers, actuators and distance rods between markers are lines,
-    numbered behind the bodies; /bodies of a .vtkhdf has all names.
+    The file holds the elastic displacement and velocity of every point in inertial
+    axes. For flexible bodies with a full field (see `sidtool convert --field`) it also
+    holds all stress components in the axes of the body and the von Mises stress; these
+    are NaN elsewhere. Cell data `body` is the number of the body. Bodies without a full
+    field are drawn as by `sidtool animate`. Springs, dampers, actuators and distance
+    rods between markers are lines; their numbers follow those of the bodies. The
+    dataset /bodies of a .vtkhdf file holds all names.
 
-    --peak tells the largest von Mises stress of each body over all points of its field
-    and over time, with its place in the body frame and its instant. Stresses of the
-    field are means of the elements that meet at a node; BODY.peak_von_mises is that of
-    the markers and of `peak_points` of the model, chosen from such nodes and from
-    points inside elements, which have more beside sharp corners of coarse meshes.
+    --peak prints the largest von Mises stress of each body over all points of its field
+    and over time, with its position in the body frame and its time. Stresses of the
+    field are averaged over the elements that meet at a node. BODY.peak_von_mises is
+    different: it is evaluated at the markers and at the `peak_points` of the model,
+    which include points inside elements. Those have larger stresses near sharp corners
+    of coarse meshes.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""Options, targets, inputs and output that several commands share."""
+"""Options, input files, output files and printing that commands share."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ existing_file = click.Path(path_type=Path)
 output_path = click.Path(path_type=Path)
 
 
-#: What files of these kinds have near their beginning.
+#: Text near the beginning of a file of each kind.
 _FILE_BEGINNINGS = {
     "page": (b'name="generator" content="sidtool',),
     "film": (b"GIF8", b"ftyp"),
@@ -43,7 +43,7 @@ _FILE_BEGINNINGS = {
 force_option = click.option(
     "--force",
     is_flag=True,
-    help="Replace an output file even if it is not one that sidtool writes there.",
+    help=("Replace an output file even if it is not a file that sidtool writes there."),
 )
 
 changes_option = click.option(
@@ -51,14 +51,16 @@ changes_option = click.option(
     "changes",
     metavar="KEY=VALUE",
     multiple=True,
-    help="Another value for a key of the file, such as time.end=2, crank.mass=0.4 or "
-    "parameters.n=8; may be given several times.",
+    help=(
+        "Set a key of the file to a value, such as time.end=2, crank.mass=0.4 "
+        "or parameters.n=8; may be given several times."
+    ),
 )
 
 
 @dataclass(frozen=True)
 class Target:
-    """A file that a command writes: its option, path and kind, see `OUTPUT_KINDS`."""
+    """An output file of a command: its option, path and kind, see `OUTPUT_KINDS`."""
 
     option: str
     path: Path | None
@@ -73,11 +75,11 @@ def result_target(path: Path | None) -> Target:
 
 
 def read_scene_with_changes(path: Path, changes: Sequence[str]) -> Scene:
-    """A scene with the values of `--set`.
+    """Read a scene and apply the values of `--set`.
 
     Raises
     ------
-    InputError : it is no scene, or a value or key does not fit.
+    InputError : the file is not a scene, or a key or value is not valid.
     """
     from sidtool.formats.toml.files import parse_settings
 
@@ -89,7 +91,7 @@ def read_scene_with_changes(path: Path, changes: Sequence[str]) -> Scene:
 
 
 def input_files(path: Path) -> list[Path]:
-    """A file that people write, and the files that it names."""
+    """Return the paths of a model or scene file and of the files that it names."""
     if path.suffix not in (".toml", ".json") or not path.is_file():
         return [path]
     from sidtool.formats.toml.reading import read_data
@@ -117,7 +119,7 @@ def _is_file(path: Path, text: str) -> bool:
 def check_targets(
     targets: Sequence[Target], inputs: Sequence[str | Path], force: bool
 ) -> None:
-    """Refuse targets that must not or cannot be written, before any work is done.
+    """Refuse, before any computation, targets that must not or cannot be written.
 
     Parameters
     ----------
@@ -258,7 +260,7 @@ QUIET = click.Option(
     is_flag=True,
     expose_value=False,
     callback=set_quiet,
-    help="Say nothing but notes and errors, and the numbers of --json.",
+    help="Print nothing but notes, errors, and the numbers of --json.",
 )
 JSON = click.Option(
     ["--json"],
@@ -283,8 +285,7 @@ def json_stream() -> TextIO | None:
 
 
 def print_notes(found: WithNotes, warn: bool = True) -> None:
-    """Writes the warnings of what was found to the standard error, and its other notes
-    where nothing else shows them, with --quiet.
+    """Print warnings to the standard error, and with --quiet the other notes, too.
 
     warn : False where warnings have been written
     """
@@ -354,21 +355,24 @@ full_fields = click.option(
     "fields",
     metavar="BODY=FILE",
     multiple=True,
-    help="Full field of a flexible body, from `convert --field`; may be given several "
-    "times. NAME.field.h5 beside the SID of a scene is found by itself.",
+    help=(
+        "Full field of a flexible body, from `convert --field`; may be given "
+        "several times. A file NAME.field.h5 next to the SID of a scene is "
+        "found automatically."
+    ),
 )
 
 
 def files_by_body(
     option: str, texts: Iterable[str], bodies: Iterable[str] | None = None
 ) -> dict[str, str]:
-    """Files by body, of an option that may be given several times.
+    """Return files by body, from an option that may be given several times.
 
-    bodies : that may be named, where they are known
+    bodies : bodies that may be named; None if they are not known
 
     Raises
     ------
-    InputError : one has another form, or names no such body or one twice.
+    InputError : a text is not BODY=FILE, names an unknown body, or names a body twice.
     """
     known = None if bodies is None else tuple(bodies)
     expected = "BODY=FILE" + (

@@ -1,4 +1,4 @@
-"""``sidtool convert``: a model or a SID into a SID file."""
+"""``sidtool convert``: convert a model or a SID to a SID file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .progress import StageLines
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
 SIGMAS = ("stress", "section force")
 ENGINES = ("cholmod", "pardiso", "superlu", "slepc")
-#: How many processes mpirun started, as Open MPI and MPICH say it.
+#: Environment variables with the number of MPI processes (Open MPI, MPICH).
 _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
@@ -42,26 +42,32 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
     "--field",
     "field",
     type=output_path,
-    help="Write the full field of a model, too: mesh, surface, shape functions and "
-    "stresses at all nodes, for pictures and exports (HDF5).",
+    help=(
+        "Also write the full field of a model: mesh, surface, shape functions "
+        "and stresses at all nodes, for animations and exports (HDF5)."
+    ),
 )
 @click.option(
     "--dialect",
     type=click.Choice(DIALECTS),
     default="fembs",
     show_default=True,
-    help="Dialect of an ASCII file, for readers that need another than the canonical.",
+    help=(
+        "Dialect of an ASCII file, for readers that do not accept the canonical one."
+    ),
 )
 @click.option(
     "--engine",
     type=click.Choice(ENGINES),
-    help="What solves the equations of a model; by default the first of these that "
-    "is installed. slepc shares the work between the processes of mpirun.",
+    help=(
+        "Solver for the equations of a model; default the first of these that "
+        "is installed. slepc distributes the work over the processes of mpirun."
+    ),
 )
 @click.option(
     "--repair",
     is_flag=True,
-    help="Rebuild Gr and Ge, symmetrise Oe, and list every number that changes.",
+    help="Rebuild Gr and Ge, symmetrise Oe, and list every changed number.",
 )
 @click.option(
     "--units", metavar="FROM:TO", help="Rescale every block, for example mm-t-s:SI."
@@ -69,20 +75,27 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 @click.option(
     "--sigma",
     type=click.Choice(SIGMAS),
-    help="What the entry sigma of nodes holds, which --units has to know of SIDs of "
-    "other programs.",
+    help=(
+        "Meaning of the entry sigma of nodes; --units needs it for SIDs of "
+        "other programs."
+    ),
 )
 @click.option(
     "--frame",
     metavar="FRAME",
-    help="Refer to another body frame: tangent:NODE, chord:NODE,NODE, buckens or "
-    "buckens:NODE. Ke and De stay as they are: they belong to the elastic coordinates.",
+    help=(
+        "Change the body frame: tangent:NODE, chord:NODE,NODE, buckens or "
+        "buckens:NODE. Ke and De do not change: they belong to the elastic "
+        "coordinates."
+    ),
 )
 @click.option(
     "--damping",
     metavar="LAW",
-    help="Make De anew from Me and Ke: none, rayleigh:ALPHA,BETA, modal:RATIO[,...] "
-    "or frequency.",
+    help=(
+        "Compute De from Me and Ke: none, rayleigh:ALPHA,BETA, "
+        "modal:RATIO[,...] or frequency."
+    ),
 )
 @changes_option
 @force_option
@@ -102,12 +115,12 @@ def convert(
 ) -> None:
     """Convert a model file to a SID, or a SID to another SID file.
 
-    The kind of the source is seen from its content, the format of the output from its
-    name: .h5 or .hdf5 is HDF5, any other name the ASCII format.
+    The content of the source determines its kind. The ending of the output determines
+    its format: .h5 or .hdf5 is HDF5, any other name is ASCII.
 
-    A SID keeps the motion of a few nodes. `--field FILE` writes that of the whole body
-    beside it; named like the SID with the ending .field.h5 it is found by itself where
-    the body is drawn.
+    A SID holds the motion of a few nodes only. `--field FILE` writes the motion of the
+    whole body to a second file. If this is named like the SID with the ending
+    .field.h5, animations and plots find it by themselves.
 
     \b
     Examples:
@@ -145,7 +158,7 @@ def convert(
 def _check_field(
     field: Path | None, source: Path, units: str | None, frame: str | None
 ) -> None:
-    """A field is written with the SID that it belongs to."""
+    """Check that --field is used with a model."""
     from sidtool.formats.base.errors import InputError
 
     from ..pipeline.files import expect_kind
@@ -193,7 +206,7 @@ def _sid_data(sid: Any) -> Any:
 
 
 class _SingleProcess:
-    """The only process."""
+    """Stand-in for `slepc.Processes` if there is only one process."""
 
     rank = 0
 
@@ -203,11 +216,11 @@ class _SingleProcess:
 
 @contextmanager
 def _processes(engine: str | None) -> Iterator[Any]:
-    """Yield the processes of this run, of which the first writes and speaks.
+    """Yield the parallel processes of this run; only the first one prints and writes.
 
     Raises
     ------
-    InputError : the engine is not there, or mpirun started one that works alone.
+    InputError : the engine is not installed, or mpirun was used with a serial engine.
     """
     requested = engine or os.environ.get("SIDTOOL_FACTORS")
     if requested != "slepc":
@@ -242,7 +255,7 @@ def _read_or_convert(
     leading: bool,
     with_field: bool,
 ) -> tuple[Any, Any]:
-    """Return the SID and, on request, the full field."""
+    """Read or convert the source; return the SID and, on request, the full field."""
     from sidtool.formats.base.errors import InputError
     from sidtool.formats.model import read_model
     from sidtool.formats.toml.files import parse_settings
@@ -285,7 +298,7 @@ def _with_damping(sid: Any, law: str) -> Any:
 
 @contextmanager
 def _name_option(name: str) -> Iterator[None]:
-    """Errors inside name this option."""
+    """Name this option in errors that are raised inside the context."""
     from sidtool.formats.base.errors import InputError
 
     try:

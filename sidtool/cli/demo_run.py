@@ -1,4 +1,4 @@
-"""The founding example: one rod by two discretisations, one mechanism."""
+"""Demonstration: one rod by two discretisations in a slider-crank mechanism."""
 
 from __future__ import annotations
 
@@ -25,32 +25,33 @@ from ..report.tables import text_table
 
 Print = Callable[[str], None]
 
-#: The rods by the name of their model file, and how the demo calls them.
+#: Short name of each rod by the name of its model file.
 SOURCES = {"rod_q4": "Q4", "rod_iga": "IGA"}
-#: The published row of frequencies that belongs to each.
+#: Row of the published frequencies for each rod.
 PUBLISHED = {"Q4": "paper, ANSYS", "IGA": "paper, IGA"}
-#: Computed for the Q4 rod in minimal coordinates with DOP853 at 1e-10 relative.
+#: Independent results for the Q4 rod, in minimal coordinates with DOP853 at 1e-10
+#: relative.
 PUBLISHED_MOTION = {
     ("piston.x", 1.0): 1.0916580040,
     ("piston.x", 1.5): 1.0847993728,
     ("rod.q1", 1.5): -4.67999958e-4,
 }
-#: Runs of the table of speed and error: integrator and relative tolerances.
+#: Integrators and relative tolerances of the precision table.
 SETTINGS = {
     "radau9": (1e-4, 1e-6, 1e-8),
     "trapezoidal": (1e-3, 1e-4, 1e-5),
 }
 REFERENCE_RTOL = 1e-11
-#: Both rods move at this tolerance, so that their difference is not the integrator's.
+#: Tolerance for the comparison of both rods; integration errors are negligible.
 COMPARISON_RTOL = 1e-9
 
 
 def run_demo(folder: Path, say: Print) -> None:
-    """Convert, validate, simulate, compare and draw; files go to `folder`.
+    """Convert, validate, simulate, compare and plot; write all files to `folder`.
 
     Raises
     ------
-    InputError : the example's files are not there, or `folder` cannot be written.
+    InputError : the files of the example are missing, or `folder` cannot be written.
     """
     examples = example_folder("slider_crank")
     begin = time.perf_counter()
@@ -81,7 +82,7 @@ def run_demo(folder: Path, say: Print) -> None:
 
 
 def _prepare_kernels(say: Print) -> None:
-    """Compiles what the demo needs at once, so that no time below includes it."""
+    """Compile the kernels of the demo, so that measured times do not include it."""
     from sidtool.solver.compiler.precompile import ensure_compiled
     from sidtool.solver.integrators.registry import INTEGRATORS
 
@@ -93,7 +94,7 @@ def _prepare_kernels(say: Print) -> None:
 def _convert_rods(
     examples: Path, folder: Path
 ) -> tuple[dict[str, SID], dict[str, Field]]:
-    """SIDs and full fields of the rod by the name of their discretisation."""
+    """Return SIDs and full fields of the rod by the name of their discretisation."""
     sids, fields = {}, {}
     for file, name in SOURCES.items():
         sids[name], fields[name] = field_from_model(examples / f"{file}.toml")
@@ -157,7 +158,7 @@ def _run_demo_scene(
 
 
 def agreement_table(results: Mapping[str, Result]) -> str:
-    """How the motions with the two rods differ, output by output."""
+    """Tabulate the differences of the motions with the two rods by output."""
     first, second = results["Q4"], results["IGA"]
     rows = []
     for name in first.names:
@@ -176,7 +177,7 @@ def agreement_table(results: Mapping[str, Result]) -> str:
 
 
 def stiffness_remark(sids: Mapping[str, SID]) -> str:
-    """Why the first elastic coordinates differ."""
+    """Explain why the first elastic coordinates of both rods differ."""
     q4, iga = (natural_modes(sids[name])[0].frequency for name in ("Q4", "IGA"))
     share = 100 * ((q4 / iga) ** 2 - 1)
     return (
@@ -201,7 +202,7 @@ def published_table(result: Result) -> str:
 def precision_runs(
     examples: Path, sid: SID
 ) -> dict[str, list[tuple[float, Result, float]]]:
-    """Per integrator: (tolerance, run, its error in q1 relative to the largest q1)."""
+    """Return (tolerance, run, error of q1 relative to the largest q1) by integrator."""
     tight = _run_demo_scene(examples, sid, "radau9", REFERENCE_RTOL)["rod.q1"]
     runs: dict[str, list[tuple[float, Result, float]]] = {}
     for integrator, tolerances in SETTINGS.items():
@@ -214,7 +215,7 @@ def precision_runs(
 
 
 def precision_table(runs: Mapping[str, list[tuple[float, Result, float]]]) -> str:
-    """Cost and error of each run."""
+    """Tabulate cost and error of each run."""
     rows = [
         [
             integrator,
@@ -232,7 +233,9 @@ def precision_table(runs: Mapping[str, list[tuple[float, Result, float]]]) -> st
 
 
 def _write_page(path: Path, result: Result, field: Field) -> str:
-    """Writes the page that plays the mechanism, if three.js is there; what was done."""
+    """Write the animation page if three.js is installed; return a line on what was
+    done.
+    """
     from ..view.animation import animate
 
     try:

@@ -1,4 +1,4 @@
-"""The command line: ``sidtool COMMAND``. Answers before anything heavy is imported."""
+"""The command line ``sidtool COMMAND``; expensive imports are deferred to commands."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ from .study import study, sweep
 from .validate import trim, validate
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
-#: New objects between two searches for garbage: a command makes little, and all that
-#: it imports would be searched through again and again. At its end nothing is.
+#: Threshold of the garbage collector: a command creates little garbage, and a low
+#: threshold would scan all imported objects many times.
 GARBAGE_THRESHOLD = 500_000
 _show_warning = warnings.showwarning
 
@@ -52,8 +52,9 @@ _show_warning = warnings.showwarning
 def cli(ctx: click.Context) -> None:
     """Flexible bodies for multibody simulation.
 
-    Takes a part from its geometry to Standard Input Data (SID), judges any SID, and
-    simulates mechanisms with it. A first look, and the same by hand:
+    Converts a part from its geometry to Standard Input Data (SID), validates any SID,
+    and simulates mechanisms with it. Start with the demonstration, or do the same step
+    by step:
 
     \b
       sidtool demo
@@ -62,7 +63,7 @@ def cli(ctx: click.Context) -> None:
       sidtool validate rod.SID_FEM
       sidtool simulate slider_crank.toml -o motion.csv
 
-    Each command explains itself: sidtool COMMAND --help
+    Help on each command: sidtool COMMAND --help
     """
     ctx.with_resource(show_progress())
 
@@ -88,7 +89,7 @@ for command in (
 ):
     cli.add_command(command)
 
-#: Commands whose numbers `tell` gives; validate, outputs and export have their own.
+#: Commands with --json and --quiet; validate, outputs and export define their own.
 for command in (
     convert,
     simulate,
@@ -106,9 +107,7 @@ for command in (sweep, report, trim, warmup, demo, *analyse.commands.values()):
 
 
 class TerminationRequested(BaseException):
-    """Raised by a signal that terminates the program, which cleans up as after
-    Ctrl-C.
-    """
+    """Raised on a signal that terminates the program, to clean up as after Ctrl-C."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -120,7 +119,7 @@ def _terminate(number: int, frame: object) -> NoReturn:
 
 
 def _interrupt(number: int, frame: object) -> NoReturn:
-    """The first Ctrl-C cleans up; the second one ends the program as it is."""
+    """Raise KeyboardInterrupt once; a second Ctrl-C ends the program at once."""
     handle_signal(number, DEFAULT)
     raise KeyboardInterrupt
 
@@ -132,7 +131,7 @@ def _ending_signals() -> list[int]:
 
 
 def main() -> NoReturn:
-    """Run the command line and leave with its exit status."""
+    """Run the command line and exit with its status."""
     _open_standard_streams()
     gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.showwarning = _print_warning
@@ -148,11 +147,10 @@ def main() -> NoReturn:
 
 
 def _open_standard_streams() -> None:
-    """Open standard streams that a caller has closed (``>&-``); their text is
-    discarded.
+    """Replace standard streams that the caller has closed (``>&-``) by discarding ones.
 
-    Otherwise the next file that is opened would be the standard output. Characters that
-    a terminal or pipe cannot show, as of Greek in a code page of Windows, are escaped.
+    Otherwise the next opened file would become the standard output. Characters that the
+    encoding of a stream lacks are escaped.
     """
     for number in range(3):
         try:
@@ -171,7 +169,7 @@ def _open_standard_streams() -> None:
 def run(arguments: Sequence[str]) -> int:
     """Run a command; the exit status is 0 done, 1 failed, 2 bad input, 130 interrupted.
 
-    It is 128 and the number of the signal after a terminating signal, 143 for SIGTERM.
+    After a terminating signal it is 128 plus the number of the signal, 143 for SIGTERM.
     """
     try:
         status = cli.main(list(arguments), prog_name="sidtool", standalone_mode=False)
@@ -186,7 +184,7 @@ def run(arguments: Sequence[str]) -> int:
         return _print_error("ended by a signal", 128 + ended.number)
     except (KeyboardInterrupt, click.Abort):
         return _print_error("interrupted", INTERRUPTED)
-    except (BrokenPipeError, SystemExit):  # click makes the second of the first
+    except (BrokenPipeError, SystemExit):  # click turns the first into the second
         return _quit_quietly()
     except MemoryError:
         return _print_error("there is not enough memory for this", FAILED)
@@ -205,7 +203,7 @@ def _print_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    """Our own warnings as messages, without the line of code that they come from."""
+    """Print warnings of sidtool as messages, without the source line."""
     if issubclass(category, ValidityWarning):
         click.echo(f"warning: {message}", err=True)
     elif issubclass(category, NoteWarning):
@@ -222,7 +220,7 @@ def _print_error(message: str, status: int) -> int:
 
 
 def _is_from_standard_output(error: OSError) -> bool:
-    """Whether it arose where the standard output is written, not of another file."""
+    """Return whether an error comes from the standard output, not from a file."""
     frames = [frame for frame, _ in walk_tb(error.__traceback__)]
     writers = click.echo.__code__, run.__code__
     return frames[-1].f_code in writers or any(f.f_code == writers[0] for f in frames)

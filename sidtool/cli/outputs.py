@@ -1,4 +1,4 @@
-"""``sidtool outputs``: outputs of a result that its run did not record."""
+"""``sidtool outputs``: evaluate outputs that a run did not record."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .common import (
     "names",
     metavar="NAMES",
     multiple=True,
-    help="Outputs to evaluate, with commas between them; `*` for any letters.",
+    help="Outputs to evaluate, separated by commas; `*` for any letters.",
 )
 @click.option(
     "-o",
     "--output",
     type=output_path,
-    help="Write what was recorded and what was added (.h5 or .csv).",
+    help="File to write with the recorded and the added outputs (.h5 or .csv).",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the columns as JSON.")
 @force_option
@@ -43,11 +43,11 @@ def outputs(
 ) -> None:
     """Evaluate outputs of a RESULT that its run did not record.
 
-    A result holds its scene with all SIDs, and the states at all output times, so
-    that every output of the scene follows without a new run. Only energies that are
-    integrals along the run (dissipated, supplied, balance) have to be recorded in it.
-    Without --add the names of all outputs are listed; those recorded have a *. With -o
-    or --json the recorded outputs are written or printed, --add or not.
+    A result holds its scene with all SIDs and the states at all output times, so every
+    output of the scene can be evaluated without a new run. Only energies that are
+    integrals along the run (dissipated, supplied, balance) must be recorded in the run.
+    Without --add the names of all outputs are listed; recorded ones have a *. With -o
+    or --json the recorded outputs are written or printed, with or without --add.
 
     \b
     Examples:
@@ -94,7 +94,7 @@ def outputs(
 
 
 def _output_names_text(content: object) -> str:
-    """Names of all outputs, a line for each owner."""
+    """Return the names of all outputs, one line per owner."""
     from sidtool.formats.result import Result
     from sidtool.formats.scene import known_outputs, owners_of, rarer_outputs
     from sidtool.solver.simulation.replay import scene_of

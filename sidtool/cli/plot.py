@@ -1,4 +1,4 @@
-"""``sidtool plot`` and ``sidtool report``: pictures of files, a run as a page."""
+"""``sidtool plot`` and ``sidtool report``: figures of files, report of a run."""
 
 from __future__ import annotations
 
@@ -33,8 +33,10 @@ from .common import (
 @click.option(
     "--outputs",
     metavar="NAMES",
-    help="Of a result: outputs with commas between them, `*` for any letters; also "
-    "those that were not recorded. Default all that were.",
+    help=(
+        "Of a result: outputs, separated by commas, `*` for any letters; they "
+        "need not be recorded. Default all recorded outputs."
+    ),
 )
 @click.option(
     "--kind",
@@ -45,8 +47,10 @@ from .common import (
 @click.option(
     "--field",
     type=existing_file,
-    help="Of a SID: its full field, from `convert --field`. NAME.field.h5 beside it "
-    "is found by itself.",
+    help=(
+        "Of a SID: its full field, from `convert --field`. A file NAME.field.h5"
+        " next to it is found automatically."
+    ),
 )
 @force_option
 def plot(
@@ -67,9 +71,9 @@ def plot(
     result  outputs over time, spectra, energies, residuals of constraints
     study   study.json of `sidtool study -o`: time over error
 
-    Plane bodies are drawn from above, others in 3D. Curves are drawn from states
-    between the output times, not from straight lines. Of a run that was asked for an
-    accuracy the estimated error of each output is a band around its curve.
+    Plane bodies are drawn from above, others in 3D. Between output times curves are
+    drawn from interpolated states, not as straight lines. If the run has a requested
+    accuracy, a band around each curve shows the estimated error.
 
     \b
     Examples:
@@ -158,11 +162,11 @@ def _plot_content(
 @full_fields
 @force_option
 def report(result: Path, output: Path, fields: tuple[str, ...], force: bool) -> None:
-    """Write what an engineer files of a RESULT, as one page (HTML).
+    """Write the report of a RESULT as one HTML page.
 
-    Scene and bodies, what was modelled and what was left out, accuracy and cost,
-    events, outputs as tables and curves, pictures of the mechanism, versions. The page
-    needs nothing beside it and prints on A4 or to PDF.
+    The report contains the scene and its bodies, what was modelled and what was
+    neglected, accuracy and cost, events, outputs as tables and curves, pictures of the
+    mechanism, and versions. The page needs no other files and prints on A4 or to PDF.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""Progress of long computations on a terminal: stage, share, expected time."""
+"""Progress of long computations on a terminal: stage, fraction, remaining time."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from sidtool.formats.base.progress import TimeEstimate, has_listener, use_listen
 
 from .common import is_quiet
 
-#: Work that takes less shows nothing [s].
+#: Minimum duration before progress is shown [s].
 MIN_DURATION = 1.0
 
 
 @contextmanager
 def show_progress() -> Iterator[None]:
-    """Shows what is reached inside, on a terminal and unless --quiet is given."""
+    """Show the progress of the context on a terminal, unless --quiet is given."""
     if not sys.stderr.isatty():
         yield
         return
@@ -37,9 +37,9 @@ class ProgressBar:
     """Progress line below all others, shown once work has lasted longer than
     `MIN_DURATION`.
 
-    It appears also for work that reports nothing, as one factorisation. A known share
-    is a bar with the remaining time; otherwise the line shows the elapsed time. A share
-    that falls marks the begin of other work.
+    It also appears for work that reports nothing, such as one factorisation. A known
+    fraction is shown as a bar with the remaining time; otherwise the line shows the
+    elapsed time. A fraction that decreases marks the start of another stage.
     """
 
     def __init__(self) -> None:
@@ -79,7 +79,7 @@ class ProgressBar:
                 self._progress.update(self._task, **self._task_fields)
 
     def close(self) -> None:
-        """Leaves nothing behind."""
+        """Remove the progress line."""
         if self._timer is not None:
             self._timer.cancel()
         with self._lock:
@@ -117,7 +117,7 @@ class ProgressBar:
 
 
 def _format_duration(seconds: float | None) -> str:
-    """Hours, minutes and seconds, as of the time passed."""
+    """Return a duration as hours, minutes and seconds."""
     if seconds is None:
         return "-:--:--"
     minutes, rest = divmod(round(seconds), 60)
@@ -125,7 +125,7 @@ def _format_duration(seconds: float | None) -> str:
 
 
 class StageLines:
-    """A line for each stage, with its time, where no progress is shown."""
+    """Print one line per stage with its time if no progress bar is shown."""
 
     def __init__(self) -> None:
         self._begin = time.monotonic()

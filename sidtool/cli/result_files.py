@@ -1,4 +1,4 @@
-"""Files that a run fills while it goes on: a result, a table, or both."""
+"""Output files that are written during a run: a result, a table, or both."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ File = ResultFile | TableFile
 class OutputFiles:
     """Sink for a result, a table, both or nothing.
 
-    A file that cannot be written ends alone; the other continues. A complete file that
-    cannot replace another one is stored beside it. Used as a context: files that are
-    incomplete at its end are removed.
+    If one file cannot be written, the other one continues. A complete file that cannot
+    replace an existing one is stored under another name next to it. As a context
+    manager it removes files that are incomplete at its end.
 
     Attributes
     ----------
     span : first and last output time [s] and number of output times
-    failed : a file is missing or has another name than requested
+    failed : True if a file is missing or has another name than requested
     """
 
     def __init__(self, result: Path | None, table: Path | None) -> None:
@@ -78,12 +78,14 @@ class OutputFiles:
         self._open = {}
 
     def print_messages(self, err: bool) -> None:
-        """Print where the files are, or why they are missing."""
+        """Print the paths of the files, or why they are missing."""
         for text in self._messages:
             click.echo(text, err=err or text.startswith("sidtool:"))
 
     def _each(self, act: Callable[[File], None]) -> None:
-        """Raises what ends the last file."""
+        """Apply a function to all open files; re-raise the error that closes the last
+        one.
+        """
         for path, file in list(self._open.items()):
             try:
                 act(file)

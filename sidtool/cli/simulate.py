@@ -1,4 +1,4 @@
-"""``sidtool simulate``: the motion of a scene, and the files that a run fills."""
+"""``sidtool simulate``: simulate a scene and write its result files."""
 
 from __future__ import annotations
 
@@ -58,15 +58,21 @@ if TYPE_CHECKING:
     "accuracy",
     metavar="ERROR",
     multiple=True,
-    help="Find the cheapest model whose outputs err by at most this part of their "
-    "variation, such as 1e-3; or OUTPUT=ERROR for those that count, several times.",
+    help=(
+        "Find the fastest model whose outputs have an error of at most this "
+        "fraction of their variation, such as 1e-3; or OUTPUT=ERROR for "
+        "selected outputs, several times."
+    ),
 )
 @click.option("--step", type=float, help="Fixed step in seconds, no error control.")
 @click.option(
     "--spectral-radius",
     type=float,
     metavar="RHO",
-    help="Of generalised_alpha, 0 to 1: what it leaves of too fast vibrations.",
+    help=(
+        "Of generalised_alpha, 0 to 1: factor per step on the amplitude of "
+        "vibrations that are too fast for the steps."
+    ),
 )
 @click.option(
     "--sid",
@@ -86,17 +92,21 @@ if TYPE_CHECKING:
     "--continue",
     "goes_on",
     is_flag=True,
-    help="Go on where the run in the file of -o ended, with the same scene and "
-    "options: an unfinished one, or with a later time.end a complete one; from the "
-    "start if there is no such file.",
+    help=(
+        "Continue the run in the file of -o with the same scene and options: an"
+        " unfinished run, or a complete one with a later time.end; without such"
+        " a file start a new run."
+    ),
 )
 @changes_option
 @force_option
 @click.option(
     "--accept-defects",
     is_flag=True,
-    help="Simulate what is refused otherwise: impossible mass matrices, and joints or "
-    "forces on nodes that no shape function moves.",
+    help=(
+        "Accept impossible mass matrices, and joints or forces on nodes that no"
+        " shape function moves, which are refused otherwise."
+    ),
 )
 def simulate(
     scene: Path,
@@ -115,20 +125,20 @@ def simulate(
 ) -> None:
     """Simulate the motion of a SCENE and report cost and accuracy.
 
-    The scene says what is integrated how; the options replace what it says.
-    `sidtool info SCENE` shows what would be simulated, `sidtool info RESULT` what each
-    shape function contributed. Of each flexible body a line before the run compares
-    its frequencies with the excitation; whether geometric stiffening matters is
-    estimated there, and told of the largest loads of the run after it.
+    The scene specifies the model and the integration; options override it. `sidtool
+    info SCENE` shows what would be simulated, `sidtool info RESULT` what each shape
+    function contributed. Before the run one line per flexible body compares its
+    frequencies with the excitation and estimates whether geometric stiffening matters.
+    After the run the estimate is repeated for the largest loads that occurred.
 
     With --accuracy, or `wanted` in the table [accuracy] of the scene, the model is
-    chosen by measurement: shape functions, rigid bodies, terms, integrator and
-    tolerance are left out or loosened as far as the error allows, each with its reason,
-    and the result holds the error of every output beside its cost. What was found is
-    kept: the second time nothing is searched.
+    chosen by measurement. Shape functions, flexibility of bodies and terms are omitted,
+    and integrator and tolerance are chosen, as far as the allowed error permits. Each
+    choice is listed with its reason, and the result holds the estimated error of every
+    output and the cost. The choice is cached: a second run needs no search.
 
-    Tables [events.NAME] of the scene ask when a quantity passes a value; each crossing
-    is told with its time, and `action = "stop"` ends the run there.
+    Tables [events.NAME] of the scene define events: the time of each crossing of a
+    value is reported, and `action = "stop"` ends the run there.
 
     \b
     Examples:
@@ -142,18 +152,18 @@ def simulate(
       sidtool simulate slider_crank.toml -o result.h5 --continue
       sidtool simulate slider_crank.toml -o result.h5 --continue --set time.end=9
 
-    Ctrl-C, SIGTERM and SIGHUP end a run at its next step; its files hold what there is,
-    marked as unfinished, and `--continue` goes on from there. A second signal ends the
-    program at once. On Windows these are Ctrl-C, Ctrl-Break and the end of the console;
-    a program that is ended from outside leaves the files as they were.
+    Ctrl-C, SIGTERM and SIGHUP end a run at its next step. Its files hold the motion so
+    far, marked as unfinished, and `--continue` continues the run. A second signal ends
+    the program at once. On Windows these are Ctrl-C, Ctrl-Break and the closing of the
+    console. If the program is killed, existing files stay unchanged.
 
-    A body that leaves linear theory (it deforms by more than a tenth of its size, or
-    turns elastically by more than 0.15 rad) is told as a warning on the standard error.
+    A warning on the standard error names bodies that leave linear theory (a deformation
+    above a tenth of the size, or an elastic rotation above 0.15 rad).
 
     Exit status: 0 done, or ended by an event; 1 the run stopped early, or a body
-    deformed by more than its own size, so that the numbers mean nothing (the files hold
-    what there is); 130 or 143 a signal ended it (likewise); 2 the input is wrong, and
-    nothing is written.
+    deformed by more than its own size, so that its numbers are meaningless (the files
+    hold the motion so far); 130 or 143 ended by a signal (likewise); 2 the input is
+    wrong, and nothing is written.
     """
     from sidtool.solver.system.errors import SimulationError
 
@@ -212,7 +222,7 @@ def _print_failure_notes(result: Result, printed: str) -> None:
 
     Parameters
     ----------
-    printed : text that was printed before
+    printed : text that was already printed
     """
     for text in (text for text in result.notes if text not in printed):
         kind = "warning" if text in result.warnings else "note"
@@ -228,7 +238,7 @@ def _single_target(targets: list[Target], kind: str) -> Path | None:
 
 
 def _read_unfinished(output: Path | None) -> Result | None:
-    """The run to go on with; none if there is no file yet."""
+    """Return the run to continue, or None if there is no file yet."""
     from sidtool.formats.result import read_result
 
     if output is None:
@@ -239,7 +249,7 @@ def _read_unfinished(output: Path | None) -> Result | None:
 
 
 def _is_done(result: Result, scene: SceneFile) -> bool:
-    """Whether a run is complete and the scene does not ask for a later end."""
+    """Return whether a run is complete up to the end time of the scene."""
     from sidtool.solver.output.resume import ended_by_event
 
     if not result.completed:
@@ -344,6 +354,6 @@ def _print_expected_bodies(bodies: Any) -> None:
 
 
 def _time_fraction(time: Any) -> Callable[[float], None]:
-    """From simulated seconds to the share of the time span that is done."""
+    """Return a function that reports the completed fraction at a simulated time [s]."""
     length = time.end - time.start
     return lambda t: report_stage("simulating", (t - time.start) / length)

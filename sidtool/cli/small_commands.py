@@ -18,20 +18,21 @@ from .common import output_path, piped_path, print_result
 @click.command()
 @click.argument("file", metavar="FILE", type=piped_path)
 def info(file: Path) -> None:
-    """Tell what is in a SID, model, scene or result.
+    """Describe the content of a SID, model, scene or result.
 
     \b
-    For a SID: modes with frequency, kind, boundary condition, effective mass and share
-    in the static deformation; frame, stiffening, stress, nodes, dialect.
-    For a model: geometry, material, discretisation, frame, reduction, damping, and
-    where every marker is; for the last the body is discretised. Of an imported mesh or
-    matrices also mass, centre, inertia, free frequencies and node sets.
-    For a scene: bodies, joints, drives and forces with their numbers, degrees of
-    freedom, redundancies, total mass, what the simulation keeps or drops, and of
-    flexible bodies frequencies, excitation and expected stiffening.
-    For a result: outputs with their range, cost, drift of the constraints, and what
-    each shape function contributed; of a run that was asked for an accuracy the error
-    of each output, the error budget beside its cost, and what was left out and why.
+    For a SID: natural modes with frequency, kind, boundary condition, effective mass
+    and share of the static compliance; frame, stiffening, stress, nodes, dialect.
+    For a model: geometry, material, discretisation, frame, reduction, damping, and the
+    position of every marker, for which the body is discretised. For an imported mesh or
+    matrices also mass, centre of mass, inertia, free frequencies and node sets.
+    For a scene: bodies, joints, drives and forces with their parameters, degrees of
+    freedom, redundant constraints, total mass, which terms the simulation includes, and
+    for flexible bodies frequencies, excitation and expected stiffening.
+    For a result: range of each output, cost, drift of the constraints, and the
+    contribution of each shape function. If an accuracy was requested, also the
+    estimated error of each output, the error budget with its cost, and what was omitted
+    and why.
 
     \b
     Examples:
@@ -39,7 +40,7 @@ def info(file: Path) -> None:
       sidtool info slider_crank.toml
 
     Exit status: 0 done; 2 the file cannot be read, or the body of a model cannot be
-    made: what the model says is told, and the reason.
+    discretised. In the latter case the content of the model and the reason are printed.
     """
     from ..api.scene import read
     from ..pipeline.files import expect_kind
@@ -60,7 +61,7 @@ def _describe_sid_file(content: Any, _: Path) -> str:
 
 
 def _describe_model_file(content: Any, path: Path) -> None:
-    """Print what a model file states, also if its body cannot be discretised.
+    """Print the content of a model file, also if its body cannot be discretised.
 
     Raises
     ------
@@ -153,10 +154,10 @@ def _examples_help() -> str:
     type=click.Choice(list(EXAMPLE_TITLES)),
     default="slider_crank",
     show_default=True,
-    help="What to start from.",
+    help="Example to copy.",
 )
 def new(name: Path, start: str) -> None:
-    """Copy an example; the help text is that of `_examples_help`."""
+    """Copy an example; `_examples_help` gives the help text."""
     for file in copy_example(name, start):
         click.echo(f"  {name / file}")
     click.echo(f"Go on in the folder {name}: README.md has the commands, step by step.")
@@ -193,12 +194,12 @@ def schema(kind: str) -> None:
     help="Folder for the plots, SIDs and results.",
 )
 def demo(output: Path) -> None:
-    """Run the founding example: a slider-crank with a flexible rod, built twice.
+    """Run the demonstration: a slider-crank with a flexible rod, discretised twice.
 
-    The rod goes from its geometry to a SID by bilinear quadrilaterals (Q4) and by
-    isogeometric analysis (IGA). The frequencies stand beside the published ones, the
-    mechanism is simulated with both rods, and speed is shown beside error. With
-    `pip install "sidtool[view]"` motion.html in the folder plays it in a browser.
+    The rod is converted to a SID by bilinear quadrilaterals (Q4) and by isogeometric
+    analysis (IGA). Its frequencies are compared with published ones, the mechanism is
+    simulated with both rods, and cost is tabulated over error. With `pip install
+    "sidtool[view]"` motion.html in the folder shows the motion in a browser.
     """
     from .demo_run import run_demo
 
@@ -207,18 +208,18 @@ def demo(output: Path) -> None:
 
 @click.command()
 def warmup() -> None:
-    """Compile all kernels once, so that no simulation has to wait for it.
+    """Compile all kernels in advance, so that no simulation waits for it.
 
-    Planar and spatial equations and all integrators, on all processors. The result is
-    kept on disk, in the package or in your cache folder, or where the environment
-    variable NUMBA_CACHE_DIR says; a changed scene compiles nothing, a new version of
-    sidtool does.
+    This covers planar and spatial equations and all integrators, on all processors. The
+    compiled kernels are stored in the package, in your cache folder, or in the folder
+    of the environment variable NUMBA_CACHE_DIR. Other scenes do not need a new
+    compilation; a new version of sidtool does.
 
     \b
     Example, after an installation:
       sidtool warmup && sidtool simulate slider_crank.toml -o motion.csv
 
-    Exit status: 0 all kernels are on disk; 1 they cannot be kept.
+    Exit status: 0 all kernels are on disk; 1 they cannot be stored.
     """
     from sidtool.solver.compiler.kernel_cache import has_failed_to_write
     from sidtool.solver.compiler.precompile import precompile_all

@@ -1,4 +1,4 @@
-"""``sidtool study`` and ``sidtool sweep``: a scene in many variants."""
+"""``sidtool study`` and ``sidtool sweep``: run a scene in many variants."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ from .common import (
 if TYPE_CHECKING:
     from ..study import Study
 
-#: Lines of progress where there is no terminal come this often at most [s].
+#: Minimum interval between progress lines without a terminal [s].
 LINE_INTERVAL = 10.0
-#: What is said of before the points, each of which has its own words.
+#: Stages before the runs of the points, in the words of progress reports.
 STAGES = ("converting bodies", "reference")
-#: Behind the name of a table or picture: the folder of its finished runs.
+#: Suffix of the folder of finished runs, after the name of the table or figure.
 RUNS_FOLDER_SUFFIX = ".points"
 
 
@@ -52,8 +52,11 @@ RUNS_FOLDER_SUFFIX = ".points"
     "over",
     metavar="AXES",
     multiple=True,
-    help="What is varied, with commas between: mesh, modes, reduction, frame, terms, "
-    "integrator; or with values, as in modes=2:4:8. Default integrator.",
+    help=(
+        "Axes to vary, separated by commas: mesh, modes, reduction, frame, "
+        "terms, integrator; or with values, as in modes=2:4:8. Default "
+        "integrator."
+    ),
 )
 @click.option(
     "--model",
@@ -66,8 +69,10 @@ RUNS_FOLDER_SUFFIX = ".points"
     "-o",
     "--output",
     type=output_path,
-    help="Folder for tables (text, CSV), pictures (PNG, SVG), the study for `sidtool "
-    "plot`, and the finished points, with which the next study goes on.",
+    help=(
+        "Folder for tables (text, CSV), figures (PNG, SVG), the study for "
+        "`sidtool plot`, and the finished points, which the next study reuses."
+    ),
 )
 @click.option(
     "--wanted",
@@ -80,10 +85,14 @@ RUNS_FOLDER_SUFFIX = ".points"
     "integrators",
     metavar="NAME",
     multiple=True,
-    help="Default all; auto if asked for.",
+    help="Integrator to include; default all but auto.",
 )
 @click.option(
-    "--rtol", "tolerances", type=float, multiple=True, help="Default 1e-2 to 1e-9."
+    "--rtol",
+    "tolerances",
+    type=float,
+    multiple=True,
+    help="Relative tolerances; default 1e-2 to 1e-9.",
 )
 @click.option(
     "--step", "steps", type=float, multiple=True, help="Fixed steps in seconds."
@@ -99,11 +108,13 @@ RUNS_FOLDER_SUFFIX = ".points"
     "--differ",
     type=click.IntRange(1),
     metavar="N",
-    help="Of all combinations those that differ from the scene in at most N choices; "
-    "default as many as make 300 points.",
+    help=(
+        "Largest number of choices in which a point differs from the scene; "
+        "default as many as give at most 300 points."
+    ),
 )
 @click.option(
-    "--jobs", type=click.IntRange(1), help="Processes; default one on each core."
+    "--jobs", type=click.IntRange(1), help="Number of processes; default one per core."
 )
 @click.option(
     "--dask",
@@ -129,30 +140,30 @@ def study(
 ) -> None:
     """Measure error against time and size for a SCENE and recommend a setting.
 
-    Runs variants of the scene, by default integrators and tolerances, and compares each
-    run with a reference at the output times: the richest of all variants, integrated
-    much more tightly. The error is relative to the variation of each output in the run;
-    the worst output counts. Errors are told as far as the reference is good itself.
-    Outputs that cannot be predicted over the time span, as in a chaotic motion, are
-    named.
+    Runs variants of the scene, by default with all integrators and several tolerances,
+    and compares each run with a reference at the output times. The reference is the
+    most detailed of all variants, integrated much more tightly. The error is relative
+    to the variation of each output in the run; the worst output counts. Errors below
+    the uncertainty of the reference are not resolved. Outputs that cannot be predicted
+    over the time span, as in a chaotic motion, are named.
 
     \b
-    --over varies the model, too:
-      mesh        elements twice as large, as they are, halved: mesh=-1:0:1
+    --over also varies the model:
+      mesh        doubled, unchanged and halved element size: mesh=-1:0:1
       modes       modes of models, or shape functions of SIDs: modes=2:4:8
       reduction   modal:craig_bampton:attachment:herting:krylov
       frame       tangent:chord:buckens
       terms       geometric stiffening, quadratic inertia: all:stiffening:quadratic:none
       integrator  with tolerances: integrator=radau5:radau9
 
-    mesh and reduction need bodies that are given by models, in the scene or by --model;
-    several models of one body, such as Q4 and IGA, are put side by side. Elastic
-    coordinates are not compared where shape functions vary.
+    mesh and reduction need bodies that are given by models, in the scene or by --model.
+    Several models of one body, such as Q4 and IGA, are compared with each other.
+    Elastic coordinates are not compared if shape functions vary.
 
-    Points run on all cores, with one thread for linear algebra each, and are kept in
-    the folder of -o: the same command goes on where it was interrupted, and one that
-    asks for more computes only that. On a cluster model files and the meshes that they
-    name have to be where they are here.
+    Points run on all cores, each with one thread for linear algebra, and are stored in
+    the folder of -o. The same command continues an interrupted study, and a larger
+    study computes only the missing points. On a cluster, model files and the meshes
+    that they name must have the same paths as here.
 
     \b
     Examples:
@@ -163,9 +174,9 @@ def study(
       sidtool study slider_crank.toml --over mesh,modes=1:2:5,integrator -o study \\
           --model rod=rod_q4.toml --model rod=rod_iga.toml
 
-    Exit status: 0 done, also where no setting reaches what is wanted; 1 the scene or
-    its reference could not be run to the end; 129, 130 or 143 a signal ended it
-    (finished points are kept with -o); 2 the input is wrong.
+    Exit status: 0 done, also if no setting reaches the wanted error; 1 the scene or its
+    reference could not be run to the end; 129, 130 or 143 a signal ended it (finished
+    points are kept with -o); 2 the input is wrong.
     """
     from ..api.study import study as asked_study
     from ..study import StoppedEarly, StudyInterrupted
@@ -205,11 +216,11 @@ def study(
 
 
 def _finished_files_text(kind: str, folder: Path | None, finished: Path | None) -> str:
-    """State what an interrupted command keeps.
+    """Return a text on the points or runs that an interrupted command has stored.
 
     kind : "point" or "run"
-    folder : folder that is named, None without -o
-    finished : folder of the finished ones, which may not exist
+    folder : folder to name in the text, None without -o
+    finished : folder of the finished points or runs; it may not exist
     """
     if finished is None:
         return "nothing is kept without -o"
@@ -239,7 +250,7 @@ def _check_wanted(wanted: tuple[float, ...]) -> None:
 
 
 def _check_folder(folder: Path) -> None:
-    """Refuse a folder that cannot be made at the end, before any work is done."""
+    """Refuse, before any computation, a folder that cannot be created."""
     check_ending(folder, "folder", "-o")
     there = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     if not is_writable_folder(there):
@@ -307,8 +318,10 @@ def _print_study(result: Study, wanted: tuple[float, ...], folder: Path | None) 
     metavar="KEY=VALUES",
     multiple=True,
     required=True,
-    help="A key of the scene and its values: FROM:TO:COUNT, FROM:TO:COUNT:log, or "
-    "values with commas between them. Several keys make a full grid.",
+    help=(
+        "Key of the scene and its values: FROM:TO:COUNT, FROM:TO:COUNT:log, or "
+        "values separated by commas. Several keys form a full grid."
+    ),
 )
 @click.option(
     "--of",
@@ -316,8 +329,11 @@ def _print_study(result: Study, wanted: tuple[float, ...], folder: Path | None) 
     metavar="OUTPUT.MEASURE",
     multiple=True,
     required=True,
-    help="What is measured: an output (`*` for any letters) and max, min, end, mean, "
-    "rms or amplitude; several with commas between them, or given several times.",
+    help=(
+        "Measure of an output: the output (`*` for any letters) and max, min, "
+        "end, mean, rms or amplitude; several separated by commas, or given "
+        "several times."
+    ),
 )
 @click.option(
     "-o",
@@ -325,13 +341,16 @@ def _print_study(result: Study, wanted: tuple[float, ...], folder: Path | None) 
     "outputs",
     type=output_path,
     multiple=True,
-    help="Table (.csv) or picture (.png, .svg, .pdf); may be given for each. Finished "
-    "runs are kept beside the first one, in NAME.points.",
+    help=(
+        "File to write: table (.csv) or figure (.png, .svg, .pdf); may be given"
+        " for each. Finished runs are stored next to the first one, in "
+        "NAME.points."
+    ),
 )
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help="Processes; default one on each core.",
+    help="Number of processes; default one per core.",
 )
 @click.option(
     "--dask",
@@ -353,7 +372,7 @@ def sweep(
 ) -> None:
     """Simulate a SCENE for values of its design parameters.
 
-    --over varies any key of the scene by its path, as --set names it:
+    --over varies any key of the scene; its path is written as for --set:
 
     \b
       parameters.h=0.01:0.02:11       11 values from 0.01 to 0.02
@@ -362,8 +381,8 @@ def sweep(
       rod.model.geometry.thickness=0.01:0.02:3   a key of the model of the body rod
       rod.sid=a.SID_FEM,b.SID_FEM     texts
 
-    --of measures an output, which need not be recorded, at the output times of the
-    scene (a peak between them is not seen: lower time.output_step):
+    --of evaluates a measure of an output at the output times of the scene. The output
+    need not be recorded. Peaks between output times are missed: lower time.output_step.
 
     \b
       max, min    largest and least value
@@ -373,10 +392,10 @@ def sweep(
 
     t.end is the time at which a run ends, as by an event with `action = "stop"`.
 
-    Runs are integrated as the scene says, one on each core. A run that cannot be set up
-    or stops early is a row with its reason. With -o the same command goes on where it
-    was interrupted, and one that asks for more values runs only the new ones; the
-    folder NAME.points may be removed.
+    Runs are integrated with the settings of the scene, one on each core. A run that
+    cannot be set up or stops early is a row with the reason. With -o the same command
+    continues an interrupted sweep, and a sweep with more values runs only the new ones.
+    The folder NAME.points may be removed.
 
     \b
     Examples:

@@ -28,7 +28,7 @@ from .common import (
 if TYPE_CHECKING:
     from sidtool.formats.base.sid import SID
 
-#: What the body is called that a SID or a model describes.
+#: Name of the body of a single SID or model.
 _SINGLE_BODY = ""
 
 
@@ -43,10 +43,13 @@ _SINGLE_BODY = ""
     "--tolerance",
     type=float,
     metavar="X",
-    help="Accepted relative deviation from another SID, which is else only shown.",
+    help=(
+        "Accepted relative deviation from another SID; without it deviations "
+        "are only printed."
+    ),
 )
 @click.option("--strict", is_flag=True, help="Warnings count as failures.")
-@click.option("--json", is_flag=True, help="The same as JSON, for programs.")
+@click.option("--json", is_flag=True, help="Print the result as JSON.")
 def validate(
     file: Path,
     reference: Path | None,
@@ -54,12 +57,12 @@ def validate(
     strict: bool,
     json: bool,
 ) -> None:
-    """Judge a SID: what holds in every flexible body, and what fails here.
+    """Validate a SID by identities that hold for every flexible body.
 
     FILE is a SID; a model, which is converted; or a scene, whose flexible bodies are
-    judged one after the other, those that are given by models as well. Each identity is
-    measured and compared with its bound; a failure is explained by what it means for a
-    simulation.
+    checked one by one, including those given by models. The residual of each identity
+    is compared with its bound. For each failure the consequence for a simulation is
+    explained.
 
     \b
     Examples:
@@ -102,7 +105,7 @@ def validate(
 
 
 def _sids_of_file(path: Path) -> dict[str, SID]:
-    """SIDs by the bodies of a scene, or the one of a SID or a model."""
+    """Return SIDs by body for a scene, or the single SID of a SID or model file."""
     from sidtool.formats.toml.files import locate_errors
     from sidtool.solver.system.body_data import read_sids
 
@@ -131,19 +134,19 @@ def _sids_of_file(path: Path) -> dict[str, SID]:
     "--accuracy",
     metavar="ERROR",
     multiple=True,
-    help="As in `sidtool simulate`; default what the scene asks for, else 1e-3.",
+    help="As in `sidtool simulate`; default the request of the scene, else 1e-3.",
 )
 @force_option
 def trim(
     sid: Path, scene: Path, output: Path, accuracy: tuple[str, ...], force: bool
 ) -> None:
-    """Take out of a SID the shape functions and nodes that a SCENE does not need.
+    """Remove from a SID the shape functions and nodes that a SCENE does not need.
 
-    The search is that of `sidtool simulate --accuracy`. The bodies of the scene that
-    have this SID say which of its shape functions are kept, those that one of them
-    needs, and which nodes: those that it names. What is kept is copied as it is. Told
-    is what was taken out, what it costs the outputs of the scene, and how the elastic
-    coordinates are numbered now. Exit status 2: wrong input, nothing is written.
+    The search is that of `sidtool simulate --accuracy`. A shape function is retained if
+    a body of the scene with this SID needs it, and a node if such a body uses it. The
+    retained data are copied unchanged. The command prints what was removed, the errors
+    that this causes in the outputs of the scene, and the new numbers of the elastic
+    coordinates. Exit status 2: wrong input, nothing is written.
 
     \b
     Examples:

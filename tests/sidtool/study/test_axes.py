@@ -218,11 +218,11 @@ def test_nothing_dominates_the_front() -> None:
     ]
 
 
-def test_the_front_ends_where_errors_cannot_be_told() -> None:
+def test_the_front_ends_at_the_first_unresolved_error() -> None:
     """Of points that the reference does not tell apart the cheapest is the best."""
     rows = [(1.0, 1e-2, True), (2.0, 4e-5, False), (9.0, 3e-5, False)]
     setting = Setting("radau9", 1e-6)
-    points = [Point(setting, e, s, 1, told=told) for s, e, told in rows]
+    points = [Point(setting, e, s, 1, is_resolved=r) for s, e, r in rows]
     assert [p.seconds for p in pareto_front(points, lambda p: p.seconds)] == [1.0, 2.0]
 
 
