@@ -43,7 +43,8 @@ MIN_INTERVALS, MAX_INTERVALS, SUFFICIENT_DECREASE = 128, 4096, 0.7
 
 @dataclass(frozen=True, eq=False)
 class _Norms:
-    """How an output is a linear function of elastic coordinates, or of their rates.
+    """Representation of an output as a linear function of the elastic coordinates or
+    rates.
 
     rows : (k, n); the error of the output is at most the length of rows @ error
     """
@@ -55,15 +56,15 @@ class _Norms:
 def error_bounds(
     runs: Runs, whole: Choice, chosen: Choice, setting: Setting
 ) -> dict[str, float]:
-    """Bounds of the errors of outputs against all that the SIDs have, by name.
+    """Return bounds by output for the errors with respect to the full SIDs.
 
-    Empty where frames are not prescribed or the equations are not linear; outputs that
-    are no linear functions of the elastic coordinates have none.
+    The result is empty if frames are not prescribed or the equations are not linear.
+    Outputs that are not linear functions of the elastic coordinates have no bound.
 
     Parameters
     ----------
     whole : all shape functions and terms
-    chosen, setting : the run that is judged; it is compared with a tight one
+    chosen, setting : the selected run; it is compared with a tight one
     """
     scene, sids = runs.scene, runs.sids
     system = runs.compile(
@@ -149,7 +150,7 @@ def _bounds(
     norms: Mapping[str, _Norms],
     count: int,
 ) -> dict[str, float]:
-    """Bounds of a tight run of the chosen model, known at `count` + 1 times."""
+    """Return the bounds of a tight run of the chosen model at `count` + 1 times."""
     time = runs.scene.time
     t = np.linspace(time.start, time.end, count + 1)
     states = _full_coordinates(full, runs, chosen, t)
@@ -179,7 +180,9 @@ def _bounds(
 def _largest_residual_term(
     norm: _Norms, full: ElasticEquations, static: object, t: Array, K: Array, y: Array
 ) -> float:
-    """|c s| and |c| in the inverse metric times y, eq. (37), at its largest in time."""
+    """Return |c s| and |c| in the inverse metric times y, eq. (37), maximal over
+    time.
+    """
     taken = np.linalg.norm(static(t, nu=int(norm.rates)) @ norm.rows.T, axis=1)  # type: ignore[operator]
     metric = np.broadcast_to(full.M, K.shape) if norm.rates else K
     squares = norm.rows @ np.linalg.solve(metric, norm.rows.T[None])
@@ -211,7 +214,7 @@ def _full_coordinates(
 def _interval_midpoints(
     t: Array, q: Array, v: Array, a: Array
 ) -> tuple[Array, Array, Array]:
-    """Position, rate and acceleration in the middle of each interval, of degree 5."""
+    """Interpolate position, rate and acceleration at interval midpoints (degree 5)."""
     h = (t[1:] - t[:-1])[:, None]
     q0, q1, v0, v1, a0, a1 = q[:-1], q[1:], v[:-1], v[1:], a[:-1], a[1:]
     place = (q0 + q1) / 2 + 5 * h / 32 * (v0 - v1) + h**2 / 64 * (a0 + a1)
@@ -219,20 +222,20 @@ def _interval_midpoints(
     return place, rate, 1.5 * (v1 - v0) / h - (a0 + a1) / 4
 
 
-#: Equations are linear, and constant, up to this part.
+#: Relative tolerance for linear and for constant equations.
 LINEARITY_TOLERANCE = 1e-7
-#: Damping is not negative beyond this part of what is critical.
+#: Tolerance for negative damping, relative to critical damping.
 DAMPING_ROUNDING = 1e-12
-#: Intervals between samples of the stiffness, unless it is constant: first number and
-#: largest number. It is doubled until the interpolation error, found at so many times,
-#: changes an energy by at most `CHANGE` in the run.
+#: Intervals between samples of a varying stiffness: first and largest number. The
+#: number is doubled until the interpolation error at the probe times changes an energy
+#: by at most `MAX_ENERGY_CHANGE` in the run.
 MIN_SAMPLES, MAX_SAMPLES, PROBE_COUNT, MAX_ENERGY_CHANGE = 32, 1024, 12, 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class MatrixSamples:
-    """K and D (nt, n, n) at times, and the largest error of interpolation
-    found [1/s].
+    """Samples of K and D (nt, n, n), and the largest interpolation error found
+    [1/s].
     """
 
     times: Array
@@ -245,7 +248,7 @@ class MatrixSamples:
         return np.asarray(0.5 * (self.K + np.swapaxes(self.K, 1, 2)))
 
     def at(self, t: Array, values: Array) -> Array:
-        """Values at other times, by straight lines."""
+        """Interpolate linearly at other times."""
         times = self.times
         place = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
         x = ((t - times[place]) / (times[place + 1] - times[place]))[:, None, None]
@@ -257,8 +260,8 @@ class ElasticEquations:
     """M q'' = f(t) - D(t) q' - K(t) q of all flexible bodies of a scene.
 
     names : of the elastic coordinates
-    columns : where those of a body are
-    nodes : of markers, by body
+    columns : columns of each body
+    nodes : nodes of markers, by body
     """
 
     system: System
@@ -273,7 +276,7 @@ class ElasticEquations:
         return len(self.M)
 
     def force(self, t: float, q: Array, v: Array) -> Array:
-        """f - D v - K q."""
+        """Return f - D v - K q."""
         mechanics = self.mechanics
         mechanics.t = t
         mechanics.work.interval_time[0] = float(self.system.clocks(np.array([t]))[0])
@@ -286,23 +289,23 @@ class ElasticEquations:
         return np.asarray(np.linalg.solve(self.M, np.array(forces).T).T)
 
     def residual(self, t: Array, q: Array, v: Array, a: Array) -> Array:
-        """(nt, n) f - D v - K q - M a."""
+        """Return the residual (nt, n) f - D v - K q - M a."""
         forces = [self.force(*state) for state in zip(t, q, v, strict=True)]
         return np.array(forces) - a @ self.M
 
     def weighted_norm(self, residual: Array) -> Array:
-        """(nt,) in the norm of the inverse mass matrix."""
+        """Return the norms (nt,) in the metric of the inverse mass matrix."""
         return np.sqrt((residual * np.linalg.solve(self.M, residual.T).T).sum(axis=1))
 
     def start(self) -> tuple[Array, Array]:
-        """q and q' where a run begins."""
+        """Return q and q' at the start of a run."""
         from sidtool.solver.initial_state.assembly import assemble
 
         state = assemble(self.system)[1]
         return state.z, state.v
 
     def linear_part(self, t: float) -> tuple[Array, Array]:
-        """K and D (n, n) at a time."""
+        """Return K and D (n, n) at a time."""
         zero = np.zeros(self.n)
         rest = self.force(t, zero, zero)
         steps = 1.0 / np.sqrt(self.M.diagonal())
@@ -316,7 +319,7 @@ class ElasticEquations:
 
     @cached_property
     def samples(self) -> MatrixSamples:
-        """K and D over time, at two times if they do not change."""
+        """Return samples of K and D over time, only two if they are constant."""
         time = self.system.scene.time
         count = 1
         while True:
@@ -351,10 +354,9 @@ class ElasticEquations:
         return float(np.linalg.norm(scaled, 2))
 
     def growth_factors(self, t: Array) -> Array:
-        """(nt - 1,) by which the norm of the energy may grow in each interval.
-
-        The square root of the largest growth of the stiffness, and exp of half the
-        part of K that is not symmetric, or not known between samples.
+        """Return factors (nt - 1,) by which the energy norm may grow in each interval.
+        Each factor is the square root of the largest growth of the stiffness, times exp
+        of half the part of K that is not symmetric or not known between samples.
         """
         samples = self.samples
         K = samples.at(t, samples.symmetric)
@@ -369,7 +371,9 @@ class ElasticEquations:
         )
 
     def holds(self) -> bool:
-        """Whether the equations are linear, stiff, and damped or free of damping."""
+        """Return whether the equations are linear, K is positive, and damping is not
+        negative.
+        """
         time = self.system.scene.time
         generator = np.random.default_rng(0)
         for t in np.linspace(time.start, time.end, 4):
@@ -396,7 +400,8 @@ class ElasticEquations:
 
 
 def make_elastic_equations(system: System) -> ElasticEquations | None:
-    """Make the elastic equations of a scene whose frames are all prescribed, else None.
+    """Return the elastic equations of a scene whose frames are all prescribed, else
+    None.
 
     None also if a control law measures the motion, or the equations are not linear.
     """

@@ -33,7 +33,7 @@ def error_budget(
     Parameters
     ----------
     theory : (n,) terms neglected by linear theory, zero where they were not measured
-    seen_by : how the errors of the reference are known
+    seen_by : text on how the errors of the reference are known
     """
     lines = _BudgetLines(runs, reference, chosen)
     whole, setting = chosen.choice, chosen.found.setting
@@ -70,7 +70,9 @@ class _BudgetLines:
         self.runs, self.reference, self.chosen = runs, reference, chosen
 
     def plane(self) -> tuple[BudgetLine, ...]:
-        """The line of the plane: the finest model there and in space."""
+        """Return the line of the planar reduction: finest planar against spatial
+        model.
+        """
         space, setting = self.reference.choice, self.chosen.found.setting
         plane = replace(space, flat=True)
         errors = self.runs.difference(plane, space, self.reference.setting)
@@ -79,7 +81,7 @@ class _BudgetLines:
         return (self.line("space", text, errors + self.reference.resolution, seconds),)
 
     def switched(self, part: str, text: str, finer: Choice) -> BudgetLine:
-        """The line of what `finer` has at its finest."""
+        """Return the line of the choices that `finer` replaces by the finest ones."""
         setting, choice = self.chosen.found.setting, self.chosen.choice
         if finer == choice:
             nothing = np.zeros(len(self.runs.names))
@@ -102,7 +104,7 @@ class _BudgetLines:
 
 
 def _shapes_text(choice: Choice, reference: Reference) -> str:
-    """ "3 of 8, rod rigid"."""
+    """Return a text such as "3 of 8, rod rigid"."""
     all_ = dict(reference.choice.kept)
     kept = sum(len(numbers) for _, numbers in choice.kept)
     total = sum(map(len, all_.values()))

@@ -1,17 +1,17 @@
 """Body frames of a run, and the terms that linear theory neglects in them.
 
-The elastic coordinates are the same in every body frame, and so is the motion, but for
-what the theory of small deformations leaves out: terms of second order in them, of
-third where a body has geometric stiffening. They are smallest in the frame in which the
-body deforms least. So the richest model is run once more with each flexible body in the
-frame in which it deforms most differently from its own. Bodies without geometric
-stiffening are put in the frame in which they deform least where that changes more than
-a small part of what is allowed, and not so much that the request could not be kept
-against their own frames; theory, section 16.
+The elastic coordinates are the same in every body frame. The motion is also the same,
+except for the terms that linear theory neglects: terms of second order in the
+deformation, or of third order if a body has geometric stiffening. They are smallest in
+the frame in which the body deforms least. The full model is therefore run once more
+with each flexible body in the frame in which it deforms most differently from its own.
+Bodies without geometric stiffening are put in the frame in which they deform least, if
+this changes outputs by more than a small part of the allowed error, but not by so much
+that the request could not be met relative to their own frames; theory, section 16.
 
 Outputs in other frames: joints, drives and forces act at nodes of flexible bodies,
-which stay where they are. The former position of a frame is a node that no shape
-function moves in the old frame: outputs of the frame become those of this node.
+which do not change. The former position of the frame becomes a node that no shape
+function moves in the old frame; outputs of the frame become outputs of this node.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ from .reference_run import Reference, make_reference
 NEGLECT_FACTOR, MIN_NEGLECT_SHARE = 100.0, 0.05
 #: Frames are equal if they differ by less than this part of the deformation.
 SAME_FRAME_TOLERANCE = 1e-6
-#: Shares of the allowed error: from which on another frame is used, and up to which.
+#: Shares of the allowed error between which another frame is used.
 MIN_CHANGE_SHARE, MAX_CHANGE_SHARE = 0.1, 0.5
-#: A frame is better if bodies deform in it by less than this factor.
+#: A frame is better if the deformation in it is smaller by this factor.
 BETTER_FRAME_RATIO = 0.8
 #: Factor on the difference of two frames for the neglected terms in the better one, and
 #: in one that is not known to be better; measured were 1.3 and 2.1 at most.
@@ -58,10 +58,12 @@ NEGLECT_SAFETY, NEGLECT_SAFETY_UNKNOWN = 2.0, 3.0
 
 @dataclass(frozen=True, eq=False)
 class AlternativeFrame:
-    """A body in another frame, in words and as `rereferenced` takes it.
+    """Another body frame, in words and in the notation of `rereferenced`.
 
-    share : how far the body deforms there, of how far it does in its own frame
-    bare : whether it has no displacements of second order
+    Attributes
+    ----------
+    share : deformation of the body in this frame, relative to that in its own frame
+    lacks_second_order : True if the SID has no displacements of second order
     """
 
     words: str
@@ -98,7 +100,7 @@ class FrameSelection:
 def select_frames(
     runs: Runs, reference: Reference, request: Request, *, fixed: bool = False
 ) -> FrameSelection:
-    """The richest model in the frames in which its bodies leave least out.
+    """Select the body frames in which the full model neglects least.
 
     Parameters
     ----------
@@ -171,7 +173,7 @@ def _neglect_notes(found: FrameSelection, text: str) -> FrameSelection:
 
 
 def _most_affected_output(errors: Array, runs: Runs, reference: Reference) -> str:
-    """The output that sees most of it."""
+    """Return the output with the largest error, as text."""
     row = reference.worst(errors)
     amount = f"{errors[row]:.1e} {reference.units[row]}".rstrip()
     return f"{amount} in {runs.names[row]}"
@@ -258,7 +260,7 @@ def _frame_dependent_outputs(runs: Runs) -> list[str]:
 def _alternative_frames(
     runs: Runs, reference: Reference, bodies: list[str]
 ) -> Iterator[tuple[str, AlternativeFrame]]:
-    """Each body in the frame in which it deforms most differently from its own."""
+    """Return, for each body, the frame in which it deforms most differently."""
     for name in bodies:
         if can_change_frame(runs.scene, name) and is_known_at_node(name, runs.names):
             found = list(alternative_frames(name, runs, reference.result))
@@ -269,7 +271,7 @@ def _alternative_frames(
 def alternative_frames(
     name: str, runs: Runs, result: Result
 ) -> Iterator[AlternativeFrame]:
-    """The body in each frame that moves against its own and starts where that does."""
+    """Return the frames of a body that move relative to its own and start with it."""
     sid, q = runs.sids[name], elastic_coordinates(name, result)
     nodes = list(dict.fromkeys(loaded_nodes(runs.scene, name).values()))
     words = {"mean axes": "buckens"} | {
@@ -302,26 +304,28 @@ def _max_displacement(sid: SID, change: FrameChange, q: Array) -> float:
     return float(np.linalg.norm(phi @ q.T, axis=1).max(initial=0.0))
 
 
-#: The node where the frame was; letters are added until no other has this name.
+#: Name of the node at the former position of the frame; letters make it unique.
 FRAME_NODE_NAME = "frame"
-#: Displacements from the body frame, in its axes.
+#: Quantities relative to the body frame.
 RELATIVE_QUANTITIES = ("ux", "uy", "uz")
-#: Quantities of a body that do not depend on where its frame is.
+#: Quantities of a body that do not depend on its frame.
 BODY_QUANTITIES_OF_FRAME = (*MOMENTA, PEAK_STRESS)
 
 
 def frame_change_to(sid: SID, frame: str) -> FrameChange:
-    """The change to a frame, see `rereferenced`, that starts where the own one does."""
+    """Return the change to a frame that starts at the position of the own one, see
+    `rereferenced`.
+    """
     return replace(frame_change(sid, frame), origin=np.zeros(3))
 
 
 def sid_in_frame(sid: SID, frame: str) -> SID:
-    """A SID in another frame, see `rereferenced`."""
+    """Return a SID in another frame, see `rereferenced`."""
     return apply_frame_change(sid, frame_change_to(sid, frame))
 
 
 def with_frame_node(sid: SID) -> SID:
-    """A SID with a node that stays where its frame is."""
+    """Return a SID with an additional node that is fixed in its frame."""
     zero = Taylor(np.zeros((3, sid.nq)))
     place = Taylor(np.zeros((3, 1)), np.zeros((sid.nq, 3, 1)))
     turned = Taylor(np.eye(3), np.zeros((sid.nq, 3, 3)))
@@ -340,7 +344,9 @@ def frame_node_name(sid: SID) -> str:
 def sids_in_frames(
     scene: SceneFile, sids: Mapping[str, SID], frames: Mapping[str, str]
 ) -> dict[str, SID]:
-    """The SIDs with these bodies in other frames, for a scene `with_matrix_damping`."""
+    """Return the SIDs with bodies in other frames, for a scene
+    `with_matrix_damping`.
+    """
     own = with_damping_of_scene(scene, sids, frames)
     return {**own, **{name: sid_in_frame(own[name], f) for name, f in frames.items()}}
 
@@ -348,10 +354,9 @@ def sids_in_frames(
 def with_damping_of_scene(
     scene: SceneFile, sids: Mapping[str, SID], names: Iterable[str]
 ) -> dict[str, SID]:
-    """The SIDs with the damping matrices that a scene means for some bodies.
-
-    Its laws hold in the frames of the SIDs: mass matrices and natural modes are others
-    in other frames, the damping is not.
+    """Return the SIDs with the damping matrices that the scene defines for some bodies.
+    Damping laws apply in the frames of the SIDs: mass matrices and natural modes depend
+    on the frame, the damping matrix does not.
     """
     bodies = scene.sid_bodies
     return {
@@ -361,7 +366,7 @@ def with_damping_of_scene(
 
 
 def with_matrix_damping(scene: SceneFile, names: Iterable[str]) -> SceneFile:
-    """The scene with the damping of some bodies as their SIDs have it."""
+    """Return the scene in which the damping of some bodies is that of their SIDs."""
     bodies = scene.sid_bodies
     plain = {n: bodies[n].model_copy(update={"damping": None}) for n in names}
     return scene.model_copy(update={"bodies": {**scene.bodies, **plain}})
@@ -380,13 +385,13 @@ def renamed_outputs(names: Iterable[str], nodes: Mapping[str, str]) -> tuple[str
 
 
 def is_known_at_node(body: str, names: Iterable[str]) -> bool:
-    """Whether outputs of the frame of a body are those of a node, too."""
+    """Return whether an output of the frame also exists for a node."""
     parsed = [parse_output(n) for n in names if is_frame_output(n)]
     return all(p.quantity in MARKER_QUANTITIES for p in parsed if p.owner == body)
 
 
 def is_frame_output(name: str) -> bool:
-    """Whether an output of a flexible body is one of its frame."""
+    """Return whether an output of a flexible body belongs to its frame."""
     _, marker, quantity = parse_output(name)
     return (
         not marker
@@ -396,14 +401,15 @@ def is_frame_output(name: str) -> bool:
 
 
 def depends_on_frame(name: str) -> bool:
-    """Whether an output of a flexible body means something else in another frame."""
+    """Return whether an output of a flexible body depends on the choice of its
+    frame.
+    """
     return is_frame_output(name) or parse_output(name).quantity in RELATIVE_QUANTITIES
 
 
 def can_change_frame(scene: SceneFile, name: str) -> bool:
-    """Check that a body can be put in another frame without a change of the scene.
-
-    Its frame must not be constrained, it must not start deformed, and no law and no
+    """Return whether a body can be put in another frame without other changes. The
+    frame must not be constrained, the body must start undeformed, and no law and no
     event may depend on the frame.
     """
     body = scene.sid_bodies[name]

@@ -14,14 +14,14 @@ from .reference_run import Reference
 
 #: The loosest and tightest tolerances that are tried.
 LOOSEST_RTOL, TIGHTEST_RTOL = 0.1, 1e-12
-#: A run that uses this share of the allowed error is accepted.
+#: A run that uses at least this share of the allowed error is not loosened further.
 SUFFICIENT_SHARE = 0.4
-#: Runs of one integrator at most.
+#: Largest number of runs of one integrator.
 MAX_RUNS = 7
-#: Smallest ratio to the next tolerance; errors that do not fall to this part of the
-#: previous ones do not follow the tolerance.
+#: Smallest ratio to the next tolerance; errors above this fraction of the previous ones
+#: do not decrease with the tolerance.
 MIN_RTOL_RATIO, STAGNATION_RATIO = 1e-2, 0.98
-#: Another integrator than the default must save this part of its time.
+#: Minimum fraction of time that another integrator than the default must save.
 MIN_SAVING = 0.1
 DEFAULT_INTEGRATOR, EXPLICIT_INTEGRATOR = "radau9", "auto"
 #: Requests from which on integrators of lower and of higher order are tried as well.
@@ -45,7 +45,7 @@ class AcceptedRun:
 def fastest_setting(
     runs: Runs, reference: Reference, choice: Choice, share: float
 ) -> AcceptedRun | None:
-    """The fastest run that uses at most a share of what is allowed."""
+    """Return the fastest run that uses at most a share of the allowed error."""
     integrators = _integrators(reference, choice)
     settings = [
         largest_sufficient_tolerance(runs, reference, choice, name, share)
@@ -69,11 +69,13 @@ def fastest_setting(
 def largest_sufficient_tolerance(
     runs: Runs, reference: Reference, choice: Choice, integrator: str, share: float
 ) -> Setting | None:
-    """The loosest tolerance found that uses at most a share of what is allowed.
+    """Return the largest tolerance found that uses at most a share of the allowed
+    error.
 
-    The error is taken to grow like the tolerance for the next guess; between one that
-    does and one that does not, the geometric mean is tried. Errors that do not fall, as
-    of oscillations that are too small to be followed, need much less.
+    For the next guess the error is assumed to be proportional to the tolerance. Between
+    a sufficient and an insufficient tolerance the geometric mean is tried. Errors that
+    do not decrease, for example of oscillations below the tolerance, need much smaller
+    tolerances.
     """
     target = share - reference.use(reference.difference_uncertainty)
     fits, fails, last = 0.0, np.inf, np.inf
@@ -111,7 +113,7 @@ def _errors(
 
 
 def _integrators(reference: Reference, choice: Choice) -> list[str]:
-    """The default, and those whose order fits the request."""
+    """Return the default integrator, and those whose order suits the request."""
     wanted, found = _tightest_request(reference), [DEFAULT_INTEGRATOR]
     if wanted >= LOW_ORDER[1]:
         found.append(LOW_ORDER[0])
@@ -123,7 +125,7 @@ def _integrators(reference: Reference, choice: Choice) -> list[str]:
 
 
 def _tightest_request(reference: Reference) -> float:
-    """The sharpest request relative to the variation of an output."""
+    """Return the smallest requested error relative to the variation of an output."""
     with np.errstate(divide="ignore"):
         parts = reference.allowed / reference.variation
     return float(np.clip(parts.min(), TIGHTEST_RTOL, 1.0))

@@ -1,11 +1,12 @@
 """Selection of a model in an initial interval of a long run, verified over all of it.
 
-A search makes some dozens of tight runs. Where these are long all of them are of the
-first part of the motion only. What is chosen there runs to the end, and so does
-everything that the SIDs have, so much more tightly that it tells what the chosen run
-errs: errors that are told are seen on all of the time, as in a search of short runs.
-What does not keep the request there is chosen again from less. Motions that have hardly
-begun in the first part get a longer one, or a few runs of all of the time.
+A search makes dozens of tight runs. For a long motion these runs cover an initial
+interval only. The selected model is then run to the end, and so is the full model, so
+much more tightly that their difference is the error of the selected run. Reported
+errors therefore refer to the full interval, as for short runs. If the selected model
+does not meet the request there, the selection is repeated with a smaller allowed error.
+Motions that have hardly begun in the initial interval get a longer one, or a few runs
+over the full interval.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from .sid_rounding import with_rounding_error
 
 #: Shortest and longest initial interval, as fractions of the time span.
 FIRST_FRACTION, LARGEST_FRACTION = 1.0 / 128.0, 1.0 / 8.0
-#: Tight runs of all of the time that choices in a first part may cost.
+#: Largest cost of a selection in an initial interval, in full tight runs.
 MAX_FULL_RUNS = 2.0
 #: Share of the variation of each output that must occur in the interval.
 MIN_VARIATION_SHARE = 0.7
@@ -53,10 +54,9 @@ REQUEST_SHARE, REDUCTION_FACTOR, MAX_ROUNDS = 0.5, 0.6, 3
 #: Ratio of the tolerance of the full run to that of the initial interval with friction:
 #: errors grow by jumps there, and few of the steps are as long as tolerances allow.
 FRICTION_RTOL_RATIO = 0.2
-#: Share of the allowed error that printed digits may leave open in the initial
-#: interval.
+#: Share of the allowed error that printed digits may cause in the initial interval.
 MAX_DIGITS_SHARE = 1e-3
-#: Rows of results that a first part has at least.
+#: Minimum number of output times in an initial interval.
 MIN_ROWS = 16
 
 
@@ -67,8 +67,8 @@ def select_in_initial_interval(
 
     Parameters
     ----------
-    whole : the model with everything that the SIDs have
-    meshes : (n,) errors by the meshes of bodies and by missing modes
+    whole : the full model with all shape functions and terms
+    meshes : (n,) errors caused by the meshes of bodies and by missing modes
 
     Raises
     ------
@@ -80,7 +80,7 @@ def select_in_initial_interval(
     if not ends or not _is_long(first, runs, whole, request):
         return None
     part = _reference_or_none(lambda: _initial_interval(first, whole, request, meshes))
-    while part is None and len(ends) > 1:  # nothing may move at first
+    while part is None and len(ends) > 1:  # nothing may move initially
         ends = ends[1:]
         first = runs.until(ends[0])
         part = _reference_or_none(
@@ -160,7 +160,9 @@ def _reference_or_none(make: Callable):  # type: ignore[type-arg, no-untyped-def
 
 
 def _interval_ends(runs: Runs) -> list[float]:
-    """Ends of first parts, the shortest first, that have rows enough."""
+    """Return the ends of initial intervals with enough output times, the shortest
+    first.
+    """
     time = runs.scene.time
     if time.output_step is None:
         return []
@@ -176,13 +178,13 @@ def _interval_ends(runs: Runs) -> list[float]:
 
 
 def _time_share(runs: Runs, part: Runs) -> float:
-    """The part of the time."""
+    """Return the length of the interval as a fraction of the time span."""
     long, short = runs.scene.time, part.scene.time
     return (short.end - short.start) / (long.end - long.start)
 
 
 def _is_long(part: Runs, runs: Runs, whole: Choice, request: Request) -> bool:
-    """Whether a tight run on the whole takes long, by one of the first part."""
+    """Estimate from a partial run whether a full tight run is long."""
     setting = Setting(MEASURING_INTEGRATOR, initial_rtol(request))
     seconds = part.seconds(whole, setting, short=np.inf)
     return np.isfinite(seconds) and bool(
@@ -191,14 +193,16 @@ def _is_long(part: Runs, runs: Runs, whole: Choice, request: Request) -> bool:
 
 
 def _is_cheap(runs: Runs, part: Runs) -> bool:
-    """Whether choices in the part take no longer than a few runs of all of the time."""
+    """Return whether a selection in the interval costs no more than a few full runs."""
     return sum(runs.expected.values()) * _time_share(runs, part) <= MAX_FULL_RUNS
 
 
 def _initial_interval(
     part: Runs, whole: Choice, request: Request, meshes: Array
 ) -> InitialInterval | None:
-    """The tight reference of a first part; None where that does not do."""
+    """Return the tight reference of an initial interval, or None if it is
+    unsuitable.
+    """
     reference = make_reference(part, whole, request).with_mesh_errors(meshes)
     check_validity(reference.result)
     reference, digits = with_rounding_error(part, reference)
@@ -219,16 +223,14 @@ def _shows_motion(times: Array, values: Array, end: float) -> bool:
 def _with_error_share(
     part: InitialInterval, reference: Reference, share: float
 ) -> Reference:
-    """The reference of the part, of which a share of what is not open is allowed."""
+    """Return the reference with a share of the remaining allowed error."""
     open_ = reference.use(reference.difference_uncertainty)
     if reference is part.reference:
-        open_ += (
-            REFERENCE_SAFETY * REFERENCE_SHARE
-        )  # what that of all of the time will leave open
+        open_ += REFERENCE_SAFETY * REFERENCE_SHARE  # uncertainty of the full reference
     allowed = share * (FULL_SHARE - open_) / FULL_SHARE * reference.allowed
     return replace(
         part.reference_without_mesh_errors, allowed=allowed
-    )  # these are open
+    )  # errors of the meshes
 
 
 def _verify_selection(
@@ -283,7 +285,7 @@ def _with_full_tolerance(runs: Runs, found: SelectedModel) -> SelectedModel:
 def _shows_finest_model(
     runs: Runs, reference: Reference, part: InitialInterval
 ) -> bool:
-    """Whether the part shows what the finest model does, too."""
+    """Return whether the interval also shows the motion of the finest model."""
     values = runs.columns(reference.choice, reference.result)
     judged = np.isfinite(reference.allowed)
     return _shows_motion(
@@ -297,7 +299,9 @@ def _budget_lines(
     found: SelectedModel,
     chosen: SelectedModel,
 ) -> tuple[BudgetLine, ...]:
-    """The budget: single choices in the first part, their sum on the whole."""
+    """Return the budget: single choices in the initial interval, their sum in the full
+    run.
+    """
     lines = error_budget(
         part.runs, part.reference, found, part.theory, TIGHTER_RUN_TEXT
     )

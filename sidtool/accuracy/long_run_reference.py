@@ -7,11 +7,11 @@ not visible there: the selected run is integrated so much more loosely that the
 difference of both is the error of that run, and a part of the difference counts as
 uncertainty as well.
 
-`select_with_few_runs` serves long runs of which no initial interval shows enough.
-Everything that the SIDs have is run to the end loosely, and again much more tightly,
-until the second run shows that the first one keeps the request. Shape functions of the
-least elastic energy are then omitted in `MAX_TRIALS` loose runs, all of which are
-compared with the tight one.
+`select_with_few_runs` serves long runs for which no initial interval is sufficient. The
+full model is run to the end loosely, and again much more tightly, until the second run
+shows that the first one meets the request. Shape functions of the least elastic energy
+are then omitted in `MAX_TRIALS` loose runs, all of which are compared with the tight
+one.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from .reference_run import (
 from .report import format_ranges
 from .selection import FULL_SHARE, SelectedModel, estimate_errors
 
-#: Runs are long that take more than this [s].
+#: Runs that take more than this [s] are long.
 LONG_RUN_SECONDS = 0.1
 #: Shares of the allowed error: of a loose run of the finest model in the initial
 #: interval, of its reference there, and of the uncertainty over the full interval.
@@ -56,9 +56,8 @@ LOOSE_SHARE, REFERENCE_SHARE, MAX_UNCERTAINTY_SHARE = 0.3, 0.03, 0.3
 #: Share of the allowed error that two runs at loose tolerances may have in common, as
 #: methods that both step from one output to the next have similar errors.
 COMMON_ERROR_SHARE = 0.005
-#: The loosest tolerance of a run of the finest model, and of its reference; that of the
-#: reference over that of the run that it is compared with, as it is asked for and at
-#: most.
+#: Largest tolerance of a run of the finest model, and of its reference; requested and
+#: largest ratio of the tolerance of the reference to that of the compared run.
 MAX_RTOL, MAX_REFERENCE_RTOL, REFERENCE_RTOL_RATIO, MAX_REFERENCE_RTOL_RATIO = (
     3e-3,
     3e-4,
@@ -67,7 +66,7 @@ MAX_RTOL, MAX_REFERENCE_RTOL, REFERENCE_RTOL_RATIO, MAX_REFERENCE_RTOL_RATIO = (
 )
 #: Share of the difference to the reference that counts as uncertainty.
 OWN_ERROR_SHARE = 0.3
-#: Origin of the errors of the reference, in words.
+#: Text on the origin of the errors of the reference.
 TIGHTER_RUN_TEXT = "a tighter run"
 
 
@@ -77,10 +76,10 @@ class VerifiedChoice:
 
     Attributes
     ----------
-    decided : reference that the simplifications were compared with
+    decision_reference : reference that the simplifications were compared with
     theory : (n,) terms neglected by linear theory
     lines : error budget
-    bounds : error bounds by output, where there are any
+    bounds : error bounds by output, if there are any
     frames : other frames of bodies
     """
 
@@ -97,7 +96,7 @@ class VerifiedChoice:
 
 @dataclass(frozen=True, eq=False)
 class InitialInterval:
-    """The first part of the motion: its runs, and the finest of them."""
+    """An initial interval of the motion: its runs, and its reference."""
 
     runs: Runs
     reference: Reference
@@ -111,7 +110,7 @@ class InitialInterval:
 
     @property
     def reference_without_mesh_errors(self) -> Reference:
-        """The reference, of which meshes leave nothing open."""
+        """Return the reference without errors of meshes."""
         return self.reference.with_mesh_errors(np.zeros(len(self.runs.names)))
 
     def errors(self, setting: Setting) -> Array:
@@ -149,7 +148,7 @@ def reference_setting(
 
     Parameters
     ----------
-    known : reference that was run already, or that of the initial interval
+    known : reference that was already run, or that of the initial interval
     """
     most = min(MAX_REFERENCE_RTOL_RATIO * setting.rtol, MAX_REFERENCE_RTOL)
     if known is not part.reference and known.setting.rtol <= most:
@@ -178,7 +177,7 @@ def _tighten_setting(part: InitialInterval, setting: Setting) -> Setting | None:
 def full_reference(
     part: InitialInterval, runs: Runs, request: Request, setting: Setting
 ) -> Reference | None:
-    """The reference; None where it leaves too much open."""
+    """Return the full reference, or None if its uncertainty is too large."""
     choice = part.reference.choice
     if runs.attempt(choice, setting) is None:
         return None
@@ -187,7 +186,7 @@ def full_reference(
         np.isfinite(found.allowed), COMMON_ERROR_SHARE * found.allowed, 0.0
     )
     errors = REFERENCE_SAFETY * np.maximum(part.errors(setting), unseen)
-    digits = REFERENCE_SAFETY * part.reference.digits  # they may do more later on
+    digits = REFERENCE_SAFETY * part.reference.digits  # their effect may grow later
     found = replace(
         found,
         uncertainty=found.uncertainty + errors,
@@ -200,7 +199,9 @@ def full_reference(
 def verify_full_interval(
     runs: Runs, reference: Reference, found: SelectedModel
 ) -> tuple[Reference, SelectedModel]:
-    """Run the selection to the end, with the uncertainty that its reference has."""
+    """Run the selected model to the end; errors include the uncertainty of its
+    reference.
+    """
     choice, setting = found.choice, found.found.setting
     one = runs.attempt(choice, setting)
     errors = runs.between((choice, one), (reference.choice, reference.result))
@@ -213,10 +214,10 @@ def verify_full_interval(
     )
 
 
-#: Loose runs of everything at most; of the tolerance, what the next one gets of it at
-#: least and at most, and of what a run errs at the tolerance that would just do.
+#: Largest number of loose full runs; smallest and largest ratio of the next tolerance;
+#: safety factor on the tolerance that would just be sufficient.
 MAX_LEVELS, MIN_RTOL_RATIO, MAX_RTOL_RATIO, RTOL_SAFETY = 4, 0.03, 0.5, 0.6
-#: Models with fewer shape functions that are tried.
+#: Number of models with fewer shape functions that are tried.
 MAX_TRIALS = 2
 
 
@@ -259,7 +260,7 @@ def select_with_few_runs(
 def _reference_and_accepted_run(
     runs: Runs, part: InitialInterval, request: Request
 ) -> tuple[Reference, SelectedModel] | None:
-    """Return the reference and the loosest run of the full model that keeps the
+    """Return the reference and the loosest run of the full model that meets the
     request.
     """
     reference, last, setting = part.reference, np.inf, relaxed_setting(part)
@@ -323,7 +324,7 @@ def _with_fewer_shapes(
 
 
 def _without_low_energy_shapes(reference: Reference, share: float) -> Choice:
-    """Each body without a share of its shape functions, those of least energy."""
+    """Return the model without the shape functions of least energy of each body."""
     choice = reference.choice
     for name, kept in choice.kept:
         if kept:

@@ -1,15 +1,16 @@
 """Meshes and numbers of shape functions of bodies that are given by models.
 
-Where the model asks for modes alone, static answers to forces and moments at the nodes
-that the scene loads, and to the loads of its own inertia, are added first, and stay if
-they change what is wanted by more than a small part: the modes that stretch a slender
-body as it turns stand far above those that bend it. A body is made on a mesh and on one
-of half the size, with as many modes as its model asks for and with twice as many, until
-neither changes what is wanted by more than a small part. The finer of both is used.
-What is left of the error of a mesh is what a geometric series leaves of the last two
-changes; half of the last one at least, where second order would leave a third. Changes
-by forces at points of plane bodies and solids do not get smaller: they have no limit.
-Of the modes it is all of the last change, as nothing is known of those that follow.
+If the model has normal modes only, static shape functions are added first: for forces
+and moments at the loaded nodes, and for the inertia loads of the body. They are
+retained if they change an output by more than a small part of the allowed error: the
+modes that stretch a slender rotating body have much higher frequencies than those that
+bend it. Then a body is converted with its mesh and with half the element size, with the
+number of modes of its model and with twice as many, until neither changes the outputs
+by more than a small part. The finer of the two is used. The remaining error of a mesh
+is estimated from the geometric series of the last two changes, at least half of the
+last change (second order would give a third). Changes by forces at single points of
+continua do not decrease: they have no limit. The remaining error of the modes is the
+full last change, because the following ones are not known.
 """
 
 from __future__ import annotations
@@ -44,20 +45,20 @@ from .reference_run import Reference, make_reference
 
 #: Share of the allowed error for meshes and omitted shape functions.
 MESH_ERROR_SHARE = 0.1
-#: Halvings of the mesh and doublings of the modes at most, and modes at most, but for
-#: the first doubling.
+#: Largest numbers of halvings of the mesh, of doublings of the modes, and of modes
+#: (except for the first doubling).
 MAX_HALVINGS, MAX_DOUBLINGS, MAX_MODES = 3, 3, 48
-#: Bodies that are made of one model, about.
+#: Expected number of conversions of one model.
 EXPECTED_CHANGES = 4
-#: Why they may not.
+#: Cause of changes that do not decrease.
 POINT_LOAD_TEXT = "a body yields the more to a force at a point, the finer its mesh is"
-#: What helps then.
+#: Remedy.
 TIE = "a tie (markers.NAME.tie) of {} to an edge, a face or a node set, which spreads "
 TIE += "the load"
-#: In all, from which on the search gives up.
+#: Total relative change of stiffness above which the search is refused.
 MAX_STIFFENING_EFFECT = 0.5
 
-#: What finer bodies leave, (n,), and how fine they are, by name and from where on.
+#: Function of a body and its refinement: remaining errors (n,), new refinement.
 Finer = Callable[[str, Refinement], tuple[Array, Refinement]]
 
 
@@ -83,7 +84,7 @@ class RefinedBodies:
         }
 
     def scene(self, scene: SceneFile) -> SceneFile:
-        """The scene that names the SIDs that were made."""
+        """Return the scene that names the converted SIDs."""
         bodies = dict(scene.bodies)
         for name, body in self.converted_bodies.items():
             text = body.file or f"(made of {bodies[name].model})"  # type: ignore[union-attr]
@@ -143,9 +144,9 @@ def refine_bodies(
 
 
 class _Search:
-    """Bodies of models, refined one after the other.
+    """Successive refinement of the bodies that are given by models.
 
-    state : how fine each is
+    state : refinement of each body
     """
 
     def __init__(
@@ -162,15 +163,15 @@ class _Search:
         self.state = {name: Refinement() for name in sources}
         self.sentences: list[str] = []
         self.errors: Array = np.zeros(len(request.names))
-        #: What takes most of what is allowed, and its sentence.
+        #: Largest share of the allowed error, and the sentence on it.
         self.largest = (0.0, "")
-        #: Whether the last changes by finer meshes hardly got smaller, (n,).
+        #: (n,) True if the last changes by finer meshes hardly decreased.
         self.slow = np.zeros(len(request.names), dtype=bool)
         #: Markers at single points of continua, by the sentence on the changes there.
         self.points: dict[str, str] = {}
-        #: Elastic coordinates that mean something else on another mesh.
+        #: Elastic coordinates that are not comparable between meshes.
         self.others: set[str] = set()
-        #: What geometric stiffening would change, of the stiffness of bodies without.
+        #: Relative change of stiffness by the missing geometric stiffening, by body.
         self.stiffness: dict[str, float] = {}
         self.reference: Reference | None = None
         self._converted_bodies: dict[tuple[str, Refinement], ConvertedBody] = {}
@@ -183,7 +184,7 @@ class _Search:
         return self._converted_bodies[key]
 
     def refine_body(self, name: str) -> None:
-        """The mesh and the modes of one body."""
+        """Choose the mesh and the modes of one body."""
         self.steps.next()
         if self.reference is None:
             self.reference = self._initial_reference()
@@ -253,8 +254,9 @@ class _Search:
         return make_reference(runs, finest_model(self.scene, runs.sids), self.request)
 
     def _loaded_nodes(self, name: str) -> tuple[int, ...]:
-        """Nodes with loads that static shape functions can be had for; all nodes with
-        markers of a body that nothing loads but its own inertia."""
+        """Return the loaded nodes for which static shape functions are possible. For a
+        body that is loaded by its inertia only, these are all nodes with markers.
+        """
         loaded = loaded_nodes(self.scene, name).values()
         nodes = tuple(sorted(int(node) for node in loaded if node.isdecimal()))
         if not nodes:
@@ -352,7 +354,9 @@ class _Search:
     def _separate_step_errors(
         self, name: str, fineness: Refinement, finer: Finer
     ) -> tuple[Array, Refinement]:
-        """Once more with tighter runs, if what is left may be that of their steps."""
+        """Repeat with tighter runs if the remaining changes may be integration
+        errors.
+        """
         left, found = finer(name, fineness)
         if self.use(left) <= MESH_ERROR_SHARE or not self._needs_tighter_runs():
             return left, found
@@ -360,7 +364,7 @@ class _Search:
         return finer(name, fineness)
 
     def _needs_tighter_runs(self) -> bool:
-        """Whether finer bodies need tighter runs, which are made from then on."""
+        """Return whether finer bodies need tighter runs, and use these from now on."""
         from sidtool.solver.system.errors import SimulationError
 
         assert self.reference is not None
@@ -370,7 +374,7 @@ class _Search:
         return self.reference.setting.rtol < before
 
     def _record_step(self, sentence: str, left: Array) -> None:
-        """A step of the search, and the errors (n,) that it leaves."""
+        """Record a step of the search and its remaining errors (n,)."""
         self.sentences.append(sentence)
         self.errors += left
         self.largest = max(self.largest, (self.use(left), sentence))
@@ -406,7 +410,7 @@ class _Search:
         return self.reference.worst(errors)
 
     def _largest_change_text(self, errors: Array) -> str:
-        """The output that sees most of it."""
+        """Return a text on the largest error and its output."""
         assert self.reference is not None
         row = self._worst_output(errors)
         name = self.request.names[row]

@@ -38,11 +38,13 @@ def plan_for(
 
     Parameters
     ----------
-    sids : SIDs that replace files of the scene accuracy : request that replaces that of
-    the scene settings : explicit integrator, rtol, step, ... frames : False if bodies
-    must stay in the frames of their SIDs progress : called with a text and the share of
-    the search that is done; default is the
-        current listener
+    folder : folder of the relative paths of the scene
+    sids : SIDs that replace files of the scene
+    accuracy : request that replaces that of the scene
+    settings : explicit integrator, rtol, step, ...
+    frames : False if bodies must stay in the frames of their SIDs
+    progress : called with a text and the completed fraction of the search; default is
+        the current listener
 
     Raises
     ------
@@ -97,7 +99,7 @@ def parse_accuracy_options(texts: Iterable[str]) -> Wanted | None:
 
     Raises
     ------
-    InputError : it is neither.
+    InputError : the text is neither.
     """
     listed = list(texts)
     if not listed:

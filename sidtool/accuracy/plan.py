@@ -40,7 +40,7 @@ from .sid_rounding import with_rounding_error
 
 Kind = TypeVar("Kind", bound=Result)
 
-#: How long the search of meshes for one body takes beside that of all else, about.
+#: Approximate duration of the mesh search of one body, relative to the model search.
 MESH_SEARCH_DURATION = 1.0
 
 
@@ -53,8 +53,8 @@ class Plan:
     choice, setting : selected model and integration
     sids : SIDs of all bodies that have one
     frames : frames of bodies whose SIDs are in another frame
-    ran : run of the search whose errors are known; None if none recorded all outputs of
-        the scene
+    evaluated_run : run of the search whose errors are known; None if no run recorded
+        all outputs of the scene
     """
 
     scene: SceneFile
@@ -67,12 +67,12 @@ class Plan:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences for the notes of the result."""
+        """Return the notes of the result on the selected model."""
         theory = theory_notes(self.report)
         return [*rigid_body_notes(self.scene), *reduced_body_notes(self.scene), *theory]
 
     def known_result(self, notes_of_run: Iterable[str]) -> Result | None:
-        """Return a run of the search as a run of this scene would be.
+        """Return the result of the search that a run of this scene would give, or None.
 
         Parameters
         ----------
@@ -84,12 +84,12 @@ class Plan:
         return self.with_errors(replace(self.evaluated_run, notes=notes))
 
     def with_errors(self, result: Kind) -> Kind:
-        """The result of the run with its errors."""
+        """Return the result of the run with the accuracy report."""
         return replace(result, accuracy=self.report)
 
 
 class Certified:
-    """A sink whose result carries its errors."""
+    """Sink that adds the accuracy report to its result."""
 
     def __init__(self, sink: Sink, plan: Plan) -> None:
         self._sink, self._plan = sink, plan
@@ -123,9 +123,9 @@ def make_accuracy_plan(
     scene : the scene with its own reductions; its rtol and integrator do not count
     sids : SIDs of all bodies that have one
     wanted : see `[accuracy] wanted`
-    compile_ : makes a system of a scene and SIDs
+    compile_ : function that compiles a scene with SIDs
     models : models of bodies, whose meshes are refined as needed
-    keep : False if the scene is not all that is simulated, as with callables
+    keep : False if the scene does not define the motion completely, as with callables
     frames : False if bodies must stay in the frames of their SIDs
 
     Raises
@@ -279,7 +279,9 @@ def _select_by_full_runs(
 def scene_of_choice(
     scene: SceneFile, sids: Mapping[str, SID], choice: Choice, setting: Setting
 ) -> SceneFile:
-    """The scene of the chosen model, that records what of its outputs there is."""
+    """Return the scene of the chosen model; it records the outputs that the model
+    has.
+    """
     found = scene_of_model(scene, choice, sids)
     known = tuple(filter(choice.has_output, _recorded_outputs(scene, sids)))
     accuracy = found.accuracy.model_copy(
@@ -291,7 +293,7 @@ def scene_of_choice(
 def _unrecorded_output_notes(
     scene: SceneFile, sids: Mapping[str, SID], chosen: SelectedModel
 ) -> tuple[str, ...]:
-    """A sentence about outputs that the chosen model does not have."""
+    """Return a note on recorded outputs that the chosen model does not have."""
     names = [
         n for n in _recorded_outputs(scene, sids) if not chosen.choice.has_output(n)
     ]

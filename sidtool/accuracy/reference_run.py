@@ -17,24 +17,25 @@ from ..measurement.reference import MUCH, is_varying
 from ..measurement.request import Request
 from ..measurement.runs import Runs, Setting, max_difference
 
-#: The uncertainty of the reference is at most this part of what is allowed.
+#: Largest uncertainty of the reference relative to the allowed error.
 UNCERTAINTY_SHARE = 0.05
-#: Of the request, the tolerance at which models are compared; at most and at least.
+#: Ratio of the comparison tolerance to the request; its largest and smallest value.
 COMPARISON_RTOL_RATIO, MAX_COMPARISON_RTOL, MIN_COMPARISON_RTOL = 1e-2, 1e-4, 1e-11
-#: The reference may be as far off as the looser run.
+#: Safety factor: the reference may have the same error as the looser run.
 REFERENCE_SAFETY = 2.0
-#: Of the variation: what rounding alone does between two tight runs of one motion,
-#: which different methods, factorisations and processors share in part.
+#: Effect of rounding on two tight runs of one motion, relative to the variation;
+#: different methods, factorisations and processors share a part of it.
 RUN_ROUNDING = 5e-12
-#: Errors are taken to fall like the tolerance: to this part of what is needed, for the
-#: reference and for models that are compared; by how much it changes at most and least.
+#: Errors are assumed proportional to the tolerance. Target fraction of the required
+#: error, for the reference and for compared models; limits of the change of tolerance.
 AIMED_SHARE, AIMED_SHARE_OF_MODELS, MIN_RTOL_CHANGE, MAX_RTOL_CHANGE = (
     0.1,
     0.5,
     1e-5,
     0.2,
 )
-#: The part of the time at whose rows both are compared with a run as tight as can be.
+#: Fraction of the time span at whose output times both are compared with the tightest
+#: run.
 START_FRACTION = 1.0 / 16.0
 #: Two methods whose difference estimates the error of each; the second one has this
 #: fraction of the tolerance.
@@ -51,12 +52,14 @@ class Reference:
 
     Attributes
     ----------
-    choice : the finest model result : its run setting : integration of models that are
-    compared with each other variation : (n,) range of each output allowed : (n,)
-    requested errors, infinite if the output is only rounding uncertainty : (n,) twice
-    the difference of the run by `MEASURING_INTEGRATOR` to the reference,
-        and rounding
-    blur : (n,) the same for a looser run, by which models are compared
+    choice : the finest model
+    result : its run
+    setting : integration of models that are compared with each other
+    variation : (n,) range of each output
+    allowed : (n,) requested errors, infinite if the output is only rounding
+    uncertainty : (n,) twice the difference of the run by `MEASURING_INTEGRATOR` to the
+        reference, and rounding
+    comparison_uncertainty : (n,) the same for the looser run with `setting`
     left_out : outputs that are only rounding
     units : (n,) units of the outputs
     rounding : (n,) effect of rounding on each output, see `rounding_levels`
@@ -80,7 +83,9 @@ class Reference:
     frames: Array
 
     def worst(self, errors: Array) -> int:
-        """The output of which errors use most."""
+        """Return the index of the output with the largest share of its allowed
+        error.
+        """
         shares = np.full(len(errors), -1.0)
         np.divide(errors, self.allowed, out=shares, where=np.isfinite(self.allowed))
         return int(shares.argmax())
@@ -102,7 +107,7 @@ class Reference:
         return self.uncertainty + self.meshes + self.digits + self.frames
 
     def use(self, errors: Array) -> float:
-        """The largest share of what is allowed, 1 for all of it."""
+        """Return the largest ratio of an error to the allowed error."""
         counts = np.isfinite(self.allowed)
         return float((errors[counts] / self.allowed[counts]).max())
 
@@ -162,7 +167,9 @@ def _without_rounding(found: Reference, request: Request) -> Reference:
 
 
 def _next_tolerance(rtol: float, share: float) -> float:
-    """A tolerance at which errors are about a share of what they are at this one."""
+    """Return a tolerance that changes the errors to about a share of the present
+    ones.
+    """
     return rtol * float(np.clip(share, MIN_RTOL_CHANGE, MAX_RTOL_CHANGE))
 
 
@@ -185,7 +192,7 @@ def _at_sufficient_tolerance(runs: Runs, found: Reference, rtol: float) -> Refer
 
 
 def _tight_first_rows(runs: Runs, choice: Choice) -> tuple[Array, Array] | None:
-    """Times and outputs of the first rows, if they can be had."""
+    """Return times and outputs of the first rows from a very tight run, or None."""
     time = runs.scene.time
     if time.output_step is None:
         return None
@@ -211,7 +218,7 @@ def _with_initial_error(
 def reference_of_two_runs(
     runs: Runs, choice: Choice, request: Request, setting: Setting, tighter: Setting
 ) -> Reference:
-    """The tighter of two runs as a reference.
+    """Return the tighter of two runs as the reference.
 
     Raises
     ------
@@ -227,7 +234,7 @@ def reference_of_two_runs(
 def reference_of_one_run(
     runs: Runs, choice: Choice, request: Request, setting: Setting
 ) -> Reference:
-    """A run as a reference, of which no more than rounding is open yet.
+    """Return a run as the reference; its uncertainty is rounding only so far.
 
     Raises
     ------
@@ -270,10 +277,9 @@ def reference_of_one_run(
 def out_of_plane_zeros(
     scene: SceneFile, names: tuple[str, ...], largest: Array, rounding: Array
 ) -> NDArray[np.bool_]:
-    """(n,) outputs across the plane of a scene that can be written in it, where they
-    are as good as zero.
+    """Return a mask (n,) of out-of-plane outputs that are zero except for rounding.
 
-    largest, rounding : (n,) their absolute values, and what rounding may leave of them
+    largest, rounding : (n,) largest absolute values, and effect of rounding
     """
     if scene.dimension == "planar" or planar_scene(scene) is None:
         return np.zeros(len(names), dtype=bool)
@@ -281,7 +287,7 @@ def out_of_plane_zeros(
 
 
 def initial_rtol(request: Request) -> float:
-    """The first tolerance to try: absolute requests show what they need."""
+    """Return the first tolerance to try, from the requested errors."""
     relative = [t.value for t in request.tolerances.values() if not t.absolute]
     wanted = min(relative, default=1.0)
     return float(

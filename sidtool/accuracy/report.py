@@ -1,4 +1,4 @@
-"""Sentences on what was omitted, and why."""
+"""Sentences on what was omitted and the reasons."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _decision(
 
 
 def is_in_model(choice: Choice, candidate: Candidate) -> bool:
-    """Check that the selected model retains what a candidate would omit."""
+    """Return whether the selected model retains what a candidate would omit."""
     if candidate.what == SPACE:
         return not choice.flat
     numbers = dict(choice.kept)[candidate.body]
@@ -93,7 +93,7 @@ def _subject(candidate: Candidate) -> str:
 
 
 def format_ranges(numbers: Sequence[int]) -> str:
-    """ "1, 3 to 5, 8" of growing numbers."""
+    """Format increasing numbers as in "1, 3 to 5, 8"."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

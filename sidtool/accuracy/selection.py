@@ -1,7 +1,8 @@
 """Search for the fastest model and integration that keep a request.
 
-Shape functions and terms may use `MODEL_SHARE` of what is allowed, integration the rest
-up to `FULL_SHARE`; whatever is chosen has been run and compared with the reference.
+Shape functions and terms may use `MODEL_SHARE` of the allowed error, integration the
+rest up to `FULL_SHARE`. Every selected model has been run and compared with the
+reference.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ PLANE_SHARE, RIGID_SHARE, GROUP_SHARE, SHAPE_SHARE, MODEL_SHARE, FULL_SHARE = (
 MAX_SINGLE_SHAPES = 10
 #: Factor on differences that are reported as errors.
 ERROR_SAFETY = 1.01
-#: A term is omitted if that alone uses at most this share.
+#: A term is omitted if its omission alone uses at most this share.
 TERM_SHARE = 0.1
 #: Shape functions that are tested one by one after the first that must remain.
 MAX_LATER_TRIALS = 6
@@ -115,9 +116,9 @@ def estimate_errors(errors: Array, reference: Reference) -> Array:
 
 
 class _Search:
-    """Compares models at one tight tolerance.
+    """Comparison of models at one tight tolerance.
 
-    base : everything, in the plane if that does
+    base : the full model, reduced to the plane if possible
     """
 
     def __init__(self, runs: Runs, reference: Reference) -> None:
@@ -126,7 +127,7 @@ class _Search:
         self.measured: list[MeasuredReduction] = []
 
     def plane(self) -> None:
-        """A spatial scene of which nothing leaves the plane is planar from here on."""
+        """Reduce a spatial scene to the plane if nothing leaves it."""
         scene, candidate = self.runs.scene, Candidate("", SPACE)
         if (
             scene.dimension == "planar"
@@ -138,7 +139,7 @@ class _Search:
             self.base = self.base.without(candidate)
 
     def _leaves_plane(self) -> bool:
-        """Whether an output across the plane, which is zero there, may not be."""
+        """Return whether an out-of-plane output is larger than allowed."""
         result, names = self.reference.result, self.runs.names
         scene, sids = self.runs.scene, self.runs.sids
         recorded = expand_names(scene.outputs.record, scene, sids, "outputs.record")
@@ -157,7 +158,7 @@ class _Search:
         )
 
     def use(self, choice: Choice) -> float:
-        """The share of what is allowed that a model costs."""
+        """Return the share of the allowed error that a model uses."""
         finest, setting = self.reference.choice, self.reference.setting
         return self.reference.use(self.runs.difference(finest, choice, setting))
 
@@ -179,8 +180,9 @@ class _Search:
         return self.reference.use(errors)
 
     def _missing_output_errors(self, whole: Choice, less: Choice) -> Array:
-        """The errors (n,) of outputs that a model does not have, which are zero there:
-        known without a run."""
+        """Return errors (n,) of outputs that a model does not have; they are zero
+        there, so no run is needed.
+        """
         names, result = (
             self.runs.names,
             self.runs.attempt(whole, self.reference.setting),
@@ -191,12 +193,14 @@ class _Search:
         return np.where([*map(less.has_output, names)], 0.0, sizes)
 
     def rigid_bodies(self, choice: Choice) -> Choice:
-        """Bodies that may be rigid, those first that cost least."""
+        """Make bodies rigid, those with the smallest error first."""
         bodies = [Candidate(n, FLEXIBILITY) for n, kept in choice.kept if kept]
         return self._without_together(choice, bodies, RIGID_SHARE, RIGID_SHARE)
 
     def fewer_shapes(self, choice: Choice) -> Choice:
-        """The shape functions of the other bodies, those first that cost least."""
+        """Omit shape functions of the other bodies, those with the smallest error
+        first.
+        """
         whole, choice = choice, self._without_groups(choice)
         base = None if choice == whole else choice
         costs = {c: self.alone(c, base) for c in shapes_of(choice)}
@@ -213,7 +217,7 @@ class _Search:
         return choice
 
     def _without_groups(self, choice: Choice) -> Choice:
-        """Bodies of many shape functions without those that hardly deform them."""
+        """Omit groups of shape functions with little elastic energy."""
         for name, kept in choice.kept:
             waiting = self._by_energy(name, kept)
             count = len(waiting) // 2
@@ -230,7 +234,7 @@ class _Search:
         return choice
 
     def _by_energy(self, name: str, numbers: tuple[int, ...]) -> list[int]:
-        """Shape functions by their share in the elastic energy, least first."""
+        """Return shape functions ordered by their elastic energy, smallest first."""
         shares = self.reference.result.bodies[name].energy_shares if numbers else ()
         order = (
             sorted(zip(shares, numbers, strict=True))
@@ -259,7 +263,7 @@ class _Search:
         return fits
 
     def fewer_terms(self, choice: Choice) -> Choice:
-        """Terms of the bodies that stay flexible."""
+        """Omit terms of the bodies that remain flexible."""
         flexible = [n for n, kept in choice.kept if kept]
         terms_of = bodies_with_stiffening(self.runs.scene, self.runs.sids, choice.flat)
         terms = [Candidate(n, STIFFENING) for n in flexible if terms_of.get(n)]

@@ -1,13 +1,14 @@
-"""Error of outputs by the printed digits of SID files.
+"""Error of outputs caused by the printed digits of SID files.
 
-A number that was printed with d digits stands for all that are printed alike: it may be
-off by half a unit of the last digit. The finest model is run again with every number
-moved by that much, up or down by what its digits are: equal numbers stay equal, so that
-symmetric blocks stay symmetric, as printing keeps them. In one such run the changes may
-cancel by chance, so that there are `RANDOM_RUNS` of them; theory, section 16.
+A number that was printed with d digits has an error of up to half a unit of the last
+digit. The finest model is run again with every number changed by that amount. The sign
+is a hash of its digits: equal numbers stay equal, so symmetric blocks stay symmetric.
+The changes may cancel by chance, so there are `RANDOM_RUNS` such runs; theory, section
+16.
 
-How many digits there are is seen in the numbers themselves, so that copies of a text
-file as HDF5 count as well, and what was computed, which has sixteen, does not.
+The number of digits is determined from the numbers themselves. HDF5 copies of a text
+file are therefore recognised, and computed numbers with sixteen digits are not
+affected.
 """
 
 from __future__ import annotations
@@ -25,21 +26,22 @@ from .reference_run import Reference
 
 #: More digits than this are indistinguishable from full precision.
 MAX_DIGITS = 13
-#: Of the distinct numbers: how many are needed, which share has no more digits than the
-#: printed ones, and which share has all of them.
+#: Required number of distinct numbers, share of them with at most the printed digits,
+#: and share of them with exactly that many.
 MIN_DISTINCT_NUMBERS, PRINTED_SHARE, FULL_DIGITS_SHARE = 10, 0.9, 0.5
-#: Numbers that end this many digits earlier were not rounded: one in a thousand would.
+#: Numbers that end this many digits earlier were not rounded: for rounded numbers the
+#: probability is one in a thousand.
 ROUND_DIGITS = 3
-#: Of a product with a power of ten, by rounding.
+#: Relative rounding error of a product with a power of ten.
 RELATIVE_ROUNDING = 1e-15
 #: Number of runs with other signs, and the factor on the largest change found.
 RANDOM_RUNS, CHANGE_SAFETY = 3, 3.0
 #: Rounding is negligible if it is below this share after magnification by the motion
 #: and by positions.
 MOTION_MAGNIFICATION, POSITION_MAGNIFICATION, NEGLIGIBLE_SHARE = 1e5, 10.0, 0.05
-#: The upper bits of a product with it are those of no pattern in the digits.
+#: Multiplier of a hash: the upper bits of the product are pseudo-random.
 HASH_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
-#: Of what is allowed, the most that digits may take.
+#: Largest share of the allowed error for printed digits.
 MAX_ROUNDING_SHARE = 0.5
 
 
@@ -56,7 +58,9 @@ class NumberFormat:
 
     @property
     def relative(self) -> float:
-        """Half a unit of the last digit over the number, at most."""
+        """Return the largest relative error: half a unit of the last digit over the
+        number.
+        """
         return np.inf if self.fixed else 5.0 * 10.0**-self.count
 
     def __str__(self) -> str:
@@ -64,7 +68,7 @@ class NumberFormat:
 
 
 def printed_digits(sid: SID) -> NumberFormat | None:
-    """How its numbers were printed; None where they have all digits."""
+    """Return how the numbers of a SID were printed, or None if they have all digits."""
     numbers = np.unique(np.abs(np.concatenate(list(_printed_numbers(sid)))))
     numbers = numbers[numbers > 0.0]
     if len(numbers) < MIN_DISTINCT_NUMBERS:
@@ -80,7 +84,7 @@ def printed_digits(sid: SID) -> NumberFormat | None:
 
 
 def perturb_last_digit(sid: SID, how: NumberFormat, draw: int) -> SID:
-    """The SID with its numbers half a unit of the last digit away."""
+    """Return the SID with its numbers changed by half a unit of the last digit."""
 
     def part(values: Array | None) -> Array | None:
         return None if values is None else _perturb_numbers(values, how, draw)
@@ -109,7 +113,7 @@ def with_rounding_error(
 
     Raises
     ------
-    InputError : the printed digits leave more than half of the allowed error open.
+    InputError : the printed digits cause more than half of the allowed error.
     """
     every = {n: printed_digits(runs.sids[n]) for n in runs.scene.sid_bodies}
     found = {n: how for n, how in every.items() if how is not None}
@@ -143,7 +147,7 @@ def with_rounding_error(
 def _change_by_rounding(
     runs: Runs, reference: Reference, found: Mapping[str, NumberFormat], draw: int
 ) -> Array:
-    """Return the changes (n,) of outputs by other numbers that are printed alike."""
+    """Return the changes (n,) of outputs by numbers that are equal when printed."""
     others = {
         n: perturb_last_digit(runs.sids[n], how, draw) for n, how in found.items()
     }
@@ -153,7 +157,9 @@ def _change_by_rounding(
 def _is_rounding_negligible(
     runs: Runs, reference: Reference, found: Mapping[str, NumberFormat]
 ) -> bool:
-    """Whether digits are far below what is allowed, so that no run is needed."""
+    """Return whether rounding is far below the allowed error, so that no run is
+    needed.
+    """
     most = max(how.relative for how in found.values())
     if most >= 1.0:
         return False
@@ -174,7 +180,9 @@ def _printed_numbers(sid: SID) -> Iterator[Array]:
 
 
 def _digit_counts(numbers: Array, fixed: bool) -> Array:
-    """Digits that positive numbers need, `MAX_DIGITS` + 1 for all that they have."""
+    """Return the number of digits of positive numbers, `MAX_DIGITS` + 1 for full
+    precision.
+    """
     counts = np.full(numbers.shape, MAX_DIGITS + 1)
     shift = 0 if fixed else np.floor(np.log10(numbers)) + 1.0
     for count in range(MAX_DIGITS + 1):

@@ -17,7 +17,7 @@ from sidtool.formats.sid_subset import select_shape_functions
 from ..pipeline.model_cache import convert_bodies
 from . import plan_for
 
-#: The accuracy where neither the scene nor the command asks for one.
+#: Accuracy if neither the scene nor the command specifies one.
 DEFAULT_ACCURACY = 1e-3
 
 
@@ -45,7 +45,7 @@ class TrimmedSid:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """None: what leaves linear theory is refused."""
+        """Return no warnings: models that leave linear theory are refused."""
         return ()
 
     @property
@@ -70,7 +70,9 @@ class TrimmedSid:
         return [*found, *(f"note: {text}" for text in self.notes)]
 
     def data(self) -> dict[str, Any]:
-        """The same for programs; numbers of shape functions as in the whole SID."""
+        """Return the data of `sentences`; numbers of shape functions are those of the
+        full SID.
+        """
         modes, nodes = self.sizes
         return {
             "bodies": list(self.bodies),
@@ -87,12 +89,12 @@ def trim_sid(
     folder: Path,
     accuracy: Any = None,
 ) -> TrimmedSid:
-    """The SID of a file with the shape functions and nodes that a scene needs.
+    """Reduce a SID to the shape functions and nodes that a scene needs.
 
     Parameters
     ----------
-    folder : relative paths of the scene begin here
-    accuracy : of the scene; default what it asks for, else 1e-3
+    folder : folder of the relative paths of the scene
+    accuracy : requested accuracy; default that of the scene, else 1e-3
 
     Raises
     ------
@@ -123,10 +125,10 @@ def trim_sid(
 
 
 def used_nodes(scene: SceneFile, bodies: Iterable[str], sid: SID) -> set[str]:
-    """Ids of the nodes that the scene names; all where a stress is looked for.
+    """Return the ids of nodes that the scene uses; all nodes if it uses a peak stress.
 
-    Named are markers, also those that nothing else speaks of, and ids in joints,
-    forces, drives and outputs.
+    These are all markers, also unused ones, and node ids in joints, forces, drives and
+    outputs.
     """
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     texts = set(_all_texts(content))
@@ -149,7 +151,9 @@ def _names_node(text: str, body: str, node: str) -> bool:
 
 
 def _names_all_nodes(text: str, body: str) -> bool:
-    """An output of all nodes of a body, or a pattern that may mean some of them."""
+    """Return whether an output refers to all nodes of a body, or a pattern may match
+    some.
+    """
     owner, _, rest = text.partition(".")
     return text == f"{body}.{PEAK_STRESS}" or (
         "*" in owner + rest.partition(".")[0] and "." in rest

@@ -37,10 +37,10 @@ def static_equilibrium(
     drives: Programs | None = None,
     forces: Programs | None = None,
 ) -> Equilibrium:
-    """The state of rest downhill from the start of a scene.
+    """Find the static equilibrium of a scene, starting at its initial state.
 
-    Its `result()` holds the outputs of the scene and the forces of all joints. The
-    other arguments are those of `simulate`, also callables and laws of programs.
+    `result()` of the returned object holds the outputs of the scene and the forces of
+    all joints. The other arguments are those of `simulate`, including callables.
 
     Raises
     ------
@@ -65,15 +65,16 @@ def linearise(
     drives: Programs | None = None,
     forces: Programs | None = None,
 ) -> Linearisation:
-    """Frequencies, damping ratios and shapes of the natural modes of a scene.
+    """Return frequencies, damping ratios and shapes of the natural modes of a scene.
 
-    about : "static", its static equilibrium, or "start", its start with velocities
-    frozen : give the values of one instant where equations of small motions change in
-        time, or the state is no steady motion; they do not describe a motion
+    about : "static" for the static equilibrium, or "start" for the initial state with
+        its velocities
+    frozen : return the values at one instant also if the equations of small motions
+        change in time, or if the state is no steady motion; they do not describe a
+        motion then
 
-    `inertial_frequencies` are those that fixed sensors see, `rotating_frequencies`
-    those that sensors on the body that turns see, `whirl` is "forward", "backward"
-    or "".
+    `inertial_frequencies` are measured by fixed sensors, `rotating_frequencies` by
+    sensors on the rotating body; `whirl` is "forward", "backward" or "".
 
     Raises
     ------
@@ -124,10 +125,10 @@ Found = TypeVar("Found")
 
 
 class _NamedNumbers:
-    """Numbers by name: `keys()`, `in`, `len` and iteration as of a dictionary."""
+    """Mapping from names to numbers: `keys()`, `in`, `len` and iteration."""
 
     def keys(self) -> tuple[str, ...]:
-        """Names of what was found."""
+        """Return the names of the numbers."""
         raise NotImplementedError
 
     def __contains__(self, name: object) -> bool:
@@ -151,15 +152,15 @@ class Equilibrium(_NamedNumbers, SolverEquilibrium):
     """
 
     def result(self) -> Result:
-        """The scene's outputs in equilibrium, as a result of one time."""
+        """Return the outputs of the scene in equilibrium as a result with one time."""
         return to_user_result(super().result())
 
     def keys(self) -> tuple[str, ...]:
-        """Names of recorded outputs and of all multipliers."""
+        """Return the names of recorded outputs and of all multipliers."""
         return tuple(name for name, _, _ in self.rows())
 
     def __getitem__(self, name: str) -> float:
-        """The value of an output of the scene, recorded or not.
+        """Return the value of an output of the scene, recorded or not.
 
         Raises
         ------
@@ -168,8 +169,8 @@ class Equilibrium(_NamedNumbers, SolverEquilibrium):
         return float(self.result()[name][0])
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A pandas table: a row per recorded output and multiplier, with its value and
-        its unit.
+        """Return a pandas table: a row per recorded output and multiplier with value
+        and unit.
 
         Raises
         ------
@@ -181,7 +182,7 @@ class Equilibrium(_NamedNumbers, SolverEquilibrium):
         return table.set_index("output")
 
     def rows(self) -> list[tuple[str, float, str]]:
-        """Recorded outputs and all multipliers, with their values and units."""
+        """Return recorded outputs and all multipliers with their values and units."""
         from ..report.result import state_rows
 
         return state_rows(self.result())
@@ -205,11 +206,11 @@ class Linearisation(_NamedNumbers, SolverLinearisation):
     """
 
     def keys(self) -> tuple[str, ...]:
-        """Names of what is known of each mode."""
+        """Return the names of the columns."""
         return tuple(self._columns())
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A number of each mode, (n,).
+        """Return a column (n,), a number for each mode.
 
         Raises
         ------
@@ -233,8 +234,8 @@ class Linearisation(_NamedNumbers, SolverLinearisation):
         }
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A pandas table: a row per mode with its frequency [Hz], damping ratio and
-        eigenvalue [1/s]; shapes are in `shapes`.
+        """Return a pandas table: a row per mode with frequency [Hz], damping ratio and
+        eigenvalue [1/s]. Mode shapes are in `shapes`.
 
         Raises
         ------
@@ -269,5 +270,5 @@ class Linearisation(_NamedNumbers, SolverLinearisation):
 
 
 def to_user_class(found: Any, kind: type[Found]) -> Found:
-    """Return the object as the class of users."""
+    """Return an analysis of the solver as the public class."""
     return kind(**{f.name: getattr(found, f.name) for f in fields(found)})

@@ -31,14 +31,14 @@ Sids = Mapping[str, SID | str | os.PathLike[str]]
 
 
 class CompiledScene:
-    """A scene with its files read and its tables made; see `Scene.compile`::
+    """A compiled scene, which is run with other numbers; see `Scene.compile`::
 
         compiled = sidtool.Scene.load("slider_crank.toml").compile()
         for mass in masses:
             result = compiled.run({"crank.mass": mass})
 
-    Runs do not change it: each has the numbers that it is given, else those of the
-    scene, and gives what `simulate` gives with them, to the last bit.
+    Runs do not change it. Each run uses the given numbers, else those of the scene, and
+    returns the same result as `simulate`, to the last bit.
 
     Raises
     ------
@@ -82,14 +82,14 @@ class CompiledScene:
         spectral_radius: float | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Result:
-        """The motion with other numbers.
+        """Return the motion with other numbers.
 
         Parameters
         ----------
-        changes : values by the keys of the file, as of `Scene.with_`: masses, places,
-            initial values, functions of drives, parameters; the scene is compiled anew
-            where they change more than numbers
-        sids : SIDs, or files with one, in the place of those of the scene, by body
+        changes : values by the keys of the file, as in `Scene.with_`: masses,
+            positions, initial values, functions of drives, parameters; the scene is
+            compiled again if they change more than numbers
+        sids : SIDs, or SID files, that replace those of the scene, by body
         integrator, rtol, step, spectral_radius, progress : as of `sidtool.simulate`
 
         Raises
@@ -132,7 +132,7 @@ class CompiledScene:
         yield from reduced_body_notes(plain)
 
     def _former_of(self, name: str) -> SID:
-        """The SID that the scene names for a body."""
+        """Return the SID that the scene names for a body."""
         assert self._before is not None
         found = self._former.get(name, self._before.sids[name])
         if found is None:
@@ -140,7 +140,7 @@ class CompiledScene:
         return found
 
     def _read(self, scene: SceneFile, name: str) -> SID | None:
-        """The SID that the scene names, if there is one."""
+        """Return the SID that the scene names, or None."""
         try:
             return read_sid(scene.folder / (scene.sid_bodies[name].sid or ""))
         except InputError:

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM during a run: it ends at its next step and keeps what there is."""
+"""Ctrl-C and SIGTERM: end a run at its next step and keep the motion so far."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ Programs = Mapping[str, Any] | None
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during `sidtool.simulate`.
+    """Raised after Ctrl-C during `sidtool.simulate`.
 
     Attributes
     ----------
-    result : everything that was computed until then, unfinished
+    result : the motion so far, marked as unfinished
     """
 
     def __init__(self, message: str, result: Any) -> None:
@@ -40,20 +40,22 @@ class Interrupted(KeyboardInterrupt):
 
 
 class StopRequest:
-    """Request of a signal to end a run; `number` is that of the signal."""
+    """Request to end a run; `number` is the number of the signal."""
 
     def __init__(self) -> None:
         self.number = 0
         self.before: dict[int, Any] = {}
 
     def __call__(self) -> str:
-        """Why the run is to end; empty while it is not."""
+        """Return the reason to end the run, or an empty text."""
         if not self.number:
             return ""
         return f"ended by {signal_name(self.number)}"
 
     def take(self, number: int, frame: FrameType | None) -> None:
-        """The first signal asks; the second one does what it did before."""
+        """Handle a signal: the first one sets the request; for the second one the
+        previous handler applies.
+        """
         self.number = number
         handle_signal(number, self.before[number])
         if sys.stderr.isatty():
@@ -88,11 +90,11 @@ def stop_on_signals(
 
 @contextmanager
 def wrap_errors(*programs: Programs) -> Iterator[StopRequest]:
-    """Convert results of errors inside the context to those of users.
+    """Convert errors of the solver inside the context to the public classes.
 
     Parameters
     ----------
-    programs : drives and forces of a program, by name
+    programs : callables for drives and forces, by name
 
     Raises
     ------
@@ -117,7 +119,7 @@ def wrap_errors(*programs: Programs) -> Iterator[StopRequest]:
 def run_interruptible(
     system: System, stop: StopRequest, *programs: Programs, **settings: Any
 ) -> Result:
-    """The result of a run, with the settings of `sidtool.solver.simulate`."""
+    """Run a compiled scene with the settings of `sidtool.solver.simulate`."""
     from sidtool.solver import simulate
 
     from .result import to_user_result, warn_of_validity

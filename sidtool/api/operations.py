@@ -25,11 +25,11 @@ Path_ = str | os.PathLike[str]
 
 
 def convert(model: ModelFile | Path_) -> SID:
-    """The SID of a body from its model file; see ``examples/slider_crank``.
+    """Convert a model file to a SID; see ``examples/slider_crank``.
 
     Raises
     ------
-    InputError : names the file and the key that is wrong.
+    InputError : the model is not valid; the error names file and key.
     """
     from ..pipeline.model_to_sid import sid_from_model
 
@@ -39,7 +39,7 @@ def convert(model: ModelFile | Path_) -> SID:
 
 
 def validate(sid: SID | Path_) -> Any:
-    """The checks of identities I1 to I21, one `Check` each; see `verdict`."""
+    """Check the identities I1 to I21 and return one `Check` each; see `verdict`."""
     if not isinstance(sid, SID):
         sid = read_sid(path_of(sid, "sid", "a SID"))
     return check(sid)
@@ -73,24 +73,25 @@ def simulate(
         its file, of a scene made in Python the working folder
     integrator, rtol, step, spectral_radius : replace those of the table [accuracy] of
         the scene
-    rigid : bodies with a SID that are taken as rigid, as `rigid = true` in the scene
-    accuracy : error that outputs may have, as `[accuracy] wanted` of the scene: the
-        fastest model that keeps it is found and simulated, and `result.error` holds
-        the estimated errors; 1e-3 of the variation of all outputs, or a mapping such as
-        {"piston.x": "1e-6 m", "pin.fx": "0.1 %"} of those that count
-    accept_defects : simulate bodies whose mass matrix is impossible, and joints and
-        forces on nodes that no shape function moves
+    rigid : bodies with a SID that are simulated as rigid, as by `rigid = true` in the
+        scene
+    accuracy : allowed error of the outputs, as `[accuracy] wanted` of the scene. The
+        fastest model within it is found and simulated, and `result.error` holds the
+        estimated errors. A number is relative to the variation of all outputs; a
+        mapping such as {"piston.x": "1e-6 m", "pin.fx": "0.1 %"} selects outputs
+    accept_defects : accept bodies with impossible mass matrices, and joints and forces
+        on nodes that no shape function moves
     progress : called with the simulated time [s]
-    searching : called with the stage of the search for `accuracy` and the share that is
-        done, 0 to 1, or None if it is unknown
+    searching : called with the stage of the search for `accuracy` and the completed
+        fraction, 0 to 1, or None if it is unknown
     drives : functions of time f(t), or tuples of f and its first or first two
         derivatives, that replace those of the scene's drives, by name; of one with
         `of = "acceleration"` a `Law`
-    forces : the same for functions that scale forces, or are actuators; a `Law` also
+    forces : the same for functions that scale forces or define actuators; a `Law` also
         takes outputs of the motion
-    unfinished : the result of a run with the same scene and settings that was ended, as
-        by Ctrl-C, or is complete to an earlier `time.end`; this run continues from its
-        last state and returns the whole
+    unfinished : result of an interrupted run with the same scene and settings, or of a
+        complete run to an earlier `time.end`; this run continues from its last state
+        and returns the whole motion
 
     Raises
     ------

@@ -57,14 +57,14 @@ class Result(stored.Result):
         return np.column_stack(list(found.values())) if "*" in name else found[name]
 
     def outputs(self, names: Names | None = None) -> dict[str, Array]:
-        """Outputs by name, see `sidtool.outputs`; default those that were recorded."""
+        """Return outputs by name, see `sidtool.outputs`; default the recorded ones."""
         from ..pipeline.extra_outputs import outputs
 
         wanted = self.names if names is None else names
         return outputs(self, wanted)
 
     def unit(self, name: str) -> str:
-        """The unit of an output, "" where it has none, see `unit_of`."""
+        """Return the unit of an output, or "" if it has none; see `unit_of`."""
         return units_in(self)(name)
 
     @property
@@ -73,7 +73,7 @@ class Result(stored.Result):
         return {name: self.unit(name) for name in self.names}
 
     def to_dataframe(self, names: Names | None = None) -> pandas.DataFrame:
-        """A pandas table: index t [s], a column per output; units in `attrs`.
+        """Return a pandas table: index t [s], a column per output, units in `attrs`.
 
         Raises
         ------
@@ -86,7 +86,7 @@ class Result(stored.Result):
         return table
 
     def to_xarray(self, names: Names | None = None) -> xarray.Dataset:
-        """An xarray data set over t [s], a variable with its unit per output.
+        """Return an xarray data set over t [s] with a variable and its unit per output.
 
         Raises
         ------
@@ -105,10 +105,10 @@ class Result(stored.Result):
         kind: str = "outputs",
         path: str | Path | None = None,
     ) -> Any:
-        """A matplotlib figure of outputs over time, default those that were recorded.
+        """Return a matplotlib figure of outputs over time, default the recorded ones.
 
         kind : "outputs", "spectrum", "energy" or "drift", as of `sidtool plot`
-        path : writes a picture as well (.png, .svg, .pdf)
+        path : file to which the figure is written as well (.png, .svg, .pdf)
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Result(stored.Result):
         return animate(self, path, **settings)
 
     def save(self, path: str | Path) -> None:
-        """Write it (.h5), or its outputs as a table (.csv).
+        """Write the result (.h5), or its outputs as a table (.csv).
 
         Raises
         ------
@@ -160,7 +160,7 @@ class Result(stored.Result):
 
 
 def warn_of_validity(text: str) -> None:
-    """Warn the caller of sidtool that numbers of a result may be wrong."""
+    """Emit a `ValidityWarning` at the line of the caller outside sidtool."""
     warn_caller(text, ValidityWarning)
 
 
@@ -174,9 +174,7 @@ def emit_warnings(found: Found) -> Found:
 def to_user_result(
     result: stored.Result, *programs: Mapping[str, Any] | None
 ) -> Result:
-    """Return the result as the class of users, with the laws of a program in
-    its run.
-    """
+    """Return the result as the public class, with the callables of its run."""
     user_result = Result.__new__(Result)
     laws = {name: law for each in programs for name, law in (each or {}).items()}
     user_result.__dict__.update(result.__dict__, laws=laws)

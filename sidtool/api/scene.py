@@ -29,7 +29,7 @@ Programs = Mapping[str, Any]
 
 
 class Model(ModelFile):
-    """A flexible body from its geometry to its shape functions; a model file.
+    """A flexible body: geometry, material, discretisation, reduction; a model file.
 
         model = sidtool.Model.load("rod_q4.toml")
         sid = model.with_({"geometry.thickness": 0.02}).convert()
@@ -40,11 +40,11 @@ class Model(ModelFile):
     """
 
     def convert(self) -> SID:
-        """The SID of the body.
+        """Convert the model to a SID.
 
         Raises
         ------
-        InputError : the body cannot be made or reduced.
+        InputError : the body cannot be discretised or reduced.
         """
         from .operations import convert
 
@@ -63,7 +63,8 @@ class Model(ModelFile):
 
 
 class Scene(SceneFile):
-    """What moves, how it is joined and driven, and what is recorded; a scene file.
+    """A mechanism: bodies, joints, drives, forces, outputs and integration; a scene
+    file.
 
         scene = sidtool.Scene.load("slider_crank.toml")
         result = scene.with_({"time.end": 1.0}).simulate(rtol=1e-8)
@@ -78,7 +79,7 @@ class Scene(SceneFile):
 
     @classmethod
     def of_result(cls, result: Result) -> Self:
-        """Return the scene that a result is of.
+        """Return the scene of a result.
 
         Raises
         ------
@@ -105,7 +106,7 @@ class Scene(SceneFile):
         forces: Programs | None = None,
         unfinished: stored.Result | None = None,
     ) -> Result:
-        """The motion; arguments and errors as of `sidtool.simulate`."""
+        """Simulate the scene; arguments and errors as of `sidtool.simulate`."""
         from .operations import simulate
 
         return simulate(
@@ -134,7 +135,7 @@ class Scene(SceneFile):
         drives: Programs | None = None,
         forces: Programs | None = None,
     ) -> CompiledScene:
-        """The scene with its files read and its tables made, for many runs.
+        """Compile the scene once for many runs.
 
             compiled = scene.compile()
             results = [compiled.run({"crank.mass": m}) for m in (0.3, 0.4)]
@@ -153,31 +154,31 @@ class Scene(SceneFile):
         )
 
     def study(self, over: Any = (), **settings: Any) -> Study:
-        """Error against time and size of its variants, see `sidtool.study`."""
+        """Measure error against time and size of variants, see `sidtool.study`."""
         from .study import study
 
         return study(self, over, **settings)
 
     def sweep(self, over: Any, of: str | Iterable[str], **settings: Any) -> Sweep:
-        """Measures of outputs for values of its keys, see `sidtool.sweep`."""
+        """Evaluate measures of outputs for values of keys, see `sidtool.sweep`."""
         from .sweep import sweep
 
         return sweep(self, over, of, **settings)
 
     def static_equilibrium(self, **settings: Any) -> Equilibrium:
-        """Return its static equilibrium, see `sidtool.static_equilibrium`."""
+        """Find the static equilibrium, see `sidtool.static_equilibrium`."""
         from .analyses import static_equilibrium
 
         return static_equilibrium(self, **settings)
 
     def linearise(self, **settings: Any) -> Linearisation:
-        """Its natural modes, see `sidtool.linearise`."""
+        """Return the natural modes, see `sidtool.linearise`."""
         from .analyses import linearise
 
         return linearise(self, **settings)
 
     def inverse_dynamics(self, **settings: Any) -> Result:
-        """The forces of a prescribed motion, see `sidtool.inverse_dynamics`."""
+        """Return the forces of a prescribed motion, see `sidtool.inverse_dynamics`."""
         from .analyses import inverse_dynamics
 
         return inverse_dynamics(self, **settings)
@@ -199,7 +200,7 @@ class Scene(SceneFile):
 
 
 def read(path: Path_) -> Any:
-    """The content of a file: SID, Model, Scene, StudyFile, Result or Field.
+    """Read a file and return a SID, Model, Scene, StudyFile, Result or Field.
 
     Raises
     ------

@@ -61,33 +61,34 @@ def study(
     Parameters
     ----------
     scene : a scene file, or its content
-    over : what is varied, as behind `--over`: "mesh", "modes", "reduction", "frame",
-        "terms", "integrator", or with values, "modes=2:4:8"; or a mapping such as
-        {"modes": [2, 4, 8], "terms": []}. Default integrators and tolerances alone
-    sids : SIDs, or files with one, that replace those of the scene, by body
+    over : axes to vary, as for the option `--over`: "mesh", "modes", "reduction",
+        "frame", "terms", "integrator", or with values, "modes=2:4:8"; or a mapping such
+        as {"modes": [2, 4, 8], "terms": []}. Default integrators and tolerances alone
+    sids : SIDs, or SID files, that replace those of the scene, by body
     models : model files by body, which replace its SID; several are compared
-    base_folder : where relative paths begin, as of `sidtool.simulate`
-    integrators, rtol, step : how runs are integrated, fixed steps in seconds; default
-        all integrators at 1e-2 to 1e-9, and fewer where other things vary, too
-    outputs : names of those that count, default all that the scene records
-    differ : in how many choices a point differs from the scene at most, default as many
-        as make 300 points
-    folder : finished points are kept in its folder `points`, as by `-o`, and are not
-        computed again; `Study.save` writes the rest
-    jobs : processes; 1 for this one
+    base_folder : folder of relative paths, as for `sidtool.simulate`
+    integrators, rtol, step : integration of the runs, fixed steps in seconds; default
+        all integrators at 1e-2 to 1e-9, and fewer if other axes vary
+    outputs : names of the compared outputs, default all recorded ones
+    differ : largest number of choices in which a point differs from the scene, default
+        as many as give at most 300 points
+    folder : finished points are stored in its folder `points`, as by `-o`, and are not
+        computed again; `Study.save` writes the other files
+    jobs : number of processes; 1 for the current process
     dask : address of a Dask scheduler, whose cluster is used instead
-    title : of pictures, default that of the scene
-    stop : asked from time to time why to end, if at all
-    progress : told a text, points that are done and all, and seconds left or None
-    drives, forces : callables by name, as of `sidtool.simulate`; they run in this
-        process only, and their points are not kept
+    title : title of figures, default that of the scene
+    stop : called repeatedly; returns a reason to end, or an empty text
+    progress : called with a text, the numbers of finished and of all points, and the
+        remaining seconds or None
+    drives, forces : callables by name, as for `sidtool.simulate`; they run in the
+        current process only, and their points are not stored
 
     Raises
     ------
-    InputError : the scene records nothing, or not what `outputs` asks for; an axis does
-        not fit the scene; no model of it can be run; callables are given beside `jobs`,
+    InputError : the scene records nothing, or not the given `outputs`; an axis does not
+        fit the scene; no model can be run; callables are given together with `jobs`,
         `dask` or `folder`.
-    sidtool.study.StudyInterrupted : `stop` said why.
+    sidtool.study.StudyInterrupted : `stop` returned a reason.
     """
     _check_numbers("--rtol", rtol, *_TOLERANCE_LIMITS)
     _check_numbers("--step", step, *_STEP_LIMITS)
@@ -124,11 +125,11 @@ def programs_here(
     dask: str | None,
     folder: Path_ | None,
 ) -> dict[str, Any]:
-    """Return callables by the table that they belong to, empty if there are none.
+    """Return callables by the table of the scene, empty if there are none.
 
     Raises
     ------
-    InputError : there are some beside `jobs`, `dask` or `folder`.
+    InputError : callables are given together with `jobs`, `dask` or `folder`.
     """
     if not (drives or forces):
         return {}
@@ -175,7 +176,7 @@ def _requested_settings(
     tolerances: Sequence[float],
     steps: Sequence[float],
 ) -> list[Setting] | None:
-    """Return the requested settings; with other axes only a few."""
+    """Return the requested settings; only a few by default if other axes vary."""
     names = (*axes.get("integrator", ()), *integrators)
     if axes and not (integrators or tolerances or steps):
         default_settings(names)

@@ -56,25 +56,26 @@ def sweep(
     ----------
     scene : a scene file, or its content
     over : values by keys of the scene, or of the model of a body as `BODY.model.KEY`;
-        or texts as behind `--over`, "parameters.h=0.01:0.02:11". Several keys make a
-        full grid
-    of : outputs with `.max`, `.min`, `.end`, `.mean`, `.rms` or `.amplitude` behind
-        them; `t.end` is the time at which a run ends
-    sids : SIDs, or files with one, that replace those of the scene, by body
-    folder : finished runs are kept here and are not run again
-    jobs : processes; 1 for this one
+        or texts as for the option `--over`, "parameters.h=0.01:0.02:11". Several keys
+        make a full grid
+    of : outputs with the suffix `.max`, `.min`, `.end`, `.mean`, `.rms` or
+        `.amplitude`; `t.end` is the time at which a run ends
+    sids : SIDs, or SID files, that replace those of the scene, by body
+    folder : folder of finished runs, which are not run again
+    jobs : number of processes; 1 for the current process
     dask : address of a Dask scheduler, whose cluster is used instead
-    title : of pictures, default that of the scene
-    stop : asked from time to time why to end, if at all
-    progress : told a text, points that are done and all, and seconds left or None
-    drives, forces : callables by name, as of `sidtool.simulate`; they run in this
-        process only, and their runs are not kept
+    title : title of figures, default that of the scene
+    stop : called repeatedly; returns a reason to end, or an empty text
+    progress : called with a text, the numbers of finished and of all points, and the
+        remaining seconds or None
+    drives, forces : callables by name, as for `sidtool.simulate`; they run in the
+        current process only, and their runs are not stored
 
     Raises
     ------
     InputError : an axis or a measure has another form, or no point can be set up.
         Single points that cannot be set up or run have a `message` instead.
-    sidtool.study.StudyInterrupted : `stop` said why.
+    sidtool.study.StudyInterrupted : `stop` returned a reason.
     """
     programs = programs_here(drives, forces, jobs, dask, folder)
     points, measures = axis_combinations(parse_axes(over)), parse_measures(of)
@@ -111,11 +112,11 @@ class _Sweep:
         self.made: dict[str, ConversionOutcome] = {}
 
     def whole(self, title: str) -> Sweep:
-        """All points.
+        """Run all points and return the sweep.
 
         Raises
         ------
-        InputError : none can be set up.
+        InputError : no point can be set up.
         """
         designs = self._set_up()
         self.made = self.doing.convert(models_of_designs(list(designs.values())))
@@ -135,7 +136,7 @@ class _Sweep:
         )
 
     def _set_up(self) -> dict[int, Design]:
-        """Designs by the numbers of their points."""
+        """Return designs by the numbers of their points."""
         designs: dict[int, Design] = {}
         first: InputError | None = None
         for row, values in enumerate(self.values):
@@ -183,7 +184,7 @@ class _Sweep:
         self.points[row] = SweepPoint(self.values[row], *found, **more)
 
     def _task(self, design: Design) -> RunTask:
-        """The run of a design.
+        """Return the task that runs a design.
 
         Raises
         ------

@@ -32,16 +32,17 @@ Mean = tuple[tuple[int, ...], Array, tuple[int, ...]]
 
 @dataclass(frozen=True, eq=False)
 class BarNodes:
-    """Places of nodes, and the degrees of freedom that move them.
+    """Positions of nodes, and the degrees of freedom that move them.
 
     Attributes
     ----------
     mesh : all nodes [m]
     row : label -> row of the mesh
     owner : node -> the node that it is fixed to
-    partial : node -> the node that it follows in some directions, and these from 0
-    means : node -> the nodes whose mean motion it has, (k, 6, 3) its motion by their
-        displacements, and the directions of it that follow, from 0
+    partly_dependent : node -> the node that it follows in some directions, and these
+        directions, counted from 0
+    means : node -> the nodes whose mean motion it has; (k, 6, 3) its motion by their
+        displacements; and its dependent directions, counted from 0
     table : (n, 6) degrees of freedom, -1 for none
     """
 

@@ -171,10 +171,11 @@ class DeckNames:
 
     Attributes
     ----------
-    nodes, sets : nodes by number, and node sets by name elements, masses : number of
-    elements, and point masses undefined : set -> its members that the deck does not
-    define, in words left_out : keywords ignored by `geometry.ignore`, as
-    `unread_keyword_notes` takes them
+    nodes, sets : nodes by number, and node sets by name
+    elements, masses : number of elements, and point masses
+    undefined : set -> its members that the deck does not define, as text
+    left_out : keywords ignored by `geometry.ignore`, as `unread_keyword_notes` takes
+        them
     """
 
     nodes: dict[int, tuple[float, float, float]]

@@ -28,10 +28,10 @@ class RunRecord:
 
     Attributes
     ----------
-    names : outputs that the model has values : (nt, n) their values at output times
+    names : outputs that the model has
+    values : (nt, n) their values at output times
     rounding : (n,) effect of rounding on each, see `rounding_levels`, only for runs
-    that
-        are done once
+        that are done once
     seconds : least solve time of several runs
     message : reason why there is no run; everything else is empty then
     notes, warnings : notes of the result, only for runs that are done once

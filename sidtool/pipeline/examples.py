@@ -15,7 +15,7 @@ from sidtool.formats.storage.operating_system import (
 )
 from sidtool.formats.storage.unreadable import failure_reason
 
-#: What `sidtool new` offers, by the name of the folder of the example.
+#: Titles of the examples of `sidtool new`, by folder.
 EXAMPLE_TITLES = {
     "slider_crank": "the founding example: a crank, a flexible rod, a piston",
     "robot_arm": "a spatial arm of two links from solids, with motors and payload",
@@ -27,10 +27,10 @@ EXAMPLE_TITLES = {
     "four_bar": "a linkage with a flexible coupler, and events",
     "controlled_arm": "an arm that a PID controller lifts",
 }
-#: The files that make an example; commands write the others.
+#: Files of an example that are copied; commands create all others.
 _COPIED_FILES = ("*.toml", "*.py", "*.md", "rod_*.SID_FEM")
 _PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
-#: Where examples are: in an installed package, beside the package in a checkout.
+#: Folders of examples: in an installed package, and in a clone.
 _EXAMPLES = (_PACKAGE_FOLDER / "examples", _PACKAGE_FOLDER.parent / "examples")
 
 
@@ -56,7 +56,7 @@ def copy_example(folder: Path, start: str) -> list[str]:
 
     Returns
     -------
-    their names
+    names of the copied files
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Outputs of a result that its run did not record."""
+"""Evaluate outputs of a result that its run did not record."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def outputs(
     ----------
     names : as in `outputs.record` of a scene, `*` for any letters: "rod.tip.vx",
         "rod.q*"; several also as one text with commas
-    drives, forces : callables of the run, as for `simulate`; results store sampled
-        functions of time, so that only laws are missing
+    drives, forces : callables of the run, as for `simulate`; only those of type `Law`
+        are needed, because results store functions of time as samples
 
     Raises
     ------
-    InputError : there is no such output, or the states do not determine it (an integral
-        over the run, or a law of a program), or the result does not hold its scene.
+    InputError : there is no such output, the states do not determine it (an integral
+        over the run, or a missing `Law`), or the result does not hold its scene.
     """
     listed = _split_names(names)
     recorded = {name: result[name] for name in listed if name in result.names}
@@ -72,7 +72,7 @@ def outputs(
 
 
 def outputs_at(result: Result, names: Iterable[str], times: Array) -> dict[str, Array]:
-    """Return outputs at any times of a run, (nt,) each, from its interpolated states.
+    """Return outputs (nt,) at any times of a run, from its interpolated states.
 
     Outputs that states do not determine, and all outputs of an analysis, are
     interpolated linearly between the recorded values.
@@ -87,9 +87,7 @@ def outputs_at(result: Result, names: Iterable[str], times: Array) -> dict[str, 
 def interpolated_outputs(
     result: Result, names: Iterable[str], times: Array
 ) -> tuple[dict[str, Array], Replay | None]:
-    """Return the outputs as `outputs_at`, and the replay, which is None for an
-    analysis.
-    """
+    """Return outputs as `outputs_at` does, and the replay (None for an analysis)."""
     names = list(names)
     if "analysis" in result.settings:
         found = outputs(result, names)
@@ -149,11 +147,12 @@ def _analysis_outputs(
 def _equilibrium_outputs(
     result: Result, listed: list[str], drives: Programs | None, forces: Programs | None
 ) -> dict[str, Array]:
-    """Outputs of a static equilibrium by name.
+    """Return outputs of a static equilibrium by name.
 
     Raises
     ------
-    InputError : there is no such output, or the analysis ends in another state now.
+    InputError : there is no such output, or the repeated analysis ends in another
+        state.
     """
     from sidtool.solver.analyses.static_equilibrium import static_equilibrium
     from sidtool.solver.simulation.replay import scene_of

@@ -1,4 +1,4 @@
-"""Kind of a file by its content, and writing of SIDs and results."""
+"""Detect the kind of a file from its content; write SIDs and results."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from sidtool.formats.result import Result
 
 Path_ = str | os.PathLike[str]
-#: The entry ``format`` of files that people write, and the kind that it means.
+#: Kind of a text file by its entry ``format``.
 TEXT_FORMATS = {
     "sidtool model": "model",
     "sidtool scene": "scene",
     "sidtool reference": "reference",
     "sidtool study": "study",
 }
-#: The same of HDF5 files; all others are SIDs, whose reader says what is wrong.
+#: Kind of an HDF5 file by its format; all others are read as SIDs.
 _HDF5_FORMATS = {"sidtool result": "result", "sidtool field": "field"}
 
 
 def kind_of(path: Path_) -> str:
-    """ "model", "scene", "reference", "study", "result", "field" or "sid".
+    """Return "model", "scene", "reference", "study", "result", "field" or "sid".
 
     Raises
     ------
@@ -47,11 +47,11 @@ def kind_of(path: Path_) -> str:
 
 
 def expect_kind(path: Path_, *kinds: str) -> str:
-    """The kind of a file that must be one of some kinds.
+    """Return the kind of a file, which must be one of the given kinds.
 
     Raises
     ------
-    InputError : it is of another kind.
+    InputError : the file is of another kind.
     """
     kind = kind_of(path)
     if kind not in kinds:
@@ -90,7 +90,7 @@ def _kind_of_hdf5(path: Path) -> str:
         with h5py.File(path, "r") as file:
             return _HDF5_FORMATS.get(str(file.attrs.get("format")), "sid")
     except (OSError, RuntimeError, ValueError, TypeError):
-        return "sid"  # whose reader says what is wrong
+        return "sid"  # the reader of SIDs reports errors
 
 
 def write(path: Path_, content: SID | Result, *, dialect: str = "fembs") -> None:
@@ -98,7 +98,8 @@ def write(path: Path_, content: SID | Result, *, dialect: str = "fembs") -> None
 
     Raises
     ------
-    InputError : the file cannot be written, or its ending says something else.
+    InputError : the file cannot be written, or its ending belongs to another kind of
+        file.
     """
     from sidtool.formats.base.sid import SID
     from sidtool.formats.file_names import kind_by_ending

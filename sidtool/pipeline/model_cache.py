@@ -25,21 +25,22 @@ from sidtool.formats.model.refine import (
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid, write_sid
 
-#: Beside the scene.
+#: Cache folder, next to the scene.
 CACHE_FOLDER = ".sidtool"
-#: Full fields are beside the SIDs that they belong to, under this ending.
+#: Ending of full fields, which are stored next to their SIDs.
 FIELD_ENDING = ".field.h5"
 
 
 @dataclass(frozen=True)
 class Refinement:
-    """Refinement of a model, see `refine`.
+    """Refinement of a model relative to its file.
 
     Attributes
     ----------
+    level : number of halvings of the mesh
     modes : number of modes, None for that of the model
-    static : nodes with static shape functions for loads
-    stiffened : with geometric stiffening by all loads, which the model lacks
+    static : nodes with static shape functions for loads at them
+    stiffened : True to add geometric stiffening by all loads, which the model lacks
     """
 
     level: int = 0
@@ -54,7 +55,7 @@ class ConvertedBody:
 
     Attributes
     ----------
-    file : empty if it could not be stored
+    file : path relative to the scene, empty if the SID could not be stored
     """
 
     sid: SID
@@ -63,7 +64,7 @@ class ConvertedBody:
 
 
 class BodyModel:
-    """The model of one body and the SIDs that are made of it.
+    """The model of one body, and its converted and cached SIDs.
 
     Raises
     ------
@@ -76,14 +77,14 @@ class BodyModel:
 
     @property
     def modes(self) -> int | None:
-        """Normal modes that the model asks for, if its reduction counts them."""
+        """Number of normal modes of the model, if its reduction has such a number."""
         return requested_modes(self.model)
 
     def point_markers(self, nodes: Collection[str]) -> tuple[str, ...]:
-        """Markers at some nodes that are single points of a plane body or a solid.
+        """Return markers at single points of a plane body or a solid.
 
-        Beams bear forces at points, which bodies of more dimensions do not. A marker
-        that is clamped in the frame does not yield.
+        The displacement under a point force is finite for beams, but diverges with mesh
+        refinement for continua. Markers that are clamped in the frame are not affected.
         """
         from ..discretisation.registry import finite_element_model
         from ..reduction.body_frames import FRAMES, clamped_dofs
@@ -96,15 +97,15 @@ class BodyModel:
         return tuple(n for n in found if str(self.model.markers[n].node) in nodes)
 
     def can_refine(self) -> bool:
-        """False for meshes and matrices, which are as they are."""
+        """Whether the mesh can be refined; False for imported meshes and matrices."""
         return refine_model(self.model, 1) is not None
 
     def can_have_static_shapes(self, nodes: Collection[int]) -> bool:
-        """False without modes alone, or without a marker there."""
+        """Return whether static shape functions can be added at nodes."""
         return with_static_shapes(self.model, nodes) is not None
 
     def sid(self, fineness: Refinement) -> ConvertedBody:
-        """Converted, or read where it was made before.
+        """Convert the model, or read the SID from the cache.
 
         Raises
         ------
@@ -153,7 +154,7 @@ class BodyModel:
         return field
 
     def refined(self, fineness: Refinement) -> ModelFile:
-        """The model with another mesh, other modes and static shape functions."""
+        """Return the model with the mesh, modes and shape functions of a refinement."""
         model = refine_model(self.model, fineness.level)
         if model is not None and fineness.static:
             model = with_static_shapes(model, fineness.static)
@@ -177,7 +178,7 @@ def _ignore_progress(_: str) -> None:
 
 
 def body_models(scene: SceneFile, folder: Path) -> dict[str, BodyModel]:
-    """The bodies that are described by models.
+    """Return the bodies that are described by models.
 
     Raises
     ------
@@ -192,7 +193,7 @@ def convert_bodies(
 ) -> tuple[SceneFile, dict[str, SID], dict[str, list[str]]]:
     """Convert the models of a scene.
 
-    Models beside a SID are not converted.
+    The model of a body that also has a SID is not converted.
 
     Returns
     -------
@@ -219,7 +220,7 @@ def convert_bodies(
 
 
 def model_digest(model: ModelFile) -> str:
-    """A digest of a model and of the files that it names."""
+    """Return a digest of a model and of the files that it names."""
     from .. import __version__
 
     digest = hashlib.sha256(f"{__version__} {model.model_dump_json()}".encode())
@@ -229,7 +230,7 @@ def model_digest(model: ModelFile) -> str:
 
 
 def _named_files(value: Any) -> Iterator[Path]:
-    """Texts of a model that are names of files."""
+    """Yield the texts of a model that are names of files."""
     if isinstance(value, BaseModel):
         for name in type(value).model_fields:
             yield from _named_files(getattr(value, name))

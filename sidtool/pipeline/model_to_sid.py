@@ -40,12 +40,12 @@ __all__ = ["finite_element_model", "sid_from_model"]
 
 Array = NDArray[np.float64]
 
-#: What sentences for the user begin with, beside the names of stages.
+#: Prefix that distinguishes notes from the names of stages.
 NOTE_PREFIX = "note: "
-#: What the sentence on the errors of the shape functions begins with.
+#: Prefix of the note on the errors of the shape functions.
 BASIS_PREFIX = "basis: "
 
-#: Parts of a conversion, and about how long they take beside each other.
+#: Stages of a conversion and their approximate relative durations.
 _STAGE_WEIGHTS = {
     "discretising": 4.0,
     "reducing": 5.0,
@@ -66,20 +66,21 @@ def sid_from_model(
     progress: Callable[[str], None] | None = None,
     engine: str | None = None,
 ) -> SID:
-    """Discretise, reduce and write down one body.
+    """Discretise and reduce one body, and assemble its SID.
 
     Parameters
     ----------
-    model : a model file, read already or by its path
-    progress : called with the name of every stage as it begins, with counts from inside
-        the longest of them, with a sentence that begins with `BASIS_PREFIX`, and with
-        sentences that begin with `NOTE_PREFIX`; without it these are warnings
-    engine : what solves the equations, one of `reduction.factors.ENGINES`; the fastest
-        that is installed by default
+    model : a model, or the path of a model file
+    progress : called with the name of every stage at its start, with counts inside long
+        stages, with a note that begins with `BASIS_PREFIX`, and with notes that begin
+        with `NOTE_PREFIX`; without it notes are emitted as warnings
+    engine : solver of the equations, one of `eigensolvers.engine.ENGINES`; default the
+        fastest that is installed
 
     Raises
     ------
-    InputError : names the file (if given by its path) and the key that is wrong.
+    InputError : the model is not valid; the error names the key, and the file if given
+        by path.
     """
     return _run_conversion(model, progress, engine, with_field=False)[0]
 
@@ -110,7 +111,7 @@ def _run_conversion(
 
 
 def _stage_durations(model: ModelFile, with_field: bool) -> dict[str, float]:
-    """About how much of the time each part of a conversion takes, of those it has."""
+    """Return the approximate share of time of each stage of this conversion."""
     stiffening = model.stiffening
     left_out = {
         "prestress": not (stiffening and stiffening.prestress),
@@ -192,7 +193,7 @@ def _check_requested_outputs(body: FiniteElementModel, model: ModelFile) -> list
 
     Returns
     -------
-    notes on those that are incomplete
+    notes on outputs that are incomplete
     """
     if model.stiffening:
         check_prestress(body, model.stiffening, model.frame)
@@ -223,12 +224,12 @@ def assembled_sid(
     title: str = "",
     held: NDArray[np.bool_] | None = None,
 ) -> SID:
-    """The SID of a discretised body with given frame and shape functions.
+    """Assemble the SID of a discretised body with given frame and shape functions.
 
     Parameters
     ----------
-    held : (ndof,) the degrees of freedom that are clamped in the frame; by default
-        those that define it
+    held : (ndof,) mask of the degrees of freedom that are clamped in the frame; by
+        default those that define it
     """
     nq = len(basis.labels)
     held = frame.held if held is None else held
@@ -273,11 +274,12 @@ def _sid_node(
 def _free_rotations(
     body: FiniteElementModel, marker: MarkerRows, held: NDArray[np.bool_]
 ) -> Array:
-    """Return the projection (3, 3) on rotations that clamped nodes around a marker
+    """Return the projection (3, 3) on the rotations that clamped nodes near a marker
     allow.
 
-    The displacement gradient beside a clamped edge rotates a point on it, which the
-    edge does not. Markers with a rotation of their own (beams, ties) lose nothing.
+    The displacement gradient next to a clamped edge would rotate a point of the edge,
+    although the edge itself cannot rotate. Markers with rotational degrees of freedom
+    (beams, ties) keep all rotations.
     """
     if marker.gradient is None or not held[marker.displacement.indices].all():
         return np.eye(3)

@@ -1,4 +1,4 @@
-"""Scenes with replaced SIDs and rigid bodies, and notes on what this changes."""
+"""Replace SIDs in scenes, make bodies rigid, and describe the consequences."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def apply_changes(
     sids: Mapping[str, SID | str | os.PathLike[str]],
     rigid: Iterable[str],
 ) -> tuple[SceneFile, dict[str, SID], list[str]]:
-    """The scene, the SIDs that replace its own, and sentences about both.
+    """Return the scene with replacements, its SIDs, and notes on both.
 
     folder : relative paths of the scene begin here
 
@@ -123,7 +123,7 @@ def take_as_rigid(scene: SceneFile, names: Iterable[str]) -> SceneFile:
 
 
 def rigid_body_notes(scene: SceneFile) -> Iterator[str]:
-    """A sentence about the bodies that are rigid, and what is not recorded of them."""
+    """Yield a note on rigid bodies and on their outputs that are not recorded."""
     from sidtool.solver.system.body_data import elastic_outputs, is_taken_as_rigid
 
     rigid = [name for name in scene.bodies if is_taken_as_rigid(scene, name)]
@@ -135,7 +135,7 @@ def rigid_body_notes(scene: SceneFile) -> Iterator[str]:
 
 
 def reduced_body_notes(scene: SceneFile) -> Iterator[str]:
-    """A sentence about each body of which the scene leaves something out."""
+    """Yield a note on each body with neglected shape functions or terms."""
     for name, body in scene.sid_bodies.items():
         if body.shape_functions is not None and not body.rigid:
             numbers = ", ".join(map(str, sorted(body.shape_functions)))
@@ -145,7 +145,8 @@ def reduced_body_notes(scene: SceneFile) -> Iterator[str]:
 
 
 PLACE = "initial.file"
-#: Output times that are nearer than this part of the time span are the one asked for.
+#: Output times closer than this fraction of the time span are equal to the requested
+#: one.
 NEAR = 1e-9
 #: Position, orientation, velocity and angular velocity of a body, by dimension.
 _FRAME = {
@@ -157,14 +158,14 @@ _FRAME = {
         "wx wy wz",
     ),
 }
-#: Text in the scene of a result for a SID that came from a program.
+#: Text in the scene of a result for a SID that was given as an object.
 PROGRAM_SID_TEXT = "(given by a program)"
-#: SIDs of models that are objects, by the texts that stand for these.
+#: Converted SIDs of models that were given as objects, by their placeholder texts.
 _CONVERTED_OBJECTS: dict[str, SID] = {}
 
 
 def sid_of(body: SidBody, folder: Path) -> SID:
-    """Return the SID of a body: of its file, or the object in its place.
+    """Return the SID of a body, from its file or from the given object.
 
     Raises
     ------
@@ -177,7 +178,7 @@ def sid_of(body: SidBody, folder: Path) -> SID:
 
 
 def _program_sids(scene: SceneFile) -> dict[str, SID]:
-    """SIDs of bodies for which a program gave an object."""
+    """Return the SIDs of bodies that were given as objects."""
     return {
         name: sid_of(body, scene.folder)
         for name, body in scene.sid_bodies.items()
@@ -186,7 +187,7 @@ def _program_sids(scene: SceneFile) -> dict[str, SID]:
 
 
 def _sid_of_object(given: SID | ModelFile) -> SID:
-    """The SID that an object is, or that is made of a model, once."""
+    """Return an object that is a SID, or convert a model once."""
     from .model_to_sid import sid_from_model
 
     if isinstance(given, SID):
@@ -200,7 +201,7 @@ def _sid_of_object(given: SID | ModelFile) -> SID:
 def replace_sids(
     scene: SceneFile, sids: Mapping[str, SID | str | os.PathLike[str]], folder: Path
 ) -> tuple[SceneFile, dict[str, SID]]:
-    """The scene that names what it is simulated with, and the SIDs by body.
+    """Return the scene that names its replaced SIDs, and the SIDs by body.
 
     folder : relative paths of the scene begin here
 
@@ -221,14 +222,14 @@ def replace_sids(
             found[name], text = given, PROGRAM_SID_TEXT
         else:
             found[name] = read_sid(given)
-            # Results keep the name as text, which bytes that are not UTF-8 are not.
+            # Results store the name as text, so bytes that are not UTF-8 are escaped.
             text = printable(path_from(folder, Path(given)))
         bodies[name] = bodies[name].model_copy(update={"sid": text, "model": None})
     return scene.model_copy(update={"bodies": bodies}), found
 
 
 def with_initial_state(scene: SceneFile, folder: Path) -> SceneFile:
-    """Return the scene with the state of the result that it starts from, if it does.
+    """Return the scene with the initial state of the result that it names, if any.
 
     Parameters
     ----------
@@ -254,7 +255,7 @@ def with_initial_state(scene: SceneFile, folder: Path) -> SceneFile:
 
 
 def _at_time(result: Result, time: float | None) -> Result:
-    """The result at one of its times alone, by default the last one."""
+    """Return the result at one of its times, by default the last one."""
     if not len(result.t):
         raise InputError("holds no state", place=PLACE, expected="a run that began")
     row = len(result.t) - 1
@@ -337,20 +338,20 @@ def _frame(body: str, dimension: str, found: dict[str, float]) -> dict[str, Any]
     return {"position": position, "velocity": velocity, **turned}
 
 
-#: Largest number of elastic coordinates that a note lists.
+#: Largest number of elastic coordinates in a note.
 MAX_LISTED = 3
 
 
 def changed_shape_notes(
     scene: SceneFile, sids: Mapping[str, SID], former_of: Callable[[str], SID]
 ) -> Iterator[str]:
-    """A sentence for each body whose elastic coordinates name other shapes.
+    """Return a note on each body whose elastic coordinates belong to other shapes.
 
-    Compared are the kinds of motion, such as bending in y, of the coordinates that both
-    SIDs have. Where the file of the scene cannot be read there is nothing to compare.
+    The kinds of motion, such as bending in y, are compared for the coordinates that
+    both SIDs have. Nothing is compared if the file of the scene cannot be read.
 
     sids : SIDs that replace the files of the bodies with these names
-    former_of : gives the SID of a body that the scene names, or raises an InputError
+    former_of : returns the SID that the scene names for a body, or raises InputError
     """
     for name, sid in sids.items():
         body = scene.sid_bodies.get(name)

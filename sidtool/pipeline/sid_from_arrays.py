@@ -1,4 +1,4 @@
-"""SIDs from matrices with shape functions, or from blocks, in memory."""
+"""Build SIDs from matrices with shape functions, or from blocks."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from .model_to_sid import assembled_sid
 __all__ = ["sid_from_blocks", "sid_from_shapes"]
 
 Array = NDArray[np.float64]
-#: A block as its value at q = 0, or with its derivatives (nq, rows, columns) by q.
+#: A block: its value at q = 0, or that and its derivatives (nq, rows, columns) by q.
 Block = ArrayLike | Taylor | tuple[ArrayLike, ArrayLike]
 
-#: A shape function without more of the largest stiffness than this is a rigid motion.
+#: Stiffness relative to the largest one below which a shape function is rigid.
 _RIGID_MOTION_TOLERANCE = 1e-9
 _NODE_DOF_COUNTS = {2: (1, 2), 3: (1, 2, 3), 6: (1, 2, 3, 4, 5, 6)}
 
@@ -57,7 +57,7 @@ def sid_from_shapes(
     labels: Sequence[str] | None = None,
     title: str = "",
 ) -> SID:
-    """The SID of a free body from its matrices and the shape functions of your choice.
+    """Build the SID of a free body from its matrices and given shape functions.
 
     Parameters
     ----------
@@ -123,9 +123,9 @@ def sid_from_blocks(
     title: str = "",
     **blocks: Block,
 ) -> SID:
-    """A SID from its blocks, by Wallrapp's names and shapes (`sidtool.SID`).
+    """Build a SID from its blocks, with Wallrapp's names and shapes (`sidtool.SID`).
 
-    What is left out follows from the rest: mdCM m1 from Ct, Oe m0 from J m1, Ge from Cr
+    Omitted blocks follow from the others: mdCM m1 from Ct, Oe m0 from J m1, Ge from Cr
     m1 and Gr from J m1 and Cr; ksigma, De and all else are zero.
 
     Parameters
@@ -142,7 +142,8 @@ def sid_from_blocks(
 
     Raises
     ------
-    InputError : a block is missing, unknown, misshapen, or against the others.
+    InputError : a block is missing, unknown, has a wrong shape, or contradicts the
+        others.
     """
     unknown = [name for name in blocks if name not in BLOCK_SHAPES]
     missing = [n for n in ("mdCM", "J", "Ct", "Cr", "Me", "Ke") if n not in blocks]
@@ -193,7 +194,7 @@ def _block_terms(block: Block) -> tuple[Any, Any]:
 
 
 def _taylor_block(name: str, block: Block, nq: int) -> Taylor:
-    """A block; vectors may be given as such."""
+    """Return a block; vectors may be given in one dimension."""
     m0, m1 = _block_terms(block)
     shape = block_shape(name, nq)
     first = None if m1 is None else _with_shape(name, m1, (nq, *shape))
@@ -234,11 +235,11 @@ def _node_of_entries(name: str, entries: Mapping[str, ArrayLike], nq: int) -> No
 
 
 def _checked_sid(sid: SID) -> SID:
-    """A SID that passes the checks of a file.
+    """Return the SID if it passes the checks of a file.
 
     Raises
     ------
-    InputError : it does not; names the identity.
+    InputError : it does not pass; the error names the identity.
     """
     failed = [
         found for found in check(sid) if found.failed and found.severity == "error"
@@ -253,7 +254,7 @@ def _checked_sid(sid: SID) -> SID:
 
 
 def _reduced_stiffness(body: FiniteElementModel, shapes: Array) -> Array:
-    """(nq, nq), of shape functions that are independent and deform the body."""
+    """Return the reduced stiffness (nq, nq); refuse dependent or rigid shapes."""
     found = shapes.T @ (body.stiffness @ shapes)
     inertia = shapes.T @ (body.mass @ shapes)
     sizes = np.sqrt(np.maximum(np.diag(inertia), 1e-300))
@@ -275,7 +276,7 @@ def _reduced_stiffness(body: FiniteElementModel, shapes: Array) -> Array:
 
 
 def _rows_by_node(count: int, rows: int) -> NDArray[np.int64]:
-    """Rows node by node, with as many directions as there are."""
+    """Return node row and direction of each degree of freedom in node-by-node order."""
     each, left = divmod(rows, max(count, 1))
     if left or each not in _NODE_DOF_COUNTS:
         raise InputError(

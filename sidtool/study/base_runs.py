@@ -18,10 +18,10 @@ from .plan import StudyPlan
 def check_base_runs(plan: StudyPlan, names: Sequence[str], run_of: RunOf) -> None:
     """Check that the scene itself stays in the range of linear theory.
 
-    Otherwise all variants have errors that no reference shows. Only for a study that
-    varies more than integrators. A scene that leaves the range for lack of geometric
-    stiffening, or of a frame that bends less, may stay inside with everything that its
-    models have.
+    Otherwise all variants share errors that no reference shows. The check applies to
+    studies that vary more than integrators. A scene that leaves the range because it
+    lacks geometric stiffening or a better body frame may stay inside with the full
+    models.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def _run_base(task: RunTask) -> Result:
         ) from None
 
 
-#: Of coarser meshes and of fewer modes, how many there are.
+#: Number of runs with coarser meshes and with fewer modes for the error estimate.
 COARSER_MESHES, FEWER_MODES = 2, 1
 
 RunOf = Callable[[Variant, Setting, Sequence[str]], tuple[RunTask, int]]
@@ -74,7 +74,7 @@ def best_reference(
     run_of: RunOf,
     tight_runs: Callable[[Sequence[RunTask]], list[RunRecord]],
 ) -> Reference:
-    """Return, of the richest variants of all models, the one that converged best.
+    """Return the best converged of the finest variants of all models.
 
     Raises
     ------

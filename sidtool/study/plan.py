@@ -37,11 +37,11 @@ MAX_POINTS = 300
 class StudyPlan:
     """The points of a study.
 
-    values : of each axis that is varied
-    base : the scene as it is
-    points : variants and settings, those first that differ least from the scene
-    differ : in how many choices they differ from it at most
-    whole : points of the whole grid
+    values : values of each varied axis
+    base : the unchanged scene
+    points : variants and settings, ordered by their number of changes
+    differ : largest number of choices in which they differ from the scene
+    whole : number of points of the full grid
     """
 
     bodies: BodyVariants
@@ -54,7 +54,7 @@ class StudyPlan:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Axes with several values, the models among them."""
+        """Return the axes with several values, including the models."""
         models = ("model",) if self.bodies.models > 1 else ()
         return models + tuple(n for n in AXES if len(self.values.get(n, ())) > 1)
 
@@ -68,7 +68,7 @@ class StudyPlan:
         return {name: found[name] for name in self.varied if name in found}
 
     def richest(self) -> list[Variant]:
-        """The finest mesh with most modes of each model, those with all terms first."""
+        """Return the finest variants of each model, those with all terms first."""
         found = [replace(self.base, model=k) for k in range(self.bodies.models)]
         for name in ("mesh", "modes"):
             known = [v for v in self.values.get(name, ()) if v is not None]
@@ -87,7 +87,7 @@ def make_plan(
     settings: Sequence[Setting] | None,
     differ: int | None,
 ) -> StudyPlan:
-    """The values of all axes, their defaults where none are given, and the points.
+    """Return the values of all axes, with defaults, and the points.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def make_plan(
 def _integration_settings(
     scene: SceneFile, requested: Values, settings: Sequence[Setting] | None
 ) -> list[Setting]:
-    """Return the given settings, or those of the axis, or the one of the scene."""
+    """Return the given settings, those of the axis, or that of the scene."""
     if settings is not None:
         return list(settings)
     if "integrator" not in requested:

@@ -47,7 +47,7 @@ from .base_runs import best_reference, check_base_runs
 from .plan import StudyPlan, comparable_outputs, make_plan
 from .study_result import Study
 
-#: Told what is done: a text, points that are done and all, and seconds that are left.
+#: Progress callback: text, finished points, all points, remaining seconds.
 Say = Callable[[str, int, int, float | None], None]
 
 
@@ -68,32 +68,32 @@ def run_study(
     say: Say | None = None,
     programs: Programs | None = None,
 ) -> Study:
-    """Run a scene in many variants and compare each run with one that is far richer.
+    """Run a scene in many variants and compare each run with a much finer one.
 
     Parameters
     ----------
-    over : axes and their values, see `axes.AXES`, () for the defaults; default
-        integrators and tolerances alone
-    sids : that replace those of the scene
+    over : axes and their values, see `variants.AXES`, () for the defaults; default
+        integrators and tolerances only
+    sids : SIDs that replace those of the scene
     models : model files by body, which replace its SID; several are variants, the first
         of each body together, the second of each, and so on
-    settings : how runs are integrated; default all integrators at `TOLERANCES`, and
-        fewer where other things vary, too
-    outputs : names of those that count, default all that the scene records
-    differ : in how many choices a point differs from the scene at most, default as many
-        as make `plan.MOST` points
+    settings : integration of the runs; default all integrators at `TOLERANCES`, and
+        fewer if other axes vary
+    outputs : names of the compared outputs, default all recorded ones
+    differ : largest number of choices in which a point differs from the scene, default
+        as many as give at most `plan.MAX_POINTS` points
     keep : folder of finished points, which are not computed again
-    jobs : processes; 1 for this one
+    jobs : number of processes; 1 for the current process
     dask : address of a Dask scheduler, whose cluster is used instead
-    stop : asked from time to time why to end, if at all
-    say : told what is done
-    programs : callables for `drives` and `forces`, in this process only
+    stop : called repeatedly; returns a reason to end, or an empty text
+    say : progress callback
+    programs : callables for `drives` and `forces`, for the current process only
 
     Raises
     ------
-    InputError : the scene records nothing, or not what `outputs` asks for; an axis does
-        not fit the scene; no model of it can be run.
-    StudyInterrupted : `stop` said why.
+    InputError : the scene records nothing, or not the given `outputs`; an axis does not
+        fit the scene; no model can be run.
+    StudyInterrupted : `stop` returned a reason.
     """
     folder = Path(base_folder or scene.folder)
     bodies = _make_bodies(scene, folder, sids or {}, models or {})
@@ -169,7 +169,7 @@ class Workers:
     say: Say
 
     def convert(self, models: Mapping[str, ModelFile]) -> dict[str, ConversionOutcome]:
-        """Models by their digests, each once."""
+        """Convert models, each once; return the outcomes by digest."""
         found: dict[str, ConversionOutcome] = {}
         for key, model in models.items():
             before = self.store.converted(model)
@@ -189,7 +189,7 @@ class Workers:
     def runs(
         self, tasks: Iterator[RunTask]
     ) -> Iterator[tuple[RunTask, RunRecord, bool]]:
-        """Runs as they are done, and whether they were made now."""
+        """Yield runs as they are completed, and whether they were computed now."""
         known: list[tuple[RunTask, RunRecord]] = []
 
         def unknown() -> Iterator[RunTask]:
@@ -238,7 +238,7 @@ class _StudyRun:
         )
 
     def _models(self) -> dict[str, ModelFile]:
-        """All models that are still to be converted, by their digests."""
+        """Return the models that are not converted yet, by digest."""
         found: dict[str, ModelFile] = {}
         variants = dict.fromkeys(v for v, _ in self.plan.points)
         for variant in (Variant(), *variants, *self.plan.richest()):
@@ -250,7 +250,7 @@ class _StudyRun:
         return {key: model for key, model in found.items() if key not in self.made}
 
     def _sid(self, model: ModelFile) -> SID:
-        """Converted by now, or now: the reference may need what no point has."""
+        """Return the SID of a model; convert it if only the reference needs it."""
         key = model_digest(model)
         if key not in self.made:
             self.made |= self.doing.convert({key: model})
@@ -260,7 +260,7 @@ class _StudyRun:
         return conversion.sid
 
     def _names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Outputs that are compared, and those that are not."""
+        """Return the outputs that are compared, and those that are not."""
         scene, sids = self.plan.bodies.as_scene(Variant(), self._sids(Variant()))
         requested_names = dict.fromkeys(self.outputs, 1.0)
         check_recorded(scene.outputs.record)
@@ -286,11 +286,11 @@ class _StudyRun:
     def run_of(
         self, variant: Variant, setting: Setting, names: Sequence[str]
     ) -> tuple[RunTask, int]:
-        """A run and its number of elastic coordinates.
+        """Return a run and its number of elastic coordinates.
 
         Raises
         ------
-        InputError : the variant cannot be made.
+        InputError : the variant cannot be created.
         """
         model_sids = self._sids(variant)
         scene, sids = self.plan.bodies.as_scene(variant, model_sids)
@@ -301,7 +301,7 @@ class _StudyRun:
         return task, elastic_size(scene, sids)
 
     def _tight(self, tasks: Sequence[RunTask]) -> list[RunRecord]:
-        """References, which are run once."""
+        """Run references, each only once."""
         tasks = [replace(task, once=True) for task in tasks]
         found = {}
         for task, record, _ in self.doing.runs(iter(tasks)):
@@ -310,7 +310,9 @@ class _StudyRun:
         return [found[id(task)] for task in tasks]
 
     def _cost(self, variant: Variant) -> tuple[int, float]:
-        """Degrees of freedom and seconds of all models of a variant, each once."""
+        """Return degrees of freedom and conversion time [s] of the models of a
+        variant.
+        """
         models = self.plan.bodies.to_convert(variant).values()
         conversions = {
             model_digest(m): self.made[model_digest(m)] for m in models
@@ -361,7 +363,7 @@ class _StudyRun:
 
 
 def _points_by_tolerance(variant: Variant, setting: Setting) -> tuple[Variant, str]:
-    """Points that differ in their tolerance alone."""
+    """Group points that differ in their tolerance only."""
     return variant, setting.integrator
 
 

@@ -44,9 +44,9 @@ class Study:
     points : one for each variant and setting, with its error, seconds and size
     reference : the motion that errors are measured against
     varied : axes with several values
-    dropped : outputs that do not mean the same in all variants
-    differ : in how many choices points differ from the scene at most
-    whole : points that the whole grid has
+    dropped : outputs that are not comparable between all variants
+    differ : largest number of choices in which points differ from the scene
+    whole : number of points of the full grid
     title : of pictures
     """
 
@@ -70,12 +70,12 @@ class Study:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Those of the notes that say that numbers may be wrong."""
+        """Return the notes that numbers may be wrong."""
         return self.reference.warnings
 
     def front(self, cost: str = "seconds") -> list[Point]:
-        """Points of which none other has less error for no more cost, the cheapest
-        first.
+        """Return the Pareto front: no other point has a smaller error at no more cost.
+        The cheapest point is first.
 
         cost : "seconds", "size" (elastic coordinates) or "dofs" (of the meshes)
 
@@ -90,7 +90,7 @@ class Study:
         return pareto_front([p for p in self.points if not p.message], attrgetter(cost))
 
     def recommended(self, wanted: float) -> Point | None:
-        """The fastest point with at most this relative error; None if there is none."""
+        """Return the fastest point with at most this relative error, or None."""
         return recommend_point(self.points, wanted)
 
     def report(self, wanted: Sequence[float] = RECOMMENDED_ERRORS) -> str:
@@ -104,8 +104,8 @@ class Study:
         return study_report(self, wanted)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A pandas table: a row per point; units in `attrs`. An `error NAME` is that of
-        one output, relative to its variation.
+        """Return a pandas table: a row per point; units in `attrs`. A column `error
+        NAME` is the error of one output relative to its variation.
 
         Raises
         ------
@@ -118,9 +118,9 @@ class Study:
         return table
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
-        """A matplotlib figure of error over time, and over size where that varies.
+        """Return a matplotlib figure of error over time, and over size if that varies.
 
-        path : writes a picture as well (.png, .svg, .pdf)
+        path : file to which the figure is written as well (.png, .svg, .pdf)
 
         Raises
         ------
@@ -167,10 +167,10 @@ class Study:
         return html_table(rows, header, repr(self)[1:-1])
 
 
-#: What the columns of costs are called.
+#: Columns of costs.
 COSTS = ("size", "dofs", "conversion")
-#: A reference is sharp up to this uncertainty; outputs below this share of it are not
-#: limiting.
+#: Largest uncertainty of a sharp reference; outputs with less than this fraction of it
+#: are not limiting.
 SHARP_UNCERTAINTY, LIMITING_SHARE = 1e-3, 0.1
 
 
@@ -186,7 +186,7 @@ def study_report(result: Study, wanted: Sequence[float]) -> str:
 
 
 def full_report(result: Study, wanted: Sequence[float]) -> str:
-    """The same with all points."""
+    """Return the report with all points."""
     text = study_report(result, wanted)
     if result.of_integrators:
         return text
@@ -214,7 +214,7 @@ def _pareto_tables(result: Study) -> list[str]:
 
 
 def one_factor_points(result: Study) -> list[Point]:
-    """Points that differ from the first one, the scene as it is, in one choice."""
+    """Return the points that differ from the first one (the scene) in one choice."""
     base = result.points[0]
 
     def away(point: Point) -> int:
@@ -225,7 +225,7 @@ def one_factor_points(result: Study) -> list[Point]:
 
 
 def study_table(points: Iterable[Point], axes: Sequence[str]) -> str:
-    """Points, one line each."""
+    """Tabulate points, one per line."""
     costs = COSTS if axes else ()
     rows = [
         [
@@ -271,7 +271,7 @@ def recommendation_table(points: Sequence[Point], wanted: Iterable[float]) -> st
 
 
 def _limiting_outputs(result: Study) -> str:
-    """Which outputs keep a reference from being sharp, and what to do."""
+    """Return a note on the outputs that limit the reference, and a remedy."""
     reference = result.reference
     pairs = zip(reference.names, reference.floors, strict=True)
     errors = {name: float(floor) for name, floor in pairs}
@@ -366,7 +366,7 @@ def study_file(result: Study) -> StudyFile:
 
 
 def study_columns(content: StudyFile) -> dict[str, list[object]]:
-    """All points by columns, with the error of each output; seconds, steps in s."""
+    """Return the columns of all points, with the error of each output; times in s."""
     axes = [name for name in content.varied if name != "integrator"]
     found: dict[str, list[object]] = {
         name: [p.choices.get(name, "") for p in content.points] for name in axes
@@ -380,7 +380,7 @@ def study_columns(content: StudyFile) -> dict[str, list[object]]:
 
 
 def write_table(path: Path, content: StudyFile) -> None:
-    """All points as CSV."""
+    """Write all points as CSV."""
     found = study_columns(content)
     found["told"] = [int(bool(told)) for told in found["told"]]
     with (

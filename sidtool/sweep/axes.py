@@ -17,12 +17,13 @@ Over = str | Iterable[str] | Mapping[str, Iterable[Any]]
 _RANGE_FORM = (
     "KEY=FROM:TO:COUNT, with :log at its end for equal ratios, or KEY=VALUE,VALUE"
 )
-#: More points than these are not meant.
+#: Sweeps with more points are refused as mistakes.
 MAX_POINTS = 1_000_000
 
 
 def parse_axes(over: Over) -> Axes:
-    """Axes as behind `--over`, or as a mapping from keys to values.
+    """Parse axes from texts of the option `--over`, or from a mapping of keys to
+    values.
 
     Raises
     ------
@@ -53,12 +54,12 @@ def parse_axes(over: Over) -> Axes:
 
 
 def axis_combinations(axes: Axes) -> list[dict[str, Any]]:
-    """All combinations of values, those of the last axis change first."""
+    """Return all combinations of values; the last axis changes fastest."""
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
 
 
 def _values_given(key: str, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Values of a program, numbers and arrays of NumPy as plain ones."""
+    """Convert values given in Python; NumPy numbers and arrays become plain ones."""
     several = [values] if isinstance(values, str | int | float) else list(values)
     if not several:
         raise InputError(f"{key} has no values", place="over", expected="at least one")
@@ -78,11 +79,12 @@ def _parse_axis(text: str) -> tuple[str, tuple[Any, ...]]:
 
 
 def _parse_range(text: str, parts: list[str]) -> tuple[float, ...]:
-    """From the first to the second number, both included.
+    """Return evenly spaced values of a range that includes both ends.
 
     Raises
     ------
-    InputError : a part is no number, the count is none, or a logarithm is of none.
+    InputError : an end or the count is not a number, or a logarithmic range is not
+        positive.
     """
     try:
         first, last = (evaluate_number(part, {}) for part in parts[:2])
@@ -110,7 +112,7 @@ def _parse_range(text: str, parts: list[str]) -> tuple[float, ...]:
 
 
 def _split_values(text: str) -> list[Any]:
-    """Values with commas between them, each as behind `--set`."""
+    """Return values separated by commas, each as in `--set`."""
     try:
         return list(tomllib.loads(f"values = [{text}]")["values"])
     except tomllib.TOMLDecodeError:

@@ -1,4 +1,4 @@
-"""The scene of each point of a sweep, with the models that it changes."""
+"""Build the scene and the models of each point of a sweep."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from ..pipeline.scene_changes import replace_sids
 
 #: `rod.model.geometry.height`: a key of the model of a body.
 _OF_MODEL = re.compile(r"(?:bodies\.)?([^.\[\]]+)\.model\.(.+)")
-#: A unit in the description of a key.
+#: Pattern of a unit in the description of a key.
 _UNIT = re.compile(r"\[((?:kg|m|N|Pa|s|rad|J|W|Hz|1/)[^\[\],]*)\]")
-#: Attributes in the docstring of a table, and the first line of what they are.
+#: Pattern of attributes and their first line in the docstring of a table.
 _ATTRIBUTE = re.compile(r"^ *(\w+(?:, \w+)*) : (.*)$", re.MULTILINE)
 
 
@@ -33,8 +33,8 @@ _ATTRIBUTE = re.compile(r"^ *(\w+(?:, \w+)*) : (.*)$", re.MULTILINE)
 class Design:
     """A scene with the values of a point.
 
-    models : of bodies that are made of one, converted by the sweep
-    sids : of the other flexible bodies
+    models : models of bodies, which the sweep converts
+    sids : SIDs of the other flexible bodies
     """
 
     scene: SceneFile
@@ -44,16 +44,16 @@ class Design:
     def with_sids(
         self, converted: Mapping[str, SID]
     ) -> tuple[SceneFile, dict[str, SID]]:
-        """The scene without files, and the SIDs of all flexible bodies.
+        """Return the scene without files, and the SIDs of all flexible bodies.
 
-        made : SIDs of the models, by body
+        converted : SIDs of the models, by body
         """
         return replace_sids(self.scene, {**self.sids, **converted}, self.scene.folder)
 
 
 @dataclass
 class Designs:
-    """Makes the designs of a scene; reads each file once.
+    """Factory of the designs of a scene; it reads each file once.
 
     given : SIDs that replace those of the scene, by body
     record : outputs that the runs record
@@ -65,7 +65,7 @@ class Designs:
     _read: dict[Path, Any] = field(default_factory=dict)
 
     def design(self, values: Mapping[str, Any]) -> Design:
-        """The design of one point.
+        """Return the design of one point.
 
         values : by keys of the scene, and of models as `BODY.model.KEY`
 
@@ -109,7 +109,7 @@ class Designs:
         return Design(content, models, sids)
 
     def _key_of_model(self, key: str) -> tuple[str, str] | None:
-        """The body and the key of its model that a key names."""
+        """Return the body and the key of its model, for a key BODY.model.KEY."""
         found = _OF_MODEL.fullmatch(key)
         if found is None or found[1] not in self.scene.bodies:
             return None
@@ -139,7 +139,7 @@ class Designs:
         return self._read[path]
 
     def unit(self, key: str) -> str:
-        """The unit of a key, where its description has one; parameters have none."""
+        """Return the unit of a key from its description; parameters have none."""
         found = self._key_of_model(key)
         content: Any = self.scene
         try:
@@ -177,5 +177,5 @@ def _value_at(content: Any, place: str | int) -> Any:
 
 
 def models_of_designs(designs: Sequence[Design]) -> dict[str, ModelFile]:
-    """The models of all designs by their digests."""
+    """Return the models of all designs by their digests."""
     return {model_digest(m): m for design in designs for m in design.models.values()}

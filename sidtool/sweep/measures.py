@@ -1,4 +1,4 @@
-"""Numbers of the time history of an output: its maximum, its mean, ..."""
+"""Measures of the time history of an output: maximum, mean, ... ..."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import has_wildcard, parse_output
 
-#: The output times themselves, which no output is called.
+#: Name for the output times; no output has this name.
 TIME = "t"
 
 
 def mean(times: Array, values: Array) -> float:
-    """Mean over time, by the trapezoidal rule."""
+    """Return the mean over time by the trapezoidal rule."""
     if times[-1] <= times[0]:
         return float(values[-1])
     return float(trapezoid(values, times) / (times[-1] - times[0]))
 
 
 def root_mean_square(times: Array, values: Array) -> float:
-    """Root of the mean square over time, by the trapezoidal rule."""
+    """Return the root mean square over time by the trapezoidal rule."""
     return float(np.sqrt(mean(times, values**2)))
 
 
@@ -39,7 +39,7 @@ MEASURES: dict[str, Callable[[Array, Array], float]] = {
 
 
 class Measure(NamedTuple):
-    """A number of an output, such as `tip.y.max`; `output` may have wildcards."""
+    """A measure of an output, such as `tip.y.max`; `output` may have wildcards."""
 
     output: str
     name: str
@@ -49,7 +49,7 @@ class Measure(NamedTuple):
 
 
 def parse_measures(texts: str | Iterable[str]) -> list[Measure]:
-    """Measures as behind `--of`; several also as one text with commas.
+    """Parse measures of the option `--of`; one text may hold several, with commas.
 
     Raises
     ------

@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
     import pandas
 
-#: The last column, where a run failed or may be wrong.
+#: The last column: why a run failed, or its warnings.
 MESSAGE_COLUMN = "message"
 
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """One run.
+    """One point of a sweep.
 
     Attributes
     ----------
     values : by keys of the scene
-    measures : numbers of outputs, such as `tip.y.max`; none where the run failed
-    message : why it failed; empty otherwise
+    measures : values by name, such as `tip.y.max`; empty if the run failed
+    message : why the run failed; else empty
     notes, warnings : of the run; warnings say that numbers may be wrong
     """
 
@@ -53,7 +53,7 @@ class Sweep(Mapping[str, np.ndarray]):
     points : one for each combination of values, in the order asked for
     axes : keys that are varied
     measures : what was measured, wildcards expanded
-    units : of axes and measures, "" where they have none or none is known
+    units : units of axes and measures, "" if there is none or it is not known
     title : of pictures
     """
 
@@ -64,7 +64,7 @@ class Sweep(Mapping[str, np.ndarray]):
     title: str = ""
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A column, (n,): numbers, or texts of what is none.
+        """Return a column (n,) of numbers, or of texts.
 
         Raises
         ------
@@ -86,16 +86,16 @@ class Sweep(Mapping[str, np.ndarray]):
 
     @property
     def failed(self) -> tuple[SweepPoint, ...]:
-        """Points whose runs failed."""
+        """Return the points whose runs failed."""
         return tuple(p for p in self.points if p.message)
 
     @property
     def header(self) -> list[str]:
-        """Names of the columns with their units."""
+        """Return the names of the columns with their units."""
         return [f"{n} [{u}]" if (u := self.units.get(n)) else n for n in self]
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A pandas table: a row per point; units in `attrs`.
+        """Return a pandas table: a row per point; units in `attrs`.
 
         Raises
         ------
@@ -108,7 +108,7 @@ class Sweep(Mapping[str, np.ndarray]):
         return table
 
     def report(self) -> str:
-        """The table as text, as `sidtool sweep` prints it."""
+        """Return the table as text, as `sidtool sweep` prints it."""
         from ..report.tables import text_table
 
         return text_table(self._shown(), self._rows())
@@ -117,7 +117,7 @@ class Sweep(Mapping[str, np.ndarray]):
         return self.header if any(map(_message_of, self.points)) else self.header[:-1]
 
     def _rows(self) -> list[list[str]]:
-        """Numbers with six digits."""
+        """Return rows of texts; numbers have six digits."""
         columns = [[_short_text(value) for value in self[name]] for name in self]
         columns = columns[: len(self._shown())]
         return [list(row) for row in zip(*columns, strict=True)]
@@ -139,10 +139,10 @@ class Sweep(Mapping[str, np.ndarray]):
         }
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
-        """A matplotlib figure: a panel per measure over the first key, a line for each
-        combination of the others.
+        """Return a matplotlib figure: a panel per measure over the first key, with a
+        line for each combination of the other keys.
 
-        path : writes a picture as well (.png, .svg, .pdf)
+        path : file to which the figure is written as well (.png, .svg, .pdf)
 
         Raises
         ------
@@ -196,7 +196,7 @@ def _as_array(values: list[Any]) -> np.ndarray:
 
 
 def _message_of(point: SweepPoint) -> str:
-    """Why it failed, or else its warnings."""
+    """Return why a point failed, or else its warnings."""
     return point.message or "; ".join(f"warning: {text}" for text in point.warnings)
 
 

@@ -96,7 +96,8 @@ class Deck:
     parts, instances : by name; an instance names its part
     placement : of instances: translation, and two points and an angle of rotation
     names_only : whether CalculiX discretises the deck
-    chosen, absent : whether only a part of the file is the body, and unused instances
+    chosen, unused_instances : whether only a part of the file is the body, and the
+        instances that are not used
     outside : labels of elements of the body's scope that are not used
     materials : name -> keyword -> rows of numbers
     kinds : elasticity types of anisotropic materials
@@ -107,7 +108,7 @@ class Deck:
     system : the current *SYSTEM: origin and axes, (4, 3)
     density : density of materials without *DENSITY
     temperatures : temperatures of nodes by *INITIAL CONDITIONS
-    said : keywords without effect
+    unread_keywords : keywords without effect
     remarks : notes on renamed contents
     """
 

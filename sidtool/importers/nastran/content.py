@@ -99,10 +99,11 @@ class BulkData:
     turned : node -> the system of its directions, in which MPC counts, -1 likewise
     multipoint, sums : set -> cards MPC, and sets of MPCADD with their cards
     density : density of materials without RHO, to which PARAM WTMASS does not apply
-    completed : materials that have it
+    completed : materials that have this density
     chosen : sets of MPC that case control selects
     controlled : whether there is case control
-    apart : notes on elements that only name nodes
+    unread_keywords : cards and fields without effect
+    name_only_notes : notes on elements that only name nodes
     stops : reasons to refuse the file
     frames : coordinate systems, with the nodes as the file gives them
     """

@@ -97,7 +97,8 @@ def by_textbook(
 ) -> np.ndarray:
     """Elastic frequencies [Hz] of the frame.
 
-    offsets : leg -> of both its ends from their nodes; masses : node -> (6, 6)
+    offsets : offsets (2, 3) of the ends of a leg from their nodes, by leg
+    masses : mass matrix (6, 6) by node
     """
     k, m = np.zeros((2, 24, 24))
     for number, (a, b) in enumerate(LEGS):
