@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.extremes import EQUAL, first_largest
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.base.stress import MISES
 from sidtool.formats.model.reduction import StressRecovery
@@ -206,11 +207,11 @@ def peak_points(
     chosen: list[int] = []
     while len(chosen) < min(_MAX_PEAK_POINTS if count is None else count, len(points)):
         shares = covered / np.maximum(peaks, 1e-300)
-        worst = int(shares.argmin())
+        worst = int(np.argmax(shares <= shares.min() + EQUAL))
         if count is None and shares[worst] >= _PEAK_SHARE:
             break
         fresh = [k for k in range(len(points)) if k not in chosen]
-        chosen.append(max(fresh, key=lambda k: mises[k, worst]))
+        chosen.append(fresh[first_largest(mises[fresh, worst])])
         covered = np.maximum(covered, mises[chosen[-1]])
     return [points[k] for k in chosen]
 
@@ -340,8 +341,8 @@ def _peak_points_of_states(
     found: dict[int, tuple[tuple[int, int], StressPoint]] = {}
     for number, sample in enumerate(samples):
         mises = _von_mises_stress(sample.sigma, states)
-        rows = mises.argmax(axis=0)
-        better = np.flatnonzero(mises.max(axis=0) > best)
+        rows = first_largest(mises, axis=0)
+        better = np.flatnonzero(mises.max(axis=0) > (1.0 + EQUAL) * best)
         points = {int(row): sample.point(int(row)) for row in set(rows[better])}
         for state in better:
             row = int(rows[state])

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.extremes import first_largest
 
 from ..mesh.mesh import Indices
 from ..mesh.quadratic_fields import softest_deformation
@@ -24,6 +25,7 @@ from .lanczos import (
 from .slepc import ProgressCounter, notify, slepc_eigenvectors
 
 __all__ = [
+    "equal_frequencies",
     "free_body_shift",
     "lowest_eigenpairs",
     "rotation_to_axes",
@@ -39,29 +41,81 @@ _DENSE_SIZE = 300
 _MIN_RESOLUTION = 100.0
 #: Eigenvalues that differ by less, relative to their size, are those of one frequency.
 SAME_FREQUENCY = 1e-8
+#: Those that differ by more are not equal, whatever rounding does to the stiffness.
+_NEAR = 1e-5
+#: Mean squares of the directions of two modes that differ by less are not distinct.
+_DISTINCT = 1e-2
 
 
-def rotation_to_axes(values: Array, shapes: Array, directions: Array) -> Array:
-    """(n, n) the rotation of modes of one frequency to those along the axes.
+def equal_frequencies(
+    values: Array, shapes: Array, stiffness: sp.csr_matrix
+) -> list[Indices]:
+    """Return the numbers of the modes, in groups of one frequency.
 
-    Any combination of such modes is a mode, and which ones a solver finds is decided by
-    rounding. Of the two bending modes of a square bar, this gives the one in y and the
-    one in z.
+    Eigenvalues are equal if they differ by less than `SAME_FREQUENCY` of their size,
+    or by less than the rounding of the stiffness: of thin bodies that is more.
 
     Parameters
     ----------
     values : (n,) eigenvalues, ascending
+    shapes : (ndof, n) eigenvectors
+    stiffness : (ndof, ndof)
+    """
+    gaps, sizes = np.diff(values), np.abs(values[1:])
+    equal = gaps <= SAME_FREQUENCY * sizes
+    near = np.flatnonzero(~equal & (gaps <= _NEAR * sizes))
+    if near.size:
+        equal[near] = gaps[near] <= _rounding(stiffness, shapes[:, near])
+    return np.split(np.arange(len(values)), np.flatnonzero(~equal) + 1)
+
+
+def rotation_to_axes(groups: list[Indices], shapes: Array, directions: Array) -> Array:
+    """(n, n) the rotation of modes of one frequency to those along the axes.
+
+    Any combination of such modes is a mode, and which ones a solver finds is decided by
+    rounding. Of the two bending modes of a square bar, this gives the one in y and the
+    one in z. Where the axes do not distinguish the modes, as those of a square plate,
+    all but the first vanish at the place of the largest motion, and so on.
+
+    Parameters
+    ----------
+    groups : numbers of the modes of one frequency, see `equal_frequencies`
     shapes : (ndof, n) displacements
     directions : (ndof,) 1, 2, 3 of displacements along x, y, z, and 0 of rotations
     """
-    turns = np.eye(len(values))
-    jumps = np.diff(values) > SAME_FREQUENCY * np.abs(values[1:])
-    for same in np.split(np.arange(len(values)), np.flatnonzero(jumps) + 1):
+    turns = np.eye(shapes.shape[1])
+    for same in groups:
         if len(same) > 1:
-            part = shapes[:, same]
-            _, turn = np.linalg.eigh(part.T @ (directions[:, None] * part))
-            turns[np.ix_(same, same)] = turn
+            turns[np.ix_(same, same)] = _distinct_modes(shapes[:, same], directions)
     return turns
+
+
+def _distinct_modes(shapes: Array, directions: Array) -> Array:
+    """(k, k) the rotation of k modes of one frequency, see `rotation_to_axes`."""
+    sizes, turn = np.linalg.eigh(shapes.T @ (directions[:, None] * shapes))
+    jumps = np.flatnonzero(np.diff(sizes) > _DISTINCT * sizes[-1]) + 1
+    for alike in np.split(np.arange(len(sizes)), jumps):
+        for first in alike[:-1]:
+            rest = turn[:, first : alike[-1] + 1]
+            motion = shapes @ rest
+            largest = motion[first_largest(np.einsum("ij,ij->i", motion, motion))]
+            axes = np.linalg.qr(largest[:, None], mode="complete")[0]
+            turn[:, first : alike[-1] + 1] = rest @ axes
+    return turn
+
+
+def _rounding(stiffness: sp.csr_matrix, vectors: Array) -> Array:
+    """(n,) the rounding of v^T K v for unit masses [1/s^2].
+
+    Terms of size |v|^T |K| |v| cancel in v^T K v, so that its rounding error is of
+    that size times the unit roundoff.
+    """
+    sizes = sp.csr_matrix(
+        (np.abs(stiffness.data), stiffness.indices, stiffness.indptr),
+        shape=stiffness.shape,
+    )
+    parts = np.abs(vectors)
+    return np.finfo(float).eps * np.einsum("ij,ij->j", parts, sizes @ parts)
 
 
 def lowest_eigenpairs(
@@ -131,17 +185,8 @@ def lowest_eigenpairs(
 
 
 def _check_resolution(stiffness: sp.csr_matrix, value: float, vector: Array) -> None:
-    """Whether rounding in the stiffness leaves the lowest eigenvalue of a deformation.
-
-    Terms of size |v|^T |K| |v| cancel in v^T K v, so that its rounding error is of
-    that size times the unit roundoff.
-    """
-    sizes = sp.csr_matrix(
-        (np.abs(stiffness.data), stiffness.indices, stiffness.indptr),
-        shape=stiffness.shape,
-    )
-    first = np.abs(vector)
-    noise = float(np.finfo(float).eps * first @ (sizes @ first))
+    """Raise if the lowest eigenvalue of a deformation is lost in rounding."""
+    noise = float(_rounding(stiffness, vector[:, None])[0])
     if value < _MIN_RESOLUTION * noise:
         raise InputError(
             f"the lowest eigenvalue, {value:.2e} 1/s^2, is lost in the rounding of "

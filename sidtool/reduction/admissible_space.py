@@ -6,20 +6,22 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.extremes import first_largest
 
 from ..eigensolvers.eigenpairs import (
+    equal_frequencies,
     free_body_shift,
     lowest_eigenpairs,
     rotation_to_axes,
     symmetric_factors,
 )
 from ..eigensolvers.factorisation import Factors
+from ..eigensolvers.lanczos import FREE_BLOCK_SIZE
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
 from .body_frames import Frame, clamped_dofs, motion_rows
@@ -65,6 +67,19 @@ class AdmissibleSpace:
         """y as displacements of the model, (ndof, n)."""
         return self.transform @ y
 
+    def acts(self, loads: Array) -> NDArray[np.bool_]:
+        """(n,) whether loads (ndof, n) do more than press on what holds the body.
+
+        The answer to a load that acts on supports alone, or is zero but for rounding,
+        is rounding itself.
+        """
+        rest = self.loads(loads)
+        possible = np.linalg.norm(abs(self.transform).T @ np.abs(loads), axis=0)
+        held = np.linalg.qr(self.constraints.T)[0]
+        for _ in range(2):
+            rest = rest - held @ (held.T @ rest)
+        return np.linalg.norm(rest, axis=0) > _NO_MOTION * possible
+
     def with_constraints(self, rows: Array) -> AdmissibleSpace:
         """The same space with further conditions ``rows @ u = 0``, rows (k, ndof)."""
         more = np.asarray((self.transform.T @ rows.T).T)
@@ -105,17 +120,25 @@ class AdmissibleSpace:
             )
         if count == 0:
             return np.zeros(0), np.zeros((self.transform.shape[0], 0))
-        if not self._found or count > len(self._found[0][0]):
-            self._found[:] = [self._lowest_modes(min(max(count + 1, soon), available))]
-        values, shapes = self._found[0]
+        size = max(count, soon)
+        while not self._found or count > self._found[0][2]:
+            size = min(size + 1, available)
+            self._found[:] = [self._lowest_modes(size, size == available)]
+            size += FREE_BLOCK_SIZE
+        values, shapes, _ = self._found[0]
         return values[:count], shapes[:, :count]
 
     @cached_property
-    def _found(self) -> list[tuple[Array, Array]]:
+    def _found(self) -> list[tuple[Array, Array, int]]:
         """Return the modes of the last request."""
         return []
 
-    def _lowest_modes(self, count: int) -> tuple[Array, Array]:
+    def _lowest_modes(self, count: int, all_of_them: bool) -> tuple[Array, Array, int]:
+        """Eigenvalues, displacements, and how many modes form whole groups.
+
+        The last group of equal frequencies may go on: such modes could be turned to
+        others by those that are not known.
+        """
         skipped = self.rigid.shape[1]
         values, vectors = lowest_eigenpairs(
             self.stiffness,
@@ -126,9 +149,11 @@ class AdmissibleSpace:
             rigid=self.rigid,
             static=lambda load: self._static.solve(load),
         )
-        values, shapes = values[skipped:], self.displacements(vectors[:, skipped:])
-        shapes = shapes @ rotation_to_axes(values, shapes, self.directions)
-        return values, shapes
+        values, vectors = values[skipped:], vectors[:, skipped:]
+        groups = equal_frequencies(values, vectors, self.stiffness)
+        shapes = self.displacements(vectors)
+        shapes = shapes @ rotation_to_axes(groups, shapes, self.directions)
+        return values, shapes, count if all_of_them else int(groups[-1][0])
 
     def static(self, loads: Array, motions: Array | None = None) -> Array:
         """Static displacements (ndof, n) under loads (ndof, n).
@@ -353,8 +378,11 @@ def independent_rows(rows: Array) -> Array:
 
 def _support_mask(rigid: Array) -> Array:
     """(n,) ones at degrees of freedom that hold every rigid motion, zeros elsewhere."""
-    scaled = rigid / np.abs(rigid).max(axis=0)
-    _, _, order = scipy.linalg.qr(scaled.T, mode="economic", pivoting=True)
+    rest = rigid / np.abs(rigid).max(axis=0)
     pins = np.zeros(len(rigid))
-    pins[order[: rigid.shape[1]]] = 1.0
+    for _ in range(rigid.shape[1]):
+        sizes = np.einsum("ij,ij->i", rest, rest)
+        pin = first_largest(sizes)
+        pins[pin] = 1.0
+        rest = rest - np.outer(rest @ rest[pin], rest[pin]) / sizes[pin]
     return pins

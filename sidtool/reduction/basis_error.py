@@ -34,7 +34,7 @@ from sidtool.formats.static_compliance import missing_inertia_shares
 from ..elements.finite_element_model import FiniteElementModel, MarkerRows
 from .admissible_space import AdmissibleSpace
 from .body_frames import Frame, clamped_dofs, motion_names, motion_rows
-from .methods import COMPARED_FREQUENCIES, FIXED_LOAD_TOLERANCE, REDUCTIONS
+from .methods import COMPARED_FREQUENCIES, REDUCTIONS
 from .reduced_basis import ReducedBasis, to_hertz
 
 Array = NDArray[np.float64]
@@ -95,11 +95,7 @@ def full_model_reference(
     loads = np.vstack([np.zeros((0, body.ndof)), *rows])
     compliances = np.einsum("ij,ji->i", loads, space.static(loads.T))
     flat = np.array([name for group in names for name in group], object)
-    turning = np.array([name.rpartition(" ")[2].startswith("r") for name in flat], bool)
-    felt = compliances > 0
-    for kind in (turning, ~turning):  # what supports hold moves by rounding
-        largest = compliances[kind].max(initial=0.0)
-        felt &= ~kind | (compliances > FIXED_LOAD_TOLERANCE * largest)
+    felt = space.acts(loads.T) & (compliances > 0)
     squares, _ = space.modes(min(COMPARED_FREQUENCIES, count))
     return FullModelReference(
         to_hertz(squares), tuple(flat[felt]), loads[felt], compliances[felt]

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.extremes import first_largest
 from sidtool.formats.model.reduction import BuckensFrame, ChordFrame, TangentFrame
 
 from ..elements.finite_element_model import FiniteElementModel, Indices, MarkerRows
@@ -108,7 +109,7 @@ def perpendicular_directions(direction: Array, dimension: int) -> Array:
     """(1 or 2, 3) orthonormal directions across a unit vector."""
     if dimension == 2:
         return np.array([[-direction[1], direction[0], 0.0]])
-    helper = np.eye(3)[np.abs(direction).argmin()]
+    helper = np.eye(3)[first_largest(1.0 - np.abs(direction))]
     first = np.cross(direction, helper)
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(direction, first)])

@@ -53,8 +53,8 @@ Array = NDArray[np.float64]
 
 #: Frequencies of the full mesh by which a basis is judged after the reduction.
 COMPARED_FREQUENCIES = 10
-#: Loads that move a body by less than this part of the largest motion act on supports.
-FIXED_LOAD_TOLERANCE = 1e-12
+#: Components of a field below this part of the size of the body are rounding.
+_ROUNDING = 1e-12
 
 
 def modal_truncation(
@@ -124,13 +124,14 @@ def attachment_modes(
     rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
     families = [
         ShapeFamily("normal mode", normal),
-        ShapeFamily("attachment mode", space.static(rows.T), names),
+        _static_answers(space, rows.T, "attachment mode", names),
     ]
     if settings.inertia_relief:
         families.append(_inertia_relief(model, frame, space))
     if settings.centrifugal:
-        loads = model.mass @ model.linear_fields(frame.origin)
-        families.append(ShapeFamily("centrifugal mode", space.static(loads)))
+        fields = model.linear_fields(frame.origin)
+        loads = model.mass @ _without_rounding(model, fields)
+        families.append(_static_answers(space, loads, "centrifugal mode"))
     return replace(orthonormal_basis(model, frame, families, "Attachment"), space=space)
 
 
@@ -171,11 +172,11 @@ def krylov_reduction(
     rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
     loads = [rows.T]
     if not space.rigid.shape[1]:
-        loads.append(model.mass @ model.rigid_body_modes(frame.origin))
+        rigid = model.rigid_body_modes(frame.origin)
+        loads.append(model.mass @ _without_rounding(model, rigid))
         names += tuple(f"acceleration {i + 1}" for i in range(loads[1].shape[1]))
     columns = np.hstack(loads)
-    moved = np.linalg.norm(space.static(columns), axis=0)
-    felt = moved > FIXED_LOAD_TOLERANCE * moved.max(initial=0.0)
+    felt = space.acts(columns)
     names = tuple(name for name, there in zip(names, felt, strict=True) if there)
     families = [
         ShapeFamily(
@@ -213,11 +214,29 @@ def _inertia_relief(
     model: FiniteElementModel, frame: Frame, space: AdmissibleSpace
 ) -> ShapeFamily:
     """Static answers to uniform accelerations; none of a body that is free."""
-    shapes = np.zeros((model.ndof, 0))
+    loads = np.zeros((model.ndof, 0))
     if not space.rigid.shape[1]:
         rigid = model.rigid_body_modes(frame.origin)
-        shapes = space.static(model.mass @ rigid)
-    return ShapeFamily("inertia-relief mode", shapes)
+        loads = model.mass @ _without_rounding(model, rigid)
+    return _static_answers(space, loads, "inertia-relief mode")
+
+
+def _without_rounding(model: FiniteElementModel, fields: Array) -> Array:
+    """Fields (ndof, n) linear in the place, zero where they are so but for rounding.
+
+    A thin bar along x has coordinates y of 1e-17 m, whose answers look like others.
+    """
+    size = np.ptp(model.positions, axis=0).max()
+    return np.where(np.abs(fields) > _ROUNDING * size, fields, 0.0)
+
+
+def _static_answers(
+    space: AdmissibleSpace, loads: Array, kind: str, names: tuple[str, ...] = ()
+) -> ShapeFamily:
+    """Static answers to loads (ndof, n), less those to loads that supports take."""
+    felt = space.acts(loads)
+    names = tuple(name for name, there in zip(names, felt, strict=False) if there)
+    return ShapeFamily(kind, space.static(loads[:, felt]), names)
 
 
 Reduction = Callable[..., ReducedBasis]

@@ -11,8 +11,9 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.extremes import EQUAL, first_largest
 
-from ..eigensolvers.eigenpairs import rotation_to_axes
+from ..eigensolvers.eigenpairs import equal_frequencies, rotation_to_axes
 from ..elements.finite_element_model import FiniteElementModel
 from .body_frames import Frame
 
@@ -23,8 +24,6 @@ Array = NDArray[np.float64]
 
 #: A candidate is dependent if less than this share of it is new.
 DEPENDENCE_TOLERANCE = 1e-8
-#: Components of a shape function differ by rounding up to this part of the largest.
-EQUAL_COMPONENT_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +104,10 @@ def orthonormal_basis(
         )
     small = basis.T @ (model.stiffness @ basis)
     values, mixing = scipy.linalg.eigh((small + small.T) / 2)
-    mixing = mixing @ rotation_to_axes(values, basis @ mixing, model.directions)
     shapes = basis @ mixing
+    groups = equal_frequencies(values, shapes, model.stiffness)
+    turns = rotation_to_axes(groups, shapes, model.directions)
+    mixing, shapes = mixing @ turns, shapes @ turns
     origin = np.array([kinds[i] for i in selected])
     shares = {kind: (mixing[origin == kind] ** 2).sum(axis=0) for kind in set(kinds)}
     return ReducedBasis(
@@ -140,16 +141,13 @@ def orient_shapes(shapes: Array, model: FiniteElementModel) -> Array:
 
 
 def _shape_sign(shape: Array, model: FiniteElementModel) -> float:
-    visible = EQUAL_COMPONENT_TOLERANCE * np.abs(shape).max()
+    visible = EQUAL * np.abs(shape).max()
     rows = [marker.displacement for marker in reversed(model.markers)]
     if (model.table[:, 3:] >= 0).any():  # elsewhere they are gradients of a mesh
         rows += [marker.rotation for marker in model.markers]
     components = (row @ shape for row in rows)
     motion = next((m for m in components if np.abs(m).max() > visible), shape)
-    sizes = np.abs(motion)
-    return np.sign(
-        motion[np.argmax(sizes >= (1.0 - EQUAL_COMPONENT_TOLERANCE) * sizes.max())]
-    )
+    return np.sign(motion[first_largest(np.abs(motion))])
 
 
 def _family_names(family: ShapeFamily) -> tuple[str, ...]:
