@@ -38,7 +38,7 @@ from sidtool.formats.scene import (
 from ..pipeline.model_cache import BodyModel
 from .variants import Variant
 
-#: Of the size of a body, how far its origin moves by rounding.
+#: Tolerance for the position of the origin, relative to the size of the body.
 ORIGIN_TOLERANCE = 1e-9
 _INTERFACES: dict[str, Any] = {
     "craig_bampton": CraigBamptonReduction,
@@ -51,8 +51,8 @@ _INTERFACES: dict[str, Any] = {
 class BodyVariants:
     """The flexible bodies of a scene.
 
-    sids : of bodies that have no model, and of models as they are
-    sources : models by body, as many of each
+    sids : SIDs of bodies without a model, and of the unchanged models
+    sources : models by body, the same number for each
     """
 
     scene: SceneFile
@@ -61,7 +61,7 @@ class BodyVariants:
 
     @property
     def models(self) -> int:
-        """How many models each body has that has any."""
+        """Return the number of models per body."""
         return max((len(found) for found in self.sources.values()), default=1)
 
     def title(self, number: int) -> str:
@@ -70,11 +70,11 @@ class BodyVariants:
         return ", ".join(dict.fromkeys(names))
 
     def to_convert(self, variant: Variant) -> dict[str, ModelFile]:
-        """Models of bodies.
+        """Return the models of a variant that must be converted.
 
         Raises
         ------
-        InputError : a model cannot be varied so.
+        InputError : a model cannot be varied in this way.
         """
         return {
             name: make_variant(found[variant.model].model, variant, self.scene, name)
@@ -84,11 +84,11 @@ class BodyVariants:
     def as_scene(
         self, variant: Variant, converted: Mapping[str, SID]
     ) -> tuple[SceneFile, dict[str, SID]]:
-        """The scene and the SIDs that it is simulated with.
+        """Return the scene of a variant and its SIDs.
 
         Raises
         ------
-        InputError : the scene does not allow it.
+        InputError : the scene does not allow the variant.
         """
         bodies, sids = dict(self.scene.bodies), dict(self.sids) | dict(converted)
         for name, body in self.scene.sid_bodies.items():
@@ -136,7 +136,7 @@ class BodyVariants:
 def make_variant(
     model: ModelFile, variant: Variant, scene: SceneFile, name: str
 ) -> ModelFile:
-    """The model on another mesh, with other shape functions, frame and terms."""
+    """Return the model with the mesh, shape functions, frame and terms of a variant."""
     found = refine_model(model, variant.mesh)
     if found is None:
         raise InputError(
@@ -165,7 +165,7 @@ def make_variant(
 
 
 def _used_markers(model: ModelFile, body: SidBody) -> list[str]:
-    """Markers of a model that a scene uses, in the order of the scene."""
+    """Return the markers of a model that a scene uses, in the order of the scene."""
     nodes = {str(marker.node): name for name, marker in model.markers.items()}
     return [nodes[node] for node in body.markers.values() if node in nodes] or list(
         model.markers
@@ -173,9 +173,8 @@ def _used_markers(model: ModelFile, body: SidBody) -> list[str]:
 
 
 def _without_clamps(model: ModelFile) -> Any:
-    """The reduction where the frame clamps nothing: what it held is an interface then.
-
-    The shape functions are the same but for rigid motions.
+    """Return the reduction for a frame that clamps nothing: clamped markers become
+    interfaces. The shape functions are the same except for rigid motions.
     """
     own, held = model.reduction, model.frame.marker_names[:1]
     if not own.interface_names or model.frame.type != "tangent":
@@ -185,7 +184,7 @@ def _without_clamps(model: ModelFile) -> Any:
 
 
 def _origin_marker_first(model: ModelFile, markers: list[str]) -> list[str]:
-    """The frame stays where it is, if that is at a marker."""
+    """Return the markers, that of the frame first, so that the frame does not move."""
     own = list(model.frame.marker_names[:1])
     return own + [name for name in markers if name not in own]
 
@@ -228,11 +227,10 @@ def _sid_in_frame(sid: SID, frame: str, body: SidBody, name: str) -> SID:
 
 
 def _damped_in_frame_of(model: ModelFile, sid: SID, body: SidBody, name: str) -> SID:
-    """The SID of a model in another frame, with the damping of the model's own frame.
-
-    Damping laws depend on mass matrices or natural modes, which differ between frames.
-    The damping matrix that a law makes does not: it belongs to the elastic coordinates,
-    which are the same in every frame.
+    """Return the SID of a model in another frame, with the damping of the original
+    frame. Damping laws depend on mass matrices or natural modes, which differ between
+    frames. The damping matrix does not: it belongs to the elastic coordinates, which
+    are the same in every frame.
     """
     from sidtool.solver.system.body_damping import sid_with_damping
 
@@ -249,7 +247,9 @@ def _damped_in_frame_of(model: ModelFile, sid: SID, body: SidBody, name: str) ->
 
 
 def _other_reduction(model: ModelFile, method: str, markers: Sequence[str]) -> Any:
-    """Another method with as many modes, and interfaces at what the scene uses."""
+    """Return another reduction method with the same number of modes, and interfaces at
+    the used markers.
+    """
     own = model.reduction
     count = requested_modes(model) or 1
     if method == "modal":
@@ -273,7 +273,7 @@ def _is_planar(model: ModelFile) -> bool:
 def _body_of_variant(
     name: str, body: SidBody, variant: Variant, sid: SID, own: bool, rigid: bool
 ) -> SidBody:
-    """A body of a scene; its SID is `own` where it has no model."""
+    """Return a body of a scene; its SID is `own` if it has no model."""
     changes: dict[str, Any] = {"sid": body.sid or f"({name})", "model": None}
     others = variant.reduction or variant.frame or not own
     if others and body.initial.elastic is not None:
@@ -308,7 +308,7 @@ def _with_terms(body: SidBody, terms: str, sid: SID, stiffened: bool) -> SidBody
 def _shift_initial_position(
     name: str, body: SidBody, shift: np.ndarray, dimension: str
 ) -> SidBody:
-    """Starts where it did, whose frame has another origin now."""
+    """Shift the initial position of a body whose frame has another origin."""
     if not shift.any():
         return body
     start = body.initial
@@ -325,7 +325,7 @@ def _shift_initial_position(
 
 
 def _origin_shift(before: SID, after: SID) -> np.ndarray:
-    """From the old to the new origin, by a node that both SIDs have."""
+    """Return the vector from the old to the new origin, from a common node."""
     known = {node.id: node for node in after.nodes}
     places = np.array([node.position for node in before.nodes])
     size = np.abs(places).max(initial=0.0)
@@ -339,7 +339,7 @@ def _origin_shift(before: SID, after: SID) -> np.ndarray:
 
 
 def with_absolute_paths(model: ModelFile) -> ModelFile:
-    """The model for another process: files that it names by their whole paths."""
+    """Return the model with absolute paths of its files, for another process."""
     changes: dict[str, Any] = {}
     for table, key in ModelFile.paths:
         part = changes.get(table, getattr(model, table))
@@ -353,7 +353,7 @@ def with_absolute_paths(model: ModelFile) -> ModelFile:
 def available_outputs(
     names: Sequence[str], scene: SceneFile, sids: Mapping[str, SID]
 ) -> tuple[str, ...]:
-    """Outputs without those of elastic coordinates that a variant does not have."""
+    """Return the outputs without elastic coordinates that a variant does not have."""
     numbers = {n: b.numbers(sids[n].nq) for n, b in scene.sid_bodies.items()}
 
     def has(name: str) -> bool:
@@ -372,5 +372,5 @@ def available_outputs(
 
 
 def elastic_size(scene: SceneFile, sids: Mapping[str, SID]) -> int:
-    """How many elastic coordinates a scene has."""
+    """Return the number of elastic coordinates of a scene."""
     return sum(len(b.numbers(sids[n].nq)) for n, b in scene.sid_bodies.items())

@@ -29,12 +29,12 @@ METHOD_VERSION = 20
 
 
 class CacheEntry(BaseModel, frozen=True, extra="forbid"):
-    """A choice, with its integrator and tolerance, and what it came to.
+    """A selected model, its integrator and tolerance, and its measured errors.
 
-    key : of the scene, SIDs and accuracy that it was made for
-    models : level of the mesh, modes and nodes with static shape functions, by bodies
-        that are made of models
-    frames : that bodies were put in
+    key : digest of the scene, SIDs and accuracy
+    models : level of the mesh, modes and nodes with static shape functions, for bodies
+        given by models
+    frames : changed frames of bodies
     """
 
     key: str
@@ -57,9 +57,9 @@ def cache_key(
     wanted: object,
     models: Mapping[str, object],
 ) -> str:
-    """A digest of all that a choice depends on; paths do not count.
+    """Return a digest of everything that a selection depends on, except paths.
 
-    models : bodies that are made of models, by the SIDs that these make as they are
+    models : bodies given by models, with the SIDs of the unchanged models
     """
     from .. import __version__
 
@@ -93,7 +93,7 @@ def read_entry(key: str) -> CacheEntry | None:
 
 
 def write_entry(entry: CacheEntry) -> None:
-    """Keep a choice where that is possible; elsewhere the search is made again."""
+    """Store a selection if possible; otherwise the next search starts anew."""
     path, content = (
         _entry_path(entry.key),
         entry.model_dump_json(by_alias=True).encode(),

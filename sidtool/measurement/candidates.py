@@ -69,7 +69,7 @@ class Choice:
     flat: bool = False
 
     def without(self, *candidates: Candidate) -> Choice:
-        """The model without these."""
+        """Return the model without some candidates."""
         kept, bare, quadratic = dict(self.kept), self.unstiffened, self.quadratic
         flat = self.flat
         for c in candidates:
@@ -88,7 +88,7 @@ class Choice:
         return Choice(tuple(kept.items()), quadratic, bare, flat)
 
     def is_part_of(self, whole: Choice) -> bool:
-        """Check that a model retains nothing that another one omits."""
+        """Return whether a model retains nothing that another one omits."""
         own, all_ = dict(self.kept), dict(whole.kept)
         kept = own.keys() == all_.keys() and all(
             set(numbers) <= set(all_[name]) for name, numbers in own.items()
@@ -99,7 +99,7 @@ class Choice:
         return bool(dict(self.kept).get(name))
 
     def has_output(self, output: str) -> bool:
-        """Whether the model has this output, which is nothing otherwise."""
+        """Return whether the model has an output."""
         name, numbers_by_body = parsed(output), dict(self.kept)
         if name.owner not in numbers_by_body:
             return True
@@ -113,7 +113,7 @@ class Choice:
 
 
 def finest_model(scene: SceneFile, sids: Mapping[str, SID]) -> Choice:
-    """All shape functions and all terms that the scene and its SIDs have."""
+    """Return the model with all shape functions and terms of the scene and its SIDs."""
     numbers_by_body, quadratic = {}, set()
     for name, body in scene.sid_bodies.items():
         sid = sids[name]
@@ -126,7 +126,7 @@ def finest_model(scene: SceneFile, sids: Mapping[str, SID]) -> Choice:
 def bodies_with_stiffening(
     scene: SceneFile, sids: Mapping[str, SID], flat: bool = False
 ) -> dict[str, bool]:
-    """Bodies that have geometric stiffening, and whether they can do without."""
+    """Return the bodies with geometric stiffening, and whether it can be omitted."""
     planar = flat or scene.dimension == "planar"
     return {
         name: can_remove_stiffening(sids[name], planar)
@@ -158,7 +158,7 @@ def scene_of_model(
 
 
 def with_recorded_outputs(scene: SceneFile, names: tuple[str, ...]) -> SceneFile:
-    """The scene with these outputs recorded."""
+    """Return the scene with these outputs recorded."""
     outputs = scene.outputs.model_copy(update={"record": names})
     return scene.model_copy(update={"outputs": outputs})
 
@@ -188,7 +188,9 @@ def _reduced_body(
 
 
 def loaded_nodes(scene: SceneFile, name: str) -> dict[str, str]:
-    """Nodes of a body where joints, drives and forces act, by what they call them."""
+    """Return the nodes of a body where joints, drives and forces act, as
+    written there.
+    """
     known = scene.sid_bodies[name].markers
     parts = (*scene.joints.values(), *scene.forces.values(), *scene.drives.values())
     texts = [text for part in parts for text in getattr(part, "markers", None) or ()]
@@ -198,23 +200,23 @@ def loaded_nodes(scene: SceneFile, name: str) -> dict[str, str]:
 
 
 def shape_function_candidates(choice: Choice) -> list[Candidate]:
-    """One candidate for each shape function."""
+    """Return one candidate for each shape function."""
     return [Candidate(n, SHAPE, k) for n, numbers in choice.kept for k in numbers]
 
 
 def with_all_shapes(choice: Choice, all_: Choice) -> Choice:
-    """The model with the shape functions of another."""
+    """Return the model with the shape functions of another one."""
     return replace(choice, kept=all_.kept)
 
 
 def with_all_terms(choice: Choice, all_: Choice) -> Choice:
-    """The model with the terms of another."""
+    """Return the model with the terms of another one."""
     return replace(choice, quadratic=all_.quadratic, unstiffened=all_.unstiffened)
 
 
-#: A direction lies along z, or across it, up to this.
+#: Tolerance for directions along z or in the plane.
 ALIGNMENT_TOLERANCE = 1e-9
-#: What leaves the plane by less than this part of the size of its kind does not.
+#: Tolerance for out-of-plane components, relative to the size of their kind.
 IN_PLANE = 1e-9
 #: Quantities that are zero in the plane z = 0.
 OUT_OF_PLANE_QUANTITIES = frozenset(
@@ -232,7 +234,7 @@ class _NotPlanar(Exception):
 
 
 def planar_scene(scene: SceneFile) -> SceneFile | None:
-    """The planar scene; None where bodies, joints or forces point out of the plane."""
+    """Return the planar scene, or None if bodies, joints or forces leave the plane."""
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     quantities = (name.rpartition(".")[2] for name in scene.outputs.record)
     if any(map(MULTIPLIER.fullmatch, quantities)):
@@ -246,7 +248,7 @@ def planar_scene(scene: SceneFile) -> SceneFile | None:
 
 
 def is_out_of_plane(output: str) -> bool:
-    """Whether a planar scene has zero for it."""
+    """Return whether an output is zero in a planar scene."""
     name = parsed(output)
     owner_is_sum = name.owner in ("momentum", "angular_momentum")
     if owner_is_sum:
@@ -279,7 +281,7 @@ def _markers(table: _Table, markers: Mapping[str, Any]) -> None:
 
 
 def _planar_placement(placement: Placement) -> _Table:
-    """Place and angle in the plane."""
+    """Return position and angle in the plane."""
     turn = orientation_matrix(placement)
     if abs(turn[2, 2] - 1.0) > ALIGNMENT_TOLERANCE:
         raise _NotPlanar
@@ -307,7 +309,7 @@ def _mass(table: _Table) -> None:
 
 
 def _direction(axis: Any, default: tuple[float, float, float]) -> str:
-    """Whether an axis lies "along" z, upwards, or "across" it."""
+    """Return "along" for an axis along +z, "across" for an axis in the plane."""
     vector = as_3d(tuple(axis) if axis is not None else default)
     vector /= np.linalg.norm(vector)
     if vector[2] > 1.0 - ALIGNMENT_TOLERANCE:
@@ -350,8 +352,8 @@ def _joint(table: _Table) -> _Table | None:
     return table | {"type": found} | keeps
 
 
-#: By kind of joint: what it is in the plane if its axis is z, and if it lies in the
-#: plane, and its default axis.
+#: For each type of joint: its planar type if the axis is z, its planar type if the axis
+#: lies in the plane, and its default axis.
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _KINDS: dict[str, tuple[str | None, str | None, tuple[float, float, float]]] = {
     "revolute": ("revolute", "fixed", _Z),
@@ -374,7 +376,9 @@ def _drive(table: _Table) -> _Table | None:
 
 
 def _in_plane_part(values: list[Any]) -> list[Any]:
-    """Stiffness or damping of x, y and the angle, which must not push out of it."""
+    """Return stiffness or damping of x, y and the angle without out-of-plane
+    coupling.
+    """
     inside, across = (0, 1, 5), (2, 3, 4)
     if not isinstance(values[0], list):
         return [values[k] for k in inside]

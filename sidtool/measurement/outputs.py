@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from sidtool.formats.result import Result
     from sidtool.solver.system.system import System
 
-#: Runs are repeated until they have taken this long in all [s], or this often.
+#: Runs are repeated up to this total time [s], or this number of times.
 MIN_TOTAL_SECONDS, MAX_REPEATS = 0.3, 5
-#: An integrator that takes longer than this [s], and so many times as long as another
-#: one for no less error, is not tried with tighter tolerances.
+#: An integrator that takes longer than this [s], and this factor longer than another
+#: one with no larger error, is not tried with tighter tolerances.
 LONG_RUN_SECONDS, HOPELESS_RATIO = 1.0, 20.0
 
 
@@ -49,7 +49,7 @@ class RunRecord:
     times: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
-        """Outputs (nt, n); zero where the model has none."""
+        """Return outputs (nt, n); zero for outputs that the model does not have."""
         zero, rows = (
             np.zeros(len(self.values)),
             {n: i for i, n in enumerate(self.names)},
@@ -97,7 +97,7 @@ def record_run(
 def timed_run(
     system: System, setting: Setting, repeats: int = MAX_REPEATS
 ) -> tuple[Result, float]:
-    """A run and its least solve time out of several [s].
+    """Return a run and its least solve time out of several [s].
 
     Raises
     ------
@@ -120,7 +120,7 @@ def timed_run(
 def is_hopeless(
     seconds: float, error: float, others: Iterable[tuple[float, float]]
 ) -> bool:
-    """Whether a run is far slower than another of no more error.
+    """Return whether a run is much slower than another one with no larger error.
 
     others : seconds and errors of other runs
     """

@@ -22,13 +22,13 @@ class Point:
 
     Attributes
     ----------
-    error : of the worst output, relative: the difference to the reference, and the
+    error : relative error of the worst output: the difference to the reference plus the
         uncertainty of the reference
     is_resolved : False if the difference is less than that uncertainty
     choices : value by axis
-    size : elastic coordinates of all bodies
+    size : number of elastic coordinates of all bodies
     dofs : degrees of freedom of the meshes of models
-    conversion : processor seconds of the conversion of these
+    conversion : processor time of their conversion [s]
     errors : errors of single outputs
     """
 
@@ -46,7 +46,7 @@ class Point:
 
 
 def skipped_point(choices: Mapping[str, str], setting: Setting, message: str) -> Point:
-    """A point without a run, and why."""
+    """Return a point without a run, and the reason."""
     return Point(setting, np.inf, np.inf, 0, message, choices=choices)
 
 
@@ -102,8 +102,9 @@ def measure_setting(
     reference: Reference | None,
     repeats: int = MAX_REPEATS,
 ) -> Point:
-    """The cost of one setting of a compiled scene, the least of several runs, and its
-    error."""
+    """Return cost (the least of several runs) and error of one setting of a compiled
+    scene.
+    """
     from sidtool.solver.system.errors import SimulationError
 
     try:

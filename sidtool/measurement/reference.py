@@ -1,10 +1,10 @@
-"""Reference motion of a study, and the errors that can be told from it.
+"""Reference motion of a study, and errors relative to it.
 
 The error of a run is its greatest difference to the reference at the output times,
-relative to the variation of each output in the run. How far errors can be told is seen
-from what the reference itself still changes with: the integrator, the mesh, the number
-of modes. Events that end runs end them all at almost the same time, the last of the
-times that are compared.
+relative to the variation of each output in the run. The uncertainty of the reference
+follows from its changes with the integrator, the mesh and the number of modes. If an
+event ends the runs, it ends all of them at almost the same time; this is the last time
+that is compared.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ if TYPE_CHECKING:
 
 
 class StoppedEarly(InputError):
-    """The reference, or the scene as it is, cannot be run to its end."""
+    """Raised if the reference or the unchanged scene cannot be run to its end."""
 
 
-#: Outputs whose references differ by more than this part of their variation cannot be
-#: predicted; those that meshes and modes still change by more are not converged.
+#: Relative difference of two references above which an output is unpredictable;
+#: relative change by meshes and modes above which it is not converged.
 MAX_UNPREDICTABILITY, MAX_MESH_CHANGE = 1e-3, 0.1
-#: The last change by a halving of the mesh over the one before, where that is not
-#: known, and at least and at most as what is left of changes is told.
+#: Ratio of two successive changes by halvings of the mesh: default, smallest and
+#: largest value for the estimate of the remaining error.
 DEFAULT_CONVERGENCE_RATIO, MIN_CONVERGENCE_RATIO, MAX_CONVERGENCE_RATIO = (
     2.0 / 3.0,
     1.0 / 3.0,
     0.75,
 )
-#: Outputs that vary by less than these parts of their own values, or of the largest
-#: variation of an output of their unit, hold rounding only.
+#: Outputs are constant except for rounding if they vary by less than these fractions of
+#: their own values, or of the largest variation of an output with their unit.
 CONSTANT_TOLERANCE, VARIATION_TOLERANCE = 1e-12, 1e-9
-#: So do outputs that cannot be predicted and vary by less than so many times of what
-#: rounding leaves where terms cancel.
+#: Unpredictable outputs are also constant if they vary by less than this factor times
+#: the rounding error of terms that cancel.
 MUCH = 1e3
 
 
@@ -55,15 +55,15 @@ class Reference:
     Attributes
     ----------
     names : outputs that are compared
-    values : (nt, n) their course
-    scale : (n,) variation, greatest less least value
+    values : (nt, n) their time histories
+    scale : (n,) variation: largest minus least value
     floors : (n,) relative errors of the reference itself
-    left_out : outputs that hold rounding only
-    unpredictable : outputs in which two references differ, and by which part of their
-        variation: a chaotic motion, or one that passes a bifurcation
-    unconverged : outputs that mesh and modes still change by a large part
-    seconds : solve time of the tighter one
-    model : what it is a run of
+    left_out : outputs that vary by rounding only
+    unpredictable : relative difference of two references, by output: chaotic motion, or
+        a motion through a bifurcation
+    unconverged : relative change by mesh and modes, for outputs with a large change
+    seconds : solve time of the tighter run [s]
+    model : description of the model
     notes, warnings : of the tighter run
     """
 
@@ -81,7 +81,7 @@ class Reference:
 
     @property
     def uncertainty(self) -> float:
-        """The least error that can be resolved."""
+        """Return the least error that can be resolved."""
         return float(self.floors.max())
 
     def errors(self, values: np.ndarray) -> np.ndarray:
@@ -91,23 +91,24 @@ class Reference:
         return np.asarray(differences.max(axis=0) / self.scale)
 
     def of(self, found: RunRecord) -> np.ndarray:
-        """The same of a run."""
+        """Return the relative differences of the outputs of a run."""
         return self.errors(found.columns(self.names))
 
     def error(self, result: Result) -> float:
         """Return the greatest relative difference of the outputs of a run.
 
-        It is at least the uncertainty of the reference: less is not resolved.
+        The result is at least the uncertainty of the reference; smaller errors are not
+        resolved.
         """
         return max(float(self.of(record_run(result)).max()), self.uncertainty)
 
 
 def make_reference(system: System, outputs: Sequence[str] = ()) -> Reference:
-    """The reference of a compiled scene whose integration alone is studied.
+    """Make the reference of a compiled scene if only the integration is studied.
 
     Raises
     ------
-    InputError : the scene records nothing, or not what `outputs` asks for.
+    InputError : the scene records nothing, or not the given `outputs`.
     SimulationError : the reference stopped early.
     """
     from sidtool.solver import simulate
@@ -138,7 +139,8 @@ def reference_of_runs(
     fewer: Sequence[RunRecord] = (),
     model: str = "",
 ) -> Reference:
-    """From two runs of one model by different methods, and from poorer models.
+    """Make the reference from two runs of one model by different methods, and from runs
+    of coarser models.
 
     coarser, fewer : runs by the method of `check` with coarser meshes, the finest of
         them first, and with fewer modes
@@ -190,7 +192,7 @@ def reference_of_runs(
 
 
 def _successive_changes(courses: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """From each course (nt, n) to the next, (n,)."""
+    """Return the largest changes (n,) from each time history (nt, n) to the next."""
     return [
         np.abs(a - b).max(axis=0) for a, b in zip(courses, courses[1:], strict=False)
     ]
@@ -216,7 +218,7 @@ def mesh_error_estimate(changes: Sequence[np.ndarray]) -> np.ndarray | float:
 def convergence_ratios(
     change: np.ndarray, before: np.ndarray | None = None
 ) -> np.ndarray:
-    """Changes (n,) over those by the halving before, as far as they are believed."""
+    """Return ratios (n,) of changes to those of the previous halving, within limits."""
     if before is None:
         return np.full(len(change), DEFAULT_CONVERGENCE_RATIO)
     ratios = np.full(len(change), MAX_CONVERGENCE_RATIO)
@@ -227,10 +229,10 @@ def convergence_ratios(
 def is_varying(
     names: Sequence[str], values: np.ndarray, scale: np.ndarray, rounding: np.ndarray
 ) -> np.ndarray:
-    """Which outputs vary by more than rounding, (n,).
+    """Return a mask (n,) of outputs that vary by more than rounding.
 
     names, values, scale : outputs, their values (nt, n) and variation (n,)
-    rounding : (n,) what it may leave of terms that cancel, see `rounding_levels`
+    rounding : (n,) rounding error of terms that cancel, see `rounding_levels`
     """
     units = [unit_of(name) for name in names]
     largest: dict[str, float] = {}
@@ -266,7 +268,7 @@ def _nothing_to_compare(
 
 
 def reference_difference_text(unpredictable: Mapping[str, float]) -> str:
-    """How far two references differ in each output, in words."""
+    """Return a text on the difference of two references in each output."""
     return (
         f"two references differ in {_output_differences(unpredictable)} of its "
         "variation"
@@ -274,7 +276,7 @@ def reference_difference_text(unpredictable: Mapping[str, float]) -> str:
 
 
 def refinement_change_text(unconverged: Mapping[str, float]) -> str:
-    """How far the last steps of mesh and modes change each output, in words."""
+    """Return a text on the last changes of each output by mesh and modes."""
     return (
         f"mesh and modes still change {_output_differences(unconverged)} of its "
         "variation"

@@ -21,7 +21,7 @@ from sidtool.formats.scene import (
 
 Wanted = float | Mapping[str, float | str]
 
-#: Outputs that measure the run itself, or jump between two values.
+#: Outputs that measure the run itself, or switch between two values.
 _NO_QUANTITIES = ("constraint.position", "constraint.velocity", "energy.balance")
 
 
@@ -29,7 +29,7 @@ _NO_QUANTITIES = ("constraint.position", "constraint.velocity", "energy.balance"
 class Request:
     """Outputs that count and the error that each may have.
 
-    ignored : outputs that are recorded and are no quantities with an error
+    ignored : recorded outputs for which no error is defined
     """
 
     tolerances: Mapping[str, Tolerance]
@@ -40,7 +40,9 @@ class Request:
         return tuple(self.tolerances)
 
     def allowed(self, variation: Array) -> Array:
-        """Errors (n,) in the units of the outputs, whose variation is (n,)."""
+        """Return allowed errors (n,) in the units of the outputs, for their variation
+        (n,).
+        """
         pairs = zip(self.tolerances.values(), variation, strict=True)
         return np.array([t.value if t.absolute else t.value * v for t, v in pairs])
 
@@ -50,11 +52,11 @@ def requested(
     sids: Mapping[str, SID],
     wanted: Wanted,
 ) -> Request:
-    """The outputs that a request speaks of, wildcards expanded.
+    """Return the requested outputs with expanded wildcards.
 
     Raises
     ------
-    InputError : nothing is recorded, or a name or an amount cannot be.
+    InputError : nothing is recorded, or a name or an amount is not valid.
     """
     if isinstance(wanted, Mapping):
         found = {}
@@ -80,7 +82,7 @@ def _single_outputs(
     texts: tuple[str, ...],
     place: str,
 ) -> list[str]:
-    """Single outputs, also of q* and vq*."""
+    """Return single outputs; q* and vq* are expanded, too."""
     found: list[str] = []
     for name in expand_names(texts, scene, sids, place):
         parsed = parse_output(name)
@@ -98,7 +100,7 @@ def _single_outputs(
 def _numbered_coordinate(
     scene: SceneFile, sids: Mapping[str, SID], name: str, place: str
 ) -> str:
-    """BODY.qN of an elastic coordinate that is named by its kind."""
+    """Return BODY.qN for an elastic coordinate that is named by its kind."""
     owner, _, quantity = parse_output(name)
     kind, known = KIND.fullmatch(quantity), named_by_kind(sids[owner])
     assert kind is not None

@@ -1,10 +1,9 @@
-"""What rounding may leave of outputs that are zero by symmetry.
-
-Such an output is a sum of terms that cancel, and rounding leaves a part of them. The
-terms are as large as other outputs of the same unit, and as what the lengths, rates and
-forces of the mechanism make of each other: a torque is a force times a length, a
-velocity a rate times a length. Deformations are compared with those of their body,
-whose shape functions are known to fewer digits.
+"""Rounding errors of outputs that are zero by symmetry. Such an output is a sum of
+terms that cancel except for rounding. The size of the terms is estimated from other
+outputs with the same unit, and from products of lengths, rates and forces of the
+mechanism: a torque is a force times a length, a velocity a rate times a length.
+Deformations are compared with those of their body, whose shape functions are known to
+fewer digits.
 """
 
 from __future__ import annotations
@@ -26,12 +25,13 @@ from sidtool.formats.scene.wildcards import known_outputs
 if TYPE_CHECKING:
     from sidtool.solver.system.system import System
 
-#: The part that rounding leaves of terms that cancel; of deformations along other shape
-#: functions, and of their loads; and of the size of the mechanism where a body hardly
-#: deforms.
+#: Relative rounding error of terms that cancel; of deformations relative to other shape
+#: functions, and of their loads; and of deformations relative to the size of the
+#: mechanism if a body hardly deforms.
 ROUNDED, ROUNDED_SHAPES, SMALLEST = 1e-12, 1e-9, 1e-17
 _SECOND, _SQUARED = "m/s\N{SUPERSCRIPT TWO}", "kg m\N{SUPERSCRIPT TWO}/s"
-#: Units of which other outputs are looked at, by the unit of an output.
+#: Units of the other outputs that determine the size of terms, by the unit of an
+#: output.
 _RATES, _EFFORTS = ("m/s", "rad/s"), ("N", "N m")
 _LOADS = (*_EFFORTS, "W", "Pa")
 _SOURCES: Mapping[str, tuple[str, ...]] = {
@@ -75,8 +75,9 @@ def rounding_levels(result: Result, system: System, names: Sequence[str]) -> Arr
 def _largest_by_unit(
     result: Result, scene: SceneFile, units: Sequence[str]
 ) -> dict[str, float]:
-    """The largest absolute value of the outputs of a scene, recorded or not, by the
-    units that matter for some units."""
+    """Return the largest absolute value of all outputs of a scene by unit, for the
+    units that some given units depend on.
+    """
     from sidtool.solver.output.scene_outputs import unavailable_outputs
     from sidtool.solver.simulation.replay import replay
 
@@ -101,7 +102,7 @@ def _largest_by_unit(
 def _sizes_of_units(
     result: Result, system: System, largest: Mapping[str, float]
 ) -> dict[str, float]:
-    """The size of the terms by the unit of an output."""
+    """Return the size of the terms by the unit of an output."""
     scene = system.scene
     duration = scene.time.end - scene.time.start
     gravity = float(np.linalg.norm(scene.gravity or [0.0]))
@@ -139,7 +140,7 @@ def _levels_of_deformations(result: Result, system: System) -> dict[str, float]:
     """Return the effect of rounding on elastic coordinates, velocities and
     displacements.
 
-    By name, and by body for displacements.
+    The results are by name, for displacements by body.
     """
     from sidtool.solver.system.characteristic_sizes import coordinate_amplitudes
 

@@ -29,22 +29,22 @@ if TYPE_CHECKING:
     from sidtool.solver.system.system import System
 
 Compile = Callable[[SceneFile, Mapping[str, SID]], "System"]
-#: Times of two runs are the same within this part of the time span.
+#: Tolerance for equal times of two runs, relative to the time span.
 TIME_RESOLUTION = 1e-9
-#: Runs that last less than this [s] are timed this often.
+#: Runs shorter than this [s] are timed this number of times.
 SHORT_RUN_SECONDS, SHORT_RUN_REPEATS = 0.1, 2
 
 
 @dataclass(frozen=True)
 class Setting:
-    """How a run is integrated."""
+    """Integrator, tolerance and step of a run."""
 
     integrator: str
     rtol: float
 
 
 def expected_runs(finest: Choice, dimension: str) -> dict[str, float]:
-    """About how many runs each part of a search makes."""
+    """Return the approximate number of runs of each stage of a search."""
     flexible = [kept for _, kept in finest.kept if kept]
     return {
         "reference": 2.0,
@@ -59,7 +59,7 @@ def expected_runs(finest: Choice, dimension: str) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class PartialRun:
-    """The first part of a run; the result is None if there is none.
+    """An initial interval of a run; the result is None if the run failed.
 
     Attributes
     ----------
@@ -72,20 +72,20 @@ class PartialRun:
 
 @dataclass
 class RunCounter:
-    """How many runs a search has made."""
+    """Counter of the runs of a search."""
 
     runs: int = 0
 
 
 @dataclass
 class Runs:
-    """Models of one scene, compiled and run at most once each.
+    """Runs of the models of one scene; each is compiled and run at most once.
 
-    compile : makes a system of a scene and its SIDs
+    compile : function that compiles a scene with its SIDs
     names : outputs that are recorded
-    expected : about how many runs each part of a search makes, see `begin`
+    expected : approximate number of runs of each stage of a search, see `begin`
     counter : counts runs, also those of other scenes of the same search
-    whole : runs of all of the time, of which these are the first part
+    whole : runs over the full interval, if these cover an initial interval
     """
 
     scene: SceneFile
@@ -106,11 +106,11 @@ class Runs:
 
     @property
     def count(self) -> int:
-        """Runs so far."""
+        """Return the number of runs so far."""
         return self.counter.runs
 
     def begin(self, part: str) -> None:
-        """A part of the search begins."""
+        """Start a stage of the search."""
         self.parts.enter(part)
         self._steps = EqualStages(self.expected[part])
 
@@ -130,14 +130,16 @@ class Runs:
         names: tuple[str, ...],
         scene: SceneFile | None = None,
     ) -> Runs:
-        """Runs of the same search with other SIDs of some bodies, in another scene."""
+        """Return runs of the same search with other SIDs of some bodies and another
+        scene.
+        """
         scene, sids = scene or self.scene, {**self.sids, **others}
         again = Runs(scene, sids, self.compile, names, self.expected, self.counter)
         again.parts, again._steps = self.parts, self._steps
         return again
 
     def until(self, end: float) -> Runs:
-        """Runs of the same search that end earlier."""
+        """Return runs of the same search that end earlier."""
         scene = self.scene
         time = scene.time.model_copy(update={"end": end})
         short = self.with_other_sids(
@@ -147,12 +149,12 @@ class Runs:
         return short
 
     def tight_run(self, choice: Choice, setting: Setting) -> Result:
-        """A run that has to succeed.
+        """Return a run that must succeed.
 
         Raises
         ------
         InputError : the scene cannot be simulated.
-        OutsideTheory : it left linear theory so far that its numbers mean nothing.
+        OutsideTheory : it left linear theory so far that its numbers are meaningless.
         SimulationError : the run stopped early.
         """
         from sidtool.solver.system.errors import SimulationError
@@ -176,7 +178,7 @@ class Runs:
         return known
 
     def attempt(self, choice: Choice, setting: Setting) -> Result | None:
-        """A run, or None where this model cannot be run."""
+        """Return a run, or None if this model cannot be run."""
         from sidtool.solver.system.errors import SimulationError
 
         key = choice, setting
@@ -190,9 +192,11 @@ class Runs:
     def seconds(
         self, choice: Choice, setting: Setting, short: float = SHORT_RUN_SECONDS
     ) -> float:
-        """The least solve time out of several runs [s]; infinite if there is none.
+        """Return the least solve time out of several runs [s]; infinite if the run
+        failed.
 
-        short : runs that last longer [s] are not repeated, nor are those of a part
+        short : longer runs [s] are not repeated; neither are runs of an initial
+            interval
         """
         key = choice, setting
         if self.attempt(choice, setting) is None:
@@ -209,11 +213,9 @@ class Runs:
         return self.begun(choice, setting).seconds
 
     def begun(self, choice: Choice, setting: Setting) -> PartialRun:
-        """Return the first part of a run to the end, of which only this part is
-        computed.
-
-        Tolerances of steps depend on the length of a run; this part has those of the
-        full run.
+        """Return the initial interval of a full run; only this interval is computed.
+        Tolerances of steps depend on the length of a run; those of the full run are
+        used.
         """
         key = choice, setting
         if key not in self._begun:
@@ -243,14 +245,16 @@ class Runs:
         return PartialRun(result, took * (end - begin) / (last - begin))
 
     def difference(self, one: Choice, other: Choice, setting: Setting) -> Array:
-        """Largest differences (n,) of two models that are integrated alike."""
+        """Return the largest differences (n,) of two models with the same
+        integration.
+        """
         a, b = self.attempt(one, setting), self.attempt(other, setting)
         return self.between((one, a), (other, b))
 
     def between(
         self, one: tuple[Choice, Result | None], other: tuple[Choice, Result | None]
     ) -> Array:
-        """Largest differences (n,) over time; infinite where there is no run."""
+        """Return the largest differences (n,) over time; infinite if a run failed."""
         (first, a), (second, b) = one, other
         if a is None or b is None:
             return np.full(len(self.names), np.inf)
@@ -321,8 +325,9 @@ def _timed_run(
 
 
 def max_difference(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
-    """Largest differences (n,) of two motions, each times (nt,) and outputs (nt, n);
-    infinite where one of them ended early."""
+    """Return the largest differences (n,) of two motions, each given by times (nt,) and
+    outputs (nt, n); infinite if one of them ended early.
+    """
     (t, a), (u, b) = one, other
     count = min(len(t), len(u))
     same = np.abs(t[:count] - u[:count]) <= TIME_RESOLUTION * max(np.ptp(t), np.ptp(u))

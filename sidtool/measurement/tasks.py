@@ -75,7 +75,9 @@ class ConversionOutcome:
 
 
 def convert_model(model: ModelFile) -> ConversionOutcome:
-    """The SID of a model; short conversions are timed twice, the second one loaded."""
+    """Convert a model; short conversions are timed twice, the second time with
+    loaded modules.
+    """
     from ..pipeline.model_to_sid import finite_element_model, sid_from_model
 
     try:
@@ -108,7 +110,7 @@ class RunTask:
 def compile_task(
     scene: SceneFile, sids: Mapping[str, SID], programs: Programs
 ) -> System:
-    """The scene with its callables for `drives` and `forces` of `compile_scene`."""
+    """Compile the scene of a task with its callables."""
     from sidtool.solver import compile_scene
 
     drives, forces = (programs.get(key) for key in ("drives", "forces"))
@@ -116,7 +118,7 @@ def compile_task(
 
 
 def run_task(task: RunTask) -> RunRecord:
-    """The course of a run, or why there is none."""
+    """Return the record of a run, or of its failure."""
     from sidtool.solver.system.errors import SimulationError
 
     try:
@@ -140,7 +142,7 @@ def _ignore_stage(_: str) -> None:
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
-#: How often a signal is looked for [s].
+#: Interval between checks for a signal [s].
 SIGNAL_INTERVAL = 0.5
 #: One thread for linear algebra in each process.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -151,20 +153,22 @@ class StudyInterrupted(Exception):
 
 
 class SerialExecutor(Executor):
-    """Does each task at once, in this process."""
+    """Executor that runs each task immediately in the current process."""
 
     def submit(  # type: ignore[override]
         self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
     ) -> Future[Any]:
         done: Future[Any] = Future()
-        with use_listener(None):  # As of all others, only their end is told.
+        with use_listener(
+            None
+        ):  # as for other executors, only the end of a task is reported
             done.set_result(fn(*args, **kwargs))
         return done
 
 
 @contextmanager
 def make_executor(jobs: int, dask: str | None) -> Iterator[tuple[Executor, int]]:
-    """Return the executor, and the number of tasks that it does at a time.
+    """Return the executor, and the number of simultaneous tasks.
 
     Parameters
     ----------
@@ -209,8 +213,9 @@ def _process_pool(jobs: int) -> Iterator[Executor]:
 
 
 def _ignore_signals(parent: int) -> None:
-    """Signals that end a study are the parent's matter, also where they are sent to
-    all processes; without it the process ends."""
+    """Ignore signals that end a study in a worker; the parent handles them. A worker
+    ends if its parent does.
+    """
     for number in present_signals(ENDING_SIGNALS):
         handle_signal(number, IGNORED)
     end_with_parent(parent)
@@ -263,7 +268,7 @@ def as_completed(
 
     Raises
     ------
-    Ended : `stop` returned a reason.
+    StudyInterrupted : `stop` returned a reason.
     """
     under_way: dict[Future[Found], Task] = {}
     left = True
@@ -282,23 +287,23 @@ def as_completed(
             raise StudyInterrupted(why)
 
 
-#: How points are measured; those of another way are not used.
+#: Version of the measurement; stored points of another version are not used.
 METHOD_VERSION = 4
 #: Keys of [accuracy] that a setting replaces.
 SETTING = {"integrator", "rtol", "step", "wanted"}
 
 
 class PointCache:
-    """A folder of finished points, or nothing at all.
+    """Store of finished points in a folder; without a folder nothing is stored.
 
-    folder : made with the first point
+    folder : created with the first point
     """
 
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
 
     def load_run(self, task: RunTask) -> RunRecord | None:
-        """The run, if it was made before."""
+        """Return the stored run of a task, or None."""
         found = self._read(_run_key(task))
         if found is None:
             return None
@@ -322,7 +327,7 @@ class PointCache:
         self._write(_run_key(task), numbers, record.values)
 
     def converted(self, model: ModelFile) -> ConversionOutcome | None:
-        """The SID of a model, if it was converted before."""
+        """Return the stored conversion of a model, or None."""
         found = self._read(_model_key(model))
         if found is None or self.folder is None:
             return None

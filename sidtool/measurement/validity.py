@@ -14,12 +14,15 @@ from sidtool.formats.result.accuracy_report import MAX_DEFLECTION, MAX_ROTATION
 from sidtool.formats.scene import is_elastic
 from sidtool.formats.scene import parse_output as parsed
 
-#: A SID without geometric stiffening must not see more change of stiffness than this.
+#: Largest relative change of stiffness that a SID without geometric stiffening may
+#: neglect.
 MAX_UNMODELLED_STIFFENING = 0.25
 
 
 class OutsideTheory(InputError):
-    """Errors cannot be estimated because a body leaves the range of its SID."""
+    """Raised if a body leaves the range of its SID, so that errors cannot be
+    estimated.
+    """
 
 
 def check_validity(result: Result) -> None:
@@ -60,15 +63,15 @@ def check_validity(result: Result) -> None:
 def missing_stiffening_notes(
     stiffness: Mapping[str, float], change: str, matters: bool
 ) -> Iterator[str]:
-    """Sentences on the geometric stiffening that the models of bodies lack.
+    """Return sentences on the geometric stiffening that the models of bodies lack.
 
-    stiffness : the change that it would be, of that of each body
-    change : of outputs, by all of it, in words
-    matters : whether that is much
+    stiffness : relative change of stiffness that it would cause, by body
+    change : text on the change of outputs by all of it
+    matters : whether that change exceeds the allowed error
 
     Raises
     ------
-    OutsideTheory : it matters, and is more than a quarter of a stiffness.
+    OutsideTheory : it matters, and changes a stiffness by more than a quarter.
     """
     for name, ratio in stiffness.items():
         would = f"it would be {100.0 * ratio:+.3g} % of the stiffness"
@@ -109,17 +112,16 @@ def _validity_notes(place: str, what: str, times: float) -> OutsideTheory:
     )
 
 
-#: Frequencies of one shape function in two bases differ by less, and those of its
-#: neighbours by more, relative.
+#: Relative tolerance for equal frequencies: a shape function has the same frequency in
+#: two bases, and its neighbours have others.
 SAME_FREQUENCY_TOLERANCE = 0.05
 
 
 def is_incomparable(
     output: str, before: Mapping[str, SID], after: Mapping[str, SID]
 ) -> bool:
-    """Check whether an output belongs to a shape function that another SID lacks.
-
-    True also if the shape function cannot be distinguished from others there.
+    """Return whether an output belongs to a shape function that another SID lacks. The
+    result is also True if the shape function cannot be distinguished from others there.
     """
     name = parsed(output)
     if name.marker or not is_elastic(name.quantity) or name.owner not in before:
@@ -130,8 +132,9 @@ def is_incomparable(
 
 
 def _is_in_both(number: int, *sids: SID) -> bool:
-    """Whether two bases have a shape function of about one frequency, and each of them
-    no other one near it."""
+    """Return whether a shape function is the only one near its frequency in both
+    SIDs.
+    """
     squares = [np.diag(sid.Ke.m0) / np.diag(sid.Me.m0) for sid in sids]
     if number >= min(map(len, squares)):
         return False

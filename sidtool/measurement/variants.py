@@ -9,9 +9,9 @@ from typing import Any
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import SceneFile
 
-#: What can be varied, in the order of tables.
+#: Axes of a study, in the order of tables.
 AXES = ("mesh", "modes", "reduction", "frame", "terms", "integrator")
-#: What the values of an axis look like, for messages.
+#: Description of the values of each axis, for messages.
 MEANINGS = {
     "mesh": "halvings of the elements, such as mesh=-1:0:1",
     "modes": "numbers of modes, or of shape functions of a SID, such as modes=2:4:8",
@@ -24,19 +24,19 @@ METHODS = ("modal", "craig_bampton", "attachment", "herting", "krylov")
 FRAMES = ("tangent", "chord", "buckens")
 TERMS = ("all", "stiffening", "quadratic", "none")
 _WORDS = {"reduction": METHODS, "frame": FRAMES, "terms": TERMS}
-#: Between the values of an axis.
+#: Separator of the values of an axis.
 VALUE_SEPARATOR = ":"
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One model of a scene; None stands for the content of the files.
+    """A variant of a scene; None stands for the content of the files.
 
     Attributes
     ----------
-    model : number of the model files of the bodies
-    mesh : halvings of the elements
-    modes : modes of each body
+    model : index of the model files of the bodies
+    mesh : number of halvings of the element size
+    modes : number of modes of each body
     """
 
     model: int = 0
@@ -89,10 +89,9 @@ def _parse_value(axis: str, text: str) -> Any:
 def variant_grid(
     models: int, values: Values, base: Variant, settings: Sequence[Setting]
 ) -> list[tuple[Variant, Setting, int]]:
-    """All combinations, and in how many choices each differs from the base.
-
-    Integrators and tolerances are one choice, and so is the model. Those that differ
-    least come first.
+    """Return all combinations, with the number of choices in which each differs from
+    the base. Integrator and tolerance are one choice, and so is the model. Combinations
+    with the fewest changes come first.
     """
     found = [(base, 0)]
     names = [name for name in AXES if name in values and name != "integrator"]
@@ -113,22 +112,22 @@ def variant_grid(
 
 
 def with_choice(variant: Variant, name: str, choice: Any) -> Variant:
-    """The variant with another choice on an axis."""
+    """Return the variant with another choice on an axis."""
     return replace(variant, **{name: choice})
 
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
-#: Integrators and tolerances that are tried where other things vary, too.
+#: Integrators and tolerances if other axes vary, too.
 FEW_SETTINGS = ("radau5", "radau9"), (1e-3, 1e-5, 1e-7)
 #: Integrators and tolerances of the two references, at the tightest.
 TIGHTEST_SETTINGS = (("radau13", 1e-12), ("radau9", 1e-11))
-#: Of the tightest tolerance of a study, those of the references.
+#: Tolerances of the references relative to the tightest one of a study.
 FACTOR_OF_TIGHT_SETTINGS = (1e-3, 1e-2)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """How one run is made; `step` [s] replaces the error control by `rtol`."""
+    """Integration of one run; `step` [s] replaces the error control by `rtol`."""
 
     integrator: str
     rtol: float | None = None
@@ -140,7 +139,7 @@ class Setting:
 
     @property
     def key(self) -> str:
-        """The lines of `[accuracy]` that ask for it."""
+        """Return the keys of the table `[accuracy]` for this setting."""
         kind, number = ("rtol", self.rtol) if self.step is None else ("step", self.step)
         return f'integrator = "{self.integrator}", {kind} = {number:g}'
 
@@ -182,7 +181,9 @@ def default_settings(
 
 
 def tight_settings(settings: Sequence[Setting]) -> tuple[Setting, Setting]:
-    """Two settings by different methods, much tighter than all of a study."""
+    """Return two settings with different methods, much tighter than those of a
+    study.
+    """
     least = min((s.rtol for s in settings if s.rtol is not None), default=0.0)
     first, second = (
         Setting(name, max(limit, part * least))

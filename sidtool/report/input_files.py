@@ -33,7 +33,9 @@ from .tables import TextBlock, counted_noun, format_numbers, named_values, text_
 
 
 def describe_model(model: ModelFile, body: FiniteElementModel | None = None) -> str:
-    """Lines and a table of markers; with the body also where they are."""
+    """Describe a model by lines and a table of markers; with the body also their
+    positions.
+    """
     parts: list[str] = [*model_parts(model, body)]
     parts += ["\n".join(f"note: {note}" for note in body.notes)] if body else []
     return "\n\n".join(part for part in parts if part)
@@ -161,7 +163,9 @@ _FREQUENCIES = 10
 
 
 def describe_import(body: FiniteElementModel) -> str:
-    """Mass, centre, inertia, free frequencies and node sets of a body."""
+    """Describe mass, centre of mass, inertia, free frequencies and node sets of
+    a body.
+    """
     mass, centre, inertia = _body_inertia(body)
     rigid, elastic = _free_frequencies(body, centre)
     size = float(np.abs(body.positions).max())
@@ -191,7 +195,9 @@ def describe_import(body: FiniteElementModel) -> str:
 
 
 def _body_inertia(body: FiniteElementModel) -> tuple[float, Array, Array]:
-    """Mass, centre (3,), and xx, yy, zz, xy, yz, xz about it; of a plane body zz."""
+    """Return mass, centre (3,), and inertia xx, yy, zz, xy, yz, xz about it; for a
+    plane body zz only.
+    """
     rigid = body.rigid_body_modes()
     gram = rigid.T @ (body.mass @ rigid)
     mass = gram[0, 0]
@@ -233,13 +239,13 @@ def _extent_text(points: Array, size: float) -> list[str]:
     ]
 
 
-#: Keys of forces that have other columns, and functions of many numbers.
+#: Keys of forces that are not listed as parameters.
 _NO_NUMBERS = frozenset(["type", "marker", "markers", "joint", "coordinate"])
 _LONG = frozenset(["polynomial", "spline", "table", "sum", "callable"])
 
 
 def describe_scene(scene: SceneFile) -> str:
-    """Lines and tables of bodies, joints and drives."""
+    """Describe a scene by lines and tables of bodies, joints, drives and forces."""
     return "\n\n".join(scene_parts(scene))
 
 

@@ -1,4 +1,4 @@
-"""Output of commands as data for other programs."""
+"""Data of commands for other programs (JSON)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def to_json_text(data: Any) -> str:
-    """JSON, in which numbers that are not finite are null."""
+    """Return JSON text; numbers that are not finite become null."""
     return json.dumps(_json_value(data), indent=1, allow_nan=False)
 
 
@@ -31,7 +31,7 @@ def content_data(content: Any) -> Any:
 
 
 def sid_data(sid: SID) -> dict[str, Any]:
-    """Sizes, mass properties, modes and nodes."""
+    """Return sizes, mass properties, modes and nodes of a SID."""
     return {
         "title": sid.title,
         "written_by": sid.written_by or None,
@@ -51,7 +51,7 @@ def result_data(
 ) -> dict[str, Any]:
     """How the run went, and of each output its range.
 
-    span : first and last output time [s] and how many there are
+    span : first and last output time [s] and number of output times
     """
     if span is None:
         t = result.t
@@ -90,7 +90,7 @@ def result_data(
 
 
 def equilibrium_data(found: Equilibrium) -> dict[str, Any]:
-    """Outputs and forces of joints and drives at rest."""
+    """Return outputs and forces of joints and drives in equilibrium."""
     result = found.result()
     outputs = dict(zip(result.names, result.values[0], strict=True))
     forces = result.multiplier_names, result.multipliers[0]

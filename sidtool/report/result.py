@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sidtool.solver.analyses.linearisation import Linearisation
     from sidtool.solver.analyses.static_equilibrium import Equilibrium
 
-#: counters in the order of a summary, with the words for them
+#: Counters in the order of a summary, with their texts
 COUNTERS = {
     "steps": "step",
     "rejected": "rejected step",
@@ -32,7 +32,7 @@ COUNTERS = {
     "factorisations": "factorisation",
     "newton_iterations": "Newton iteration",
 }
-#: Flexible bodies in a summary: those whose numbers can be relied on least.
+#: Largest number of flexible bodies in a summary; the least reliable ones are listed.
 MAX_BODIES = 8
 #: Largest number of events in a summary.
 MAX_EVENTS = 8
@@ -40,12 +40,13 @@ STIFF_SCENE_TEXT = (
     "the scene is stiff: stability, not accuracy, limited the steps of this explicit "
     "method; radau5 or radau9 take fewer"
 )
-#: One step in so many that stability limits makes a scene stiff, as in `solver`.
+#: A scene is stiff if stability limits at least one step in this number, as in
+#: `solver`.
 STIFF_STEP_SHARE = 4
 
 
 class WithNotes(Protocol):
-    """A result, or what an analysis found."""
+    """Protocol: an object with notes, such as a result or an analysis."""
 
     @property
     def notes(self) -> tuple[str, ...]: ...
@@ -99,21 +100,24 @@ def run_overview(
 
 
 def note_lines(found: WithNotes) -> list[tuple[str, str]]:
-    """Warnings and other notes of a result, each with its kind."""
+    """Return warnings and other notes of a result, each with its kind."""
     return [
         ("warning" if text in found.warnings else "note", text) for text in found.notes
     ]
 
 
 def _is_stiff(result: Result) -> bool:
-    """Whether stability, not accuracy, limited the steps of an explicit method."""
+    """Return whether stability, not accuracy, limited the steps of an explicit
+    method.
+    """
     counters = result.counters
     return STIFF_STEP_SHARE * counters.get("stiff_steps", 0) > counters.get("steps", 0)
 
 
 def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
-    """Name, kind and time [s] of events; of the breaks of a function, such as the knots
-    of a spline, a row for all of them."""
+    """Return name, kind and time [s] of events. All breaks of a function, such as the
+    knots of a spline, share one row.
+    """
     rows = [(e.name, e.kind, f"{e.t:.9g}") for e in events if e.kind != "break"]
     found: dict[str, list[float]] = {}
     for event in events:
@@ -128,7 +132,7 @@ def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
 
 
 def _event_lines(events: Sequence[Event]) -> list[tuple[str, str]]:
-    """Lines of the first crossings, and how many breaks of functions there were."""
+    """Return lines on the first crossings, and the number of breaks of functions."""
     crossings = [e for e in events if e.kind != "break"]
     lines = [(e.name, f"{e.kind} at t = {e.t:.12g} s") for e in crossings[:MAX_EVENTS]]
     more = len(crossings) - MAX_EVENTS
@@ -148,14 +152,16 @@ def _break_line(times: Sequence[float]) -> str:
 
 
 def expected_body_lines(bodies: Mapping[str, FlexibleBody]) -> str:
-    """A line per flexible body before a run: frequencies, expected stiffening."""
+    """Return a line per flexible body before a run: frequencies, expected
+    stiffening.
+    """
     return named_values(_worst_body_lines(bodies, lambda body: body.before))
 
 
 def _worst_body_lines(
     bodies: Mapping[str, FlexibleBody], tell: Callable[[FlexibleBody], str]
 ) -> list[tuple[str, str]]:
-    """Lines of the bodies whose numbers can be relied on least, these first."""
+    """Return the lines of the least reliable bodies, the worst first."""
     order = sorted(bodies, key=lambda name: bodies[name].severity, reverse=True)
     lines = [(name, tell(bodies[name])) for name in order[:MAX_BODIES]]
     rest = order[MAX_BODIES:]
@@ -164,7 +170,7 @@ def _worst_body_lines(
 
 
 def describe_result(result: Result) -> str:
-    """The summary, the outputs with their range, and the versions."""
+    """Return the summary, the outputs with their range, and the versions."""
     parts = [
         named_values([("title", result.title or "(none)")]) + "\n" + run_summary(result)
     ]
@@ -180,7 +186,7 @@ def describe_result(result: Result) -> str:
 
 
 def output_ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str]) -> str:
-    """A table of the first, least, greatest and last value of each output.
+    """Tabulate the first, least, greatest and last value of each output.
 
     unit : of an output by its name
     """
@@ -258,8 +264,8 @@ def _drift_text(result: Result) -> str:
     return "constraints, " + ", ".join(parts) if parts else "not measured"
 
 
-#: Coordinates named beside a mode: those that move most, if they move by more than a
-#: part of the most.
+#: Largest number of leading coordinates of a mode, and their minimum amplitude relative
+#: to the largest one.
 MAX_LEADING_COORDINATES, LEADING_TOLERANCE = 3, 1e-6
 #: Damping ratios are negative below this; smaller values are indistinguishable from
 #: zero.
@@ -269,7 +275,7 @@ DAMPING_ROUNDING = 1e-12
 
 
 def describe_equilibrium(found: Equilibrium) -> str:
-    """Iterations, residual, notes, outputs and multipliers."""
+    """Describe an equilibrium: iterations, residual, notes, outputs and multipliers."""
     result = found.result()
     parts: list[str] = [
         named_values(
@@ -302,7 +308,9 @@ def state_rows(result: Result) -> list[tuple[str, float, str]]:
 
 
 def describe_modes(modes: Linearisation) -> str:
-    """A table of the natural modes and the coordinates that lead each, and notes."""
+    """Describe natural modes: a table with the leading coordinates of each, and
+    notes.
+    """
     rows = mode_rows(modes)
     if not rows:
         return "no natural modes: nothing can move"
@@ -322,13 +330,13 @@ def describe_modes(modes: Linearisation) -> str:
 
 
 def has_rotating_axes(modes: Linearisation) -> bool:
-    """Whether frequencies differ between inertial axes and those of the bodies."""
+    """Return whether frequencies differ between inertial and body axes."""
     apart = modes.inertial_frequencies - modes.rotating_frequencies
     return bool(any(modes.whirl) or apart.any())
 
 
 def mode_header(modes: Linearisation) -> tuple[str, ...]:
-    """Heads of the columns of `mode_rows`."""
+    """Return the header of `mode_rows`."""
     columns: tuple[str, ...] = ("Hz",)
     if has_rotating_axes(modes):
         columns = ("inertial Hz", "rotating Hz", "whirl")
@@ -336,7 +344,7 @@ def mode_header(modes: Linearisation) -> tuple[str, ...]:
 
 
 def axes_of_frequencies(modes: Linearisation) -> str:
-    """In which axes the frequencies are those that one sees."""
+    """Return a text on the axes in which the frequencies are measured."""
     if not has_rotating_axes(modes):
         return f"frame: {modes.frame} axes"
     return (
@@ -350,7 +358,7 @@ def axes_of_frequencies(modes: Linearisation) -> str:
 
 
 def mode_rows(modes: Linearisation) -> list[list[str]]:
-    """Number, frequency, damping ratio and leading coordinates of each mode."""
+    """Return number, frequency, damping ratio and leading coordinates of each mode."""
     rows = []
     for k, (hertz, ratio) in enumerate(
         zip(modes.frequencies, modes.damping_ratios, strict=True)
@@ -381,7 +389,7 @@ def mode_rows(modes: Linearisation) -> list[list[str]]:
 
 
 def modes_as_data(modes: Linearisation) -> dict[str, Any]:
-    """Natural modes as JSON holds them; complex numbers are pairs."""
+    """Return natural modes as data for JSON; complex numbers are pairs."""
     return {
         "coordinates": list(modes.names),
         "position": modes.z.tolist(),
@@ -406,7 +414,7 @@ def modes_as_data(modes: Linearisation) -> dict[str, Any]:
 
 
 def describe_inverse(result: Result) -> str:
-    """The largest force of each constraint, and notes."""
+    """Describe inverse dynamics: the largest force of each constraint, and notes."""
     unit = units_in(result)
     rows = [
         [name, f"{np.min(column):.10g}", f"{np.max(column):.10g}", unit(name)]
@@ -444,7 +452,7 @@ def accuracy_summary(report: AccuracyReport) -> TextBlock:
 
 
 def describe_accuracy(report: AccuracyReport) -> str:
-    """The error of each output, the budget, and why."""
+    """Describe the error of each output, the budget, and the reasons."""
     parts = [accuracy_summary(report), error_table(report), budget_table(report)]
     return "\n\n".join(parts)
 
@@ -477,7 +485,7 @@ def _format_number(value: float | None) -> str:
 
 
 def budget_table(report: AccuracyReport) -> TextBlock:
-    """Each kind of choice with what it adds to the worst output, and its cost."""
+    """Tabulate, for each kind of choice, its error in the worst output and its cost."""
     rows = [_budget_row(line, report) for line in report.budget]
     header = ["part", "choice", "error", "in", "of what is allowed"]
     return text_table([*header, "seconds", "at its finest"], rows)

@@ -26,7 +26,7 @@ from .tables import counted_noun, format_numbers, named_values, text_table
 
 
 def describe_sid(sid: SID) -> str:
-    """Several lines and tables about a SID."""
+    """Describe a SID by lines and tables."""
     parts = [_overview_lines(sid)]
     modes = natural_modes(sid)
     if modes:
@@ -91,7 +91,9 @@ def _capability_text(sid: SID) -> list[tuple[str, str]]:
 
 
 def _writer_text(sid: SID) -> str:
-    """The program that wrote the file, and of which program it had the body."""
+    """Return the program that wrote the file, and the program that the body
+    came from.
+    """
     by, first = sid.written_by, sid.dialect.writer
     if not by or first.startswith(by):
         return first
@@ -148,7 +150,9 @@ def _node_table(sid: SID, most: int = 12) -> str:
 
 
 def _body_reach(sid: SID) -> float:
-    """How far the body reaches from its frame: its nodes, its radii of inertia [m]."""
+    """Return the extent of the body from its frame, by nodes and radii of
+    inertia [m].
+    """
     places = [np.abs(node.position).max() for node in sid.nodes]
     spread = np.abs(sid.J.m0).max() / sid.mass if sid.mass > 0 else 0.0
     return float(max([*places, np.sqrt(spread)]))
@@ -172,10 +176,10 @@ class NaturalMode:
     frequency : [Hz]
     kind : "bending y", "axial x", "torsion x", ...
     effective_mass : (3,) effective modal mass along x, y, z [kg]
-    boundary : how the body is held where the mode has this frequency: "held",
-        "chord", "free" (mean axes), "other"
+    boundary : boundary condition of the mode: "held", "chord", "free" (mean axes),
+        "other"
     contribution : share of the mode in the static compliance of all nodes
-    label : of the elastic coordinate that the mode consists of, if of one
+    label : label of the elastic coordinate, if the mode consists of one
     """
 
     frequency: float
@@ -187,7 +191,7 @@ class NaturalMode:
 
 
 def natural_modes(sid: SID) -> tuple[NaturalMode, ...]:
-    """The natural modes of (Ke, Me), lowest first; empty for a rigid body.
+    """Return the natural modes of (Ke, Me), lowest first; empty for a rigid body.
 
     The effective mass of mode y is (Ct^T y)^2 / (y^T Me y), by axis.
     """
@@ -215,7 +219,7 @@ def natural_modes(sid: SID) -> tuple[NaturalMode, ...]:
 
 
 def frame_kind_of(sid: SID) -> str:
-    """The kind of body frame, judged by the couplings and the nodes."""
+    """Return the kind of body frame, judged by the couplings and the nodes."""
     if sid.nq == 0:
         return "rigid body"
     kind, nodes = _framekind_of_shape(sid)
@@ -229,7 +233,9 @@ def frame_kind_of(sid: SID) -> str:
 
 
 def boundary_kind(sid: SID) -> str:
-    """How the natural modes of (Ke, Me) are held: "held", "chord", "free", "other"."""
+    """Return the boundary condition of the modes: "held", "chord", "free" or
+    "other".
+    """
     return _framekind_of_shape(sid)[0].split()[0]
 
 
@@ -267,7 +273,7 @@ def _is_unrotated(node: Any, sid: SID) -> bool:
 
 
 def _chord_end(sid: SID, start: Any) -> str | None:
-    """The node whose direction from the start stays the same."""
+    """Return the node whose direction from the origin does not change."""
     for node in sid.nodes:
         chord = node.position - start.position
         length = np.linalg.norm(chord)
@@ -280,9 +286,8 @@ def _chord_end(sid: SID, start: Any) -> str | None:
 
 
 def _compliance_shares(sid: SID, squares: Array, shapes: Array) -> Array:
-    """(nq,) sum over nodes of phi^2 / w^2, as shares of the total.
-
-    Rotations count by the displacement they make over a part of the body's length.
+    """Return (nq,) sums over nodes of phi^2 / w^2 as shares of the total. Rotations are
+    multiplied by a part of the length of the body.
     """
     arm = ROTATION_ARM_SHARE * node_extent(sid)
     phi, psi = sid.shapes
@@ -294,7 +299,7 @@ def _compliance_shares(sid: SID, squares: Array, shapes: Array) -> Array:
 
 
 def is_at_rest(node: Any, sid: SID) -> bool:
-    """Does no shape function displace a node?"""
+    """Return whether no shape function displaces a node."""
     return bool(
         np.abs(node.phi.m0).max(initial=0.0)
         <= ZERO_MOTION_TOLERANCE * motion_scale(sid)
@@ -302,7 +307,7 @@ def is_at_rest(node: Any, sid: SID) -> bool:
 
 
 def _mode_matrix(sid: SID) -> tuple[Array, Array]:
-    """Modes in the columns; the coordinates themselves where Me is no mass matrix."""
+    """Return modes in columns; the unit matrix if Me is not a mass matrix."""
     try:
         return held_modes(sid)
     except np.linalg.LinAlgError:

@@ -11,23 +11,25 @@ from numpy.typing import ArrayLike
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.html import html_table
 
-#: Values below this share of the largest one are rounding.
+#: Values below this fraction of the largest one are printed as zero.
 _ROUNDING = 1e-12
 
 
 def format_numbers(values: ArrayLike, size: float = 0.0, between: str = ", ") -> str:
-    """Format numbers with six digits; rounding beside the largest, or `size`, is 0."""
+    """Format numbers with six digits; values negligible against the largest, or `size`,
+    are 0.
+    """
     numbers = np.asarray(values, float)
     nothing = _ROUNDING * max(size, np.abs(numbers).max(initial=0.0))
     return between.join(f"{v:.6g}" if abs(v) > nothing else "0" for v in numbers)
 
 
 def import_optional(name: str) -> Any:
-    """A package that only some need.
+    """Import an optional package.
 
     Raises
     ------
-    InputError : it is not installed.
+    InputError : the package is not installed.
     """
     from importlib import import_module
 
@@ -40,7 +42,7 @@ def import_optional(name: str) -> Any:
 
 
 class TextBlock(str):
-    """A table as text, which knows itself as HTML, too."""
+    """A table as text, with its HTML representation."""
 
     html: str
 
@@ -51,7 +53,7 @@ class TextBlock(str):
 
 
 def text_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> TextBlock:
-    """Aligned columns under a header and a line; numbers to the right, texts left."""
+    """Return aligned columns under a header and a line; numbers right, texts left."""
     body = [[printable(cell) for cell in row] for row in rows]
     columns = list(zip(header, *body, strict=True))
     widths = [max(map(len, column)) for column in columns]
@@ -70,7 +72,7 @@ def named_values(entries: Iterable[tuple[str, str]]) -> TextBlock:
 
 
 def counted_noun(count: int, word: str) -> str:
-    """ "1 mode", "2 modes"; bodies need no other plurals than these."""
+    """Return a count with its noun, as in "1 mode", "2 modes"."""
     if count == 1:
         return f"1 {word}"
     return f"{count} {word[:-1] + 'ies' if word.endswith('dy') else word + 's'}"

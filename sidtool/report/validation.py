@@ -1,4 +1,4 @@
-"""Validation of a SID as text and as data: checks, and a comparison on request."""
+"""Validation report of a SID as text and data: checks and an optional comparison."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .tables import counted_noun, text_table
 
 @dataclass(frozen=True)
 class Judgement:
-    """Checks of one SID, its most likely units, and a comparison on request."""
+    """Checks of one SID, its most likely units, and an optional comparison."""
 
     checks: tuple[Check, ...]
     units: UnitGuess
@@ -29,13 +29,14 @@ class Judgement:
 
     @property
     def remarks(self) -> list[str]:
-        """Return doubts, questions and notes beside checks and comparison."""
+        """Return the remarks that are not part of checks and comparison."""
         compared = () if self.comparison is None else self.comparison.notes
         return [*self.units.warnings, *self.questions, *compared]
 
     def good(self, *, strict: bool) -> bool:
-        """True when nothing failed that counts; warnings and questions about units
-        count with `strict`."""
+        """Return whether nothing failed; with `strict` warnings and questions about
+        units count as failures.
+        """
         matched = self.comparison is None or self.comparison.passed
         sound = verdict(self.checks, strict=strict) and not (strict and self.questions)
         return sound and matched
@@ -62,7 +63,7 @@ def judge_sid(
 
 
 def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
-    """One JSON document; see `to_json`."""
+    """Return one JSON document."""
     return to_json(
         judgement.checks,
         judgement.comparison,
@@ -74,7 +75,7 @@ def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
 
 
 def judgement_as_text(judgement: Judgement, *, strict: bool) -> str:
-    """Tables, the meaning of each failure, and the verdict in the last line."""
+    """Return tables, the meaning of each failure, and the verdict in the last line."""
     by = [f"written by {judgement.written_by}"] if judgement.written_by else []
     parts = [*by, _check_table(judgement.checks), *_failure_meanings(judgement.checks)]
     parts.append(_unit_notes(judgement.units))
@@ -97,7 +98,9 @@ def _failure_meanings(checks: tuple[Check, ...]) -> Iterator[str]:
 
 
 def _unit_notes(guess: UnitGuess) -> str:
-    """A SID has no unit field: the most plausible system, and doubts about it."""
+    """Return the most plausible unit system (a SID has no unit field), and doubts about
+    it.
+    """
     others = " or ".join(guess.nearly)
     doubt = f" (a guess; nearly as plausible: {others})" if others else ""
     lines = [f"units: {guess.system or 'unknown'}{doubt}"]
