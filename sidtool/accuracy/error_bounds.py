@@ -82,18 +82,18 @@ def error_bounds(
         runs.names, runs.between((chosen, tight), (chosen, loose_run)), strict=True
     )
     integration = {name: float(error) for name, error in pairs}
-    found: dict[str, float] = {}
+    bounds: dict[str, float] = {}
     count = _minimum_intervals(full, chosen)
     while count <= MAX_INTERVALS:
         finer = _bounds(full, runs, chosen, known_norms, count)
-        helped = not found or any(
-            finer[n] < SUFFICIENT_DECREASE * found[n] for n in known_norms
+        helped = not bounds or any(
+            finer[n] < SUFFICIENT_DECREASE * bounds[n] for n in known_norms
         )
-        found = {n: min(finer[n], found.get(n, np.inf)) for n in known_norms}
+        bounds = {n: min(finer[n], bounds.get(n, np.inf)) for n in known_norms}
         if not helped:
             break
         count *= 2
-    return {n: bound + integration[n] for n, bound in found.items()}
+    return {n: bound + integration[n] for n, bound in bounds.items()}
 
 
 def _minimum_intervals(full: ElasticEquations, chosen: Choice) -> int:
@@ -201,13 +201,15 @@ def _full_coordinates(
     times = {"output_step": None, "output_times": tuple(t.tolist())}
     time = less.time.model_copy(update=times)
     system = runs.compile(less.model_copy(update={"time": time}), runs.sids)
-    found = simulate(system, integrator=BASE_SETTING.integrator, rtol=BASE_SETTING.rtol)
-    kept_columns = [full.names.index(name) for name in found.position_names]
+    result = simulate(
+        system, integrator=BASE_SETTING.integrator, rtol=BASE_SETTING.rtol
+    )
+    kept_columns = [full.names.index(name) for name in result.position_names]
     own = make_elastic_equations(system)
     q, v, a = (np.zeros((len(t), full.n)) for _ in range(3))
-    q[:, kept_columns], v[:, kept_columns] = found.positions, found.velocities
+    q[:, kept_columns], v[:, kept_columns] = result.positions, result.velocities
     if own is not None and kept_columns:
-        a[:, kept_columns] = own.accelerations(t, found.positions, found.velocities)
+        a[:, kept_columns] = own.accelerations(t, result.positions, result.velocities)
     return q, v, a
 
 
@@ -435,7 +437,7 @@ def make_elastic_equations(system: System) -> ElasticEquations | None:
         assert isinstance(body, SidBody)
         nodes[data.name] = dict(body.markers)
         names += [f"{data.name}.q{k}" for k in data.coordinate_numbers]
-    found = ElasticEquations(
+    equations = ElasticEquations(
         system, mechanics, mechanics.mass, tuple(names), columns, nodes
     )
-    return found if found.holds() else None
+    return equations if equations.holds() else None

@@ -114,8 +114,8 @@ def _shapes_text(choice: Choice, reference: Reference) -> str:
 
 def _terms_text(choice: Choice, reference: Reference) -> str:
     flexible = {n for n, kept in choice.kept if kept}
-    bare = sorted(choice.unstiffened & flexible)
+    unstiffened = sorted(choice.unstiffened & flexible)
     simple = sorted((reference.choice.quadratic - choice.quadratic) & flexible)
-    parts = [f"{n} without geometric stiffening" for n in bare]
+    parts = [f"{n} without geometric stiffening" for n in unstiffened]
     parts += [f"{n} without quadratic inertia" for n in simple]
     return ", ".join(parts) or "all"

@@ -114,9 +114,9 @@ def select_frames(
     worst = max(expected, key=expected.__getitem__)
     least = float((reference.allowed / np.maximum(reference.variation, 1e-300)).min())
     if NEGLECT_FACTOR * expected[worst] < MIN_NEGLECT_SHARE * least:
-        told = f"{worst} deforms so little that others change {expected[worst]:.0e}"
+        reason = f"{worst} deforms so little that others change {expected[worst]:.0e}"
         return _neglect_notes(
-            as_is, f"their own, not searched, as {told} of the outputs"
+            as_is, f"their own, not searched, as {reason} of the outputs"
         )
     others = dict(_alternative_frames(runs, reference, bodies))
     missing = ", ".join(n for n in bodies if n not in others)
@@ -138,25 +138,25 @@ def select_frames(
     )
     if better and not (fixed or pinned) and MIN_CHANGE_SHARE < use <= MAX_CHANGE_SHARE:
         words = " and ".join(f"{others[n].words} of {n}" for n in better)
-        found = _search_in_frames(runs, reference, request, better, errors)
-        told = (
+        searched = _search_in_frames(runs, reference, request, better, errors)
+        reason = (
             f"{words}, in which bodies deform least; that changes {affected}; places "
         )
-        told += (
+        reason += (
             "and displacements of these bodies that are not recorded are those there"
         )
         return replace(
-            _neglect_notes(found, f"{told}{more}"), theory=NEGLECT_SAFETY * errors
+            _neglect_notes(searched, f"{reason}{more}"), theory=NEGLECT_SAFETY * errors
         )
     unknown = any(o.better or not o.lacks_second_order for o in others.values())
-    found = replace(
+    searched = replace(
         as_is, theory=(NEGLECT_SAFETY_UNKNOWN if unknown else NEGLECT_SAFETY) * errors
     )
     words = " and ".join(f"{o.words} of {n}" for n, o in others.items())
     means = f" and what {pinned[0]} means" if pinned else ""
-    remedy = _suggested_remedy(others) if reference.use(found.theory) > 1.0 else ""
+    remedy = _suggested_remedy(others) if reference.use(searched.theory) > 1.0 else ""
     return _neglect_notes(
-        found, f"their own; {words} would change {affected}{means}{remedy}{more}"
+        searched, f"their own; {words} would change {affected}{means}{remedy}{more}"
     )
 
 
@@ -168,8 +168,8 @@ def neglected_order(name: str, result: Result) -> float:
     return float(size ** (2 if has_second_order_field(sid) else 1))
 
 
-def _neglect_notes(found: FrameSelection, text: str) -> FrameSelection:
-    return replace(found, sentences=(f"frames: {text}",))
+def _neglect_notes(selection: FrameSelection, text: str) -> FrameSelection:
+    return replace(selection, sentences=(f"frames: {text}",))
 
 
 def _most_affected_output(errors: Array, runs: Runs, reference: Reference) -> str:
@@ -181,10 +181,10 @@ def _most_affected_output(errors: Array, runs: Runs, reference: Reference) -> st
 
 def _suggested_remedy(others: dict[str, AlternativeFrame]) -> str:
     """Suggest a remedy if the neglected terms exceed the request."""
-    bare = [n for n, other in others.items() if other.lacks_second_order]
+    linear_sids = [n for n, other in others.items() if other.lacks_second_order]
     less = "bodies cut into several by joints of type fixed leave"
-    if bare:
-        less = f"a SID of {', '.join(bare)} with geometric stiffening leaves"
+    if linear_sids:
+        less = f"a SID of {', '.join(linear_sids)} with geometric stiffening leaves"
     better = " and ".join(f"{o.words} of {n}" for n, o in others.items() if o.better)
     also = f", {better} too" if better else ""
     return (
@@ -241,11 +241,11 @@ def _search_in_frames(
     again = runs.with_other_sids(
         sids, runs.names, with_matrix_damping(runs.scene, frames)
     )
-    found = make_reference(again, reference.choice, request)
-    found = replace(
-        found, meshes=reference.meshes, digits=reference.digits, frames=errors
+    new_reference = make_reference(again, reference.choice, request)
+    new_reference = replace(
+        new_reference, meshes=reference.meshes, digits=reference.digits, frames=errors
     )
-    return FrameSelection(again, found, errors, frames)
+    return FrameSelection(again, new_reference, errors, frames)
 
 
 def _frame_dependent_outputs(runs: Runs) -> list[str]:
@@ -263,9 +263,9 @@ def _alternative_frames(
     """Return, for each body, the frame in which it deforms most differently."""
     for name in bodies:
         if can_change_frame(runs.scene, name) and is_known_at_node(name, runs.names):
-            found = list(alternative_frames(name, runs, reference.result))
-            if found:
-                yield name, max(found, key=lambda other: abs(np.log(other.share)))
+            frames = list(alternative_frames(name, runs, reference.result))
+            if frames:
+                yield name, max(frames, key=lambda other: abs(np.log(other.share)))
 
 
 def alternative_frames(
@@ -282,7 +282,10 @@ def alternative_frames(
             f"chord:{nodes[0]},{nodes[1]}"
         )
     none = FrameChange(np.zeros(3), np.zeros((sid.nq, 3)), np.zeros((sid.nq, 3)))
-    own, bare = _max_displacement(sid, none, q), not has_second_order_field(sid)
+    own, lacks_second_order = (
+        _max_displacement(sid, none, q),
+        not has_second_order_field(sid),
+    )
     for words_of_frame, frame in words.items():
         try:
             change = frame_change_to(sid, frame)
@@ -291,7 +294,7 @@ def alternative_frames(
         moves = np.abs(change.at(np.zeros(3))).max() + np.abs(change.turn).max()
         share = _max_displacement(sid, change, q) / own if own else 0.0
         if moves > SAME_FRAME_TOLERANCE * max(sid.largest_shapes) and share > 0.0:
-            yield AlternativeFrame(words_of_frame, frame, share, bare)
+            yield AlternativeFrame(words_of_frame, frame, share, lacks_second_order)
 
 
 def _max_displacement(sid: SID, change: FrameChange, q: Array) -> float:
@@ -374,14 +377,14 @@ def with_matrix_damping(scene: SceneFile, names: Iterable[str]) -> SceneFile:
 
 def renamed_outputs(names: Iterable[str], nodes: Mapping[str, str]) -> tuple[str, ...]:
     """Return the names of outputs after the frames of these bodies became nodes."""
-    found = []
+    renamed = []
     for name in names:
         owner, _, quantity = parse_output(name)
         there = (
             owner in nodes and is_frame_output(name) and quantity in MARKER_QUANTITIES
         )
-        found.append(f"{owner}.{nodes[owner]}.{quantity}" if there else name)
-    return tuple(found)
+        renamed.append(f"{owner}.{nodes[owner]}.{quantity}" if there else name)
+    return tuple(renamed)
 
 
 def is_known_at_node(body: str, names: Iterable[str]) -> bool:

@@ -53,14 +53,14 @@ def fastest_setting(
     ]
     fit = [setting for setting in settings if setting is not None]
     seconds = runs.cost if len(fit) > 1 else runs.seconds
-    found = [
+    accepted = [
         AcceptedRun(s, _errors(runs, reference, choice, s), seconds(choice, s))
         for s in fit
     ]
     default = next(
-        (f for f in found if f.setting.integrator == DEFAULT_INTEGRATOR), None
+        (f for f in accepted if f.setting.integrator == DEFAULT_INTEGRATOR), None
     )
-    best = min(found, key=lambda f: f.seconds, default=None)
+    best = min(accepted, key=lambda f: f.seconds, default=None)
     if best is None or default is None:
         return best
     return best if best.seconds < (1.0 - MIN_SAVING) * default.seconds else default
@@ -114,14 +114,14 @@ def _errors(
 
 def _integrators(reference: Reference, choice: Choice) -> list[str]:
     """Return the default integrator, and those whose order suits the request."""
-    wanted, found = _tightest_request(reference), [DEFAULT_INTEGRATOR]
+    wanted, integrators = _tightest_request(reference), [DEFAULT_INTEGRATOR]
     if wanted >= LOW_ORDER[1]:
-        found.append(LOW_ORDER[0])
+        integrators.append(LOW_ORDER[0])
     if wanted <= HIGH_ORDER[1]:
-        found.append(HIGH_ORDER[0])
+        integrators.append(HIGH_ORDER[0])
     if not any(kept for _, kept in choice.kept):
-        found.append(EXPLICIT_INTEGRATOR)
-    return found
+        integrators.append(EXPLICIT_INTEGRATOR)
+    return integrators
 
 
 def _tightest_request(reference: Reference) -> float:

@@ -88,12 +88,12 @@ def select_in_initial_interval(
         )  # type: ignore[misc]
     if part is None:
         return None
-    found = (
+    selected = (
         _select_in_shortest_interval(runs, part, request, ends)
         if _is_cheap(runs, first)
         else None
     )
-    return found or select_with_few_runs(runs, part, request)
+    return selected or select_with_few_runs(runs, part, request)
 
 
 def _select_in_shortest_interval(
@@ -134,11 +134,13 @@ def _select_for_share(
     reference : reference of the full or of the initial interval
     """
     decided = _with_error_share(part, reference, share)
-    found = _reference_or_none(lambda: select_model(part.runs, decided))
-    if found is None:
+    selected = _reference_or_none(lambda: select_model(part.runs, decided))
+    if selected is None:
         return None
     return (
-        found if reference is not part.reference else _with_full_tolerance(runs, found)
+        selected
+        if reference is not part.reference
+        else _with_full_tolerance(runs, selected)
     )
 
 
@@ -234,23 +236,25 @@ def _with_error_share(
 
 
 def _verify_selection(
-    runs: Runs, part: InitialInterval, request: Request, found: SelectedModel | None
+    runs: Runs, part: InitialInterval, request: Request, selected: SelectedModel | None
 ) -> VerifiedChoice | None:
     """Verify over the full interval what was selected in the initial interval.
 
     Parameters
     ----------
-    found : first selection
+    selected : first selection
     """
     reference, share = part.reference, REQUEST_SHARE
     for _ in range(MAX_ROUNDS):
-        if found is None:
+        if selected is None:
             return None
-        sharp = reference_setting(found.found.setting, part, runs, request, reference)
+        sharp = reference_setting(
+            selected.found.setting, part, runs, request, reference
+        )
         if sharp is None or not _shows_finest_model(runs, sharp, part):
             return None
         check_validity(sharp.result)
-        verified_reference, chosen = verify_full_interval(runs, sharp, found)
+        verified_reference, chosen = verify_full_interval(runs, sharp, selected)
         use, open_ = (
             verified_reference.use(chosen.errors),
             sharp.use(sharp.difference_uncertainty),
@@ -262,24 +266,24 @@ def _verify_selection(
                 chosen,
                 replace(part.reference, allowed=verified_reference.allowed),
                 part.theory,
-                _budget_lines(part, verified_reference, found, chosen),
+                _budget_lines(part, verified_reference, selected, chosen),
                 (_interval_notes(runs, part), *part.sentences),
             )
         share *= REDUCTION_FACTOR * (FULL_SHARE - open_) / (use - open_)
         reference = sharp
-        found = _select_for_share(runs, part, reference, share)
+        selected = _select_for_share(runs, part, reference, share)
     return None
 
 
-def _with_full_tolerance(runs: Runs, found: SelectedModel) -> SelectedModel:
+def _with_full_tolerance(runs: Runs, selected: SelectedModel) -> SelectedModel:
     """Return the selection with a tolerance for the full interval."""
-    setting = found.found.setting
+    setting = selected.found.setting
     if not any(getattr(j, "friction", None) for j in runs.scene.joints.values()):
-        return found
+        return selected
     careful = Setting(
         setting.integrator, max(FRICTION_RTOL_RATIO * setting.rtol, TIGHTEST_RTOL)
     )
-    return replace(found, found=replace(found.found, setting=careful))
+    return replace(selected, found=replace(selected.found, setting=careful))
 
 
 def _shows_finest_model(
@@ -296,16 +300,18 @@ def _shows_finest_model(
 def _budget_lines(
     part: InitialInterval,
     reference: Reference,
-    found: SelectedModel,
+    selected: SelectedModel,
     chosen: SelectedModel,
 ) -> tuple[BudgetLine, ...]:
     """Return the budget: single choices in the initial interval, their sum in the full
     run.
     """
     lines = error_budget(
-        part.runs, part.reference, found, part.theory, TIGHTER_RUN_TEXT
+        part.runs, part.reference, selected, part.theory, TIGHTER_RUN_TEXT
     )
-    slower = chosen.found.seconds / part.runs.seconds(found.choice, found.found.setting)
+    slower = chosen.found.seconds / part.runs.seconds(
+        selected.choice, selected.found.setting
+    )
     known_errors = {"reference": reference.uncertainty, "all together": chosen.errors}
     result = []
     for line in lines:

@@ -120,19 +120,19 @@ class InitialInterval:
         if one is None:
             return np.full(len(self.runs.names), np.inf)
         rows = slice(len(best.t))
-        found = one.t[rows], self.runs.columns(choice, one)[rows]
-        errors = max_difference(found, (best.t, self.runs.columns(choice, best)))
+        partial = one.t[rows], self.runs.columns(choice, one)[rows]
+        errors = max_difference(partial, (best.t, self.runs.columns(choice, best)))
         return errors + self.reference.uncertainty
 
 
 def relaxed_setting(part: InitialInterval) -> Setting:
     """Return the setting of a finest run whose error is a part of the allowed one."""
     reference = part.reference_without_mesh_errors
-    found = largest_sufficient_tolerance(
+    setting = largest_sufficient_tolerance(
         part.runs, reference, reference.choice, MEASURING_INTEGRATOR, LOOSE_SHARE
     )
     return Setting(
-        MEASURING_INTEGRATOR, min(found.rtol if found else TIGHTEST_RTOL, MAX_RTOL)
+        MEASURING_INTEGRATOR, min(setting.rtol if setting else TIGHTEST_RTOL, MAX_RTOL)
     )
 
 
@@ -181,28 +181,32 @@ def full_reference(
     choice = part.reference.choice
     if runs.attempt(choice, setting) is None:
         return None
-    found = reference_of_one_run(runs, choice, request, setting)
+    reference = reference_of_one_run(runs, choice, request, setting)
     unseen = np.where(
-        np.isfinite(found.allowed), COMMON_ERROR_SHARE * found.allowed, 0.0
+        np.isfinite(reference.allowed), COMMON_ERROR_SHARE * reference.allowed, 0.0
     )
     errors = REFERENCE_SAFETY * np.maximum(part.errors(setting), unseen)
     digits = REFERENCE_SAFETY * part.reference.digits  # their effect may grow later
-    found = replace(
-        found,
-        uncertainty=found.uncertainty + errors,
+    reference = replace(
+        reference,
+        uncertainty=reference.uncertainty + errors,
         meshes=part.reference.meshes,
         digits=digits,
     )
-    return found if found.use(found.uncertainty) <= MAX_UNCERTAINTY_SHARE else None
+    return (
+        reference
+        if reference.use(reference.uncertainty) <= MAX_UNCERTAINTY_SHARE
+        else None
+    )
 
 
 def verify_full_interval(
-    runs: Runs, reference: Reference, found: SelectedModel
+    runs: Runs, reference: Reference, selected: SelectedModel
 ) -> tuple[Reference, SelectedModel]:
     """Run the selected model to the end; errors include the uncertainty of its
     reference.
     """
-    choice, setting = found.choice, found.found.setting
+    choice, setting = selected.choice, selected.found.setting
     one = runs.attempt(choice, setting)
     errors = runs.between((choice, one), (reference.choice, reference.result))
     there = AcceptedRun(setting, errors, runs.seconds(choice, setting))
@@ -210,7 +214,7 @@ def verify_full_interval(
         reference, uncertainty=reference.uncertainty + OWN_ERROR_SHARE * errors
     )
     return verified_reference, replace(
-        found, found=there, errors=estimate_errors(errors, verified_reference)
+        selected, found=there, errors=estimate_errors(errors, verified_reference)
     )
 
 
@@ -241,11 +245,13 @@ def select_with_few_runs(
     settled = _reference_and_accepted_run(runs, part, request)
     if settled is None:
         return None
-    reference, bare = settled
-    verified_reference, chosen = _with_fewer_shapes(runs, reference, bare)
+    reference, full_model = settled
+    verified_reference, chosen = _with_fewer_shapes(runs, reference, full_model)
     frames = select_frames(runs, reference, request, fixed=True)
-    lines = _budget_of_few_runs(runs, verified_reference, chosen, bare, frames.theory)
-    sentences = (*_trial_notes(runs, reference, bare, chosen), *frames.sentences)
+    lines = _budget_of_few_runs(
+        runs, verified_reference, chosen, full_model, frames.theory
+    )
+    sentences = (*_trial_notes(runs, reference, full_model, chosen), *frames.sentences)
     return VerifiedChoice(
         runs,
         verified_reference,
@@ -273,11 +279,15 @@ def _reference_and_accepted_run(
             break
         check_validity(sharp.result)
         reference = sharp
-        bare = SelectedModel(choice, AcceptedRun(setting, nothing, 0.0), (), nothing)
-        verified_reference, bare = verify_full_interval(runs, reference, bare)
-        use = verified_reference.use(bare.errors)
+        full_model = SelectedModel(
+            choice, AcceptedRun(setting, nothing, 0.0), (), nothing
+        )
+        verified_reference, full_model = verify_full_interval(
+            runs, reference, full_model
+        )
+        use = verified_reference.use(full_model.errors)
         if use <= FULL_SHARE:
-            return reference, bare
+            return reference, full_model
         stuck = use > STAGNATION_RATIO * last
         factor = (
             MIN_RTOL_RATIO
@@ -299,21 +309,21 @@ def _reference_and_accepted_run(
 
 
 def _with_fewer_shapes(
-    runs: Runs, reference: Reference, bare: SelectedModel
+    runs: Runs, reference: Reference, full_model: SelectedModel
 ) -> tuple[Reference, SelectedModel]:
     """Return the fastest run that keeps the request among some with fewer shape
     functions.
     """
-    best = verify_full_interval(runs, reference, bare)
-    setting, fits, fails = bare.found.setting, 0.0, 1.0
+    best = verify_full_interval(runs, reference, full_model)
+    setting, fits, fails = full_model.found.setting, 0.0, 1.0
     for _ in range(MAX_TRIALS):
         share = 0.5 * (fits + fails)
         choice = _without_low_energy_shapes(reference, share)
-        found = replace(bare, choice=choice)
+        reduced = replace(full_model, choice=choice)
         if choice == best[1].choice or runs.attempt(choice, setting) is None:
             fails = share
             continue
-        verified_reference, chosen = verify_full_interval(runs, reference, found)
+        verified_reference, chosen = verify_full_interval(runs, reference, reduced)
         if verified_reference.use(chosen.errors) > FULL_SHARE:
             fails = share
             continue
@@ -339,7 +349,7 @@ def _budget_of_few_runs(
     runs: Runs,
     reference: Reference,
     chosen: SelectedModel,
-    bare: SelectedModel,
+    full_model: SelectedModel,
     theory: Array,
 ) -> tuple[BudgetLine, ...]:
     """Build the budget: loose runs show the omissions, a tight one their integration
@@ -347,7 +357,7 @@ def _budget_of_few_runs(
     """
     alike = replace(reference, setting=chosen.found.setting)
     lines = error_budget(runs, alike, chosen, theory, TIGHTER_RUN_TEXT)
-    pairs = zip(runs.names, bare.errors, reference.allowed, strict=True)
+    pairs = zip(runs.names, full_model.errors, reference.allowed, strict=True)
     known_errors = {
         "errors": {n: float(e) for n, e, a in pairs if np.isfinite(a)},
         "finest": runs.seconds(reference.choice, reference.setting),
@@ -359,7 +369,7 @@ def _budget_of_few_runs(
 
 
 def _trial_notes(
-    runs: Runs, reference: Reference, bare: SelectedModel, chosen: SelectedModel
+    runs: Runs, reference: Reference, full_model: SelectedModel, chosen: SelectedModel
 ) -> tuple[str, ...]:
     """Describe the trials and their result."""
     seconds = runs.seconds(reference.choice, reference.setting)
@@ -369,7 +379,7 @@ def _trial_notes(
     head += "shows in less what the rest needs"
     left = []
     for name, kept in chosen.choice.kept:
-        gone = [k for k in dict(bare.choice.kept)[name] if k not in kept]
+        gone = [k for k in dict(full_model.choice.kept)[name] if k not in kept]
         if gone:
             left.append(f"modes {format_ranges(gone)} of {name}")
     what = ", ".join(left) or "nothing"

@@ -93,11 +93,11 @@ class RefinedBodies:
 
 
 def bodies_from_cache(
-    sources: Mapping[str, BodyModel], found: Mapping[str, Refinement]
+    sources: Mapping[str, BodyModel], refinements: Mapping[str, Refinement]
 ) -> RefinedBodies:
     """Return the bodies of an earlier search; their errors are not reported."""
-    bodies = {name: source.sid(found[name]) for name, source in sources.items()}
-    return RefinedBodies(bodies, found, np.zeros(0), ())
+    bodies = {name: source.sid(refinements[name]) for name, source in sources.items()}
+    return RefinedBodies(bodies, refinements, np.zeros(0), ())
 
 
 def refine_bodies(
@@ -190,8 +190,8 @@ class _Search:
             self.reference = self._initial_reference()
             check_validity(self.reference.result)
         source = self.sources[name]
-        found = self._more_modes(name, source, self._static_shapes(name))
-        self.state[name] = self._finer_mesh(name, source, found)
+        refinement = self._more_modes(name, source, self._static_shapes(name))
+        self.state[name] = self._finer_mesh(name, source, refinement)
 
     def assess_stiffening(self) -> None:
         """Compare models without geometric stiffening with those that have it.
@@ -203,15 +203,17 @@ class _Search:
         OutsideTheory : stiffening changes a stiffness considerably, and an output by a
             hundredth of its variation and more than is allowed.
         """
-        rich = {
+        stiffened = {
             name: Refinement(static=self._loaded_nodes(name)) for name in self.state
         }
-        lacking = [n for n, s in self.sources.items() if s.model.stiffening is None]
-        stiff = rich | {n: replace(rich[n], stiffened=True) for n in lacking}
-        if not lacking or self.reference is None:
+        unstiffened = [n for n, s in self.sources.items() if s.model.stiffening is None]
+        stiff = stiffened | {
+            n: replace(stiffened[n], stiffened=True) for n in unstiffened
+        }
+        if not unstiffened or self.reference is None:
             return
         try:
-            runs = [self._runs_of(state) for state in (rich, stiff)]
+            runs = [self._runs_of(state) for state in (stiffened, stiff)]
         except InputError:
             return
         found = [
@@ -222,7 +224,7 @@ class _Search:
         change, result = runs[1].between(*found), found[1][1]
         if result is None or not np.isfinite(change).all():
             return
-        for name in lacking:
+        for name in unstiffened:
             body = result.bodies[name]
             self.stiffness[name] = (body.found or body.expected).ratio
         visible = np.maximum(
@@ -241,12 +243,12 @@ class _Search:
         """
         from sidtool.solver.system.errors import SimulationError
 
-        rich = {
+        refined = {
             name: Refinement(static=self._loaded_nodes(name)) for name in self.state
         }
-        if rich != self.state:
+        if refined != self.state:
             with suppress(InputError, SimulationError):
-                return self._reference(rich)
+                return self._reference(refined)
         return self._reference(self.state)
 
     def _reference(self, state: Mapping[str, Refinement]) -> Reference:
@@ -292,14 +294,14 @@ class _Search:
                 "others than these are not judged"
             )
             return fineness
-        left, found = self._separate_step_errors(
+        left, refinement = self._separate_step_errors(
             name, fineness, self._error_with_more_modes
         )
-        sentence = f"{source.modes} to {found.modes} modes of {name}"
+        sentence = f"{source.modes} to {refinement.modes} modes of {name}"
         self._record_step(
             f"{sentence}: the last change {self._largest_change_text(left)}", left
         )
-        return found
+        return refinement
 
     def _error_with_more_modes(
         self, name: str, fineness: Refinement
@@ -321,10 +323,10 @@ class _Search:
         if not source.can_refine():
             self.sentences.append(f"mesh of {name}: as it is, not judged")
             return fineness
-        left, found = self._separate_step_errors(
+        left, refinement = self._separate_step_errors(
             name, fineness, self._error_with_finer_mesh
         )
-        times = "once" if found.level == 1 else f"{found.level} times"
+        times = "once" if refinement.level == 1 else f"{refinement.level} times"
         rest = self._largest_change_text(left)
         sentence = f"mesh of {name}: halved {times}, the rest {rest}"
         if self.slow[self._worst_output(left)]:
@@ -335,7 +337,7 @@ class _Search:
                 sentence += f"; {POINT_LOAD_TEXT}, as joints and forces do at {listed}"
                 self.points[sentence] = f"{listed} of {name}"
         self._record_step(sentence, left)
-        return found
+        return refinement
 
     def _error_with_finer_mesh(
         self, name: str, fineness: Refinement
@@ -357,9 +359,9 @@ class _Search:
         """Repeat with tighter runs if the remaining changes may be integration
         errors.
         """
-        left, found = finer(name, fineness)
+        left, refinement = finer(name, fineness)
         if self.use(left) <= MESH_ERROR_SHARE or not self._needs_tighter_runs():
-            return left, found
+            return left, refinement
         self.state[name] = fineness
         return finer(name, fineness)
 
@@ -388,10 +390,12 @@ class _Search:
             parts.next()
             self.state[name] = fineness
             after = self._runs_of(self.state)
-            for found in (before, after):
+            for runs_of_model in (before, after):
                 parts.next()
-                whole = finest_model(self.scene, found.sids)
-                runs.append((whole, found.attempt(whole, self.reference.setting)))
+                whole = finest_model(self.scene, runs_of_model.sids)
+                runs.append(
+                    (whole, runs_of_model.attempt(whole, self.reference.setting))
+                )
         change = after.between(*runs)
         for row, output in enumerate(self.request.names):
             if np.isfinite(change[row]) and is_incomparable(
@@ -419,10 +423,10 @@ class _Search:
     def _runs_of(self, state: Mapping[str, Refinement]) -> Runs:
         key = tuple(state.values())
         if key not in self._runs:
-            found = {
+            refined_sids = {
                 name: self.converted_body(name, fine).sid
                 for name, fine in state.items()
             }
-            sids = {**self.sids, **found}
+            sids = {**self.sids, **refined_sids}
             self._runs[key] = Runs(self.scene, sids, self.compile, self.request.names)
         return self._runs[key]

@@ -66,9 +66,9 @@ def plan_for(
 
     known = read_sids(scene, folder, sids)
 
-    def compiled(content: SceneFile, found: Mapping[str, SID]) -> Any:
+    def compiled(content: SceneFile, sids_by_body: Mapping[str, SID]) -> Any:
         return compile_scene(
-            content, folder, found, accept_defects, drives, forces=forces
+            content, folder, sids_by_body, accept_defects, drives, forces=forces
         )
 
     keep = not (drives or forces)
@@ -106,16 +106,16 @@ def parse_accuracy_options(texts: Iterable[str]) -> Wanted | None:
         return None
     if len(listed) == 1 and "=" not in listed[0]:
         return _number(listed[0])
-    found: dict[str, float | str] = {}
+    amounts: dict[str, float | str] = {}
     for text in listed:
         name, sign, amount = (part.strip() for part in text.partition("="))
         if not (name and sign and amount):
             raise _invalid_option(text)
         try:
-            found[name] = float(amount)
+            amounts[name] = float(amount)
         except ValueError:
-            found[name] = amount
-    return found
+            amounts[name] = amount
+    return amounts
 
 
 def _number(text: str) -> float:

@@ -207,11 +207,11 @@ def _search_model(
     runs = Runs(scene, sids, compile_, request.names, expected)
     with count_within(runs.parts):
         runs.begin("reference")
-        found = select_in_initial_interval(runs, whole, request, meshes.errors)
-        found = found or _select_by_full_runs(runs, whole, request, meshes, free)
-    reference, chosen = found.reference, found.chosen
+        selected = select_in_initial_interval(runs, whole, request, meshes.errors)
+        selected = selected or _select_by_full_runs(runs, whole, request, meshes, free)
+    reference, chosen = selected.reference, selected.chosen
     terms = bodies_with_stiffening(scene, sids, chosen.choice.flat)
-    decided = decision_list(request, found.decision_reference, chosen)
+    decided = decision_list(request, selected.decision_reference, chosen)
     sentences = (
         *meshes.sentences,
         *(decision.sentence for decision in decided),
@@ -224,28 +224,28 @@ def _search_model(
             meshes.converted_bodies,
             meshes.unstiffened,
         ),
-        *found.sentences,
-        *bound_notes(found.bounds, scene),
+        *selected.sentences,
+        *bound_notes(selected.bounds, scene),
         *_unrecorded_output_notes(scene, sids, chosen),
     )
     report = AccuracyReport(
         wanted={},
         outputs=_output_errors(
-            request, reference, chosen, found.bounds, found.theory, scene
+            request, reference, chosen, selected.bounds, selected.theory, scene
         ),
-        budget=found.lines,
+        budget=selected.lines,
         decisions=decided,
         sentences=sentences,
-        runs=found.runs.count,
+        runs=selected.runs.count,
         seconds=0.0,
         notes=reference.result.notes,
     )
-    runs, choice = found.runs, chosen.choice
+    runs, choice = selected.runs, chosen.choice
     setting = chosen.found.setting
     model = scene_of_choice(runs.scene, runs.sids, choice, setting)
     as_asked = model.outputs.record == tuple(filter(choice.has_output, runs.names))
     ran = runs.attempt(choice, setting) if as_asked else None
-    return Plan(model, report, choice, setting, runs.sids, found.frames, ran)
+    return Plan(model, report, choice, setting, runs.sids, selected.frames, ran)
 
 
 def _select_by_full_runs(
@@ -282,12 +282,14 @@ def scene_of_choice(
     """Return the scene of the chosen model; it records the outputs that the model
     has.
     """
-    found = scene_of_model(scene, choice, sids)
+    reduced = scene_of_model(scene, choice, sids)
     known = tuple(filter(choice.has_output, _recorded_outputs(scene, sids)))
-    accuracy = found.accuracy.model_copy(
+    accuracy = reduced.accuracy.model_copy(
         update={"integrator": setting.integrator, "rtol": setting.rtol}
     )
-    return with_recorded_outputs(found.model_copy(update={"accuracy": accuracy}), known)
+    return with_recorded_outputs(
+        reduced.model_copy(update={"accuracy": accuracy}), known
+    )
 
 
 def _unrecorded_output_notes(

@@ -134,36 +134,36 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
             CHECKING_INTEGRATOR,
             max(CHECKING_RTOL_RATIO * rtol, 0.1 * MIN_COMPARISON_RTOL),
         )
-        found = reference_of_two_runs(runs, choice, request, setting, tighter)
-        found = _with_initial_error(runs, found, start)
-        use = found.use(found.uncertainty)
+        reference = reference_of_two_runs(runs, choice, request, setting, tighter)
+        reference = _with_initial_error(runs, reference, start)
+        use = reference.use(reference.uncertainty)
         if use <= UNCERTAINTY_SHARE:
-            return _at_sufficient_tolerance(runs, found, first)
+            return _at_sufficient_tolerance(runs, reference, first)
         if rtol <= MIN_COMPARISON_RTOL:
-            found = _without_rounding(found, request)
-            if found.use(found.uncertainty) <= UNCERTAINTY_SHARE:
-                return found
-            raise _is_unpredictable(request, found)
+            reference = _without_rounding(reference, request)
+            if reference.use(reference.uncertainty) <= UNCERTAINTY_SHARE:
+                return reference
+            raise _is_unpredictable(request, reference)
         rtol = max(
             MIN_COMPARISON_RTOL,
             _next_tolerance(rtol, AIMED_SHARE * UNCERTAINTY_SHARE / use),
         )
 
 
-def _without_rounding(found: Reference, request: Request) -> Reference:
+def _without_rounding(reference: Reference, request: Request) -> Reference:
     """Drop relative requests for unpredictable outputs below the rounding of their
     terms.
 
     They remain if nothing else is requested.
     """
     absolute = np.array([t.absolute for t in request.tolerances.values()])
-    rounding = found.uncertainty > UNCERTAINTY_SHARE * found.allowed
-    rounding &= ~absolute & (found.variation <= MUCH * found.rounding)
-    allowed = np.where(rounding, np.inf, found.allowed)
+    rounding = reference.uncertainty > UNCERTAINTY_SHARE * reference.allowed
+    rounding &= ~absolute & (reference.variation <= MUCH * reference.rounding)
+    allowed = np.where(rounding, np.inf, reference.allowed)
     if not np.isfinite(allowed).any():
-        return found
+        return reference
     names = np.array(request.names)[rounding].tolist()
-    return replace(found, allowed=allowed, left_out=(*found.left_out, *names))
+    return replace(reference, allowed=allowed, left_out=(*reference.left_out, *names))
 
 
 def _next_tolerance(rtol: float, share: float) -> float:
@@ -173,22 +173,26 @@ def _next_tolerance(rtol: float, share: float) -> float:
     return rtol * float(np.clip(share, MIN_RTOL_CHANGE, MAX_RTOL_CHANGE))
 
 
-def _at_sufficient_tolerance(runs: Runs, found: Reference, rtol: float) -> Reference:
+def _at_sufficient_tolerance(
+    runs: Runs, reference: Reference, rtol: float
+) -> Reference:
     """Return the reference with models compared at the loosest sufficient tolerance.
 
     That is the first tolerance, or the one that this reference needs. Outputs that are
     only rounding, as conserved momenta, are recognised at tight tolerances alone, and
     need none.
     """
-    while rtol > found.setting.rtol / MAX_RTOL_CHANGE:
+    while rtol > reference.setting.rtol / MAX_RTOL_CHANGE:
         setting = Setting(MEASURING_INTEGRATOR, rtol)
-        run = found.choice, runs.tight_run(found.choice, setting)
-        blur = REFERENCE_SAFETY * runs.between(run, (found.choice, found.result))
-        use = found.use(blur)
+        run = reference.choice, runs.tight_run(reference.choice, setting)
+        blur = REFERENCE_SAFETY * runs.between(
+            run, (reference.choice, reference.result)
+        )
+        use = reference.use(blur)
         if use <= UNCERTAINTY_SHARE:
-            return replace(found, setting=setting, comparison_uncertainty=blur)
+            return replace(reference, setting=setting, comparison_uncertainty=blur)
         rtol = _next_tolerance(rtol, AIMED_SHARE_OF_MODELS * UNCERTAINTY_SHARE / use)
-    return found
+    return reference
 
 
 def _tight_first_rows(runs: Runs, choice: Choice) -> tuple[Array, Array] | None:
@@ -198,8 +202,8 @@ def _tight_first_rows(runs: Runs, choice: Choice) -> tuple[Array, Array] | None:
         return None
     rows = np.ceil(START_FRACTION * (time.end - time.start) / time.output_step)
     part = runs.until(min(time.end, float(time.start + rows * time.output_step)))
-    found = part.attempt(choice, Setting(CHECKING_INTEGRATOR, MIN_COMPARISON_RTOL))
-    return None if found is None else (found.t, part.columns(choice, found))
+    result = part.attempt(choice, Setting(CHECKING_INTEGRATOR, MIN_COMPARISON_RTOL))
+    return None if result is None else (result.t, part.columns(choice, result))
 
 
 def _with_initial_error(
@@ -226,9 +230,11 @@ def reference_of_two_runs(
     SimulationError : a run stopped early.
     """
     coarse, fine = runs.tight_run(choice, setting), runs.tight_run(choice, tighter)
-    found = reference_of_one_run(runs, choice, request, tighter)
+    reference = reference_of_one_run(runs, choice, request, tighter)
     between = REFERENCE_SAFETY * runs.between((choice, coarse), (choice, fine))
-    return replace(found, setting=setting, uncertainty=between + found.uncertainty)
+    return replace(
+        reference, setting=setting, uncertainty=between + reference.uncertainty
+    )
 
 
 def reference_of_one_run(
@@ -297,13 +303,13 @@ def initial_rtol(request: Request) -> float:
     )
 
 
-def _is_unpredictable(request: Request, found: Reference) -> InputError:
-    worst = int((found.uncertainty / found.allowed).argmax())
-    name, off = request.names[worst], found.uncertainty[worst]
+def _is_unpredictable(request: Request, reference: Reference) -> InputError:
+    worst = int((reference.uncertainty / reference.allowed).argmax())
+    name, off = request.names[worst], reference.uncertainty[worst]
     return InputError(
         f"{name} cannot be predicted as exactly as is asked for: two references at "
         f"{MIN_COMPARISON_RTOL:.0e} differ by {off:.1e} where "
-        f"{found.allowed[worst]:.1e} may be wrong",
+        f"{reference.allowed[worst]:.1e} may be wrong",
         place="accuracy.wanted",
         expected="a larger error, a shorter time span, or other outputs",
     )

@@ -138,12 +138,16 @@ def accuracy_notes(
                 "space do not tell what it would be without"
             )
     for name, body in reference.result.bodies.items():
-        found = body.found or body.expected
+        measure = body.found or body.expected
         known = name in stiffened or name in unstiffened
-        if not known and not found.axial and abs(found.ratio) > MIN_NOTED_STIFFENING:
+        if (
+            not known
+            and not measure.axial
+            and abs(measure.ratio) > MIN_NOTED_STIFFENING
+        ):
             yield (
                 f"geometric stiffening of {name}: not in its SID, and not in these "
-                f"errors, while {found.sentence()}"
+                f"errors, while {measure.sentence()}"
             )
     flexible = [n for n, kept in reference.choice.kept if kept and n not in models]
     if flexible:

@@ -96,18 +96,18 @@ def select_model(runs: Runs, reference: Reference) -> SelectedModel:
     runs.begin("terms")
     choice = search.fewer_terms(choice)
     runs.begin("integration")
-    found = fastest_setting(runs, reference, choice, FULL_SHARE)
-    if found is None:
+    accepted = fastest_setting(runs, reference, choice, FULL_SHARE)
+    if accepted is None:
         choice = reference.choice
-        found = fastest_setting(runs, reference, choice, FULL_SHARE)
-    if found is None:
+        accepted = fastest_setting(runs, reference, choice, FULL_SHARE)
+    if accepted is None:
         raise InputError(
             "no integrator keeps what is asked for",
             place="accuracy.wanted",
             expected="a larger error",
         )
-    errors = estimate_errors(found.errors, reference)
-    return SelectedModel(choice, found, tuple(search.measured), errors)
+    errors = estimate_errors(accepted.errors, reference)
+    return SelectedModel(choice, accepted, tuple(search.measured), errors)
 
 
 def estimate_errors(errors: Array, reference: Reference) -> Array:
@@ -268,8 +268,12 @@ class _Search:
         terms_of = bodies_with_stiffening(self.runs.scene, self.runs.sids, choice.flat)
         terms = [Candidate(n, STIFFENING) for n in flexible if terms_of.get(n)]
         choice = self._without_together(choice, terms, TERM_SHARE, MODEL_SHARE)
-        bare = [n for n in flexible if n not in terms_of or n in choice.unstiffened]
-        squares = [Candidate(n, QUADRATIC) for n in bare if n in choice.quadratic]
+        without_terms = [
+            n for n in flexible if n not in terms_of or n in choice.unstiffened
+        ]
+        squares = [
+            Candidate(n, QUADRATIC) for n in without_terms if n in choice.quadratic
+        ]
         return self._without_together(choice, squares, TERM_SHARE, MODEL_SHARE)
 
     def _without_together(

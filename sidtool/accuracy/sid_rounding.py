@@ -73,14 +73,14 @@ def printed_digits(sid: SID) -> NumberFormat | None:
     numbers = numbers[numbers > 0.0]
     if len(numbers) < MIN_DISTINCT_NUMBERS:
         return None
-    found = []
+    formats = []
     for fixed in (False, True):
         counts = _digit_counts(numbers, fixed)
         count = int(np.quantile(counts, PRINTED_SHARE, method="higher"))
         share = float((counts == count).mean())
         if count <= MAX_DIGITS and share >= FULL_DIGITS_SHARE:
-            found.append((share, NumberFormat(count, fixed)))
-    return max(found, key=lambda pair: pair[0])[1] if found else None
+            formats.append((share, NumberFormat(count, fixed)))
+    return max(formats, key=lambda pair: pair[0])[1] if formats else None
 
 
 def perturb_last_digit(sid: SID, how: NumberFormat, draw: int) -> SID:
@@ -95,8 +95,8 @@ def perturb_last_digit(sid: SID, how: NumberFormat, draw: int) -> SID:
 
     def node(one: Node) -> Node:
         entries = {name: getattr(one, name) for name in NODE_SHAPES}
-        found = {n: block(entry) for n, entry in entries.items() if entry is not None}
-        return replace(one, **found)  # type: ignore[arg-type]
+        blocks = {n: block(entry) for n, entry in entries.items() if entry is not None}
+        return replace(one, **blocks)  # type: ignore[arg-type]
 
     return replace(
         sid,
@@ -116,14 +116,15 @@ def with_rounding_error(
     InputError : the printed digits cause more than half of the allowed error.
     """
     every = {n: printed_digits(runs.sids[n]) for n in runs.scene.sid_bodies}
-    found = {n: how for n, how in every.items() if how is not None}
-    if not found:
+    formats = {n: how for n, how in every.items() if how is not None}
+    if not formats:
         return reference, ()
-    formats_text = ", ".join(f"{how} of {name}" for name, how in found.items())
-    if _is_rounding_negligible(runs, reference, found):
+    formats_text = ", ".join(f"{how} of {name}" for name, how in formats.items())
+    if _is_rounding_negligible(runs, reference, formats):
         return reference, (f"{formats_text}: far below what is asked for",)
     changes = [
-        _change_by_rounding(runs, reference, found, draw) for draw in range(RANDOM_RUNS)
+        _change_by_rounding(runs, reference, formats, draw)
+        for draw in range(RANDOM_RUNS)
     ]
     open_ = CHANGE_SAFETY * np.max(changes, axis=0)
     if not np.isfinite(open_).all():
@@ -145,22 +146,22 @@ def with_rounding_error(
 
 
 def _change_by_rounding(
-    runs: Runs, reference: Reference, found: Mapping[str, NumberFormat], draw: int
+    runs: Runs, reference: Reference, formats: Mapping[str, NumberFormat], draw: int
 ) -> Array:
     """Return the changes (n,) of outputs by numbers that are equal when printed."""
     others = {
-        n: perturb_last_digit(runs.sids[n], how, draw) for n, how in found.items()
+        n: perturb_last_digit(runs.sids[n], how, draw) for n, how in formats.items()
     }
     return runs.max_change_by(others, reference.choice, reference.setting)
 
 
 def _is_rounding_negligible(
-    runs: Runs, reference: Reference, found: Mapping[str, NumberFormat]
+    runs: Runs, reference: Reference, formats: Mapping[str, NumberFormat]
 ) -> bool:
     """Return whether rounding is far below the allowed error, so that no run is
     needed.
     """
-    most = max(how.relative for how in found.values())
+    most = max(how.relative for how in formats.values())
     if most >= 1.0:
         return False
     sizes = np.abs(runs.columns(reference.choice, reference.result)).max(axis=0)

@@ -53,21 +53,21 @@ class TrimmedSid:
         """Describe what was removed, the new numbers of coordinates, and the cost."""
         modes, nodes = self.sizes
         names = ", ".join(self.bodies)
-        found = [
+        lines = [
             f"{self.sid.nq} of {modes} shape functions and {len(self.sid.nodes)} of "
             f"{nodes} nodes are kept for {names}"
         ]
         moved = [f"q{i} was q{k}" for i, k in enumerate(self.numbers, 1) if i != k]
-        found += [f"in the new SID {', '.join(moved)}"] if moved else []
+        lines += [f"in the new SID {', '.join(moved)}"] if moved else []
         if not self.numbers:
-            found.append("what is left is rigid")
+            lines.append("what is left is rigid")
         line = next(x for x in self.report.budget if x.part == "shape functions")
-        found += [
+        lines += [
             f"{o.name}: {line.errors[o.name]:.1e} {o.unit}".rstrip()
             + f" by the shape functions that are out, of {o.allowed:.1e} allowed"
             for o in self.report.outputs
         ]
-        return [*found, *(f"note: {text}" for text in self.notes)]
+        return [*lines, *(f"note: {text}" for text in self.notes)]
 
     def data(self) -> dict[str, Any]:
         """Return the data of `sentences`; numbers of shape functions are those of the
@@ -132,17 +132,17 @@ def used_nodes(scene: SceneFile, bodies: Iterable[str], sid: SID) -> set[str]:
     """
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     texts = set(_all_texts(content))
-    found: set[str] = set()
+    ids: set[str] = set()
     for name in bodies:
         if any(_names_all_nodes(text, name) for text in texts):
             return {node.id for node in sid.nodes}
-        found |= set(scene.sid_bodies[name].markers.values())
-        found |= {
+        ids |= set(scene.sid_bodies[name].markers.values())
+        ids |= {
             node.id
             for node in sid.nodes
             if any(_names_node(text, name, node.id) for text in texts)
         }
-    return found
+    return ids
 
 
 def _names_node(text: str, body: str, node: str) -> bool:

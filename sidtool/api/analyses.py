@@ -117,8 +117,8 @@ def inverse_dynamics(
 
     programs = drives, forces
     with compiled_scene(scene, sids, base_folder, accept_defects, programs) as system:
-        found = analyse(system, quasi_static=quasi_static)
-        return emit_warnings(to_user_result(found, drives, forces))
+        result = analyse(system, quasi_static=quasi_static)
+        return emit_warnings(to_user_result(result, drives, forces))
 
 
 Found = TypeVar("Found")
@@ -269,6 +269,6 @@ class Linearisation(_NamedNumbers, SolverLinearisation):
         return html_table(mode_rows(self), header) + frame + notes
 
 
-def to_user_class(found: Any, kind: type[Found]) -> Found:
+def to_user_class(analysis: Any, kind: type[Found]) -> Found:
     """Return an analysis of the solver as the public class."""
-    return kind(**{f.name: getattr(found, f.name) for f in fields(found)})
+    return kind(**{f.name: getattr(analysis, f.name) for f in fields(analysis)})

@@ -111,14 +111,14 @@ class CompiledScene:
         content = self._content.with_(changes) if changes else self._content
         if _files(content) != _files(self._content):
             changed, given = self.scene.with_(changes), {**self._given, **sids}
-            content, found, notes = apply_changes(
+            content, new_sids, notes = apply_changes(
                 changed, self.scene.folder, given, self._rigid
             )
-            return self._compiled(content, found), notes
-        content, found = replace_sids(content, sids, self.scene.folder)
+            return self._compiled(content, new_sids), notes
+        content, new_sids = replace_sids(content, sids, self.scene.folder)
         same = content is self._content
-        system = self._before if same else self._compiled(content, found)
-        return system, self._notes_on_changes(changes, found)
+        system = self._before if same else self._compiled(content, new_sids)
+        return system, self._notes_on_changes(changes, new_sids)
 
     def _notes_on_changes(
         self, changes: Mapping[str, Any], sids: Mapping[str, SID]
@@ -134,10 +134,10 @@ class CompiledScene:
     def _former_of(self, name: str) -> SID:
         """Return the SID that the scene names for a body."""
         assert self._before is not None
-        found = self._former.get(name, self._before.sids[name])
-        if found is None:
+        sid = self._former.get(name, self._before.sids[name])
+        if sid is None:
             raise InputError("cannot be read", place=f"bodies.{name}.sid")
-        return found
+        return sid
 
     def _read(self, scene: SceneFile, name: str) -> SID | None:
         """Return the SID that the scene names, or None."""

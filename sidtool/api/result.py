@@ -53,8 +53,8 @@ class Result(stored.Result):
         """
         if name in self.names:
             return super().__getitem__(name)
-        found = self.outputs(name)
-        return np.column_stack(list(found.values())) if "*" in name else found[name]
+        columns = self.outputs(name)
+        return np.column_stack(list(columns.values())) if "*" in name else columns[name]
 
     def outputs(self, names: Names | None = None) -> dict[str, Array]:
         """Return outputs by name, see `sidtool.outputs`; default the recorded ones."""
@@ -80,9 +80,9 @@ class Result(stored.Result):
         InputError : pandas is not installed, or there is no such output.
         """
         pandas = import_optional("pandas")
-        found = self.outputs(names)
-        table = pandas.DataFrame(found, index=pandas.Index(self.t, name="t"))
-        table.attrs["units"] = {name: self.unit(name) for name in found} | {"t": "s"}
+        columns = self.outputs(names)
+        table = pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
+        table.attrs["units"] = {name: self.unit(name) for name in columns} | {"t": "s"}
         return table
 
     def to_xarray(self, names: Names | None = None) -> xarray.Dataset:
@@ -93,8 +93,8 @@ class Result(stored.Result):
         InputError : xarray is not installed, or there is no such output.
         """
         xarray = import_optional("xarray")
-        found = self.outputs(names)
-        variables = {n: ("t", v, {"units": self.unit(n)}) for n, v in found.items()}
+        columns = self.outputs(names)
+        variables = {n: ("t", v, {"units": self.unit(n)}) for n, v in columns.items()}
         times = {"t": ("t", self.t, {"units": "s"})}
         return xarray.Dataset(variables, times, {"title": self.title})
 
@@ -164,11 +164,11 @@ def warn_of_validity(text: str) -> None:
     warn_caller(text, ValidityWarning)
 
 
-def emit_warnings(found: Found) -> Found:
+def emit_warnings(result: Found) -> Found:
     """Emit the warnings of a result to the caller of sidtool and return the result."""
-    for text in found.warnings:
+    for text in result.warnings:
         warn_of_validity(text)
-    return found
+    return result
 
 
 def to_user_result(

@@ -97,7 +97,7 @@ def study(
     settings = _requested_settings(axes, integrators, rtol, step)
     content = scene_given(scene)
     with locate_errors(content):
-        found = whole(
+        result = whole(
             content,
             axes,
             sids=sids,
@@ -115,7 +115,7 @@ def study(
             say=progress,
             programs=programs,
         )
-    return emit_warnings(replace(found, title=title or content.title))
+    return emit_warnings(replace(result, title=title or content.title))
 
 
 def programs_here(
@@ -148,12 +148,12 @@ def _axis_texts(over: Over) -> list[str]:
         return [over]
     if not isinstance(over, Mapping):
         return [*over]
-    found = []
+    texts = []
     for name, values in over.items():
         several = (values,) if isinstance(values, str | int) else tuple(values)
         text = VALUE_SEPARATOR.join(str(value) for value in several)
-        found.append(f"{name}={text}" if text else name)
-    return found
+        texts.append(f"{name}={text}" if text else name)
+    return texts
 
 
 def _as_sequence(files: Path_ | Sequence[Path_]) -> Sequence[Path_]:

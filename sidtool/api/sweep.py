@@ -88,12 +88,12 @@ def sweep(
     with locate_errors(content), workers(jobs, dask, keep, stop, progress) as doing:
         record = [m.output for m in measures if m.output != TIME]
         designs = Designs(content, given, list(dict.fromkeys(record)))
-        found = _Sweep(designs, points, measures, doing, programs).whole(
+        result = _Sweep(designs, points, measures, doing, programs).whole(
             title or content.title
         )
-    for text in dict.fromkeys(text for p in found.points for text in p.warnings):
+    for text in dict.fromkeys(text for p in result.points for text in p.warnings):
         warn_of_validity(text)
-    return found
+    return result
 
 
 class _Sweep:
@@ -180,8 +180,8 @@ class _Sweep:
             done = len(self.points), len(self.values)
             self.doing.say(text, *done, left / count if count else None)
 
-    def _add(self, row: int, *found: Any, **more: Any) -> None:
-        self.points[row] = SweepPoint(self.values[row], *found, **more)
+    def _add(self, row: int, *outcome: Any, **more: Any) -> None:
+        self.points[row] = SweepPoint(self.values[row], *outcome, **more)
 
     def _task(self, design: Design) -> RunTask:
         """Return the task that runs a design.
@@ -203,7 +203,7 @@ class _Sweep:
     def _measured(self, record: RunRecord) -> dict[str, float]:
         if record.message:
             return {}
-        found: dict[str, float] = {}
+        measured: dict[str, float] = {}
         for output, name in self.measures:
             if output == TIME:
                 names, columns = [TIME], record.times[:, None]
@@ -211,8 +211,8 @@ class _Sweep:
                 names = matching_names(output, record.names)
                 columns = record.columns(names)
             for each, column in zip(names, columns.T, strict=True):
-                found[f"{each}.{name}"] = MEASURES[name](record.times, column)
-        return found
+                measured[f"{each}.{name}"] = MEASURES[name](record.times, column)
+        return measured
 
     def _names(self, scene: SceneFile) -> dict[str, str]:
         """Return measures without wildcards, in the requested order, with

@@ -166,11 +166,11 @@ def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Ax
     def parameters(fractions: Array) -> Array:
         wanted = np.clip(fractions, 0, 1) * length
         piece = np.clip(np.searchsorted(covered, wanted) - 1, 0, len(marks) - 2)
-        found = np.interp(wanted, covered, marks)
+        guess = np.interp(wanted, covered, marks)
         for _ in range(4):  # Newton's method
-            excess = covered[piece] + lengths(marks[piece], found) - wanted
-            found = found - excess / np.linalg.norm(first(found), axis=-1)
-        return np.asarray(found)
+            excess = covered[piece] + lengths(marks[piece], guess) - wanted
+            guess = guess - excess / np.linalg.norm(first(guess), axis=-1)
+        return np.asarray(guess)
 
     def bent(parameter: Array) -> tuple[Array, Array]:
         velocity, turning = first(parameter), second(parameter)

@@ -88,8 +88,8 @@ class BeamElement:
 
     def rows(self, place: float) -> ElementRows:
         """Return the rows at a fraction of the element."""
-        (found,) = self.rows_at(np.array([place]), self.frames(np.array([place])))
-        return found
+        (rows_here,) = self.rows_at(np.array([place]), self.frames(np.array([place])))
+        return rows_here
 
     def rows_at(self, places: Array, frames: AxisFrames) -> tuple[ElementRows, ...]:
         """Return the rows at fractions (n,) of the element with given frames."""
@@ -165,7 +165,7 @@ class BeamElement:
     def _compliances(self, places: Array, frames: AxisFrames) -> Array:
         """(n, 6, 6) strains of resultants."""
         beam = self.beam
-        found = [
+        compliances = [
             _section_compliance(
                 self.section(place), beam.e, beam.g, tuple(bent), beam.shear
             )
@@ -173,7 +173,7 @@ class BeamElement:
                 places.tolist(), frames.curvatures.tolist(), strict=True
             )
         ]
-        return np.stack(found)
+        return np.stack(compliances)
 
 
 @lru_cache(maxsize=4096)

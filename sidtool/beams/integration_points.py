@@ -39,9 +39,11 @@ class RowCollector:
         values = np.concatenate([rows.ravel() for rows in self._rows])
         starts = np.concatenate([[0], np.cumsum(counts)])
         shape = (len(counts), self._ndof)
-        found = sp.csr_matrix((values, np.concatenate(columns), starts), shape=shape)
-        found.sum_duplicates()
-        return found
+        row_matrix = sp.csr_matrix(
+            (values, np.concatenate(columns), starts), shape=shape
+        )
+        row_matrix.sum_duplicates()
+        return row_matrix
 
 
 class ParticleCollector:

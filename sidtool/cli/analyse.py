@@ -80,12 +80,14 @@ def static(
     from ..report.result import describe_equilibrium
 
     check_targets([result_target(output)], input_files(scene), force)
-    found = _run_analysis(
+    equilibrium = _run_analysis(
         static_equilibrium, scene, changes, accept_defects=accept_defects
     )
-    _write_result(output, found.result())
-    print_notes(found, warn=False)
-    print_result(describe_equilibrium(found), lambda: equilibrium_data(found))
+    _write_result(output, equilibrium.result())
+    print_notes(equilibrium, warn=False)
+    print_result(
+        describe_equilibrium(equilibrium), lambda: equilibrium_data(equilibrium)
+    )
 
 
 @analyse.command()
@@ -148,7 +150,7 @@ def modes(
     from ..report.result import describe_modes, modes_as_data
 
     check_targets([Target("-o", output, "modes")], input_files(scene), force)
-    found = _run_analysis(
+    natural_modes = _run_analysis(
         linearise,
         scene,
         changes,
@@ -161,11 +163,12 @@ def modes(
 
         with atomic_path(output) as path:
             Path(path).write_text(
-                json.dumps(modes_as_data(found), indent=1) + "\n", encoding="utf-8"
+                json.dumps(modes_as_data(natural_modes), indent=1) + "\n",
+                encoding="utf-8",
             )
         click.echo(f"{output} written")
-    print_notes(found, warn=False)
-    print_result(describe_modes(found), lambda: modes_as_data(found))
+    print_notes(natural_modes, warn=False)
+    print_result(describe_modes(natural_modes), lambda: modes_as_data(natural_modes))
 
 
 @analyse.command()

@@ -228,14 +228,14 @@ def _is_of_kind(path: Path, kind: str) -> bool:
         with path.open("rb") as stream:
             return b'"coordinates"' in stream.read(64)
     try:
-        found = kind_of(path)
+        detected = kind_of(path)
     except InputError:
         return False
-    if kind == "sid" and found == "sid":
+    if kind == "sid" and detected == "sid":
         with path.open("rb") as stream:
             start = stream.read(4096)
         return start[:1] == b"\x89" or is_own(start)
-    return found == kind
+    return detected == kind
 
 
 def set_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
@@ -284,16 +284,16 @@ def json_stream() -> TextIO | None:
     return None if ctx is None else ctx.meta.get(_QUIET)
 
 
-def print_notes(found: WithNotes, warn: bool = True) -> None:
+def print_notes(result: WithNotes, warn: bool = True) -> None:
     """Print warnings to the standard error, and with --quiet the other notes, too.
 
     warn : False where warnings have been written
     """
-    for text in found.warnings if warn else ():
+    for text in result.warnings if warn else ():
         click.echo(f"warning: {text}", err=True)
     if is_quiet():
-        for text in found.notes:
-            if text not in found.warnings:
+        for text in result.notes:
+            if text not in result.warnings:
                 click.echo(f"note: {text}", err=True)
 
 
@@ -378,16 +378,16 @@ def files_by_body(
     expected = "BODY=FILE" + (
         f" with a BODY out of {', '.join(known)}" if known else ", as in rod=rod.h5"
     )
-    found: dict[str, str] = {}
+    files: dict[str, str] = {}
     for text in texts:
         body, _, file = text.partition("=")
         if not body or not file or (known is not None and body not in known):
             raise InputError(f"found {text!r}", place=option, expected=expected)
-        if body in found:
+        if body in files:
             raise InputError(
-                f"{body} has two files, {found[body]} and {file}",
+                f"{body} has two files, {files[body]} and {file}",
                 place=option,
                 expected="one file for each body",
             )
-        found[body] = file
-    return found
+        files[body] = file
+    return files

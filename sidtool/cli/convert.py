@@ -276,10 +276,10 @@ def _read_or_convert(
     with use_engine(engine):
         engine_name()
     model = read_model(source, parse_settings(changes))
-    tell = StageLines() if leading else None
+    progress = StageLines() if leading else None
     if with_field:
-        return field_from_model(model, tell, engine)
-    return sid_from_model(model, tell, engine), None
+        return field_from_model(model, progress, engine)
+    return sid_from_model(model, progress, engine), None
 
 
 def _in_frame(sid: Any, frame: str) -> Any:

@@ -190,10 +190,10 @@ def published_table(result: Result) -> str:
     """Tabulate the motion with the numbers of an independent computation."""
     rows = []
     for (name, at), value in PUBLISHED_MOTION.items():
-        found = float(result[name][np.searchsorted(result.t, at - 1e-9)])
+        computed = float(result[name][np.searchsorted(result.t, at - 1e-9)])
         rows.append(
-            [f"{name} at {at} s", f"{found:.10g}", f"{value:.10g}"]
-            + [f"{found - value:+.1e}"]
+            [f"{name} at {at} s", f"{computed:.10g}", f"{value:.10g}"]
+            + [f"{computed - value:+.1e}"]
         )
     header = ["rod from Q4", "here", "independent (DOP853)", "difference"]
     return text_table(header, rows)

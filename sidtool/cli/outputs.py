@@ -74,22 +74,22 @@ def outputs(
         return
     try:
         if names:
-            found = evaluated(content, ",".join(names))
-            if not found:
+            evaluated_outputs = evaluated(content, ",".join(names))
+            if not evaluated_outputs:
                 raise InputError("names no output", place="--add", expected="names")
         else:
-            found = dict(zip(content.names, content.values.T, strict=True))
+            evaluated_outputs = dict(zip(content.names, content.values.T, strict=True))
     except InputError as error:
         raise error.located(result) from None
     if as_json:
-        columns = {"t": content.t, **found}
+        columns = {"t": content.t, **evaluated_outputs}
         numbers = {name: c.tolist() for name, c in columns.items()}
         click.echo(json.dumps(numbers), file=json_stream())
     else:
-        click.echo(output_ranges(found, units_in(content)))
+        click.echo(output_ranges(evaluated_outputs, units_in(content)))
     if output is None:
         return
-    write(output, with_outputs(content, found))
+    write(output, with_outputs(content, evaluated_outputs))
     click.echo(f"{output} written", err=as_json)
 
 

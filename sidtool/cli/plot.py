@@ -85,14 +85,14 @@ def plot(
     from ..api.scene import read
     from ..pipeline.files import expect_kind
 
-    found = expect_kind(file, "sid", "model", "field", "result", "study")
-    _check_options(found, outputs, kind, field)
+    detected = expect_kind(file, "sid", "model", "field", "result", "study")
+    _check_options(detected, outputs, kind, field)
     check_targets(
         [Target("-o", output, "picture")], [file, *([field] if field else [])], force
     )
     try:
         notes = _plot_content(
-            found, read(file), output, outputs, kind or "outputs", field, file
+            detected, read(file), output, outputs, kind or "outputs", field, file
         )
     except InputError as error:
         raise error.located(file) from None
@@ -101,16 +101,18 @@ def plot(
 
 
 def _check_options(
-    found: str, outputs: str | None, kind: str | None, field: Path | None
+    detected: str, outputs: str | None, kind: str | None, field: Path | None
 ) -> None:
     """Refuse options that do not apply to this kind of file."""
     given = {"--outputs": outputs, "--kind": kind, "--field": field}
-    meant = {"--outputs": "result", "--kind": "result", "--field": "sid"}
+    kinds_of_options = {"--outputs": "result", "--kind": "result", "--field": "sid"}
     for option, value in given.items():
-        if value is not None and meant[option] != found:
-            name = "a SID" if meant[option] == "sid" else "a result"
+        if value is not None and kinds_of_options[option] != detected:
+            name = "a SID" if kinds_of_options[option] == "sid" else "a result"
             raise InputError(
-                f"says nothing of a {found}", place=option, expected=f"it with {name}"
+                f"says nothing of a {detected}",
+                place=option,
+                expected=f"it with {name}",
             )
     if outputs is not None and kind in ("energy", "drift"):
         raise InputError(
@@ -121,7 +123,7 @@ def _check_options(
 
 
 def _plot_content(
-    found: str,
+    detected: str,
     content: Any,
     output: Path,
     outputs: str | None,
@@ -129,28 +131,28 @@ def _plot_content(
     field: Path | None,
     file: Path,
 ) -> list[str]:
-    if found == "result":
+    if detected == "result":
         from ..plot.results import plot_result
 
         return plot_result(output, content, kind, outputs)
-    if found == "study":
+    if detected == "study":
         from ..plot.precision import plot_study
 
         plot_study(output, content)
         return []
     from ..plot.bodies import plot_field, plot_model, plot_sid
 
-    if found == "model":
+    if detected == "model":
         return plot_model(output, content)
-    if found == "field":
+    if detected == "field":
         return plot_field(output, content)
     from sidtool.formats.field import read_field
 
     from ..view.body_fields import FIELD_ENDING
 
-    beside = file.with_suffix(FIELD_ENDING)
-    if field is None and beside.is_file() and beside != file:
-        field = beside
+    field_path = file.with_suffix(FIELD_ENDING)
+    if field is None and field_path.is_file() and field_path != file:
+        field = field_path
     return plot_sid(output, content, None if field is None else read_field(field))
 
 

@@ -232,8 +232,8 @@ def _print_failure_notes(result: Result, printed: str) -> None:
 def _single_target(targets: list[Target], kind: str) -> Path | None:
     paths = [target.path for target in targets if target.kind == kind]
     if len(paths) > 1:
-        found = f"{' and '.join(map(str, paths))} would be the same twice"
-        raise InputError(found, place="-o", expected="one .h5 and one .csv at most")
+        problem = f"{' and '.join(map(str, paths))} would be the same twice"
+        raise InputError(problem, place="-o", expected="one .h5 and one .csv at most")
     return paths[0] if paths else None
 
 

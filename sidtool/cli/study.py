@@ -230,15 +230,15 @@ def _finished_files_text(kind: str, folder: Path | None, finished: Path | None) 
 
 
 def _models_by_body(texts: tuple[str, ...]) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
+    models: dict[str, list[str]] = {}
     for text in texts:
         body, _, file = text.partition("=")
         if not body or not file:
             raise InputError(
                 f"found {text!r}", place="--model", expected="BODY=MODEL.toml"
             )
-        found.setdefault(body, []).append(file)
-    return found
+        models.setdefault(body, []).append(file)
+    return models
 
 
 def _check_wanted(wanted: tuple[float, ...]) -> None:
@@ -422,7 +422,7 @@ def sweep(
     with stop_on_signals(*ENDING_SIGNALS) as stop:
         try:
             with print_progress() as say:
-                found = asked_sweep(
+                result = asked_sweep(
                     content,
                     over,
                     of,
@@ -437,14 +437,14 @@ def sweep(
             rest = _finished_files_text("run", folder, folder)
             click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
             raise click.exceptions.Exit(128 + stop.number) from None
-    print_result(found.report(), found.data)
-    if found.failed:
-        count = f"{len(found.failed)} of {len(found.points)} runs failed"
+    print_result(result.report(), result.data)
+    if result.failed:
+        count = f"{len(result.failed)} of {len(result.points)} runs failed"
         click.echo(f"sidtool: {scene}: {count}", err=True)
     for path in outputs:
         is_table = kind_by_ending(path, "sweep", "picture") == "sweep"
-        if is_table or len(found.failed) < len(found.points):
-            found.save(path)
+        if is_table or len(result.failed) < len(result.points):
+            result.save(path)
             click.echo(f"{path} written")
-    if found.failed:
+    if result.failed:
         raise click.exceptions.Exit(1)

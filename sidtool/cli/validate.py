@@ -166,13 +166,13 @@ def trim(
     expect_kind(scene, "scene")
     wanted = parse_accuracy_options(accuracy)
     try:
-        found = trim_sid(sid, read_scene(scene), scene.parent, wanted)
+        trimmed = trim_sid(sid, read_scene(scene), scene.parent, wanted)
     except InputError as error:
         raise error.located(scene) from None
     except SimulationError as error:
         click.echo(f"sidtool: {scene}: the finest model {error}", err=True)
         raise click.exceptions.Exit(1) from None
-    write_sid(output, found.sid)
-    print_notes(found)
-    print_result("\n".join(found.sentences), found.data)
+    write_sid(output, trimmed.sid)
+    print_notes(trimmed)
+    print_result("\n".join(trimmed.sentences), trimmed.data)
     click.echo(f"{output} written")

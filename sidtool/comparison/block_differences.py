@@ -122,21 +122,21 @@ def block_rows(
             sizes.get(name, 0.0),
         )
     for name in NODE_SHAPES:
-        found, wanted = (
+        block, reference_block = (
             _stack_nodes(transformed, name, first),
             _stack_nodes(reference, name, second),
         )
-        if found is not None and wanted is not None:
-            yield from _term_rows(name, found, wanted, 0.0)
-        elif found is not wanted:
+        if block is not None and reference_block is not None:
+            yield from _term_rows(name, block, reference_block, 0.0)
+        elif block is not reference_block:
             notes.append(f"only one of the bodies has {name}: it is not compared")
 
 
 def _term_rows(
-    name: str, found: Taylor, wanted: Taylor, natural: float
+    name: str, block: Taylor, reference_block: Taylor, natural: float
 ) -> Iterator[ComparisonRow]:
     for part in ("m0", "m1"):
-        value, expected = getattr(found, part), getattr(wanted, part)
+        value, expected = getattr(block, part), getattr(reference_block, part)
         if value is None and expected is None:
             continue
         value = np.zeros_like(expected) if value is None else value

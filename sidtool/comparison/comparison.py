@@ -41,21 +41,23 @@ def compare_table(sid: SID, table: ReferenceFile) -> Comparison:
     rows: list[ComparisonRow] = []
     notes: list[str] = []
     for entry in table.frequencies:
-        found = _sid_frequencies(sid, entry)
-        beyond = [str(number) for number in entry.numbers if number > len(found)]
+        frequencies = _sid_frequencies(sid, entry)
+        beyond = [str(number) for number in entry.numbers if number > len(frequencies)]
         if beyond:
             numbers = ", ".join(beyond)
             notes.append(f"{entry.name}: the SID has no frequency number {numbers}")
-        rows += _table_frequency_rows(entry, found)
+        rows += _table_frequency_rows(entry, frequencies)
     rows += [_block_row(sid, entry) for entry in table.blocks]
     return Comparison(tuple(rows), tuple(notes))
 
 
-def _table_frequency_rows(entry: Frequencies, found: Array) -> Iterator[ComparisonRow]:
+def _table_frequency_rows(
+    entry: Frequencies, frequencies: Array
+) -> Iterator[ComparisonRow]:
     group = f"frequencies, {entry.name} [Hz]"
     for number, expected in zip(entry.numbers, entry.hertz, strict=True):
-        if number <= len(found):
-            value = float(found[number - 1])
+        if number <= len(frequencies):
+            value = float(frequencies[number - 1])
             yield ComparisonRow(
                 group,
                 f"f{number}",

@@ -59,8 +59,8 @@ def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
     size = better.mesh.mesh.positions.size
     refined = size > body.positions.size
     if size > _LARGEST_MESH or (refined and body.equations is not None):
-        untied = "has nodes that no equation of the file ties"
-        why = f"has {size} degrees of freedom" if size > _LARGEST_MESH else untied
+        reason = "has nodes that no equation of the file ties"
+        why = f"has {size} degrees of freedom" if size > _LARGEST_MESH else reason
         return (
             f"{kinds} elements without incompatible modes bend too stiffly where few "
             "of them span a thickness; what that costs here is not measured, as the "
@@ -75,15 +75,15 @@ def _difference_note(
     kinds: str, own: Array, other: Array, better: str
 ) -> tuple[str, ...]:
     """A sentence on frequencies [Hz] that differ from those with better elements."""
-    apart = own / other - 1
-    if np.abs(apart).max() <= _NOTED_DIFFERENCE:
+    difference = own / other - 1
+    if np.abs(difference).max() <= _NOTED_DIFFERENCE:
         return ()
-    ways = {"bend too stiffly": apart.max(), "are too soft": -apart.min()}
+    ways = {"bend too stiffly": difference.max(), "are too soft": -difference.min()}
     text = " and ".join(
         words for words, most in ways.items() if most > _NOTED_DIFFERENCE
     )
     soft = text == "are too soft"
-    shares = ", ".join(_percent(-x if soft else x) for x in apart)
+    shares = ", ".join(_percent(-x if soft else x) for x in difference)
     listed = ", ".join(f"{f:.5g}" for f in own)
     return (
         f"{kinds} elements {text} in this mesh: the first frequencies of the free "
@@ -107,15 +107,15 @@ def _compare_frequencies(
             f"{what} may be too stiff by a factor; what that costs here is not "
             f"measured with {other.better} on the same mesh: {error.problem}",
         )
-    own, found = (
+    own, reference = (
         to_hertz(_full_mass(model).modes(_COMPARED_FREQUENCIES_OF_PROGRAM)[0])
         for model in (body, better)
     )
-    apart = own / found - 1
-    if np.abs(apart).max() <= _NOTED_DIFFERENCE:
+    difference = own / reference - 1
+    if np.abs(difference).max() <= _NOTED_DIFFERENCE:
         return ()
     listed = ", ".join(f"{f:.5g}" for f in own)
-    shares = ", ".join(_percent(x) for x in apart)
+    shares = ", ".join(_percent(x) for x in difference)
     return (
         f"{what}: the first frequencies of the free body, {listed} Hz, differ by "
         f"{shares} from those with {other.better} on the same mesh; {other.remedy} "
@@ -161,7 +161,7 @@ def _frequencies(
     between = sp.csr_matrix(sp.kron(better.between, sp.eye_array(body.dimension)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # That so few do not converge.
-        found, _ = lobpcg(
+        squares, _ = lobpcg(
             stiffness,
             between @ modes,
             B=mass,
@@ -171,7 +171,7 @@ def _frequencies(
             maxiter=_ITERATIONS,
             largest=False,
         )
-    return to_hertz(values), to_hertz(np.sort(found))
+    return to_hertz(values), to_hertz(np.sort(squares))
 
 
 def _free_space(

@@ -353,8 +353,8 @@ def _modal_mass_difference(sid: SID, change: FrameChange) -> Array:
     mass = coupled_mass_matrix(sid)
     motion = np.hstack([change.shift, change.turn])
     shared = mass[6:, _RIGID] @ motion.T
-    carried = motion @ mass[_RIGID, _RIGID] @ motion.T
-    return (carried + carried.T) / 2 - (shared + shared.T)
+    rigid_mass = motion @ mass[_RIGID, _RIGID] @ motion.T
+    return (rigid_mass + rigid_mass.T) / 2 - (shared + shared.T)
 
 
 def _changed_node(node: Node, change: FrameChange, second: bool) -> Node:

@@ -65,10 +65,10 @@ class NodalAverages:
         )
         volumes = part.weights.reshape(len(nodes), g).sum(axis=1)
         at_nodes = _polynomial_values((corners - centre) / size, terms) @ fit
-        found = at_nodes * volumes[:, None, None] @ values.reshape(len(nodes), g, -1)
+        nodal = at_nodes * volumes[:, None, None] @ values.reshape(len(nodes), g, -1)
         keys = nodes + self._count * self._owners[part.continuum]
         rows = np.searchsorted(self._used, keys).ravel()
-        np.add.at(self._total, rows, found.reshape(len(rows), -1))
+        np.add.at(self._total, rows, nodal.reshape(len(rows), -1))
         np.add.at(self._weight, rows, np.repeat(volumes, nodes.shape[1]))
 
     def values(self) -> Array:

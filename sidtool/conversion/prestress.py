@@ -85,19 +85,19 @@ def add_prestress(
     """
     prestress = _with_reactions(body, prestress, chosen)
     uniform, shapes = _uniform_stress(prestress, body.dimension), basis.shapes
-    holding = _equilibrating_loads(body, uniform)
+    equilibrating = _equilibrating_loads(body, uniform)
     marked = {marker.name for marker in stiffening_markers(body, settings)}
     loads, excess = _marker_loads(body, shapes, prestress)
     felt, excess_felt = _marker_loads(body, shapes, prestress, marked)
     if marked:
-        felt = felt + holding
+        felt = felt + equilibrating
     states, stiffness = _solve_loads(body, frame, shapes, np.hstack([loads, felt]))
     extra = stiffness[0] + excess + _stiffness_of(body, uniform, shapes)
     _refuse_buckling(basis.stiffness + extra, "under its prestress")
     extra -= stiffness[1] + excess_felt
     _refuse_buckling(basis.stiffness + extra, "without the loads of its prestress")
     state = states[:, :1]
-    generalised = shapes.T @ (body.stiffness @ state + holding)[:, 0]
+    generalised = shapes.T @ (body.stiffness @ state + equilibrating)[:, 0]
     values, mixing = np.linalg.eigh(basis.stiffness + extra)
     shapes = orient_shapes(basis.shapes @ mixing, body)
     labels = tuple(

@@ -46,9 +46,9 @@ class BarElement(BeamElement):
 
     def rows_at(self, places: Array, frames: AxisFrames) -> tuple[ElementRows, ...]:
         """Return the rows by the degrees of freedom of the nodes."""
-        found = super().rows_at(places, frames)
+        centroid_rows = super().rows_at(places, frames)
         return tuple(
-            ElementRows(*(part @ self.ends for part in rows)) for rows in found
+            ElementRows(*(part @ self.ends for part in rows)) for rows in centroid_rows
         )
 
     def stiffness(self) -> Array:
@@ -79,8 +79,8 @@ class RodElement(BarElement):
         law = np.zeros(6)
         law[0] = self.beam.e * section.area
         law[3] = self.beam.g * section.torsion
-        found = ElementRows(move, turn, strains, law[:, None] * strains)
-        return ElementRows(*(rows @ self.ends for rows in found))
+        element_rows = ElementRows(move, turn, strains, law[:, None] * strains)
+        return ElementRows(*(rows @ self.ends for rows in element_rows))
 
     def stiffness(self) -> Array:
         weights = GAUSS_WEIGHTS * self.length

@@ -68,14 +68,14 @@ class BarNodes:
             rows = np.zeros((6, 1))
             rows[list(tied)] = 1.0
             for label_, share in zip(labels, shares, strict=True):
-                found, others = self.motion(label_, self.place(label_))
-                follow = rows * (share @ found[:3])
+                matrix, others = self.motion(label_, self.place(label_))
+                follow = rows * (share @ matrix[:3])
                 own, dofs = np.hstack([own, follow]), np.concatenate([dofs, others])
         if base in self.partly_dependent:
             reference, tied = self.partly_dependent[base]
-            found, others = self.motion(reference, self.place(base))
-            follow = np.zeros_like(found)
-            follow[list(tied)] = found[list(tied)]
+            matrix, others = self.motion(reference, self.place(base))
+            follow = np.zeros_like(matrix)
+            follow[list(tied)] = matrix[list(tied)]
             own, dofs = np.hstack([own, follow]), np.concatenate([dofs, others])
         return translate_motion(place - self.place(base)) @ own, dofs
 
@@ -124,16 +124,16 @@ def bar_nodes(imported: ImportedMesh, mesh: Mesh) -> BarNodes:
 def _members(imported: ImportedMesh) -> list[tuple[tuple[int, ...], bool]]:
     """The nodes of every element, and whether it resists that they turn."""
     labels = imported.mesh.labels
-    found: list[tuple[tuple[int, ...], bool]] = [
+    members: list[tuple[tuple[int, ...], bool]] = [
         (bar.nodes, bar.y_axis is not None) for bar in imported.bars
     ]
-    found += [(shell.nodes, shell.section.flexural) for shell in imported.shells]
+    members += [(shell.nodes, shell.section.flexural) for shell in imported.shells]
     for spring in imported.springs:
         turns = spring.components is None or max(spring.components) > 2
-        found.append((tuple(n for n in spring.nodes if n is not None), turns))
+        members.append((tuple(n for n in spring.nodes if n is not None), turns))
     for block in imported.mesh.blocks:
-        found += [(tuple(nodes), False) for nodes in labels[block.nodes].tolist()]
-    return found
+        members += [(tuple(nodes), False) for nodes in labels[block.nodes].tolist()]
+    return members
 
 
 def _means(
@@ -178,7 +178,7 @@ def _means(
             )
         result[node] = nodes, share, tied
     for start in result:
-        open_, seen = [start], set[int]()
+        open_, visited = [start], set[int]()
         while open_:
             for other in result[open_.pop()][0]:
                 if other == start:
@@ -186,8 +186,8 @@ def _means(
                         f"node {start} has the mean motion of nodes that follow it",
                         expected="RBE3 without rings",
                     )
-                if other in result and other not in seen:
-                    seen.add(other)
+                if other in result and other not in visited:
+                    visited.add(other)
                     open_.append(other)
     return result
 
@@ -294,10 +294,10 @@ def _check_connected(
     graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(len(used),) * 2)
     count, part = connected_components(graph, directed=False)
     if count > 1:
-        lost = int(np.flatnonzero(part == np.argmin(np.bincount(part)))[0])
+        separate = int(np.flatnonzero(part == np.argmin(np.bincount(part)))[0])
         raise InputError(
             f"the elements fall into {count} unconnected parts; the smallest holds "
-            f"node {mesh.labels[used[lost]]}",
+            f"node {mesh.labels[used[separate]]}",
             place="mesh",
             expected="one connected body (are nodes at the same place merged?)",
         )
@@ -324,15 +324,15 @@ def nearest_node(nodes: BarNodes, where: Array) -> int:
     InputError : there is none.
     """
     positions = nodes.mesh.positions
-    apart = np.linalg.norm(positions - where, axis=1)
+    distances = np.linalg.norm(positions - where, axis=1)
     moved = np.array(
         [
             (nodes.table[nodes.row[nodes.owner.get(int(n), int(n))]] >= 0).any()
             for n in nodes.mesh.labels
         ]
     )
-    best = int(np.where(moved, apart, np.inf).argmin())
-    if apart[best] > _AT_NODE * np.ptp(positions, axis=0).max():
+    best = int(np.where(moved, distances, np.inf).argmin())
+    if distances[best] > _AT_NODE * np.ptp(positions, axis=0).max():
         raise InputError(
             "is not at a node of bars",
             place="position",

@@ -415,11 +415,11 @@ def _add_masses(
         place = nodes.place(mass.node) + units.length * np.array(mass.offset)
         motion, dofs = nodes.motion(mass.node, place)
         fixed = not motion[3:].any()
-        bare = fixed and (any(mass.offset) or any(mass.inertia))
-        if not len(dofs) or bare:
+        incomplete = fixed and (any(mass.offset) or any(mass.inertia))
+        if not len(dofs) or incomplete:
             raise InputError(
                 f"the mass at node {mass.node} is held by no bar"
-                + (" that turns it" if bare else ""),
+                + (" that turns it" if incomplete else ""),
                 place=mass.place,
                 expected="a node of bars or of a rigid coupling to one",
             )
@@ -482,7 +482,7 @@ def _bar_markers(
 
 
 def _bar_limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[str]:
-    lost = any(
+    is_limited = any(
         bar.y_axis is None
         and any(v for _, v in bar.section.torsion)
         and any(len(nodes.motion(n, nodes.place(n))[1]) < 6 for n in bar.nodes)
@@ -491,7 +491,7 @@ def _bar_limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[str]:
     arms = bool(nodes.owner or nodes.partly_dependent or nodes.means) or any(
         any(w) for b in bars for w in b.offsets
     )
-    return [_MAX_TWIST] * lost + [_MAX_ARM] * arms
+    return [_MAX_TWIST] * is_limited + [_MAX_ARM] * arms
 
 
 def _check_mechanism(body: FiniteElementModel) -> None:

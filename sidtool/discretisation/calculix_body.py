@@ -129,11 +129,11 @@ def calculix_model(
             if geometry.order == 2 or ours:
                 names = read_deck_names(deck_file, left_out)
                 taken = quadratic_deck(lines, names, shells_only=ours)
-                found = run_calculix(taken.lines, path)
+                result = run_calculix(taken.lines, path)
             else:
-                found = run_calculix(lines, path)
+                result = run_calculix(lines, path)
                 taken = QuadraticDeck(lines, read_deck_names(deck_file, left_out), {})
-        body = _expanded_mesh(found, taken.names)
+        body = _expanded_mesh(result, taken.names)
         alternative = _quadratic_alternative(taken, path, units)
         discretised = _checked_body(body, taken.names, units, alternative)
     except InputError as error:
@@ -190,24 +190,24 @@ def _prepared_deck(
         yield deck_file, frozenset()
 
 
-def _expanded_mesh(found: CalculixResult, names: DeckNames) -> _ExpandedMesh:
-    rows, internal = _node_rows(found, names)
-    labels = found.dofs[rows[:, 0], 0]
-    positions, exact = _known_positions(found, names, labels)
-    notes = _conversion_notes(found, len(internal), names) + undefined_notes(
+def _expanded_mesh(result: CalculixResult, names: DeckNames) -> _ExpandedMesh:
+    rows, internal = _node_rows(result, names)
+    labels = result.dofs[rows[:, 0], 0]
+    positions, exact = _known_positions(result, names, labels)
+    notes = _conversion_notes(result, len(internal), names) + undefined_notes(
         names.undefined
     )
     if not exact:
         positions = refine_positions(
-            positions, *_condense_internal(found, rows.ravel(), internal)
+            positions, *_condense_internal(result, rows.ravel(), internal)
         )
     order = np.concatenate([rows.ravel(), internal])
-    k, m = (sp.csr_matrix(a[order][:, order]) for a in (found.stiffness, found.mass))
+    k, m = (sp.csr_matrix(a[order][:, order]) for a in (result.stiffness, result.mass))
     m = m + _point_masses(names, labels, m.shape[0])
     middles = _internal_mode_positions(k, positions)
     return _ExpandedMesh(
-        Mesh(np.vstack([positions, middles]), found.blocks),
-        np.concatenate([labels, found.dofs[internal[::3], 0]]),
+        Mesh(np.vstack([positions, middles]), result.blocks),
+        np.concatenate([labels, result.dofs[internal[::3], 0]]),
         np.arange(len(labels) + len(middles)) >= len(labels),
         k,
         m,
@@ -255,17 +255,17 @@ def _internal_mode_positions(stiffness: sp.csr_matrix, positions: Array) -> Arra
     return np.asarray(places / np.maximum(coupled.sum(axis=1), 1.0))
 
 
-def _node_rows(found: CalculixResult, names: DeckNames) -> tuple[Indices, Indices]:
+def _node_rows(result: CalculixResult, names: DeckNames) -> tuple[Indices, Indices]:
     """(n, 3) rows of the nodes of the expanded mesh, and the rows of internal modes.
 
     Rows are in the order of the expanded nodes; internal modes come last, with numbers
     beyond those of the deck.
     """
-    n = len(found.nodes)
+    n = len(result.nodes)
     last = max(names.nodes)
-    internal = np.flatnonzero(found.dofs[:, 0] > last)
-    own = np.flatnonzero(found.dofs[:, 0] <= last)
-    labels, directions = found.dofs[own].T
+    internal = np.flatnonzero(result.dofs[:, 0] > last)
+    own = np.flatnonzero(result.dofs[:, 0] <= last)
+    labels, directions = result.dofs[own].T
     if len(own) > 3 * n:
         raise InputError(
             f"nodes of {len(own) // 3 - n} of the deck belong to no solid: springs, "
@@ -292,10 +292,10 @@ def _node_rows(found: CalculixResult, names: DeckNames) -> tuple[Indices, Indice
 
 
 def _condense_internal(
-    found: CalculixResult, own: Indices, internal: Indices
+    result: CalculixResult, own: Indices, internal: Indices
 ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Stiffness and mass of the nodes whose internal modes follow without mass."""
-    k, m = found.stiffness, found.mass[own][:, own]
+    k, m = result.stiffness, result.mass[own][:, own]
     own_block = k[own][:, own]
     if internal.size:
         inner = sp.bsr_matrix(
@@ -316,7 +316,7 @@ def _condense_internal(
 
 
 def _known_positions(
-    found: CalculixResult, names: DeckNames, labels: Indices
+    result: CalculixResult, names: DeckNames, labels: Indices
 ) -> tuple[Array, bool]:
     """Return positions of the expanded nodes, and whether all are in the deck.
 
@@ -325,22 +325,22 @@ def _known_positions(
     owners, of = np.unique(labels, return_inverse=True)
     given = np.array([names.nodes[int(label)] for label in owners])
     counts = np.bincount(of)
-    means = np.column_stack([np.bincount(of, x) / counts for x in found.positions.T])
-    printed = _PRINTED_PRECISION * np.abs(means - found.centre)
+    means = np.column_stack([np.bincount(of, x) / counts for x in result.positions.T])
+    printed = _PRINTED_PRECISION * np.abs(means - result.centre)
     off = (np.abs(given - means) - printed).max(axis=1)
-    same = found.nodes == labels
+    same = result.nodes == labels
     around = (off[of] <= 0) | same
-    positions = found.positions + np.where(around[:, None], (given - means)[of], 0.0)
+    positions = result.positions + np.where(around[:, None], (given - means)[of], 0.0)
     return positions, bool(same.all())
 
 
 def _conversion_notes(
-    found: CalculixResult, internal: int, names: DeckNames
+    result: CalculixResult, internal: int, names: DeckNames
 ) -> list[str]:
-    counts = Counter({b.kind: len(b.nodes) for b in found.blocks})
+    counts = Counter({b.kind: len(b.nodes) for b in result.blocks})
     listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     notes = [
-        f"CalculiX makes {listed} with {len(found.nodes)} nodes of the "
+        f"CalculiX makes {listed} with {len(result.nodes)} nodes of the "
         f"{names.elements} elements of the deck"
     ]
     if internal:
@@ -350,7 +350,7 @@ def _conversion_notes(
             "degrees of freedom, with the mass that CalculiX gives them"
         )
     notes += unread_keyword_notes(names.left_out)
-    return notes + [f"CalculiX warns: {text}" for text in found.warnings]
+    return notes + [f"CalculiX warns: {text}" for text in result.warnings]
 
 
 def _checked_body(
@@ -371,7 +371,7 @@ def _checked_body(
     mesh = Mesh(body.mesh.positions * units.length, body.mesh.blocks)
     k = sp.csr_matrix(body.stiffness * (units.mass / units.time**2))
     m = sp.csr_matrix(body.mass * units.mass)
-    bare = FiniteElementModel(
+    unmarked = FiniteElementModel(
         mesh.positions, None, k, {}, (), full_mass=m, internal=body.internal
     )
     check_definite(m, k)
@@ -381,7 +381,7 @@ def _checked_body(
             "the mass differs between the directions",
             expected="elements without rotary inertia of their own",
         )
-    rigid = bare.rigid_body_modes(mesh.positions.mean(axis=0))
+    rigid = unmarked.rigid_body_modes(mesh.positions.mean(axis=0))
     try:
         check_rigid_motion(k, rigid)
     except InputError as error:
@@ -393,8 +393,8 @@ def _checked_body(
             "rotations where it is distorted",
         ) from None
     rounding = printed_rounding_of(k, rigid[:, :3])
-    k = balance_stiffness(k, bare.place_table)
-    softest = softest_deformation(k, m, mesh.positions, bare.place_table)
+    k = balance_stiffness(k, unmarked.place_table)
+    softest = softest_deformation(k, m, mesh.positions, unmarked.place_table)
     check_digits(k, rounding, *softest)
     sets = NamedSets(
         {

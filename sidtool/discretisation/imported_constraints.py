@@ -90,16 +90,16 @@ def _check_members(
             expected="1, 2 and 3 with or without rotations",
         )
     named = (*coupling.nodes, coupling.reference)
-    lost = [n for n in named if n is not None and n not in defined]
+    undefined = [n for n in named if n is not None and n not in defined]
     free = [] if coupling.rigid else [n for n in coupling.nodes if n not in used]
-    if lost or (free and len(free) < len(coupling.nodes)):
-        node = (lost or free)[0]
-        what = "is not defined" if lost else "no element of the body uses"
+    if undefined or (free and len(free) < len(coupling.nodes)):
+        node = (undefined or free)[0]
+        what = "is not defined" if undefined else "no element of the body uses"
         raise InputError(
             f"{coupling.name} names node {node}, which {what}",
             place=coupling.place,
             expected="nodes of this file"
-            if lost
+            if undefined
             else "a mean over nodes of elements alone",
         )
 
@@ -206,12 +206,12 @@ def body_equations(
     InputError : an equation resists a rigid motion of the body.
     """
     ties, notes = tie_equations(mesh, imported.ties, length)
-    found = _file_equations(imported.equations, whole, mesh)
-    if found is not None:
+    equations = _file_equations(imported.equations, whole, mesh)
+    if equations is not None:
         count = len(imported.equations)
-        held = np.unique(found.matrix.indices // mesh.dimension)
+        held = np.unique(equations.matrix.indices // mesh.dimension)
         notes.append(f"{count} equations of the file hold {len(held)} nodes")
-    given = [part for part in (found, ties) if part is not None]
+    given = [part for part in (equations, ties) if part is not None]
     if not given:
         return None, notes
     return Equations(
@@ -289,10 +289,10 @@ def _check_equations(
         v += [1.0, *(-share for share in row.values())]
     matrix = sp.csr_matrix((v, (i, number[j])), shape=(len(given), mesh.positions.size))
     size = float(np.ptp(mesh.positions, axis=0).max())
-    bare = FiniteElementModel(
+    unmarked = FiniteElementModel(
         mesh.positions, None, sp.csr_matrix((mesh.positions.size,) * 2), {}, ()
     )
-    rigid = bare.rigid_body_modes(np.pad(mesh.positions.mean(axis=0), (0, 1))[:3])
+    rigid = unmarked.rigid_body_modes(np.pad(mesh.positions.mean(axis=0), (0, 1))[:3])
     rigid[:, mesh.dimension :] /= size
     left = np.abs(matrix @ rigid).max(axis=1)
     worst = int(np.argmax(left / np.asarray(abs(matrix).sum(axis=1)).ravel()))

@@ -91,7 +91,7 @@ def matrices_body(
             place="mass",
             expected="the same mass in both directions",
         )
-    bare = FiniteElementModel(
+    unmarked = FiniteElementModel(
         positions=positions,
         scalar_mass=scalar,
         stiffness=k,
@@ -100,7 +100,9 @@ def matrices_body(
         full_mass=m if scalar is None else None,
         dof_table=table,
     )
-    rigid = bare.rigid_body_modes(np.pad(positions.mean(0), (0, 3 - len(positions.T))))
+    rigid = unmarked.rigid_body_modes(
+        np.pad(positions.mean(0), (0, 3 - len(positions.T)))
+    )
     check_rigid_motion(k, rigid)
     rounding = printed_rounding_of(k, rigid)
     k = balance_stiffness(k, table)
@@ -111,18 +113,18 @@ def matrices_body(
         with name_marker_in_errors(name):
             if marker.tie is None:
                 node = _marker_node(marker, data.labels[rows], positions)
-                markers.append(_matrix_marker_rows(name, marker.node, node, bare))
+                markers.append(_matrix_marker_rows(name, marker.node, node, unmarked))
             else:
                 node = _marker_node(marker, data.labels, data.positions)
-                where = data.positions[node, : bare.dimension]
-                markers.append(fixed_marker(name, marker.node, where, bare.ndof))
+                where = data.positions[node, : unmarked.dimension]
+                markers.append(fixed_marker(name, marker.node, where, unmarked.ndof))
     return FiniteElementModel(
         positions=positions,
         scalar_mass=scalar,
         stiffness=k,
-        node_sets=bare.node_sets,
+        node_sets=unmarked.node_sets,
         markers=tuple(markers),
-        full_mass=bare.full_mass,
+        full_mass=unmarked.full_mass,
         dof_table=table,
         notes=(_SECTIONS,) if scalar is None and _is_consistent(m, table) else (),
     )
@@ -184,10 +186,10 @@ def _node_sets(data: ImportedMatrices, rows: Indices) -> NamedSets:
     return sets
 
 
-def _check_mass(found: float, expected: float | None) -> None:
-    if expected is not None and abs(found / expected - 1) > 1e-3:
+def _check_mass(mass: float, expected: float | None) -> None:
+    if expected is not None and abs(mass / expected - 1) > 1e-3:
         raise InputError(
-            f"the mass matrix holds {found:.6g} kg",
+            f"the mass matrix holds {mass:.6g} kg",
             place="geometry.expected_mass",
             expected=f"{expected:.6g} kg within 0.1 % (are the units consistent?)",
         )
@@ -197,14 +199,14 @@ def _marker_node(
     marker: NodeMarker, labels: Indices, positions: NDArray[np.float64]
 ) -> int:
     if marker.mesh_node is not None:
-        found = np.flatnonzero(labels == marker.mesh_node)
-        if not found.size:
+        rows = np.flatnonzero(labels == marker.mesh_node)
+        if not rows.size:
             raise InputError(
                 f"there is no node {marker.mesh_node}",
                 place="mesh_node",
                 expected="a node of the table that has degrees of freedom",
             )
-        return int(found[0])
+        return int(rows[0])
     if marker.position is None or len(marker.position) != positions.shape[1]:
         raise InputError(
             "does not say which node", expected="mesh_node, or position in m"

@@ -122,10 +122,10 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     solids = SolidMesh(mesh, materials, state, incompatible_modes=True)
     points = MeshPoints(mesh, continua)
     markers = []
-    apart = {name for coupling in couplings for name in coupling.markers}
+    coupled = {name for coupling in couplings for name in coupling.markers}
     for name, marker in markers_with_position(model.markers):
         with name_marker_in_errors(name):
-            if marker.tie is None and name not in apart:
+            if marker.tie is None and name not in coupled:
                 where = position_of(mesh, marker)
                 markers.append(points.rows(name, marker.node, where))
             else:

@@ -188,15 +188,15 @@ def _node_normals(kind: str, corners: Array) -> Array:
 
     Where an element has no plane at a node, the normal is that of its centre.
     """
-    found = []
+    node_normals = []
     for at in (*_NODES[kind], _CENTRES[kind]):
         first, second = np.einsum("ik,eia->kea", _shapes(kind, at)[1], corners)
-        found.append(np.cross(first, second))
-    size = np.linalg.norm(np.stack(found), axis=2)
-    centre = found[-1]
+        node_normals.append(np.cross(first, second))
+    size = np.linalg.norm(np.stack(node_normals), axis=2)
+    centre = node_normals[-1]
     normals = [
         np.where((s > 1e-9 * size[-1])[:, None], n, centre)
-        for n, s in zip(found[:-1], size, strict=False)
+        for n, s in zip(node_normals[:-1], size, strict=False)
     ]
     stacked = np.stack(normals, axis=1)
     return stacked / np.linalg.norm(stacked, axis=2, keepdims=True)

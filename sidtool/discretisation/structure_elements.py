@@ -54,14 +54,14 @@ def node_motion(nodes: BarNodes) -> NodeMotion:
     rows, columns = np.nonzero(nodes.table >= 0)
     parts = [(np.ones(len(rows)), 6 * rows + columns, nodes.table[rows, columns])]
     for label in {*nodes.owner, *nodes.partly_dependent, *nodes.means}:
-        found, dofs = nodes.motion(label, nodes.place(label))
+        matrix, dofs = nodes.motion(label, nodes.place(label))
         row = nodes.row[label]
         own = nodes.table[row]
         follow = ~np.isin(dofs, own[own >= 0]) if label not in nodes.owner else None
         if follow is not None:
-            found, dofs = found[:, follow], dofs[follow]
+            matrix, dofs = matrix[:, follow], dofs[follow]
         index = 6 * row + np.repeat(np.arange(6), len(dofs))
-        parts.append((found.ravel(), index, np.tile(dofs, 6)))
+        parts.append((matrix.ravel(), index, np.tile(dofs, 6)))
     values, i, j = (np.concatenate(x) for x in zip(*parts, strict=True))
     return NodeMotion(sp.csr_matrix((values, (i, j)), shape=(6 * n, ndof)))
 
@@ -239,22 +239,22 @@ def spring_matrix(
             place = nodes.place(node)
             if spring.location is not None:
                 place = units.length * spring.location
-            found, dofs = nodes.motion(node, place)
-            moved.append((found, dofs))
+            matrix, dofs = nodes.motion(node, place)
+            moved.append((matrix, dofs))
         if spring.components is None:
             turned = np.kron(np.eye(2), spring.axes[0])
-            rows = [(turned @ found, dofs) for found, dofs in moved]
+            rows = [(turned @ matrix, dofs) for matrix, dofs in moved]
             scale = np.repeat([force, force * units.length**2], 3)
             stiffness = np.array(spring.stiffness) * scale
         else:
             rows, ways = [], []
-            for axes, k, (found, dofs) in zip(
+            for axes, k, (matrix, dofs) in zip(
                 spring.axes, spring.components, moved, strict=True
             ):
                 row = np.zeros(6)
                 row[3 * (k // 3) : 3 * (k // 3) + 3] = axes[k % 3]
                 ways.append(row)
-                rows.append((row[None] @ found, dofs))
+                rows.append((row[None] @ matrix, dofs))
             kinds = {k // 3 for k in spring.components}
             stiffness = np.array(spring.stiffness) * force
             if kinds == {1}:

@@ -255,14 +255,14 @@ def _invariant_space(
     if static is None:
         return dominant_vectors(counted, pencil.mass, count, pencil.rigid)
     none = pencil.rigid[:, :0]
-    found = dominant_vectors(
+    vectors = dominant_vectors(
         counted,
         pencil.mass,
         count - known,
         none,
         FREE_BLOCK_SIZE if known else BLOCK_SIZE,
     )
-    return np.hstack([pencil.rigid, found])
+    return np.hstack([pencil.rigid, vectors])
 
 
 def free_body_shift(

@@ -177,15 +177,15 @@ def slepc_eigenvectors(pencil: Pencil, count: int) -> Array:
     eps.setMonitor(lambda *_: counter())
     eps.solve()
     wanted, converged = count - rigid.shape[1], eps.getConverged()
-    found = []
+    vectors = []
     for i in range(min(wanted, converged)):
         eps.getEigenvector(i, start)
-        found.append(_gather_vector(petsc, start)[:n])
+        vectors.append(_gather_vector(petsc, start)[:n])
     for thing in (eps, start, *known, a, b):
         thing.destroy()
     if converged < wanted:
         raise RuntimeError(f"{converged} of {wanted} eigenpairs converged")
-    return np.column_stack([rigid, *found])
+    return np.column_stack([rigid, *vectors])
 
 
 class PetscFactors:

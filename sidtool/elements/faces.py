@@ -75,14 +75,18 @@ class FaceGroup:
         inside : whether they must be on the face; otherwise the face is extended
         """
         centre = face_centre(self.kind)
-        found = np.tile(centre, (len(rows), 1))
+        parameters = np.tile(centre, (len(rows), 1))
         for _ in range(_NEWTON_STEPS):
-            at, _, tangents = self.at(rows, found)
+            at, _, tangents = self.at(rows, parameters)
             gram = np.einsum("pda,pdb->pab", tangents, tangents)
             pull = np.einsum("pda,pd->pa", tangents, points - at)
-            found = found + np.linalg.solve(gram, pull[..., None])[..., 0]
-            found = clamp_to_face(self.kind, found) if inside else np.clip(found, -9, 9)
-        return found
+            parameters = parameters + np.linalg.solve(gram, pull[..., None])[..., 0]
+            parameters = (
+                clamp_to_face(self.kind, parameters)
+                if inside
+                else np.clip(parameters, -9, 9)
+            )
+        return parameters
 
 
 def face_functions(kind: str, parameters: Array) -> tuple[Array, Array]:
@@ -137,11 +141,11 @@ def nearest_faces(
         for number, group in enumerate(groups):
             own = np.flatnonzero(owner[column, 0] == number)
             rows = owner[column[own], 1]
-            found = group.nearest(rows, points[own])
-            gap = np.linalg.norm(group.at(rows, found)[0] - points[own], axis=1)
+            candidates = group.nearest(rows, points[own])
+            gap = np.linalg.norm(group.at(rows, candidates)[0] - points[own], axis=1)
             better = gap < best[own]
             chosen = own[better]
-            best[chosen], parameters[chosen] = gap[better], found[better]
+            best[chosen], parameters[chosen] = gap[better], candidates[better]
             where[chosen] = owner[column[chosen]]
     return where[:, 0], where[:, 1], parameters
 
@@ -286,7 +290,7 @@ def common_simplices(
     centres = (slave.points.mean(axis=1), master.points.mean(axis=1))
     reach = slave.radii.max() + master.radii.max()
     near = cKDTree(centres[0]).query_ball_tree(cKDTree(centres[1]), reach)
-    pairs = [(i, j) for i, found in enumerate(near) for j in found]
+    pairs = [(i, j) for i, neighbours in enumerate(near) for j in neighbours]
     if not pairs:
         return
     rows, others = np.array(pairs).T

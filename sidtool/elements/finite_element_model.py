@@ -301,9 +301,9 @@ class FiniteElementModel:
         if d == 2:
             fields = arms[:, :, None]
         there = self.place_table[:, :d] >= 0
-        found = np.zeros((self.ndof, fields.shape[2]))
-        found[self.table[:, :d][there]] = fields[there]
-        return found
+        motion = np.zeros((self.ndof, fields.shape[2]))
+        motion[self.table[:, :d][there]] = fields[there]
+        return motion
 
     def _spread(self, scalar: sp.csr_matrix) -> sp.csr_matrix:
         """The scalar mass on every displacement component."""

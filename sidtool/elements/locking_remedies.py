@@ -191,11 +191,11 @@ def internal_slopes(
 def _twisting_gradients(points: Array) -> Array:
     """(g, d (d - 1), d) gradients of b_i (1 - 2 xi_j) by the reference coordinates."""
     d = points.shape[1]
-    line, bow = 1 - 2 * points, points * (1 - points)
+    line, bubble = 1 - 2 * points, points * (1 - points)
     natural = np.zeros((len(line), d * (d - 1), d))
     for k, (i, j) in enumerate(permutations(range(d), 2)):
         natural[:, k, i] = line[:, i] * line[:, j]
-        natural[:, k, j] = -2 * bow[:, i]
+        natural[:, k, j] = -2 * bubble[:, i]
     return natural
 
 
@@ -204,11 +204,11 @@ def _allowed_amplitudes(jacobians: Array) -> Array:
     d = jacobians.shape[-1]
     dual = np.linalg.inv(jacobians)
     dual /= np.linalg.norm(dual, axis=2, keepdims=True)
-    found = np.zeros((len(dual), d**3, d * d + d * (d - 1) ** 2))
-    found[:, range(d * d), range(d * d)] = 1
+    amplitudes = np.zeros((len(dual), d**3, d * d + d * (d - 1) ** 2))
+    amplitudes[:, range(d * d), range(d * d)] = 1
     column = d * d
     for k, (_, j) in enumerate(permutations(range(d), 2), d):
         for across in set(range(d)) - {j}:
-            found[:, k * d : (k + 1) * d, column] = dual[:, across]
+            amplitudes[:, k * d : (k + 1) * d, column] = dual[:, across]
             column += 1
-    return found
+    return amplitudes

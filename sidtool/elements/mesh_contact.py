@@ -69,14 +69,14 @@ def check_contact(mesh: Mesh, place: str, held: Indices = _NO_INDICES) -> None:
 
 def _element_faces(mesh: Mesh) -> Iterator[_Faces]:
     for number, block in enumerate(mesh.blocks):
-        found: list[tuple[int, ...]] = [
+        faces: list[tuple[int, ...]] = [
             *element_faces(block.kind, 3),
             *element_faces(block.kind, 4),
         ]
         if mesh.dimension == 2:
-            found = [edge[:2] for edge in element_edges(block.kind)]
+            faces = [edge[:2] for edge in element_edges(block.kind)]
         rows = np.arange(len(block.nodes))
-        for face in found:
+        for face in faces:
             local = np.array(face)
             corners = block.nodes[:, local]
             yield _Faces(number, rows, corners, np.tile(local, (len(rows), 1)))
@@ -211,10 +211,10 @@ def _check_hanging(
     nodes = np.setdiff1d(nodes, held)
     for number, block in enumerate(mesh.blocks):
         rows = np.unique(np.concatenate([p.rows for p in outer if p.block == number]))
-        apart = partial(_is_hanging, mesh, block, nodes, finder.radii[number])
+        is_hanging = partial(_is_hanging, mesh, block, nodes, finder.radii[number])
         points = mesh.positions[nodes]
         for point, row in finder.holders(
-            points, number, rows, _CONTACT_TOLERANCE, apart
+            points, number, rows, _CONTACT_TOLERANCE, is_hanging
         ):
             if len(row):
                 _raise_hanging(mesh, nodes[point], block, row, place)
@@ -265,8 +265,8 @@ def _raise_overlap(one: str, other: str, place: str) -> InputError:
 
 
 def _element_label(mesh: Mesh, block: int, row: int) -> str:
-    found = mesh.blocks[block]
-    return f"{found.labels[row]} ({found.kind})"
+    block_of_element = mesh.blocks[block]
+    return f"{block_of_element.labels[row]} ({block_of_element.kind})"
 
 
 def check_conforming(mesh: Mesh, place: str, straight: Indices | None = None) -> None:

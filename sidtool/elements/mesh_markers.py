@@ -51,14 +51,14 @@ def position_of(mesh: Mesh, marker: NodeMarker) -> Array:
 
 
 def _row_of_node(mesh: Mesh, label: int) -> int:
-    found = np.flatnonzero(mesh.labels == label)
-    if not found.size:
+    rows = np.flatnonzero(mesh.labels == label)
+    if not rows.size:
         raise InputError(
             f"the mesh has no node {label}",
             place="mesh_node",
             expected="a node that an element uses; of a tied marker any node",
         )
-    return int(found[0])
+    return int(rows[0])
 
 
 class MeshPoints:
@@ -86,10 +86,10 @@ class MeshPoints:
         InputError : no element holds the point.
         """
         target = np.asarray(position, float)
-        found = self._holding_elements(target)
-        if not found:
+        holders = self._holding_elements(target)
+        if not holders:
             raise self._outside(target)
-        return self._rows(name, node, target, found)
+        return self._rows(name, node, target, holders)
 
     def rows_of_nearest_point(
         self, name: str, node: int, position: ArrayLike
@@ -100,26 +100,26 @@ class MeshPoints:
         and moves as a rigid arm of the nearest point of the mesh.
         """
         target = np.asarray(position, float)
-        found = self._holding_elements(target)
-        if found:
-            return self._rows(name, node, target, found)
+        holders = self._holding_elements(target)
+        if holders:
+            return self._rows(name, node, target, holders)
         foot = self._nearest_point(target)
         return offset_marker(
             self._rows(name, node, foot, self._holding_elements(foot)), target
         )
 
     def _rows(
-        self, name: str, node: int, target: Array, found: list[_Holder]
+        self, name: str, node: int, target: Array, holders: list[_Holder]
     ) -> MarkerRows:
         d, ndof = self.mesh.dimension, self.mesh.positions.size
         gradient, strain = sp.csr_matrix((9, ndof)), sp.csr_matrix((9, ndof))
-        nodal, inside = self._nodal_rows(*found[0]), sp.csr_matrix((3, ndof))
-        for holder in found:
+        nodal, inside = self._nodal_rows(*holders[0]), sp.csr_matrix((3, ndof))
+        for holder in holders:
             own = self._gradient(*holder)
             gradient = gradient + own
             strain = strain + self._strain_gradient(*holder, own)
             inside = inside + self._internal_rows(*holder)
-        share = 1 / len(found)
+        share = 1 / len(holders)
         return MarkerRows(
             name=name,
             node=node,
@@ -131,7 +131,7 @@ class MeshPoints:
         )
 
     def _holding_elements(self, target: Array) -> list[_Holder]:
-        found = []
+        holders = []
         for number, block in enumerate(self.mesh.blocks):
             element = reference_element(block.kind)
             for row in np.flatnonzero(self._box_distances(number, target) == 0):
@@ -141,8 +141,8 @@ class MeshPoints:
                     distance < 1e-9 * self._size
                     and element.excess(where) < _PARAMETER_TOLERANCE
                 ):
-                    found.append((number, int(row), where))
-        return found
+                    holders.append((number, int(row), where))
+        return holders
 
     def _box_distances(self, number: int, target: Array) -> Array:
         """(ne,) distances to the boxes around the elements of a block."""
@@ -157,9 +157,9 @@ class MeshPoints:
         gaps = [self._box_distances(i, target) for i in range(len(self.mesh.blocks))]
         limit = np.sort(np.concatenate(gaps))[:_CANDIDATE_ELEMENTS][-1]
         best, distance = target, np.inf
-        for block, beside in zip(self.mesh.blocks, gaps, strict=True):
+        for block, gap in zip(self.mesh.blocks, gaps, strict=True):
             element = reference_element(block.kind)
-            for row in np.flatnonzero(beside <= limit):
+            for row in np.flatnonzero(gap <= limit):
                 corners = self.mesh.positions[block.nodes[row]]
                 where = element.clamped(_invert_map(element, corners, target)[0])
                 foot = element.at(where[None])[0][0] @ corners

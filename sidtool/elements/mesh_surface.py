@@ -89,11 +89,11 @@ def _pieces_in_set(
         middles = {
             frozenset((a, b)): m for a, b, m in element_edges(block.kind) if m >= 0
         }
-        found: list[tuple[int, ...]] = [edge[:2] for edge in element_edges(block.kind)]
+        pieces: list[tuple[int, ...]] = [edge[:2] for edge in element_edges(block.kind)]
         if of_faces and mesh.dimension == 3:
-            found = [*element_faces(block.kind, 3), *element_faces(block.kind, 4)]
+            pieces = [*element_faces(block.kind, 3), *element_faces(block.kind, 4)]
         inside = member[block.nodes]
-        for corners in found:
+        for corners in pieces:
             around = zip(corners, (*corners[1:], corners[0]), strict=True)
             pairs = dict.fromkeys(frozenset(pair) for pair in around)
             whole = (*corners, *(middles[pair] for pair in pairs if pair in middles))

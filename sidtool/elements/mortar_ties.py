@@ -166,8 +166,10 @@ def _nodewise_tie(
     """Every node on the point of the master that is nearest to it."""
     nodes = nodes[free[nodes]]
     group, row, parameters = nearest_faces(master.groups, mesh.positions[nodes])
-    found = _master_rows(mesh, master, group, row, parameters, mesh.positions[nodes])
-    rows, gaps = found
+    master_rows = _master_rows(
+        mesh, master, group, row, parameters, mesh.positions[nodes]
+    )
+    rows, gaps = master_rows
     near = gaps <= reach
     tied, d = nodes[near], mesh.dimension
     own = _selection_matrix(_dof_numbers(tied, d), mesh.positions.size)
@@ -197,9 +199,9 @@ def _mortar_tie(
             weights = np.concatenate([w for _, w in quadratures]) * area_elements(
                 tangents
             )
-            found = other.nearest(j, points)
+            projected = other.nearest(j, points)
             group = np.full(len(j), number)
-            rows, gaps = _master_rows(mesh, master, group, j, found, points)
+            rows, gaps = _master_rows(mesh, master, group, j, projected, points)
             near = gaps <= reach
             widest = max(widest, float(gaps[near].max(initial=0.0)))
             p = np.arange(len(i))[:, None] + np.zeros_like(own.nodes[i])
@@ -330,22 +332,22 @@ def dependent_unknowns(
     number of the unknown -> its row, and {other unknown: coefficient}
     """
     matrix = sp.csr_matrix(matrix)
-    found: dict[int, tuple[int, Row]] = {}
+    dependent: dict[int, tuple[int, Row]] = {}
     for i in range(matrix.shape[0]):
         part = slice(matrix.indptr[i], matrix.indptr[i + 1])
         columns, values = matrix.indices[part].tolist(), matrix.data[part].tolist()
         row = dict(zip(columns, values, strict=True))
         size = max(map(abs, row.values()), default=0.0)
-        row = _substitute_known(row, found, _ROUNDING_OF_ELIMINATION * size)
+        row = _substitute_known(row, dependent, _ROUNDING_OF_ELIMINATION * size)
         if not row:
             continue
         pivot = _choose_pivot(row, int(preferred[i]), first)
         scale = -row.pop(pivot)
-        found[pivot] = i, {c: v / scale for c, v in row.items()}
-    for pivot in reversed(found):
-        i, row = found[pivot]
-        found[pivot] = i, _substitute_known(row, found, 0.0)
-    return found
+        dependent[pivot] = i, {c: v / scale for c, v in row.items()}
+    for pivot in reversed(dependent):
+        i, row = dependent[pivot]
+        dependent[pivot] = i, _substitute_known(row, dependent, 0.0)
+    return dependent
 
 
 def _choose_pivot(row: Row, preferred: int, first: Collection[int]) -> int:
@@ -358,28 +360,32 @@ def _choose_pivot(row: Row, preferred: int, first: Collection[int]) -> int:
     return largest
 
 
-def _substitute_known(row: Row, found: dict[int, tuple[int, Row]], small: float) -> Row:
+def _substitute_known(
+    row: Row, dependent: dict[int, tuple[int, Row]], small: float
+) -> Row:
     """The row with every unknown that is found already by the others."""
-    known = [c for c in row if c in found]
+    known = [c for c in row if c in dependent]
     while known:
         for column in known:
             share = row.pop(column)
-            for c, v in found[column][1].items():
+            for c, v in dependent[column][1].items():
                 row[c] = row.get(c, 0.0) + share * v
-        known = [c for c in row if c in found]
+        known = [c for c in row if c in dependent]
     return {c: v for c, v in row.items() if abs(v) > small}
 
 
 def elimination_matrix(matrix: sp.csr_matrix, preferred: Indices) -> sp.csr_matrix:
     """(n, n - r) sparse T: the solutions of ``matrix @ u = 0`` are u = T y."""
     n = matrix.shape[1]
-    found = dependent_unknowns(matrix, preferred)
-    independent = np.setdiff1d(np.arange(n), np.fromiter(found, np.int64, len(found)))
+    dependent = dependent_unknowns(matrix, preferred)
+    independent = np.setdiff1d(
+        np.arange(n), np.fromiter(dependent, np.int64, len(dependent))
+    )
     number = np.full(n, -1)
     number[independent] = np.arange(independent.size)
     rows, columns = [independent], [np.arange(independent.size)]
     values = [np.ones(independent.size)]
-    for pivot, (_, row) in found.items():
+    for pivot, (_, row) in dependent.items():
         rows.append(np.full(len(row), pivot))
         columns.append(number[np.fromiter(row, np.int64, len(row))])
         values.append(np.fromiter(row.values(), float, len(row)))

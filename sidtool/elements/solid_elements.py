@@ -248,8 +248,8 @@ def _stiffness(batch: ElementBatch, gradients: Array, law: Array) -> Array:
     flat = gradients.reshape(ne, ng, m * d)
     sums = np.swapaxes(flat, 1, 2) @ (flat * batch.measures[..., None])
     by_pair = sums.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
-    found = (by_pair @ _elasticity_tensor(law, d)).reshape(ne, m, m, d, d)
-    return np.ascontiguousarray(found.swapaxes(2, 3)).reshape(ne, m * d, m * d)
+    blocks = (by_pair @ _elasticity_tensor(law, d)).reshape(ne, m, m, d, d)
+    return np.ascontiguousarray(blocks.swapaxes(2, 3)).reshape(ne, m * d, m * d)
 
 
 def _elasticity_tensor(law: Array, d: int) -> Array:

@@ -33,14 +33,14 @@ def body_field(
     """
     sampled = sample_body(body)
     shapes = sampled.displacement(basis.shapes)
-    stress, still = None, np.zeros((len(shapes), 6))
+    stress, initial_stress = None, np.zeros((len(shapes), 6))
     if sampled.stress is not None:
         stress = sampled.stress(basis.shapes)
     if sampled.stress is not None and initial is not None:
-        still = sampled.stress(initial.displacement)[..., 0]
-        still = still + stress_components(initial.uniform)
+        initial_stress = sampled.stress(initial.displacement)[..., 0]
+        initial_stress = initial_stress + stress_components(initial.uniform)
         if body.dimension == 2:
-            still[:, 2] += sampled.transverse * np.trace(initial.uniform)
+            initial_stress[:, 2] += sampled.transverse * np.trace(initial.uniform)
     content = Field(
         title=sid.title,
         positions=sampled.positions - frame.origin,
@@ -49,7 +49,7 @@ def body_field(
         cells=sampled.cells,
         thickness=sampled.thickness,
         stress=stress,
-        initial_stress=still,
+        initial_stress=initial_stress,
     )
     return field_of(sid, content)
 

@@ -74,21 +74,21 @@ def body_surfaces(
     ------
     InputError : the file of a shape cannot be read.
     """
-    found = []
+    surfaces = []
     for data in bodies:
         if data.name not in scene.bodies:
             continue
         if data.name in fields:
             elastic = data.sid.nq > 0
-            found.append(surface_of_field(data.name, fields[data.name], elastic))
+            surfaces.append(surface_of_field(data.name, fields[data.name], elastic))
         elif isinstance(body := scene.bodies[data.name], RigidBody):
             if body.shape is None:
-                found.append(_rigid_body_lines(data, size))
+                surfaces.append(_rigid_body_lines(data, size))
             else:
-                found.append(_shaped(data.name, body.shape, folders))
+                surfaces.append(_shaped(data.name, body.shape, folders))
         else:
-            found.append(surface_of_sid(data.name, data.sid, 0.02 * size))
-    return found
+            surfaces.append(surface_of_sid(data.name, data.sid, 0.02 * size))
+    return surfaces
 
 
 def surface_of_field(name: str, content: Field, elastic: bool = True) -> BodySurface:
@@ -152,8 +152,8 @@ def _shaped(name: str, shape: Shape, folders: Sequence[Path]) -> BodySurface:
     """A rigid body of which the scene says the shape."""
     place = f"bodies.{name}.shape"
     positions, triangles = shape_mesh(shape, folders, place)
-    still = np.zeros((len(positions), 3, 0))
-    return BodySurface(name, positions, triangles, still, source=f"a {shape.type}")
+    no_shapes = np.zeros((len(positions), 3, 0))
+    return BodySurface(name, positions, triangles, no_shapes, source=f"a {shape.type}")
 
 
 def _rigid_body_lines(data: BodyData, size: float) -> BodySurface:
@@ -167,6 +167,6 @@ def _rigid_body_lines(data: BodyData, size: float) -> BodySurface:
     points = np.unique(np.round(places, 12), axis=0)
     if len(points) == 1:
         return BodySurface(data.name, *inertia_box(sid, centre, size), source="a box")
-    still = np.zeros((len(points), 3, 0))
-    lines = node_bars(points, still, still, 0.03 * size)
+    no_shapes = np.zeros((len(points), 3, 0))
+    lines = node_bars(points, no_shapes, no_shapes, 0.03 * size)
     return BodySurface(data.name, *lines, source="lines between its markers")

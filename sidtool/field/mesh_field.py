@@ -81,10 +81,10 @@ def _transverse_flags(
 def _output_cells(
     blocks: tuple[ElementBlock, ...], local: list[Indices]
 ) -> dict[str, Indices]:
-    found: dict[str, list[Indices]] = {}
+    cells: dict[str, list[Indices]] = {}
     for block, nodes in zip(blocks, local, strict=True):
-        found.setdefault(block.kind, []).append(nodes)
-    return {kind: np.concatenate(parts) for kind, parts in found.items()}
+        cells.setdefault(block.kind, []).append(nodes)
+    return {kind: np.concatenate(parts) for kind, parts in cells.items()}
 
 
 def surface_triangles(
@@ -107,11 +107,11 @@ def surface_triangles(
     )
     outer = np.ones(len(inverse), bool) if plane else (counts == 1)[inverse.ravel()]
     ends = np.cumsum([len(key) for key in keys])[:-1]
-    found = [
+    outlines = [
         _split_outline(ring[kept], corners)
         for (ring, corners), kept in zip(rings, np.split(outer, ends), strict=True)
     ]
-    return np.concatenate(found)
+    return np.concatenate(outlines)
 
 
 def _face_outlines(kind: str, plane: bool) -> list[tuple[list[int], int]]:
@@ -121,12 +121,12 @@ def _face_outlines(kind: str, plane: bool) -> list[tuple[list[int], int]]:
         corners = [tuple(range(3 if kind.startswith("tri") else 4))]
     else:
         corners = [*element_faces(kind, 3), *element_faces(kind, 4)]
-    found = []
+    outlines = []
     for face in corners:
         pairs = zip(face, (*face[1:], face[0]), strict=True)
         own = [middles[frozenset(pair)] for pair in pairs] if middles else []
-        found.append(([*face, *own], len(face)))
-    return found
+        outlines.append(([*face, *own], len(face)))
+    return outlines
 
 
 def _split_outline(ring: Indices, corners: int) -> Indices:

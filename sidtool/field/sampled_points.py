@@ -63,7 +63,9 @@ def concatenate_points(parts: Iterable[SampledPoints]) -> SampledPoints:
         displacement=lambda fields: np.concatenate(
             [part.displacement(fields) for part in parts]
         ),
-        cells={kind: np.concatenate(found) for kind, found in cells.items()},
+        cells={
+            kind: np.concatenate(parts_of_kind) for kind, parts_of_kind in cells.items()
+        },
         thickness=parts[0].thickness,
         stress=None if None in stresses else stress,
         transverse=np.concatenate([part.transverse for part in parts]),
@@ -94,11 +96,11 @@ def beam_field(outline: BeamOutline) -> SampledPoints:
 
 def tube(sections: int) -> NDArray[np.int64]:
     """Triangles of the sides and ends of a row of sections with four corners each."""
-    found = [(0, 2, 1), (0, 3, 2)]
+    triangles = [(0, 2, 1), (0, 3, 2)]
     for i in range(sections - 1):
         for c in range(4):
             a, b = 4 * i + c, 4 * i + (c + 1) % 4
-            found += [(a, b, b + 4), (a, b + 4, a + 4)]
+            triangles += [(a, b, b + 4), (a, b + 4, a + 4)]
     last = 4 * (sections - 1)
-    found += [(last, last + 1, last + 2), (last, last + 2, last + 3)]
-    return np.array(found, np.int64)
+    triangles += [(last, last + 1, last + 2), (last, last + 2, last + 3)]
+    return np.array(triangles, np.int64)

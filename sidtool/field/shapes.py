@@ -82,9 +82,9 @@ def read_stl(path: Path) -> Mesh:
     if len(content) == _HEAD + count * _TRIANGLE.itemsize and len(content) > _HEAD:
         corners = np.frombuffer(content, _TRIANGLE, count, _HEAD)["corners"]
     else:
-        found = _VERTEX.findall(content)
+        vertices = _VERTEX.findall(content)
         try:
-            corners = np.array(found, dtype=float).reshape(-1, 3, 3)
+            corners = np.array(vertices, dtype=float).reshape(-1, 3, 3)
         except ValueError:
             corners = np.zeros((0, 3, 3))
     if not len(corners) or not np.isfinite(corners).all():

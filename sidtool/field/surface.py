@@ -69,13 +69,13 @@ def decimate(positions: Array, triangles: Indices, most: int) -> Indices:
     low = positions.min(axis=0)
     extent = float(np.ptp(positions, axis=0).max()) or 1.0
     cells = 2.0 * np.sqrt(most)
-    found = triangles
-    while len(found) > most:
+    decimated = triangles
+    while len(decimated) > most:
         keys = np.floor((positions - low) / extent * cells).astype(np.int64)
         _, group = np.unique(keys, axis=0, return_inverse=True)
-        found = _merge_points(positions, triangles, group.ravel())
+        decimated = _merge_points(positions, triangles, group.ravel())
         cells *= 0.8
-    return found
+    return decimated
 
 
 def _merge_points(positions: Array, triangles: Indices, group: Indices) -> Indices:
@@ -86,11 +86,11 @@ def _merge_points(positions: Array, triangles: Indices, group: Indices) -> Indic
     distance = np.linalg.norm(positions - middles[group], axis=1)
     order = np.lexsort((distance, group))
     first = np.searchsorted(group[order], np.arange(len(counts)))
-    found = order[first][group[triangles]]
-    a, b, c = found.T
-    found = found[(a != b) & (b != c) & (c != a)]
-    _, first_copies = np.unique(np.sort(found, axis=1), axis=0, return_index=True)
-    return found[np.sort(first_copies)]
+    merged = order[first][group[triangles]]
+    a, b, c = merged.T
+    merged = merged[(a != b) & (b != c) & (c != a)]
+    _, first_copies = np.unique(np.sort(merged, axis=1), axis=0, return_index=True)
+    return merged[np.sort(first_copies)]
 
 
 Parts = tuple[Array, Indices, Array]
@@ -211,8 +211,8 @@ def _neighbour_pairs(places: Array) -> list[tuple[int, int]]:
     free = pairs[(inside == 2) & (radius > 0)]
     shortest = minimum_spanning_tree(cdist(places, places)).tocoo()
     joined = np.sort(np.column_stack([shortest.row, shortest.col]), axis=1)
-    found = np.unique(np.concatenate([free, joined]), axis=0)
-    return [(int(i), int(j)) for i, j in found]
+    neighbours = np.unique(np.concatenate([free, joined]), axis=0)
+    return [(int(i), int(j)) for i, j in neighbours]
 
 
 def _perpendicular_vectors(way: Array) -> Array:

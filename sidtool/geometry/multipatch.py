@@ -192,10 +192,10 @@ def _sides_and_edges(patches: Mapping[str, NurbsPatch]) -> Iterator[CollapsedSid
 
 
 def close_gaps(
-    patches: Mapping[str, NurbsPatch], found: Topology, tolerance: float
+    patches: Mapping[str, NurbsPatch], topology: Topology, tolerance: float
 ) -> dict[str, NurbsPatch]:
     """The patches with the control points of their seams in the middle of the gap."""
-    numbering = number_control_points(patches, found, tolerance)
+    numbering = number_control_points(patches, topology, tolerance)
     d = next(iter(patches.values())).points.shape[1]
     total, count = np.zeros((numbering.count, d)), np.zeros(numbering.count)
     for name, patch in patches.items():
@@ -217,7 +217,7 @@ def close_gaps(
 
 def number_control_points(
     patches: Mapping[str, NurbsPatch],
-    found: Topology,
+    topology: Topology,
     tolerance: float = _SAME_POINT_TOLERANCE,
 ) -> CommonNumbering:
     """A common numbering of patches, refined or not, along their seams.
@@ -236,8 +236,8 @@ def number_control_points(
         for name, a, b in zip(patches, ends[:-1], ends[1:], strict=True)
     }
     pairs = [
-        *_join_along_seams(patches, own, found, tolerance),
-        *_join_collapsed(patches, own, found),
+        *_join_along_seams(patches, own, topology, tolerance),
+        *_join_collapsed(patches, own, topology),
     ]
     i, j = np.concatenate([np.zeros((2, 0), np.int64), *map(np.array, pairs)], axis=1)
     total = int(ends[-1])
@@ -253,11 +253,11 @@ def number_control_points(
 def _join_along_seams(
     patches: Mapping[str, NurbsPatch],
     own: Mapping[str, Indices],
-    found: Topology,
+    topology: Topology,
     tolerance: float,
 ) -> Iterator[tuple[Indices, Indices]]:
     size = largest_extent(patches)
-    for seam in found.seams:
+    for seam in topology.seams:
         p, v, m = _side_data(patches, own, seam.first)
         q, w, n = (seam.turn.of(net) for net in _side_data(patches, own, seam.second))
         if not (_are_equal_nets(p, q, tolerance * size) and _are_proportional(v, w)):
@@ -285,9 +285,9 @@ def incompatible_sides(first: Side, second: Side) -> InputError:
 
 
 def _join_collapsed(
-    patches: Mapping[str, NurbsPatch], own: Mapping[str, Indices], found: Topology
+    patches: Mapping[str, NurbsPatch], own: Mapping[str, Indices], topology: Topology
 ) -> Iterator[tuple[Indices, Indices]]:
-    for part in found.collapsed:
+    for part in topology.collapsed:
         lines = part.lines(patches[part.patch], own[part.patch])
         rest = lines[1:].reshape(len(lines) - 1, -1)
         yield np.tile(lines[0].ravel(), len(rest)), rest.ravel()

@@ -276,12 +276,12 @@ def k_refined_knots(knots: Array, degree: int, target_degree: int, spans: int) -
     Hughes, Cottrell & Bazilevs 2005, Comput. Methods Appl. Mech. Engrg. 194, sec. 2.
     """
     ends, counts = np.unique(knots, return_counts=True)
-    found = [np.zeros(target_degree + 1)]
+    refined = [np.zeros(target_degree + 1)]
     for a, b, count in zip(ends[:-1], ends[1:], counts[1:], strict=True):
         pieces = max(1, int(np.ceil((b - a) * spans * (1 - _ROUNDING))))
-        found.append(a + (b - a) * np.arange(1, pieces) / pieces)
-        found.append(np.full(count + target_degree - degree, b))
-    return np.concatenate(found)
+        refined.append(a + (b - a) * np.arange(1, pieces) / pieces)
+        refined.append(np.full(count + target_degree - degree, b))
+    return np.concatenate(refined)
 
 
 def check_degree(degree: int, target_degree: int, place: str) -> None:
@@ -312,10 +312,10 @@ def check_holds(
     for knot in breakpoints(knots)[1:-1]:
         multiplicity = np.count_nonzero(knots == knot)
         needed = int(multiplicity) + target_degree - degree
-        found = np.count_nonzero(np.isclose(target, knot, rtol=0, atol=1e-12))
-        if found < needed:
+        count = np.count_nonzero(np.isclose(target, knot, rtol=0, atol=1e-12))
+        if count < needed:
             raise InputError(
-                f"the knot vector has the geometry's inner knot {knot:g} {found} times",
+                f"the knot vector has the geometry's inner knot {knot:g} {count} times",
                 place=place,
                 expected=f"it {needed} times, to keep the geometry unchanged",
             )

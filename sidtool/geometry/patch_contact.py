@@ -47,7 +47,7 @@ class WeakTie:
 
 
 def weak_ties(
-    patches: Mapping[str, NurbsPatch], found: Topology, tolerance: float
+    patches: Mapping[str, NurbsPatch], topology: Topology, tolerance: float
 ) -> list[WeakTie]:
     """The sides without a seam that lie on a part of another one.
 
@@ -56,10 +56,10 @@ def weak_ties(
     InputError : two sides touch and neither lies wholly on the other, or they are the
         same in other control points.
     """
-    seamed = {side for seam in found.seams for side in (seam.first, seam.second)}
+    seamed = {side for seam in topology.seams for side in (seam.first, seam.second)}
     seamed |= {
         Side(part.patch, *part.fixed[0])
-        for part in found.collapsed
+        for part in topology.collapsed
         if len(part.fixed) == 1
     }
     free_sides = [side for side in sides_of(patches) if side not in seamed]
@@ -106,8 +106,8 @@ def grid_numbers(
     InputError : sides touch otherwise, or their points do not match.
     """
     patches = {"geometry": exact}
-    found = find_topology(patches)
-    ties = weak_ties(patches, found, 0.0)
+    topology = find_topology(patches)
+    ties = weak_ties(patches, topology, 0.0)
     if ties:
         raise InputError(
             f"the side {ties[0].slave.name} lies on a part of {ties[0].master.name}",
@@ -115,7 +115,7 @@ def grid_numbers(
             expected='sides that are the same, or discretisation.type = "iga", which '
             "ties them",
         )
-    for seam in found.seams:
+    for seam in topology.seams:
         crosses = seam.first.direction != seam.second.direction
         if same_sense and (crosses or any(seam.turn.reversed)):
             raise InputError(
@@ -124,7 +124,7 @@ def grid_numbers(
                 place="geometry",
                 expected="hexahedra or iga",
             )
-    return number_control_points({"geometry": grid}, found)
+    return number_control_points({"geometry": grid}, topology)
 
 
 def check_overlaps(patches: Mapping[str, NurbsPatch]) -> None:
@@ -178,10 +178,10 @@ def check_connected(numbering: CommonNumbering, ties: list[WeakTie]) -> None:
         (np.ones(len(rows)), (rows, columns)), shape=(len(names) + numbering.count,) * 2
     )
     _, label = connected_components(graph, directed=False)
-    lost = [n for n, x in zip(names, label, strict=False) if x != label[0]]
-    if lost:
+    separate = [n for n, x in zip(names, label, strict=False) if x != label[0]]
+    if separate:
         raise InputError(
-            f"patch {lost[0]} is not joined to patch {names[0]}",
+            f"patch {separate[0]} is not joined to patch {names[0]}",
             place="geometry",
             expected="patches that share whole sides, or of which one has a side that "
             "lies wholly on one of the other",
@@ -208,11 +208,11 @@ def _side_distances(patches: Mapping[str, NurbsPatch], a: Side, b: Side) -> Arra
     first, second = patches[a.patch], patches[b.patch]
     grid = _side_samples(first, a)
     points, normals = _points_and_normals(first, grid, a)
-    found, nearest = nearest_parameters(second, points, (b.direction, b.end))
-    _, others = _points_and_normals(second, found, b)
+    parameters, nearest = nearest_parameters(second, points, (b.direction, b.end))
+    _, others = _points_and_normals(second, parameters, b)
     along = np.abs(np.einsum("nd,nd->n", normals, others)) > 0.5
-    across = [i for i in range(found.shape[1]) if i != b.direction]
-    inside = ((found[:, across] > 0) & (found[:, across] < 1)).all(axis=1)
+    across = [i for i in range(parameters.shape[1]) if i != b.direction]
+    inside = ((parameters[:, across] > 0) & (parameters[:, across] < 1)).all(axis=1)
     distances = np.linalg.norm(nearest - points, axis=1)
     return np.where(along & inside, distances, np.inf)
 

@@ -142,17 +142,19 @@ def patch_moments(patch: NurbsPatch) -> tuple[float, Array]:
             for direction in range(len(patch.degrees))
             for end in (0, 1)
         )
-        found = np.asarray(moments, float)
-        if before is not None and _is_converged(patch, found, before):
+        result = np.asarray(moments, float)
+        if before is not None and _is_converged(patch, result, before):
             break
-        before = found
-    return float(found[0]), found[1:]
+        before = result
+    return float(result[0]), result[1:]
 
 
-def _is_converged(patch: NurbsPatch, found: Array, before: Array) -> bool:
+def _is_converged(patch: NurbsPatch, integrals: Array, before: Array) -> bool:
     reach = np.abs(patch.points).max()
-    scale = abs(found[0]) * np.array([1, *[max(reach, 1e-300)] * (len(found) - 1)])
-    return bool((np.abs(found - before) <= _CONVERGENCE_TOLERANCE * scale).all())
+    scale = abs(integrals[0]) * np.array(
+        [1, *[max(reach, 1e-300)] * (len(integrals) - 1)]
+    )
+    return bool((np.abs(integrals - before) <= _CONVERGENCE_TOLERANCE * scale).all())
 
 
 def _side_moments(patch: NurbsPatch, direction: int, end: int, count: int) -> Array:

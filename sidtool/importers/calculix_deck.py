@@ -148,16 +148,16 @@ def _shorten_number(word: str) -> str:
 def with_density(lines: list[str], density: float) -> list[str]:
     """The deck with a density for materials that have none."""
     result: list[str] = []
-    lacking = False
+    lacks_density = False
     for text in [*lines, "*"]:
         keyword = _keyword_of(text) if text.startswith("*") else ""
         if keyword == "DENSITY":
-            lacking = False
-        if lacking and (text == "*" or keyword in _AFTER_MATERIALS):
+            lacks_density = False
+        if lacks_density and (text == "*" or keyword in _AFTER_MATERIALS):
             result += ["*DENSITY", f"{density!r}"]
-            lacking = False
+            lacks_density = False
         if keyword == "MATERIAL":
-            lacking = True
+            lacks_density = True
         result.append(text)
     return result[:-1]
 

@@ -134,8 +134,8 @@ def _run_job(
         env={**os.environ, "OMP_NUM_THREADS": str(processors())},
         check=False,
     )
-    found = _PROBLEM.findall(done.stdout.decode("latin-1"))
-    messages = [(kind, " ".join(message.split())) for kind, message in found]
+    problems = _PROBLEM.findall(done.stdout.decode("latin-1"))
+    messages = [(kind, " ".join(message.split())) for kind, message in problems]
     errors = [message for kind, message in messages if kind == "ERROR"]
     result = folder / f"{job}{product}"
     if (

@@ -65,9 +65,9 @@ class _SectionBytes:
             raise InputError(
                 f"${self._name} ends early", expected="a whole binary mesh"
             )
-        found = np.frombuffer(self._data, dtype, rows, self._at)
+        records = np.frombuffer(self._data, dtype, rows, self._at)
         self._at += size
-        return found
+        return records
 
 
 def is_binary(path: Path) -> bool:
@@ -130,22 +130,24 @@ def _split_count_line(body: bytes) -> tuple[int, bytes]:
 
 def _node_lines_2(given: _SectionBytes, body: bytes) -> Iterator[str]:
     count, rest = _split_count_line(body)
-    found = _SectionBytes("Nodes", rest, given.order)
+    section = _SectionBytes("Nodes", rest, given.order)
     yield str(count)
-    table = found.table([("n", "i4", (1,)), ("x", "f8", (3,))], count)
+    table = section.table([("n", "i4", (1,)), ("x", "f8", (3,))], count)
     for (label,), place in zip(table["n"].tolist(), table["x"].tolist(), strict=True):
         yield f"{label} {place[0]!r} {place[1]!r} {place[2]!r}"
 
 
 def _element_lines_2(given: _SectionBytes, body: bytes) -> Iterator[str]:
     count, rest = _split_count_line(body)
-    found = _SectionBytes("Elements", rest, given.order)
+    section = _SectionBytes("Elements", rest, given.order)
     yield str(count)
     done = 0
     while done < count:
-        kind, follow, tags = map(int, found.numbers("i4", 3))
+        kind, follow, tags = map(int, section.numbers("i4", 3))
         width = 1 + tags + _nodes_per_element(kind)
-        for label, *words in found.table([("x", "i4", (width,))], follow)["x"].tolist():
+        for label, *words in section.table([("x", "i4", (width,))], follow)[
+            "x"
+        ].tolist():
             yield " ".join(map(str, (label, kind, tags, *words)))
         done += max(follow, 1)
 
@@ -158,42 +160,42 @@ def _nodes_per_element(kind: int) -> int:
     return _NODES[kind]
 
 
-def _entity_lines_4(found: _SectionBytes, body: bytes) -> Iterator[str]:
-    counts = [int(n) for n in found.numbers("u8", 4)]
+def _entity_lines_4(section: _SectionBytes, body: bytes) -> Iterator[str]:
+    counts = [int(n) for n in section.numbers("u8", 4)]
     yield " ".join(map(str, counts))
     for dimension, count in enumerate(counts):
         for _ in range(count):
-            (tag,) = found.numbers("i4", 1)
-            places = found.numbers("f8", 3 if dimension == 0 else 6)
+            (tag,) = section.numbers("i4", 1)
+            places = section.numbers("f8", 3 if dimension == 0 else 6)
             words = [tag, *map(repr, places)]
             for _ in range(1 if dimension == 0 else 2):
-                (own,) = found.numbers("u8", 1)
-                words += [own, *found.numbers("i4", int(own))]
+                (own,) = section.numbers("u8", 1)
+                words += [own, *section.numbers("i4", int(own))]
             yield " ".join(map(str, words))
 
 
-def _node_lines_4(found: _SectionBytes, body: bytes) -> Iterator[str]:
-    head = found.numbers("u8", 4)
+def _node_lines_4(section: _SectionBytes, body: bytes) -> Iterator[str]:
+    head = section.numbers("u8", 4)
     yield " ".join(map(str, head))
     for _ in range(int(head[0])):
-        dimension, entity, parametric = map(int, found.numbers("i4", 3))
-        (count,) = map(int, found.numbers("u8", 1))
+        dimension, entity, parametric = map(int, section.numbers("i4", 3))
+        (count,) = map(int, section.numbers("u8", 1))
         yield f"{dimension} {entity} {parametric} {count}"
-        yield from map(str, found.numbers("u8", count))
+        yield from map(str, section.numbers("u8", count))
         width = 3 + (dimension if parametric else 0)
-        for row in found.table([("x", "f8", (width,))], count)["x"].tolist():
+        for row in section.table([("x", "f8", (width,))], count)["x"].tolist():
             yield " ".join(map(repr, row))
 
 
-def _element_lines_4(found: _SectionBytes, body: bytes) -> Iterator[str]:
-    head = found.numbers("u8", 4)
+def _element_lines_4(section: _SectionBytes, body: bytes) -> Iterator[str]:
+    head = section.numbers("u8", 4)
     yield " ".join(map(str, head))
     for _ in range(int(head[0])):
-        dimension, entity, kind = map(int, found.numbers("i4", 3))
-        (count,) = map(int, found.numbers("u8", 1))
+        dimension, entity, kind = map(int, section.numbers("i4", 3))
+        (count,) = map(int, section.numbers("u8", 1))
         yield f"{dimension} {entity} {kind} {count}"
         width = 1 + _nodes_per_element(kind)
-        for row in found.table([("x", "u8", (width,))], count)["x"].tolist():
+        for row in section.table([("x", "u8", (width,))], count)["x"].tolist():
             yield " ".join(map(str, row))
 
 

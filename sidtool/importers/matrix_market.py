@@ -158,11 +158,11 @@ def check_definite(mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
     ------
     InputError : one is not; by the signs of its pivots (Sylvester's law of inertia).
     """
-    bare = np.flatnonzero(mass.diagonal() <= 0)
-    if bare.size:
+    massless = np.flatnonzero(mass.diagonal() <= 0)
+    if massless.size:
         raise InputError(
-            f"{bare.size} degrees of freedom have no mass, the first in row "
-            f"{bare[0] + 1}",
+            f"{massless.size} degrees of freedom have no mass, the first in row "
+            f"{massless[0] + 1}",
             place="mass",
             expected="a positive definite mass matrix (a beam needs polar inertia too)",
         )

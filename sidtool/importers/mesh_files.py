@@ -104,10 +104,10 @@ def extract_part(imported: ImportedMesh, name: str) -> ImportedMesh:
     there = {n for b in imported.mesh.blocks for n in b.labels.tolist()}
     there |= {bar.label for bar in imported.bars}
     there |= {shell.label for shell in imported.shells}
-    lost = find_undefined_members(there, {name: sorted(chosen)}, "element")
-    if lost:
+    missing = find_undefined_members(there, {name: sorted(chosen)}, "element")
+    if missing:
         raise InputError(
-            f"the part {name!r} names {lost[name]}, which the file does not define",
+            f"the part {name!r} names {missing[name]}, which the file does not define",
             place="geometry.part",
             expected="elements of this file",
         )

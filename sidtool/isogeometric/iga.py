@@ -152,14 +152,14 @@ def refinement_notes(settings: IgaDiscretisation, fine: NurbsPatch) -> tuple[str
     """
     notes = []
     for i, knots in enumerate(fine.knots):
-        for key, found in (
+        for key, counts in (
             ("functions", fine.shape[i]),
             ("elements", len(breakpoints(knots)) - 1),
         ):
             requested = getattr(settings, key)
-            if requested is not None and requested[i] != found:
+            if requested is not None and requested[i] != counts:
                 notes.append(
-                    f"discretisation.{key}[{i}]: {found} for {requested[i]}, as the "
+                    f"discretisation.{key}[{i}]: {counts} for {requested[i]}, as the "
                     "inner "
                     "knots of the geometry stay and each of its spans is divided "
                     "equally"

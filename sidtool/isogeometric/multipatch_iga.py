@@ -111,11 +111,11 @@ def _join_patches(
     model: ModelFile, patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9
 ) -> _JoinedPatches:
     check_overlaps(patches)
-    found = find_topology(patches, tolerance)
-    ties = weak_ties(patches, found, tolerance)
-    exact = close_gaps(patches, found, tolerance)
+    topology = find_topology(patches, tolerance)
+    ties = weak_ties(patches, topology, tolerance)
+    exact = close_gaps(patches, topology, tolerance)
     fine = {name: refine_for_model(model, patch) for name, patch in exact.items()}
-    numbering = number_control_points(fine, found)
+    numbering = number_control_points(fine, topology)
     check_connected(numbering, ties)
     return _JoinedPatches(exact, fine, numbering, ties)
 
@@ -224,11 +224,11 @@ def _side_nodes(
     numbering: CommonNumbering,
 ) -> Indices:
     """The common control points of some sides."""
-    found = [
+    nodes = [
         numbering.numbers[s.patch][side_nodes(patches[s.patch], s.direction, s.end)]
         for s in sides
     ]
-    return np.unique(np.concatenate(found))
+    return np.unique(np.concatenate(nodes))
 
 
 def _side_surface(
@@ -238,12 +238,12 @@ def _side_surface(
     names: tuple[str, ...],
 ) -> Surface:
     """Named sides as one, on the common control points."""
-    found = []
+    surfaces = []
     for side in dict.fromkeys(side for name in names for side in sides[name]):
         own = patch_surface(patches[side.patch], side.direction, side.end)
         once, _ = _gather_matrix(numbering, side.patch, own.points.shape[1])
-        found.append(replace(own, mass=sp.csr_matrix(once.T @ own.mass @ once)))
-    return concatenate_surfaces(found)
+        surfaces.append(replace(own, mass=sp.csr_matrix(once.T @ own.mass @ once)))
+    return concatenate_surfaces(surfaces)
 
 
 def _patch_markers(
@@ -275,17 +275,17 @@ def _marker_location(
 ) -> tuple[str, Array]:
     """The patch of a marker and its parameters there."""
     if marker.edge is not None:
-        found = sides.get(marker.edge, ())
-        if len(found) != 1:
+        locations = sides.get(marker.edge, ())
+        if len(locations) != 1:
             single = [name for name, members in sides.items() if len(members) == 1]
             raise InputError(
                 f"there is no side {marker.edge!r}",
                 place="edge",
                 expected=f"one of {', '.join(single)}",
             )
-        side = (found[0].direction, found[0].end)
-        patch = exact[found[0].patch]
-        return found[0].patch, marker_parameters(marker, {marker.edge: side}, patch)
+        side = (locations[0].direction, locations[0].end)
+        patch = exact[locations[0].patch]
+        return locations[0].patch, marker_parameters(marker, {marker.edge: side}, patch)
     if marker.position is None and len(exact) > 1:
         raise InputError(
             "parameters do not say in which patch",

@@ -62,11 +62,13 @@ class BodyVariants:
     @property
     def models(self) -> int:
         """Return the number of models per body."""
-        return max((len(found) for found in self.sources.values()), default=1)
+        return max(
+            (len(models_of_body) for models_of_body in self.sources.values()), default=1
+        )
 
     def title(self, number: int) -> str:
         """Return the name of the models of a number."""
-        names = (found[number].path.stem for found in self.sources.values())
+        names = (models[number].path.stem for models in self.sources.values())
         return ", ".join(dict.fromkeys(names))
 
     def to_convert(self, variant: Variant) -> dict[str, ModelFile]:
@@ -77,8 +79,8 @@ class BodyVariants:
         InputError : a model cannot be varied in this way.
         """
         return {
-            name: make_variant(found[variant.model].model, variant, self.scene, name)
-            for name, found in self.sources.items()
+            name: make_variant(models[variant.model].model, variant, self.scene, name)
+            for name, models in self.sources.items()
         }
 
     def as_scene(
@@ -137,31 +139,31 @@ def make_variant(
     model: ModelFile, variant: Variant, scene: SceneFile, name: str
 ) -> ModelFile:
     """Return the model with the mesh, shape functions, frame and terms of a variant."""
-    found = refine_model(model, variant.mesh)
-    if found is None:
+    refined = refine_model(model, variant.mesh)
+    if refined is None:
         raise InputError(
             f"the mesh of {model.title or name} cannot be refined",
             place="--over mesh",
             expected="a model with elements of its own, of which each can be halved",
         )
-    markers = _used_markers(found, scene.sid_bodies[name])
-    if variant.frame and variant.frame != found.frame.type:
+    markers = _used_markers(refined, scene.sid_bodies[name])
+    if variant.frame and variant.frame != refined.frame.type:
         frame = _frame_settings(
-            variant.frame, _origin_marker_first(found, markers), name
+            variant.frame, _origin_marker_first(refined, markers), name
         )
-        reduction = _without_clamps(found)
-        found = found.model_copy(update={"frame": frame, "reduction": reduction})
-    if variant.reduction and variant.reduction != found.reduction.method:
-        reduction = _other_reduction(found, variant.reduction, markers)
-        found = found.model_copy(update={"reduction": reduction})
-    if variant.modes is not None and requested_modes(found) is not None:
-        least = 1 if found.reduction.method == "modal" else 0
-        found = with_modes(found, max(least, variant.modes)) or found
-    if variant.terms is None or (found.stiffening and found.stiffening.prestress):
-        return found
+        reduction = _without_clamps(refined)
+        refined = refined.model_copy(update={"frame": frame, "reduction": reduction})
+    if variant.reduction and variant.reduction != refined.reduction.method:
+        reduction = _other_reduction(refined, variant.reduction, markers)
+        refined = refined.model_copy(update={"reduction": reduction})
+    if variant.modes is not None and requested_modes(refined) is not None:
+        least = 1 if refined.reduction.method == "modal" else 0
+        refined = with_modes(refined, max(least, variant.modes)) or refined
+    if variant.terms is None or (refined.stiffening and refined.stiffening.prestress):
+        return refined
     wanted = variant.terms in ("all", "stiffening")
-    stiffening = (found.stiffening or Stiffening()) if wanted else None
-    return found.model_copy(update={"stiffening": stiffening})
+    stiffening = (refined.stiffening or Stiffening()) if wanted else None
+    return refined.model_copy(update={"stiffening": stiffening})
 
 
 def _used_markers(model: ModelFile, body: SidBody) -> list[str]:
@@ -299,9 +301,14 @@ def _with_terms(body: SidBody, terms: str, sid: SID, stiffened: bool) -> SidBody
     stiffened : False for a SID that was converted without geometric stiffening, from
         which nothing needs to be removed
     """
-    bare = terms not in ("all", "stiffening") and stiffened and has_stiffening(sid)
+    removes_stiffening = (
+        terms not in ("all", "stiffening") and stiffened and has_stiffening(sid)
+    )
     quadratic = terms in ("all", "quadratic")
-    changes = {"quadratic_inertia": quadratic, "geometric_stiffening": not bare}
+    changes = {
+        "quadratic_inertia": quadratic,
+        "geometric_stiffening": not removes_stiffening,
+    }
     return body.model_copy(update=changes)
 
 
@@ -358,15 +365,15 @@ def available_outputs(
 
     def has(name: str) -> bool:
         parsed = parse_output(name)
-        kept = numbers.get(parsed.owner)
-        if kept is None:
+        retained = numbers.get(parsed.owner)
+        if retained is None:
             return True
         if is_stress(parsed.quantity):
-            return bool(kept)
+            return bool(retained)
         if parsed.marker or not is_elastic(parsed.quantity):
             return True
         number = parsed.quantity.lstrip("vq")
-        return bool(kept) if number == "*" else int(number) in kept
+        return bool(retained) if number == "*" else int(number) in retained
 
     return tuple(filter(has, names))
 

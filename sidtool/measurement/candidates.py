@@ -70,30 +70,36 @@ class Choice:
 
     def without(self, *candidates: Candidate) -> Choice:
         """Return the model without some candidates."""
-        kept, bare, quadratic = dict(self.kept), self.unstiffened, self.quadratic
+        retained, unstiffened, quadratic = (
+            dict(self.kept),
+            self.unstiffened,
+            self.quadratic,
+        )
         flat = self.flat
         for c in candidates:
             if c.what == FLEXIBILITY:
-                kept[c.body] = ()
+                retained[c.body] = ()
             elif c.what == SHAPE:
-                kept[c.body] = tuple(k for k in kept[c.body] if k != c.number)
+                retained[c.body] = tuple(k for k in retained[c.body] if k != c.number)
             elif c.what == SHAPES:
-                kept[c.body] = tuple(k for k in kept[c.body] if k not in c.numbers)
+                retained[c.body] = tuple(
+                    k for k in retained[c.body] if k not in c.numbers
+                )
             elif c.what == STIFFENING:
-                bare = bare | {c.body}
+                unstiffened = unstiffened | {c.body}
             elif c.what == SPACE:
                 flat = True
             else:
                 quadratic = quadratic - {c.body}
-        return Choice(tuple(kept.items()), quadratic, bare, flat)
+        return Choice(tuple(retained.items()), quadratic, unstiffened, flat)
 
     def is_part_of(self, whole: Choice) -> bool:
         """Return whether a model retains nothing that another one omits."""
         own, all_ = dict(self.kept), dict(whole.kept)
-        kept = own.keys() == all_.keys() and all(
+        retains_less = own.keys() == all_.keys() and all(
             set(numbers) <= set(all_[name]) for name, numbers in own.items()
         )
-        return kept and self.quadratic <= whole.quadratic
+        return retains_less and self.quadratic <= whole.quadratic
 
     def elastic(self, name: str) -> bool:
         return bool(dict(self.kept).get(name))
@@ -148,10 +154,10 @@ def scene_of_model(
     for name, numbers in choice.kept:
         bodies[name] = _reduced_body(bodies[name], name, numbers, choice, sids[name].nq)
     accuracy = scene.accuracy.model_copy(update={"wanted": None})
-    found = scene.model_copy(update={"bodies": bodies, "accuracy": accuracy})
+    reduced = scene.model_copy(update={"bodies": bodies, "accuracy": accuracy})
     if not choice.flat:
-        return found
-    planar = planar_scene(found)
+        return reduced
+    planar = planar_scene(reduced)
     if planar is None:
         raise InputError("the scene cannot be written in the plane z = 0")
     return planar
@@ -334,22 +340,22 @@ def _joint(table: _Table) -> _Table | None:
         raise _NotPlanar
     along, across, default = _KINDS[kind]
     direction = _direction(table.get("axis"), default)
-    found = along if direction == "along" else across
+    planar_type = along if direction == "along" else across
     axis = list(table.pop("axis", default)[:2])
-    if found is None:
+    if planar_type is None:
         return None
     if kind in ("planar", "point_on_plane"):
         axis = [-axis[1], axis[0]]
-    keeps = {"axis": axis} if found in ("prismatic", "point_on_line") else {}
+    keeps = {"axis": axis} if planar_type in ("prismatic", "point_on_line") else {}
     second = table.pop("second_axis", None)
     if second is not None:
-        if found not in ("revolute", "prismatic") or kind == "planar":
+        if planar_type not in ("revolute", "prismatic") or kind == "planar":
             raise _NotPlanar
         if _direction(second, default) != direction:
             raise _NotPlanar
-        if found == "prismatic":
+        if planar_type == "prismatic":
             keeps["second_axis"] = list(second[:2])
-    return table | {"type": found} | keeps
+    return table | {"type": planar_type} | keeps
 
 
 #: For each type of joint: its planar type if the axis is z, its planar type if the axis

@@ -90,9 +90,9 @@ class Reference:
         differences = np.abs(values[:count] - self.values[:count])
         return np.asarray(differences.max(axis=0) / self.scale)
 
-    def of(self, found: RunRecord) -> np.ndarray:
+    def of(self, record: RunRecord) -> np.ndarray:
         """Return the relative differences of the outputs of a run."""
-        return self.errors(found.columns(self.names))
+        return self.errors(record.columns(self.names))
 
     def error(self, result: Result) -> float:
         """Return the greatest relative difference of the outputs of a run.
@@ -191,10 +191,11 @@ def reference_of_runs(
     )
 
 
-def _successive_changes(courses: Sequence[np.ndarray]) -> list[np.ndarray]:
+def _successive_changes(histories: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return the largest changes (n,) from each time history (nt, n) to the next."""
     return [
-        np.abs(a - b).max(axis=0) for a, b in zip(courses, courses[1:], strict=False)
+        np.abs(a - b).max(axis=0)
+        for a, b in zip(histories, histories[1:], strict=False)
     ]
 
 
@@ -283,5 +284,7 @@ def refinement_change_text(unconverged: Mapping[str, float]) -> str:
     )
 
 
-def _output_differences(found: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} by {100 * part:.2g} %" for name, part in found.items())
+def _output_differences(differences: Mapping[str, float]) -> str:
+    return ", ".join(
+        f"{name} by {100 * part:.2g} %" for name, part in differences.items()
+    )

@@ -59,21 +59,21 @@ def requested(
     InputError : nothing is recorded, or a name or an amount is not valid.
     """
     if isinstance(wanted, Mapping):
-        found = {}
+        amounts = {}
         for text, amount in wanted.items():
             for name in _single_outputs(scene, sids, (text,), "accuracy.wanted"):
-                found[name] = tolerance(name, amount, scene)
-        return Request(found)
+                amounts[name] = tolerance(name, amount, scene)
+        return Request(amounts)
     names = _single_outputs(scene, sids, scene.outputs.record, "outputs.record")
     ignored = tuple(n for n in names if n in _NO_QUANTITIES or n.endswith(".sticking"))
-    found = {n: Tolerance(wanted, False) for n in names if n not in ignored}
-    if not found:
+    amounts = {n: Tolerance(wanted, False) for n in names if n not in ignored}
+    if not amounts:
         raise InputError(
             "the scene records no quantity that could have an error",
             place="outputs.record",
             expected='names such as ["piston.x"]',
         )
-    return Request(found, ignored)
+    return Request(amounts, ignored)
 
 
 def _single_outputs(
@@ -83,18 +83,18 @@ def _single_outputs(
     place: str,
 ) -> list[str]:
     """Return single outputs; q* and vq* are expanded, too."""
-    found: list[str] = []
+    outputs: list[str] = []
     for name in expand_names(texts, scene, sids, place):
         parsed = parse_output(name)
         if KIND.fullmatch(parsed.quantity):
-            found.append(_numbered_coordinate(scene, sids, name, place))
+            outputs.append(_numbered_coordinate(scene, sids, name, place))
         elif not name.endswith("*"):
-            found.append(name)
+            outputs.append(name)
         else:
             sid = sids[parsed.owner]
             numbers = scene.bodies[parsed.owner].numbers(sid.nq)  # type: ignore[union-attr]
-            found += [f"{name[:-1]}{k}" for k in numbers]
-    return found
+            outputs += [f"{name[:-1]}{k}" for k in numbers]
+    return outputs
 
 
 def _numbered_coordinate(

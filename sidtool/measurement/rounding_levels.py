@@ -85,18 +85,20 @@ def _largest_by_unit(
     names = [
         n for n in known_outputs(scene, result.sids) if unit_of(n, scene) in wanted
     ]
-    lost = unavailable_outputs(names, scene, result.laws, between=False)
-    missing = [name for name in names if name not in lost and name not in result.names]
+    unavailable = unavailable_outputs(names, scene, result.laws, between=False)
+    missing = [
+        name for name in names if name not in unavailable and name not in result.names
+    ]
     columns = dict(zip(result.names, np.asarray(result.values).T, strict=True))
     if missing:
         with suppress(InputError):
             columns |= replay(result, missing).outputs()
-    found: dict[str, float] = {}
+    largest: dict[str, float] = {}
     for name, values in columns.items():
         unit = unit_of(name, scene)
         size = float(np.abs(values).max(initial=0.0))
-        found[unit] = max(found.get(unit, 0.0), size)
-    return found
+        largest[unit] = max(largest.get(unit, 0.0), size)
+    return largest
 
 
 def _sizes_of_units(
@@ -152,7 +154,7 @@ def _levels_of_deformations(result: Result, system: System) -> dict[str, float]:
         ("q", least, result.position_names, result.positions),
         ("vq", least / duration, result.velocity_names, result.velocities),
     )
-    found: dict[str, float] = {}
+    levels: dict[str, float] = {}
     for prefix, smallest, names, table in tables:
         bodies: dict[str, list[tuple[str, float, float]]] = {}
         for name, column in zip(names, table.T, strict=True):
@@ -164,6 +166,6 @@ def _levels_of_deformations(result: Result, system: System) -> dict[str, float]:
             bodies.setdefault(body, []).append((name, size, amplitude))
         for body, rows in bodies.items():
             level = max(smallest, *(ROUNDED_SHAPES * size for _, size, _ in rows))
-            found |= {name: level / amplitude for name, _, amplitude in rows}
-            found.setdefault(body, level)
-    return found
+            levels |= {name: level / amplitude for name, _, amplitude in rows}
+            levels.setdefault(body, level)
+    return levels

@@ -274,8 +274,8 @@ class Runs:
 
         known = [name for name in self.names if choice.has_output(name)]
         levels = rounding_levels(result, self._system(choice), known)
-        found = dict(zip(known, levels, strict=True))
-        return np.array([found.get(name, 0.0) for name in self.names])
+        level_of = dict(zip(known, levels, strict=True))
+        return np.array([level_of.get(name, 0.0) for name in self.names])
 
     def _progress_callback(self, setting: Setting) -> Callable[[float], None] | None:
         """Return a callback that reports the progress of a run if there is a

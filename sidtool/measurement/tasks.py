@@ -180,8 +180,8 @@ def make_executor(jobs: int, dask: str | None) -> Iterator[tuple[Executor, int]]
     InputError : there is no cluster, or Dask is not installed.
     """
     if dask is not None:
-        with _dask_cluster(dask) as found:
-            yield found
+        with _dask_cluster(dask) as cluster:
+            yield cluster
     elif jobs == 1:
         yield SerialExecutor(), 1
     else:
@@ -304,10 +304,10 @@ class PointCache:
 
     def load_run(self, task: RunTask) -> RunRecord | None:
         """Return the stored run of a task, or None."""
-        found = self._read(_run_key(task))
-        if found is None:
+        stored = self._read(_run_key(task))
+        if stored is None:
             return None
-        numbers, values = found
+        numbers, values = stored
         times = np.array(numbers.pop("times"))
         for key in ("names", "rounding", "notes", "warnings"):
             numbers[key] = tuple(numbers[key])
@@ -328,10 +328,10 @@ class PointCache:
 
     def converted(self, model: ModelFile) -> ConversionOutcome | None:
         """Return the stored conversion of a model, or None."""
-        found = self._read(_model_key(model))
-        if found is None or self.folder is None:
+        stored = self._read(_model_key(model))
+        if stored is None or self.folder is None:
             return None
-        conversion = ConversionOutcome(None, **found[0])
+        conversion = ConversionOutcome(None, **stored[0])
         if conversion.message:
             return conversion
         with suppress(InputError):

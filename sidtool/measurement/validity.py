@@ -35,11 +35,13 @@ def check_validity(result: Result) -> None:
     """
     for name, body in result.bodies.items():
         place = f"bodies.{name}"
-        found = body.found or body.expected
-        lacking = not found.carried and not found.axial
-        if lacking and (found.diverges or abs(found.ratio) > MAX_UNMODELLED_STIFFENING):
+        measure = body.found or body.expected
+        lacks_stiffening = not measure.carried and not measure.axial
+        if lacks_stiffening and (
+            measure.diverges or abs(measure.ratio) > MAX_UNMODELLED_STIFFENING
+        ):
             raise OutsideTheory(
-                f"outside of what the SID of {name} describes: {found.sentence()}",
+                f"outside of what the SID of {name} describes: {measure.sentence()}",
                 place=place,
                 expected="a SID with geometric stiffening",
             )
@@ -140,6 +142,7 @@ def _is_in_both(number: int, *sids: SID) -> bool:
         return False
     own = squares[0][number]
     near = [
-        np.abs(found - own) <= 2.0 * SAME_FREQUENCY_TOLERANCE * own for found in squares
+        np.abs(values - own) <= 2.0 * SAME_FREQUENCY_TOLERANCE * own
+        for values in squares
     ]
     return all(rows[number] and rows.sum() == 1 for rows in near)

@@ -57,7 +57,7 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     ------
     InputError : there is no such axis or value.
     """
-    found: dict[str, tuple[Any, ...]] = {}
+    axes: dict[str, tuple[Any, ...]] = {}
     for part in (part.strip() for text in texts for part in text.split(",")):
         name, equals, values = part.partition("=")
         if name not in AXES:
@@ -65,8 +65,8 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
                 f"found {name!r}", place="--over", expected=", ".join(AXES)
             )
         listed = [v.strip() for v in values.split(VALUE_SEPARATOR)] if equals else []
-        found[name] = tuple(dict.fromkeys(_parse_value(name, v) for v in listed))
-    return {name: found[name] for name in AXES if name in found}
+        axes[name] = tuple(dict.fromkeys(_parse_value(name, v) for v in listed))
+    return {name: axes[name] for name in AXES if name in axes}
 
 
 def _parse_value(axis: str, text: str) -> Any:
@@ -93,19 +93,19 @@ def variant_grid(
     the base. Integrator and tolerance are one choice, and so is the model. Combinations
     with the fewest changes come first.
     """
-    found = [(base, 0)]
+    variants = [(base, 0)]
     names = [name for name in AXES if name in values and name != "integrator"]
     axes = {"model": tuple(range(models))} | {name: values[name] for name in names}
     for name, choices in axes.items():
         own = getattr(base, name)
-        found = [
+        variants = [
             (with_choice(variant, name, choice), away + (choice != own))
-            for variant, away in found
+            for variant, away in variants
             for choice in choices
         ]
     points = [
         (variant, setting, away + (setting != settings[0]))
-        for variant, away in found
+        for variant, away in variants
         for setting in settings
     ]
     return sorted(points, key=lambda point: point[2])

@@ -46,12 +46,12 @@ def collapse_element(kind: str, nodes: Sequence[int]) -> tuple[str, list[int]]:
 def _cube_rotations() -> tuple[tuple[int, ...], ...]:
     """The orders of a cube's corners that its 24 rotations make."""
     number = {tuple(corner): i for i, corner in enumerate((2 * _CUBE - 1).tolist())}
-    found = []
+    rotations = []
     for axes in permutations(range(3)):
         for signs in np.ndindex(2, 2, 2):
             turn = np.zeros((3, 3), int)
             turn[range(3), axes] = 1 - 2 * np.array(signs)
             if round(float(np.linalg.det(turn))) == 1:
                 places = (2 * _CUBE - 1) @ turn.T
-                found.append(tuple(number[tuple(p)] for p in places.tolist()))
-    return tuple(found)
+                rotations.append(tuple(number[tuple(p)] for p in places.tolist()))
+    return tuple(rotations)

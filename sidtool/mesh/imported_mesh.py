@@ -195,15 +195,15 @@ def check_unique_labels(elements: Iterable[_Labelled]) -> None:
     ------
     InputError : a number appears twice.
     """
-    seen: set[int] = set()
+    known: set[int] = set()
     for element in elements:
-        if element.label in seen:
+        if element.label in known:
             raise InputError(
                 f"element {element.label} is defined twice",
                 place=element.place,
                 expected="one definition",
             )
-        seen.add(element.label)
+        known.add(element.label)
 
 
 def assemble_mesh(
@@ -298,11 +298,11 @@ def find_undefined_members(
     known : labels that the file defines
     what : which kind of members the sets have
     """
-    lost = {
+    undefined = {
         name: next((n for n in group if n not in known), None)
         for name, group in sets.items()
     }
-    return {name: f"{what} {n}" for name, n in lost.items() if n is not None}
+    return {name: f"{what} {n}" for name, n in undefined.items() if n is not None}
 
 
 def undefined_notes(undefined: Mapping[str, str]) -> list[str]:
@@ -314,10 +314,10 @@ def undefined_notes(undefined: Mapping[str, str]) -> list[str]:
 
 
 def _check_finite(positions: Array, labels: Indices) -> None:
-    lost = np.flatnonzero(~np.isfinite(positions).all(axis=1))
-    if lost.size:
+    rows = np.flatnonzero(~np.isfinite(positions).all(axis=1))
+    if rows.size:
         raise InputError(
-            f"node {labels[lost[0]]} has no finite position",
+            f"node {labels[rows[0]]} has no finite position",
             expected="finite coordinates",
         )
 
@@ -370,8 +370,8 @@ def reading_notes(
         f"{len(nodes)} nodes"
     ]
     if given > len(elements):
-        apart = given - len(elements)
-        notes.append(f"{apart} elements of lower dimension only name nodes")
+        omitted = given - len(elements)
+        notes.append(f"{omitted} elements of lower dimension only name nodes")
     return notes
 
 
@@ -435,13 +435,13 @@ def parse_integers(
     InputError : one is not.
     """
     try:
-        found = [int(word) for word in words]
+        numbers = [int(word) for word in words]
     except ValueError:
-        found = []
-    if len(found) < len(words) or any(abs(number) > _MAX_LABEL for number in found):
+        numbers = []
+    if len(numbers) < len(words) or any(abs(number) > _MAX_LABEL for number in numbers):
         text = " ".join(words)[:60]
         raise InputError(f"found {text!r}", place=place, expected=what)
-    return found
+    return numbers
 
 
 def number_table(rows: Sequence[tuple[str, Sequence[str]]], width: int) -> Array:
@@ -542,17 +542,17 @@ def hide_included_text(path: Path) -> Iterator[None]:
 
 def _deck_files(path: Path) -> list[Path]:
     """A deck and all files that it takes in, as far as they can be read."""
-    found, waiting = [path], [path]
-    while waiting and len(found) < MAX_INCLUDES:
+    files, waiting = [path], [path]
+    while waiting and len(files) < MAX_INCLUDES:
         file = waiting.pop()
         for line in _lines_of_file(file):
             if match := _TAKES_IN.match(line.split("$")[0]):
                 name = (match["inp"] or match["bdf"]).strip().strip("'\"")
                 other = file.parent / name
-                if other not in found:
-                    found.append(other)
+                if other not in files:
+                    files.append(other)
                     waiting.append(other)
-    return found
+    return files
 
 
 def _lines_of_file(file: Path) -> list[str]:
@@ -574,10 +574,10 @@ class _IncludedWords:
         formed = _KEYWORD if files[0].suffix.lower() == ".inp" else _CARD
         for file in files[1:]:
             for line in _lines_of_file(file):
-                found = formed.match(line)
-                if found:
-                    own |= {w.upper() for w in _WORD.findall(found[0].strip(" *"))}
-                    line = line[found.end() :]
+                match = formed.match(line)
+                if match:
+                    own |= {w.upper() for w in _WORD.findall(match[0].strip(" *"))}
+                    line = line[match.end() :]
                 words |= {w.upper() for w in _WORD.findall(line)}
         self._own = own
         self._words = sorted(w for w in words - own if not _NUMBER.fullmatch(w))
@@ -586,8 +586,8 @@ class _IncludedWords:
         """A text without these words."""
         return _QUOTED_OR_WORD.sub(self._replace, text)
 
-    def _replace(self, found: re.Match[str]) -> str:
-        text = found[0]
+    def _replace(self, match: re.Match[str]) -> str:
+        text = match[0]
         quoted = text[0] in "'\""
         if not quoted and _PLAIN.fullmatch(text):
             return text

@@ -228,10 +228,10 @@ def _check_connected(mesh: Mesh, place: str, joined: Sequence[Indices]) -> None:
     graph = sp.csr_matrix((np.ones(len(i), np.int8), (i, j)), shape=(n, n))
     count, part = connected_components(graph, directed=False)
     if count > 1:
-        lost = int(np.flatnonzero(part == np.argmin(np.bincount(part)))[0])
+        row = int(np.flatnonzero(part == np.argmin(np.bincount(part)))[0])
         raise InputError(
             f"the mesh falls into {count} unconnected parts; the smallest holds node "
-            f"{_node_label(mesh, lost)}",
+            f"{_node_label(mesh, row)}",
             place=place,
             expected="one connected body (are nodes at the same place merged?); "
             "geometry.part chooses an instance, a set of elements or a property",

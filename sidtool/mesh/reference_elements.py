@@ -189,8 +189,8 @@ def element_edges(kind: str) -> list[tuple[int, int, int]]:
 
 def element_faces(kind: str, corners: int) -> list[tuple[int, ...]]:
     """The faces of a solid element with so many corners, by their corners."""
-    found = _FACES.get(shape_of(kind), ())
-    return [face for face in found if len(face) == corners]
+    faces = _FACES.get(shape_of(kind), ())
+    return [face for face in faces if len(face) == corners]
 
 
 def edge_nodes(kind: str) -> tuple[tuple[int, int], ...]:

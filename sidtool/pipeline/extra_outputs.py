@@ -56,11 +56,11 @@ def outputs(
 
     wanted = expand_names(listed, scene_of(result), result.sids)
     missing = [name for name in wanted if name not in result.names]
-    found = {name: result[name] for name in wanted if name in result.names}
+    columns = {name: result[name] for name in wanted if name in result.names}
     if missing:
         report_stage("evaluating outputs")
-        found |= replay(result, missing, drives, forces).outputs()
-    ordered = _order_outputs(wanted, found)
+        columns |= replay(result, missing, drives, forces).outputs()
+    ordered = _order_outputs(wanted, columns)
     for name in listed:
         if not (has_wildcard(name) and ordered) and not matching_names(name, ordered):
             raise InputError(
@@ -90,8 +90,10 @@ def interpolated_outputs(
     """Return outputs as `outputs_at` does, and the replay (None for an analysis)."""
     names = list(names)
     if "analysis" in result.settings:
-        found = outputs(result, names)
-        return {name: np.interp(times, result.t, v) for name, v in found.items()}, None
+        columns = outputs(result, names)
+        return {
+            name: np.interp(times, result.t, v) for name, v in columns.items()
+        }, None
     from sidtool.solver.output.scene_outputs import unavailable_outputs
     from sidtool.solver.simulation.replay import replay, scene_of
 
@@ -100,15 +102,15 @@ def interpolated_outputs(
     rest = [name for name in names if name not in straight]
     report_stage("evaluating outputs")
     again = replay(result, rest, between=True)
-    found = again.outputs(times)
-    found |= {n: np.interp(times, result.t, result[n]) for n in straight}
-    return _order_outputs(names, found), again
+    columns = again.outputs(times)
+    columns |= {n: np.interp(times, result.t, result[n]) for n in straight}
+    return _order_outputs(names, columns), again
 
 
-def with_outputs(result: Result, found: Mapping[str, Array]) -> Result:
+def with_outputs(result: Result, columns: Mapping[str, Array]) -> Result:
     """Return the result with additional outputs."""
-    new = [name for name in found if name not in result.names]
-    values = np.column_stack([result.values, *(found[name] for name in new)])
+    new = [name for name in columns if name not in result.names]
+    values = np.column_stack([result.values, *(columns[name] for name in new)])
     return replace(result, names=(*result.names, *new), values=values)
 
 
@@ -118,13 +120,13 @@ def _split_names(names: str | Iterable[str]) -> list[str]:
 
 
 def _order_outputs(
-    names: Iterable[str], found: Mapping[str, Array]
+    names: Iterable[str], columns: Mapping[str, Array]
 ) -> dict[str, Array]:
     """Return the outputs in the order of the names."""
     places = [
-        [name] if name in found else matching_names(name, found) for name in names
+        [name] if name in columns else matching_names(name, columns) for name in names
     ]
-    return {name: found[name] for names in places for name in names}
+    return {name: columns[name] for names in places for name in names}
 
 
 def _analysis_outputs(
@@ -137,11 +139,11 @@ def _analysis_outputs(
     """
     if result.settings["analysis"] == "static equilibrium" and result.scene:
         return _equilibrium_outputs(result, listed, drives, forces)
-    found: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
     for name in listed:
         names = matching_names(name, result.names) if has_wildcard(name) else [name]
-        found |= {one: Result.__getitem__(result, one) for one in names or [name]}
-    return found
+        columns |= {one: Result.__getitem__(result, one) for one in names or [name]}
+    return columns
 
 
 def _equilibrium_outputs(
@@ -162,7 +164,7 @@ def _equilibrium_outputs(
     scene = scene_of(result)
     wanted = expand_names(listed, scene, result.sids)
     missing = [name for name in wanted if name not in result.names]
-    found = {name: result[name] for name in wanted if name in result.names}
+    columns = {name: result[name] for name in wanted if name in result.names}
     if missing:
         laws = {**result.laws, **(drives or {}), **(forces or {})}
         content = json.loads(result.scene) | {"outputs": {"record": missing}}
@@ -182,8 +184,8 @@ def _equilibrium_outputs(
                 "the analysis finds another equilibrium now",
                 expected="a result of this version of sidtool",
             )
-        found |= {name: Result.__getitem__(again, name) for name in missing}
-    return _order_outputs(wanted, found)
+        columns |= {name: Result.__getitem__(again, name) for name in missing}
+    return _order_outputs(wanted, columns)
 
 
 def _is_same_state(one: Result, other: Result) -> bool:

@@ -57,20 +57,20 @@ def expect_kind(path: Path_, *kinds: str) -> str:
     if kind not in kinds:
         *most, last = (name.replace("sid", "SID") for name in kinds)
         wanted = f"a {', '.join(most)} or {last}" if most else f"a {last}"
-        found = kind.replace("sid", "SID")
-        raise InputError(f"is a {found} file", source=path, expected=wanted)
+        actual = kind.replace("sid", "SID")
+        raise InputError(f"is a {actual} file", source=path, expected=wanted)
     return kind
 
 
 def _kind_of_text(path: Path) -> str:
     from sidtool.formats.toml.reading import read_data
 
-    found = read_data(path).get("format")
-    if not isinstance(found, str) or found not in TEXT_FORMATS:
-        what = "is missing" if found is None else f"found {found!r}"
+    format_name = read_data(path).get("format")
+    if not isinstance(format_name, str) or format_name not in TEXT_FORMATS:
+        what = "is missing" if format_name is None else f"found {format_name!r}"
         expected = " or ".join(repr(name) for name in TEXT_FORMATS)
         raise InputError(what, source=path, place="format", expected=expected)
-    return TEXT_FORMATS[found]
+    return TEXT_FORMATS[format_name]
 
 
 def _starts_as_hdf5(path: Path) -> bool:

@@ -93,8 +93,8 @@ class BodyModel:
         body = finite_element_model(self.model)
         frame = FRAMES[self.model.frame.type](body, self.model.frame)
         held = clamped_dofs(body, frame, self.model.reduction.fixed_names)
-        found = point_markers(body, held)
-        return tuple(n for n in found if str(self.model.markers[n].node) in nodes)
+        markers = point_markers(body, held)
+        return tuple(n for n in markers if str(self.model.markers[n].node) in nodes)
 
     def can_refine(self) -> bool:
         """Whether the mesh can be refined; False for imported meshes and matrices."""
@@ -204,7 +204,7 @@ def convert_bodies(
     InputError : a model cannot be read or converted.
     """
     bodies: dict[str, Any] = dict(scene.bodies)
-    found: dict[str, SID] = {}
+    sids: dict[str, SID] = {}
     notes: dict[str, list[str]] = {}
     for name, source in body_models(scene, folder).items():
         if bodies[name].sid:
@@ -212,11 +212,11 @@ def convert_bodies(
         body = source.sid(Refinement())
         text = body.file or f"(made of {source.path.name})"
         bodies[name] = bodies[name].model_copy(update={"sid": text})
-        found[name] = body.sid
+        sids[name] = body.sid
         notes[name] = [f"{name} is made of {bodies[name].model}", *body.notes]
-    if not found:
+    if not sids:
         return scene, {}, {}
-    return scene.model_copy(update={"bodies": bodies}), found, notes
+    return scene.model_copy(update={"bodies": bodies}), sids, notes
 
 
 def model_digest(model: ModelFile) -> str:

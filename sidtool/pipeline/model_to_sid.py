@@ -102,12 +102,12 @@ def _run_conversion(
     engine: str | None,
     with_field: bool,
 ) -> tuple[SID, Field | None]:
-    tell = progress or _warn_notes
+    report = progress or _warn_notes
     with use_engine(engine, progress):
         content = model if isinstance(model, ModelFile) else read_model(model)
         lengths = _stage_durations(content, with_field)
         with locate_errors(content), count_within(NamedStages(lengths)) as parts:
-            return _convert(content, tell, with_field, parts)
+            return _convert(content, report, with_field, parts)
 
 
 def _stage_durations(model: ModelFile, with_field: bool) -> dict[str, float]:
@@ -153,7 +153,7 @@ def _convert(
     for sentence in basis.report:
         progress(sentence)
     begin("measuring the shape functions")
-    carried = _basis_quality_note(body, frame, basis, model, progress)
+    compliance_shares = _basis_quality_note(body, frame, basis, model, progress)
     if note := held_marker_note(body, frame, basis, model):
         progress(NOTE_PREFIX + note)
     held = frame.held
@@ -171,7 +171,7 @@ def _convert(
         basis = initial.basis
     begin("integrating the inertia")
     sid = assembled_sid(body, frame, basis, model.damping, title=model.title, held=held)
-    sid = replace(sid, carried=carried, from_matrices=model.comes_as_matrices)
+    sid = replace(sid, carried=compliance_shares, from_matrices=model.comes_as_matrices)
     if initial is not None:
         sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
     if stiffening:
@@ -285,9 +285,9 @@ def _free_rotations(
         return np.eye(3)
     dofs = np.union1d(marker.displacement.indices, marker.gradient.indices)
     around = np.isin(body.table, dofs).any(axis=1)
-    still = (held[body.table] | (body.table < 0)).all(axis=1)
-    arms = np.zeros(((around & still).sum(), 3))
-    arms[:, : body.dimension] = body.positions[around & still]
+    clamped = (held[body.table] | (body.table < 0)).all(axis=1)
+    arms = np.zeros(((around & clamped).sum(), 3))
+    arms[:, : body.dimension] = body.positions[around & clamped]
     crossed = skew(arms - marker.position).reshape(-1, 3)
     sizes, turns = np.linalg.eigh(crossed.T @ crossed)
     free = turns[:, sizes <= _ON_A_LINE * sizes[-1]]

@@ -91,11 +91,11 @@ def compiled_scene(
     folder = Path(base_folder or scene.folder)
     with locate_errors(scene):
         content, replaced = replace_sids(scene, sids or {}, folder)
-        content, made, _ = convert_bodies(content, folder)
+        content, model_sids, _ = convert_bodies(content, folder)
         yield compile_scene(
             content,
             folder,
-            replaced | made,
+            replaced | model_sids,
             accept_defects=accept_defects,
             drives=programs[0],
             keep_joints=True,
@@ -216,16 +216,16 @@ def replace_sids(
     if not sids:
         return scene, {}
     check_replaced_sids(scene, sids)
-    bodies, found = dict(scene.bodies), {}
+    bodies, replaced = dict(scene.bodies), {}
     for name, given in sids.items():
         if isinstance(given, SID):
-            found[name], text = given, PROGRAM_SID_TEXT
+            replaced[name], text = given, PROGRAM_SID_TEXT
         else:
-            found[name] = read_sid(given)
+            replaced[name] = read_sid(given)
             # Results store the name as text, so bytes that are not UTF-8 are escaped.
             text = printable(path_from(folder, Path(given)))
         bodies[name] = bodies[name].model_copy(update={"sid": text, "model": None})
-    return scene.model_copy(update={"bodies": bodies}), found
+    return scene.model_copy(update={"bodies": bodies}), replaced
 
 
 def with_initial_state(scene: SceneFile, folder: Path) -> SceneFile:
@@ -297,12 +297,12 @@ def _starting_values(scene: SceneFile, last: Result) -> dict[str, Any]:
     quantities = " ".join(_FRAME[scene.dimension]).split()
     names = [f"{body}.{q}" for body in scene.bodies for q in quantities]
     known = replay(last, names).outputs()
-    found = {name: float(values[0]) for name, values in known.items()}
+    coordinates = {name: float(values[0]) for name, values in known.items()}
     z = dict(zip(last.position_names, map(float, last.positions[0]), strict=True))
     v = dict(zip(last.velocity_names, map(float, last.velocities[0]), strict=True))
     bodies, sids = {}, {}
     for name, body in scene.bodies.items():
-        values = _frame(name, scene.dimension, found)
+        values = _frame(name, scene.dimension, coordinates)
         if f"{name}.e0" in z:  # with its sign, which the angle of a body counts
             values["quaternion"] = tuple(z[f"{name}.e{k}"] for k in range(4))
         if isinstance(body, RigidBody) and body.inertia is None:
@@ -325,10 +325,10 @@ def _starting_values(scene: SceneFile, last: Result) -> dict[str, Any]:
     }
 
 
-def _frame(body: str, dimension: str, found: dict[str, float]) -> dict[str, Any]:
+def _frame(body: str, dimension: str, coordinates: dict[str, float]) -> dict[str, Any]:
     """Return the table `initial` of a frame."""
     position, turn, velocity, spin = (
-        tuple(found[f"{body}.{quantity}"] for quantity in texts.split())
+        tuple(coordinates[f"{body}.{quantity}"] for quantity in texts.split())
         for texts in _FRAME[dimension]
     )
     if dimension == "planar":

@@ -107,10 +107,10 @@ def sid_from_shapes(
     reduced = ReducedBasis(basis, _reduced_stiffness(body, basis), tuple(labels))
     place = np.zeros(3)
     place[: np.size(origin)] = np.asarray(origin, float).ravel()
-    still = Frame(place, np.zeros(body.ndof, bool))
+    frame_without_clamps = Frame(place, np.zeros(body.ndof, bool))
     alpha, beta = damping
     rayleigh = RayleighDamping(type="rayleigh", alpha=alpha, beta=beta)
-    sid = assembled_sid(body, still, reduced, rayleigh, title=title)
+    sid = assembled_sid(body, frame_without_clamps, reduced, rayleigh, title=title)
     sid = replace(sid, from_matrices=True)
     return _checked_sid(sid if frame is None else change_frame(sid, frame))
 
@@ -242,11 +242,13 @@ def _checked_sid(sid: SID) -> SID:
     InputError : it does not pass; the error names the identity.
     """
     failed = [
-        found for found in check(sid) if found.failed and found.severity == "error"
+        failure
+        for failure in check(sid)
+        if failure.failed and failure.severity == "error"
     ]
     if failed:
         raise InputError(
-            "; ".join(f"{found.id} fails: {found.title}" for found in failed),
+            "; ".join(f"{failure.id} fails: {failure.title}" for failure in failed),
             place="blocks",
             expected="blocks of one body, see `sidtool validate`",
         )
@@ -255,7 +257,7 @@ def _checked_sid(sid: SID) -> SID:
 
 def _reduced_stiffness(body: FiniteElementModel, shapes: Array) -> Array:
     """Return the reduced stiffness (nq, nq); refuse dependent or rigid shapes."""
-    found = shapes.T @ (body.stiffness @ shapes)
+    reduced = shapes.T @ (body.stiffness @ shapes)
     inertia = shapes.T @ (body.mass @ shapes)
     sizes = np.sqrt(np.maximum(np.diag(inertia), 1e-300))
     values = np.linalg.eigvalsh(inertia / np.outer(sizes, sizes))
@@ -265,14 +267,14 @@ def _reduced_stiffness(body: FiniteElementModel, shapes: Array) -> Array:
             place="shapes",
             expected="linearly independent shape functions",
         )
-    energies = np.linalg.eigvalsh(found / np.outer(sizes, sizes))
+    energies = np.linalg.eigvalsh(reduced / np.outer(sizes, sizes))
     if len(energies) and energies[0] <= _RIGID_MOTION_TOLERANCE * energies[-1]:
         raise InputError(
             "contain a motion without strain, a rigid one",
             place="shapes",
             expected="deformations only: the body frame has the rigid motion",
         )
-    return np.asarray((found + found.T) / 2)
+    return np.asarray((reduced + reduced.T) / 2)
 
 
 def _rows_by_node(count: int, rows: int) -> NDArray[np.int64]:
@@ -290,7 +292,7 @@ def _rows_by_node(count: int, rows: int) -> NDArray[np.int64]:
 
 
 def _node_markers(nodes: Mapping[int, int], count: int) -> dict[str, NodeMarker]:
-    found = {}
+    markers = {}
     for number, row in nodes.items():
         if not (1 <= int(number) <= 99999 and 0 <= int(row) < count):
             raise InputError(
@@ -298,16 +300,16 @@ def _node_markers(nodes: Mapping[int, int], count: int) -> dict[str, NodeMarker]
                 place="nodes",
                 expected=f"numbers from 1 to 99999 and rows from 0 to {count - 1}",
             )
-        found[str(number)] = NodeMarker.model_validate(
+        markers[str(number)] = NodeMarker.model_validate(
             {"node": int(number), "mesh_node": int(row)}
         )
-    return found
+    return markers
 
 
 def _square_matrix(matrix: Any, name: str) -> sp.csr_matrix:
-    found = sp.csr_matrix(matrix, dtype=float)
-    _finite_array(found.data, name)
-    return found
+    matrix_ = sp.csr_matrix(matrix, dtype=float)
+    _finite_array(matrix_.data, name)
+    return matrix_
 
 
 def _finite_array(value: ArrayLike, name: str, dimensions: int | None = None) -> Array:

@@ -118,15 +118,15 @@ class BodyAxes:
         """
         low, high = self.low[number], self.high[number]
         across, up = self.scale * np.abs(self.sight[:, number])
-        apart = min(
+        distance = min(
             _TICK_DISTANCE_X / max(across, 1e-12), _TICK_DISTANCE_Y / max(up, 1e-12)
         )
-        count = max(1, int((high - low) / apart))
+        count = max(1, int((high - low) / distance))
         for bins in range(count, 0, -1):
             ticks = MaxNLocator(bins, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
-            found = [float(tick) for tick in ticks if low <= tick <= high]
-            if found and (len(found) < 2 or found[1] - found[0] >= apart):
-                return found
+            visible = [float(tick) for tick in ticks if low <= tick <= high]
+            if visible and (len(visible) < 2 or visible[1] - visible[0] >= distance):
+                return visible
         return [0.0] if low <= 0 <= high else [float((low + high) / 2)]
 
     def project(self, axes: Any, points: Any) -> Array:

@@ -147,11 +147,11 @@ def plot_model(path: Path, model: ModelFile) -> list[str]:
 
 def _control_net(control: Array) -> list[Array]:
     """Lines along all directions of a grid of control points."""
-    found: list[Array] = []
+    lines: list[Array] = []
     for axis in range(control.ndim - 1):
         rows = np.moveaxis(control, axis, -2)
-        found += list(rows.reshape(-1, *rows.shape[-2:]))
-    return found
+        lines += list(rows.reshape(-1, *rows.shape[-2:]))
+    return lines
 
 
 def _body_surface(sid: SID, content: Field | None) -> BodySurface:

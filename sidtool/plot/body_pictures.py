@@ -184,9 +184,9 @@ def _legend_height(pictures: Sequence[BodyPicture], width: float) -> float:
 
 def _draw_legend(page: Any, every: Sequence[Any], loc: str) -> None:
     """Draw the legend of groups of points below all pictures."""
-    found = [axes.get_legend_handles_labels() for axes in every]
-    handles = [handle for part, _ in found for handle in part]
-    labels = [label for _, part in found for label in part]
+    entries = [axes.get_legend_handles_labels() for axes in every]
+    handles = [handle for part, _ in entries for handle in part]
+    labels = [label for _, part in entries for label in part]
     if labels:
         columns = legend_columns(labels, page.get_figwidth() - 0.4)
         handles, labels = order_by_rows(handles, labels, columns)

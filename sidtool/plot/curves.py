@@ -129,8 +129,8 @@ def draw_axes(
     height : of the axes, for their label [inch]
     """
     for curve in curves:
-        kept = extremes(curve.values)
-        times, values = t[kept], curve.values[kept]
+        rows = extremes(curve.values)
+        times, values = t[rows], curve.values[rows]
         (line,) = axes.plot(times, values, label=curve.label)
         if curve.error:
             edges = values - curve.error, values + curve.error
@@ -155,11 +155,11 @@ def extremes(values: Array) -> NDArray[np.intp]:
         return np.arange(len(values))
     edges = np.linspace(0, len(values), parts + 1).astype(np.intp)
     known = np.nan_to_num(values)
-    found = [edges[:-1], edges[1:] - 1]
+    rows = [edges[:-1], edges[1:] - 1]
     for begin, end in pairwise(edges):
         part = known[begin:end]
-        found.append(begin + np.array([part.argmin(), part.argmax()]))
-    return np.unique(np.concatenate(found))
+        rows.append(begin + np.array([part.argmin(), part.argmax()]))
+    return np.unique(np.concatenate(rows))
 
 
 def draw_curves(

@@ -51,9 +51,9 @@ class NotebookFigure(Figure):
     def draw(self, renderer: Any) -> None:
         for text in self.findobj(Text):
             assert isinstance(text, Text)
-            shown = printable(text.get_text())
-            if shown != text.get_text():
-                text.set_text(shown)
+            printed = printable(text.get_text())
+            if printed != text.get_text():
+                text.set_text(printed)
         super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
@@ -174,8 +174,8 @@ def text_width(text: str, size: float | None = None) -> float:
     size : size of its letters, by default that of the picture [pt]
     """
     size = matplotlib.rcParams["font.size"] if size is None else size
-    shown = printable(text).replace("$", "S")
-    path = TextPath((0, 0), shown, prop=FontProperties(size=size))
+    printed = printable(text).replace("$", "S")
+    path = TextPath((0, 0), printed, prop=FontProperties(size=size))
     return float(path.get_extents().width) / POINTS_PER_INCH if text.strip() else 0.0
 
 
@@ -273,12 +273,12 @@ def place_names(axes: Any, places: Mapping[str, Array], room: BboxBase) -> list[
     for (name, place), dot in zip(places.items(), dots, strict=True):
         across, up = text_width(name, size) * page.dpi, _LINE * size * pixel
         extent = _LETTER_MARGIN * np.array([across, up])
-        found = _free_box(dot, extent, _NAME_DISTANCE * pixel, taken, room)
-        if found is None:
+        box = _free_box(dot, extent, _NAME_DISTANCE * pixel, taken, room)
+        if box is None:
             left.append(name)
             continue
-        taken.append(found)
-        middle = found.get_points().mean(axis=0)
+        taken.append(box)
+        middle = box.get_points().mean(axis=0)
         text = axes.annotate(
             name,
             place,
@@ -301,10 +301,10 @@ def _free_box(
     """Return a box of this extent beside a point that overlaps no other, or None."""
     for side in np.array(_SIDES, float):
         middle = dot + side * (extent / 2 + off)
-        found = Bbox(np.array([middle - extent / 2, middle + extent / 2]))
-        inside = room.contains(*found.min) and room.contains(*found.max)
-        if inside and not any(found.overlaps(other) for other in taken):
-            return found
+        box = Bbox(np.array([middle - extent / 2, middle + extent / 2]))
+        inside = room.contains(*box.min) and room.contains(*box.max)
+        if inside and not any(box.overlaps(other) for other in taken):
+            return box
     return None
 
 

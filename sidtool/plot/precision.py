@@ -104,8 +104,8 @@ def _plot_fronts(
                     alpha=0.6,
                     label=f"{axis} {kind}",
                 )
-            found = [(getattr(p, cost), float(p.error or 0), p.told) for p in points]
-            draw_front(panel, found)
+            front = [(getattr(p, cost), float(p.error or 0), p.told) for p in points]
+            draw_front(panel, front)
             panel.axhline(content.uncertainty, color="0.5", linestyle=":")
             use_log_scale(panel.yaxis)
             if cost != "size":
@@ -120,15 +120,15 @@ def _plot_fronts(
     return every[0].figure
 
 
-def draw_front(panel: Any, found: list[tuple[float, float, bool]]) -> None:
+def draw_front(panel: Any, points: list[tuple[float, float, bool]]) -> None:
     """Draw the Pareto front of costs and errors, up to the first unresolved error."""
     best: list[tuple[float, float]] = []
     is_labelled = True
-    for cost, error, is_told in sorted(found):
+    for cost, error, is_told in sorted(points):
         if is_labelled and (not best or error < best[-1][1]):
             best.append((cost, error))
             is_labelled = is_told
-    best.append((max(cost for cost, *_ in found), best[-1][1]))
+    best.append((max(cost for cost, *_ in points), best[-1][1]))
     panel.step(
         *zip(*best, strict=True),
         where="post",

@@ -63,8 +63,8 @@ def plot_sweep(
     keyed = [label for label in lines if label] if len(lines) <= MOST_LINES else []
     legend_height = _ROW * legend_rows(keyed, _WIDTH) if keyed else 0.0
     size = _WIDTH, 0.6 + _PANEL * len(measures) + legend_height
-    with saved_figure(path, len(measures), size=size) as drawn:
-        panels = np.atleast_1d(drawn)
+    with saved_figure(path, len(measures), size=size) as all_panels:
+        panels = np.atleast_1d(all_panels)
         for panel, name in zip(panels, measures, strict=True):
             values = table[name]
             for number, (label, rows) in enumerate(lines.items()):

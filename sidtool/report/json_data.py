@@ -89,14 +89,14 @@ def result_data(
     }
 
 
-def equilibrium_data(found: Equilibrium) -> dict[str, Any]:
+def equilibrium_data(equilibrium: Equilibrium) -> dict[str, Any]:
     """Return outputs and forces of joints and drives in equilibrium."""
-    result = found.result()
+    result = equilibrium.result()
     outputs = dict(zip(result.names, result.values[0], strict=True))
     forces = result.multiplier_names, result.multipliers[0]
     return {
-        "iterations": found.iterations,
-        "residual": found.residual,
+        "iterations": equilibrium.iterations,
+        "residual": equilibrium.residual,
         "outputs": outputs,
         "forces": dict(zip(*forces, strict=True)),
         "notes": list(result.notes),

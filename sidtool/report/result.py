@@ -99,10 +99,11 @@ def run_overview(
     return named_values(entries)
 
 
-def note_lines(found: WithNotes) -> list[tuple[str, str]]:
+def note_lines(result: WithNotes) -> list[tuple[str, str]]:
     """Return warnings and other notes of a result, each with its kind."""
     return [
-        ("warning" if text in found.warnings else "note", text) for text in found.notes
+        ("warning" if text in result.warnings else "note", text)
+        for text in result.notes
     ]
 
 
@@ -119,11 +120,11 @@ def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
     knots of a spline, share one row.
     """
     rows = [(e.name, e.kind, f"{e.t:.9g}") for e in events if e.kind != "break"]
-    found: dict[str, list[float]] = {}
+    times_of_break: dict[str, list[float]] = {}
     for event in events:
         if event.kind == "break":
-            found.setdefault(event.name, []).append(event.t)
-    for name, times in found.items():
+            times_of_break.setdefault(event.name, []).append(event.t)
+    for name, times in times_of_break.items():
         span = f"{times[0]:.9g} to {times[-1]:.9g}"
         several = len(times) > 1
         kind = f"{len(times)} breaks" if several else "break"
@@ -159,11 +160,11 @@ def expected_body_lines(bodies: Mapping[str, FlexibleBody]) -> str:
 
 
 def _worst_body_lines(
-    bodies: Mapping[str, FlexibleBody], tell: Callable[[FlexibleBody], str]
+    bodies: Mapping[str, FlexibleBody], describe: Callable[[FlexibleBody], str]
 ) -> list[tuple[str, str]]:
     """Return the lines of the least reliable bodies, the worst first."""
     order = sorted(bodies, key=lambda name: bodies[name].severity, reverse=True)
-    lines = [(name, tell(bodies[name])) for name in order[:MAX_BODIES]]
+    lines = [(name, describe(bodies[name])) for name in order[:MAX_BODIES]]
     rest = order[MAX_BODIES:]
     more = f"and {counted_noun(len(rest), 'body')} with less"
     return [*lines, ("...", more)] if rest else lines
@@ -274,14 +275,14 @@ INSTABILITY_TOLERANCE = 1e-6
 DAMPING_ROUNDING = 1e-12
 
 
-def describe_equilibrium(found: Equilibrium) -> str:
+def describe_equilibrium(equilibrium: Equilibrium) -> str:
     """Describe an equilibrium: iterations, residual, notes, outputs and multipliers."""
-    result = found.result()
+    result = equilibrium.result()
     parts: list[str] = [
         named_values(
             [
-                ("equilibrium", f"after {found.iterations} steps"),
-                ("unbalanced", f"{found.residual:.1e} of the forces"),
+                ("equilibrium", f"after {equilibrium.iterations} steps"),
+                ("unbalanced", f"{equilibrium.residual:.1e} of the forces"),
             ]
         )
     ]
@@ -303,8 +304,8 @@ def state_rows(result: Result) -> list[tuple[str, float, str]]:
     names = (*result.names, *result.multiplier_names)
     values = [*result.values[0], *result.multipliers[0]]
     unit = units_in(result)
-    found = dict(zip(names, map(float, values), strict=True))
-    return [(name, value, unit(name)) for name, value in found.items()]
+    value_of = dict(zip(names, map(float, values), strict=True))
+    return [(name, value, unit(name)) for name, value in value_of.items()]
 
 
 def describe_modes(modes: Linearisation) -> str:
@@ -331,8 +332,8 @@ def describe_modes(modes: Linearisation) -> str:
 
 def has_rotating_axes(modes: Linearisation) -> bool:
     """Return whether frequencies differ between inertial and body axes."""
-    apart = modes.inertial_frequencies - modes.rotating_frequencies
-    return bool(any(modes.whirl) or apart.any())
+    difference = modes.inertial_frequencies - modes.rotating_frequencies
+    return bool(any(modes.whirl) or difference.any())
 
 
 def mode_header(modes: Linearisation) -> tuple[str, ...]:
@@ -367,7 +368,7 @@ def mode_rows(modes: Linearisation) -> list[list[str]]:
         order = [
             i for i in np.argsort(-sizes) if sizes[i] > LEADING_TOLERANCE * sizes.max()
         ]
-        lead = ", ".join(modes.names[i] for i in order[:MAX_LEADING_COORDINATES])
+        leading = ", ".join(modes.names[i] for i in order[:MAX_LEADING_COORDINATES])
         columns = [f"{hertz:.6g}"]
         if has_rotating_axes(modes):
             columns = [
@@ -382,7 +383,7 @@ def mode_rows(modes: Linearisation) -> list[list[str]]:
                 "rigid"
                 if modes.rigid[k]
                 else f"{ratio if abs(ratio) > DAMPING_ROUNDING else 0.0:.4g}",
-                lead,
+                leading,
             ]
         )
     return rows
@@ -462,11 +463,11 @@ def error_table(report: AccuracyReport) -> TextBlock:
 
     Known bounds and terms neglected by linear theory have a column.
     """
-    found = {
+    columns = {
         "bound": [o.bound for o in report.outputs],
         "theory": [o.theory for o in report.outputs],
     }
-    known = {n: values for n, values in found.items() if any(values)}
+    known = {n: values for n, values in columns.items() if any(values)}
     rows = [
         [
             o.name,

@@ -102,8 +102,8 @@ def _unit_notes(guess: UnitGuess) -> str:
     it.
     """
     others = " or ".join(guess.nearly)
-    doubt = f" (a guess; nearly as plausible: {others})" if others else ""
-    lines = [f"units: {guess.system or 'unknown'}{doubt}"]
+    alternatives = f" (a guess; nearly as plausible: {others})" if others else ""
+    lines = [f"units: {guess.system or 'unknown'}{alternatives}"]
     return "\n".join([*lines, *(f"warning: {text}" for text in guess.warnings)])
 
 

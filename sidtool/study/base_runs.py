@@ -80,19 +80,19 @@ def best_reference(
     ------
     InputError : none can be run.
     """
-    found: list[Reference] = []
+    references: list[Reference] = []
     problems: list[InputError] = []
     for model in range(plan.bodies.models):
         variants = [v for v in plan.richest() if v.model == model]
         try:
-            found.append(
+            references.append(
                 _reference_of_variants(plan, variants, names, run_of, tight_runs)
             )
         except InputError as error:
             problems.append(error)
-    if not found:
+    if not references:
         raise problems[0]
-    return min(found, key=lambda reference: reference.uncertainty)
+    return min(references, key=lambda reference: reference.uncertainty)
 
 
 def _reference_of_variants(

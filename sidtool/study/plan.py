@@ -60,25 +60,27 @@ class StudyPlan:
 
     def labels(self, variant: Variant) -> dict[str, str]:
         """Return the labels of a variant in tables."""
-        found = {"model": self.bodies.title(variant.model)}
+        label_of = {"model": self.bodies.title(variant.model)}
         for name in self.varied:
             if name not in ("model", "integrator"):
                 value = getattr(variant, name)
-                found[name] = "own" if value is None else str(value)
-        return {name: found[name] for name in self.varied if name in found}
+                label_of[name] = "own" if value is None else str(value)
+        return {name: label_of[name] for name in self.varied if name in label_of}
 
     def richest(self) -> list[Variant]:
         """Return the finest variants of each model, those with all terms first."""
-        found = [replace(self.base, model=k) for k in range(self.bodies.models)]
+        variants = [replace(self.base, model=k) for k in range(self.bodies.models)]
         for name in ("mesh", "modes"):
             known = [v for v in self.values.get(name, ()) if v is not None]
             if known:
-                found = [with_choice(v, name, max(known)) for v in found]
+                variants = [with_choice(v, name, max(known)) for v in variants]
         for name in ("reduction", "terms"):
             choices = self.values.get(name, (getattr(self.base, name),))
             order = [c for c in TERMS if c in choices] if name == "terms" else choices
-            found = [with_choice(v, name, c) for c in order or choices for v in found]
-        return found
+            variants = [
+                with_choice(v, name, c) for c in order or choices for v in variants
+            ]
+        return variants
 
 
 def make_plan(
@@ -145,7 +147,11 @@ def _mesh_values(bodies: BodyVariants) -> tuple[Any, tuple[Any, ...]]:
             expected='`model = "rod.toml"` of a body in the scene, or --model '
             "BODY=MODEL.toml",
         )
-    models = [source.model for found in bodies.sources.values() for source in found]
+    models = [
+        source.model
+        for models_of_body in bodies.sources.values()
+        for source in models_of_body
+    ]
     levels = [
         k for k in (-1, 0, 1) if all(refine_model(m, k) is not None for m in models)
     ]

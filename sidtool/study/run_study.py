@@ -127,15 +127,15 @@ def _make_bodies(
             sources[name] = [BodyModel(folder / body.model, folder)]
         elif name not in given:
             known[name] = read_sid(folder / body.sid)
-    most = max((len(found) for found in sources.values()), default=1)
-    for name, found in sources.items():
-        if len(found) not in (1, most):
+    most = max((len(models_of_body) for models_of_body in sources.values()), default=1)
+    for name, models_of_body in sources.items():
+        if len(models_of_body) not in (1, most):
             raise InputError(
-                f"{name} has {len(found)} models, another body {most}",
+                f"{name} has {len(models_of_body)} models, another body {most}",
                 place="--model",
                 expected="one model for a body, or as many as for the others",
             )
-        sources[name] = [*found] * (most // len(found))
+        sources[name] = [*models_of_body] * (most // len(models_of_body))
     return BodyVariants(content, known, sources)
 
 
@@ -170,21 +170,21 @@ class Workers:
 
     def convert(self, models: Mapping[str, ModelFile]) -> dict[str, ConversionOutcome]:
         """Convert models, each once; return the outcomes by digest."""
-        found: dict[str, ConversionOutcome] = {}
+        outcomes: dict[str, ConversionOutcome] = {}
         for key, model in models.items():
             before = self.store.converted(model)
             if before is not None:
-                found[key] = before
-        left = {key: model for key, model in models.items() if key not in found}
+                outcomes[key] = before
+        left = {key: model for key, model in models.items() if key not in outcomes}
         keys = {id(m): key for key, m in left.items()}
         away = {key: with_absolute_paths(model) for key, model in left.items()}
         keys |= {id(model): key for key, model in away.items()}
-        for model, made in self._each(convert_model, iter(away.values())):
+        for model, outcome in self._each(convert_model, iter(away.values())):
             key = keys[id(model)]
-            self.store.store_conversion(left[key], made)
-            found[key] = made
-            self.say("converting bodies", len(found), len(models), None)
-        return found
+            self.store.store_conversion(left[key], outcome)
+            outcomes[key] = outcome
+            self.say("converting bodies", len(outcomes), len(models), None)
+        return outcomes
 
     def runs(
         self, tasks: Iterator[RunTask]
@@ -200,11 +200,11 @@ class Workers:
                 else:
                     known.append((task, before))
 
-        for task, made in self._each(run_task, unknown()):
-            self.store.store_run(task, made)
+        for task, record in self._each(run_task, unknown()):
+            self.store.store_run(task, record)
             yield from ((t, c, False) for t, c in known)
             known.clear()
-            yield task, made, True
+            yield task, record, True
         yield from ((t, c, False) for t, c in known)
 
     def _each(self, do: Callable, tasks: Iterator) -> Iterator:  # type: ignore[type-arg]
@@ -239,15 +239,15 @@ class _StudyRun:
 
     def _models(self) -> dict[str, ModelFile]:
         """Return the models that are not converted yet, by digest."""
-        found: dict[str, ModelFile] = {}
+        model_of: dict[str, ModelFile] = {}
         variants = dict.fromkeys(v for v, _ in self.plan.points)
         for variant in (Variant(), *variants, *self.plan.richest()):
             try:
                 models = self.plan.bodies.to_convert(variant)
             except InputError:
                 continue
-            found |= {model_digest(model): model for model in models.values()}
-        return {key: model for key, model in found.items() if key not in self.made}
+            model_of |= {model_digest(model): model for model in models.values()}
+        return {key: model for key, model in model_of.items() if key not in self.made}
 
     def _sid(self, model: ModelFile) -> SID:
         """Return the SID of a model; convert it if only the reference needs it."""
@@ -303,11 +303,11 @@ class _StudyRun:
     def _tight(self, tasks: Sequence[RunTask]) -> list[RunRecord]:
         """Run references, each only once."""
         tasks = [replace(task, once=True) for task in tasks]
-        found = {}
+        references = {}
         for task, record, _ in self.doing.runs(iter(tasks)):
-            found[id(task)] = record
-            self.doing.say("reference", len(found), len(tasks), None)
-        return [found[id(task)] for task in tasks]
+            references[id(task)] = record
+            self.doing.say("reference", len(references), len(tasks), None)
+        return [references[id(task)] for task in tasks]
 
     def _cost(self, variant: Variant) -> tuple[int, float]:
         """Return degrees of freedom and conversion time [s] of the models of a

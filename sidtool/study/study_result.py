@@ -306,14 +306,14 @@ def study_notes(result: Study) -> list[str]:
     if reference.left_out:
         parts.append(f"Left out, rounding only: {', '.join(reference.left_out)}.")
     if reference.unpredictable:
-        found = reference_difference_text(reference.unpredictable)
+        text = reference_difference_text(reference.unpredictable)
         parts.append(
-            f"Not predictable over this time span: {found}. No setting above is "
+            f"Not predictable over this time span: {text}. No setting above is "
             "recommended for them; a shorter time span may help."
         )
     if reference.unconverged:
-        found = refinement_change_text(reference.unconverged)
-        parts.append(f"Not converged: {found}. Finer meshes or more modes may help.")
+        text = refinement_change_text(reference.unconverged)
+        parts.append(f"Not converged: {text}. Finer meshes or more modes may help.")
     if result.dropped:
         parts.append(
             "Not compared, as they belong to shape functions or frames that vary: "
@@ -368,28 +368,28 @@ def study_file(result: Study) -> StudyFile:
 def study_columns(content: StudyFile) -> dict[str, list[object]]:
     """Return the columns of all points, with the error of each output; times in s."""
     axes = [name for name in content.varied if name != "integrator"]
-    found: dict[str, list[object]] = {
+    columns: dict[str, list[object]] = {
         name: [p.choices.get(name, "") for p in content.points] for name in axes
     }
     names = ["integrator", "rtol", "step", *COSTS, "steps", "seconds", "error"]
     for name in [*names, "told", "message"]:
-        found[name] = [getattr(p, name) for p in content.points]
+        columns[name] = [getattr(p, name) for p in content.points]
     for name in content.outputs:
-        found[f"error {name}"] = [p.errors.get(name) for p in content.points]
-    return found
+        columns[f"error {name}"] = [p.errors.get(name) for p in content.points]
+    return columns
 
 
 def write_table(path: Path, content: StudyFile) -> None:
     """Write all points as CSV."""
-    found = study_columns(content)
-    found["told"] = [int(bool(told)) for told in found["told"]]
+    columns = study_columns(content)
+    columns["told"] = [int(bool(is_resolved)) for is_resolved in columns["told"]]
     with (
         atomic_path(path) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as stream,
     ):
         writer = csv.writer(stream)
-        writer.writerow(found)
-        writer.writerows(zip(*found.values(), strict=True))
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
 
 
 def write_all(folder: Path, result: Study, wanted: Sequence[float]) -> list[str]:

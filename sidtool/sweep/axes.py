@@ -30,27 +30,27 @@ def parse_axes(over: Over) -> Axes:
     InputError : a text has another form, an axis has no values, or there are too many
         points.
     """
-    found: Axes = {}
+    axes: Axes = {}
     if isinstance(over, Mapping):
-        found = {key: _values_given(key, values) for key, values in over.items()}
+        axes = {key: _values_given(key, values) for key, values in over.items()}
     else:
         for text in [over] if isinstance(over, str) else over:
             key, values = _parse_axis(text)
-            if key in found:
+            if key in axes:
                 raise InputError(
                     f"{key} is varied twice", place="--over", expected="each key once"
                 )
-            found[key] = values
-    if not found:
+            axes[key] = values
+    if not axes:
         raise InputError("nothing is varied", place="--over", expected=_RANGE_FORM)
     count = 1
-    for values in found.values():
+    for values in axes.values():
         count *= len(values)
     if count > MAX_POINTS:
         raise InputError(
             f"{count} points", place="--over", expected=f"at most {MAX_POINTS} points"
         )
-    return found
+    return axes
 
 
 def axis_combinations(axes: Axes) -> list[dict[str, Any]]:
@@ -116,10 +116,10 @@ def _split_values(text: str) -> list[Any]:
     try:
         return list(tomllib.loads(f"values = [{text}]")["values"])
     except tomllib.TOMLDecodeError:
-        found = [part.strip() for part in text.split(",")]
-    if not all(found):
+        parts = [part.strip() for part in text.split(",")]
+    if not all(parts):
         raise InputError(f"found {text!r}", place="--over", expected=_RANGE_FORM)
-    return [_parse_value(part) for part in found]
+    return [_parse_value(part) for part in parts]
 
 
 def _parse_value(text: str) -> Any:

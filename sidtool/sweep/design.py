@@ -77,11 +77,11 @@ class Designs:
         of_models: dict[str, dict[str, Any]] = {}
         of_scene: dict[str, Any] = {}
         for key, value in values.items():
-            found = self._key_of_model(key)
-            if found is None:
+            key_of_model = self._key_of_model(key)
+            if key_of_model is None:
                 of_scene[key] = value
             else:
-                of_models.setdefault(found[0], {})[found[1]] = value
+                of_models.setdefault(key_of_model[0], {})[key_of_model[1]] = value
         content = self.scene.with_({**of_scene, "outputs.record": list(self.record)})
         if content.accuracy.wanted is not None:
             raise InputError(
@@ -110,10 +110,10 @@ class Designs:
 
     def _key_of_model(self, key: str) -> tuple[str, str] | None:
         """Return the body and the key of its model, for a key BODY.model.KEY."""
-        found = _OF_MODEL.fullmatch(key)
-        if found is None or found[1] not in self.scene.bodies:
+        match = _OF_MODEL.fullmatch(key)
+        if match is None or match[1] not in self.scene.bodies:
             return None
-        return found[1], found[2]
+        return match[1], match[2]
 
     def _model(
         self, content: SceneFile, name: str, changes: Mapping[str, Any]
@@ -140,12 +140,12 @@ class Designs:
 
     def unit(self, key: str) -> str:
         """Return the unit of a key from its description; parameters have none."""
-        found = self._key_of_model(key)
+        key_of_model = self._key_of_model(key)
         content: Any = self.scene
         try:
-            if found is not None:
-                content = self._model(content, found[0], {})
-                key = found[1]
+            if key_of_model is not None:
+                content = self._model(content, key_of_model[0], {})
+                key = key_of_model[1]
             places = key_path(key, content.said(), type(content))
             while isinstance(places[-1], int):  # a component of a vector
                 places.pop()
@@ -162,8 +162,8 @@ def _key_description(content: Any, key: str | int) -> str:
     fields = type(content).model_fields if isinstance(content, BaseModel) else {}
     for name, about in fields.items():
         if (about.alias or name) == key:
-            found = _ATTRIBUTE.findall(type(content).__doc__ or "")
-            texts = [text for names, text in found if name in names.split(", ")]
+            attributes = _ATTRIBUTE.findall(type(content).__doc__ or "")
+            texts = [text for names, text in attributes if name in names.split(", ")]
             return about.description or " ".join(texts)
     return ""
 

@@ -190,9 +190,9 @@ class Sweep(Mapping[str, np.ndarray]):
 def _as_array(values: list[Any]) -> np.ndarray:
     if all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
         return np.array(values, float)
-    found = np.empty(len(values), object)
-    found[:] = values
-    return found
+    array = np.empty(len(values), object)
+    array[:] = values
+    return array
 
 
 def _message_of(point: SweepPoint) -> str:

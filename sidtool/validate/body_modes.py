@@ -224,10 +224,10 @@ class ModalBody:
         """
         impedance = np.diag(self.squares - omega**2) + 1j * omega * self.damping
         nq = len(self.squares)
-        found = np.zeros((nq + len(self.rigid),) * 2, complex)
-        found[:nq, :nq] = np.linalg.inv(impedance)
-        found[nq:, nq:] = -np.linalg.inv(self.rigid) / omega**2
-        return found
+        receptance = np.zeros((nq + len(self.rigid),) * 2, complex)
+        receptance[:nq, :nq] = np.linalg.inv(impedance)
+        receptance[nq:, nq:] = -np.linalg.inv(self.rigid) / omega**2
+        return receptance
 
 
 def held_body(sid: SID, nodes: Sequence[Node]) -> ModalBody:
@@ -249,12 +249,13 @@ def free_body(sid: SID, nodes: Sequence[Node], rigid: tuple[int, ...]) -> ModalB
     moving = list(rigid)
     matrix = coupled_mass_matrix(sid)
     body, coupling = matrix[np.ix_(moving, moving)], matrix[6:][:, moving]
-    carried = _displacement_rows(
+    rigid_rows = _displacement_rows(
         [_rigid_motion_rows(node)[:, moving] for node in nodes], len(moving)
     )
     balance = np.linalg.solve(body, coupling.T)
     shapes = (
-        _displacement_rows([node.phi.m0 for node in nodes], sid.nq) - carried @ balance
+        _displacement_rows([node.phi.m0 for node in nodes], sid.nq)
+        - rigid_rows @ balance
     ) @ modes
     spin = np.zeros((3, 6))
     spin[:, 3:] = np.eye(3)
@@ -263,7 +264,9 @@ def free_body(sid: SID, nodes: Sequence[Node], rigid: tuple[int, ...]) -> ModalB
     if turns.any():
         turns = turns - turned @ balance
     turns = _radius_of_gyration(sid) * turns @ modes
-    return ModalBody(squares, shapes, turns, _modal_damping(sid, modes), carried, body)
+    return ModalBody(
+        squares, shapes, turns, _modal_damping(sid, modes), rigid_rows, body
+    )
 
 
 def modal_assurance(here: Array, reference: Array) -> Array:

@@ -53,21 +53,21 @@ def corrected_orientation(node: Node, nq: int) -> tuple[Taylor, str] | None:
         (m0.T, np.swapaxes(m1, 1, 2), "AP was written as its transpose"),
         (m0.T, m1, "AP m0 was written as its transpose"),
     )
-    for found, rate, why in candidates:
+    for candidate, rate, why in candidates:
         if (
-            not orientation_fault(found)
-            and orientation_error(found, rate, psi) <= ROTATION_TOLERANCE
+            not orientation_fault(candidate)
+            and orientation_error(candidate, rate, psi) <= ROTATION_TOLERANCE
         ):
-            return Taylor(found, rate), why
-    found, why = m0, "AP m1_l = (psi_l)~ AP0"
+            return Taylor(candidate, rate), why
+    candidate, why = m0, "AP m1_l = (psi_l)~ AP0"
     implied = _implied_orientation(m1, psi)
     if implied is not None:
-        found, why = implied, "AP0 follows from AP m1_l = (psi_l)~ AP0"
+        candidate, why = implied, "AP0 follows from AP m1_l = (psi_l)~ AP0"
     elif not m0.any():
-        found, why = np.eye(3), "AP was empty: the axes of the body frame"
-    if orientation_fault(found):
+        candidate, why = np.eye(3), "AP was empty: the axes of the body frame"
+    if orientation_fault(candidate):
         return None
-    return Taylor(found, skew(psi.T) @ found if nq else None), why
+    return Taylor(candidate, skew(psi.T) @ candidate if nq else None), why
 
 
 def _implied_orientation(m1: Array, psi: Array) -> Array | None:
@@ -76,14 +76,14 @@ def _implied_orientation(m1: Array, psi: Array) -> Array | None:
         return None
     turns = skew(psi.T).reshape(-1, 3)
     solved, _, rank, _ = np.linalg.lstsq(turns, m1.reshape(-1, 3), rcond=1e-9)
-    found = np.asarray(solved, np.float64)
+    orientation = np.asarray(solved, np.float64)
     if (
         rank < 3
-        or orientation_fault(found)
-        or orientation_error(found, m1, psi) > ROTATION_TOLERANCE
+        or orientation_fault(orientation)
+        or orientation_error(orientation, m1, psi) > ROTATION_TOLERANCE
     ):
         return None
-    left, _, right = np.linalg.svd(found)
+    left, _, right = np.linalg.svd(orientation)
     return np.asarray(left @ right)
 
 
@@ -164,11 +164,11 @@ def stiffening_sign_deviation(sid: SID) -> Finding:
     """Return minus the correlation with the centrifugal stiffening, if it is
     determined.
     """
-    found = sign_correlation(sid)
-    if not found:
+    correlations = sign_correlation(sid)
+    if not correlations:
         return Finding(None, "no such terms, or mass on all sides of the origin")
-    texts = [f"{name} m1 {value:+.2f}" for name, value in found.items()]
-    worst = max(0.0, -min(found.values()))
+    texts = [f"{name} m1 {value:+.2f}" for name, value in correlations.items()]
+    worst = max(0.0, -min(correlations.values()))
     return Finding(worst, "correlation " + ", ".join(texts))
 
 

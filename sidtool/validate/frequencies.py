@@ -59,10 +59,10 @@ def label_hertz(sid: SID) -> tuple[Array, Array] | None:
 
     None unless every label holds one that a body can have.
     """
-    found = [_HERTZ.search(label) for label in sid.labels]
-    if not found or any(match is None for match in found):
+    matches = [_HERTZ.search(label) for label in sid.labels]
+    if not matches or any(match is None for match in matches):
         return None
-    texts = [match[1] for match in found if match]
+    texts = [match[1] for match in matches if match]
     values = np.array([float(re.sub("[dD]", "e", text)) for text in texts])
     if not np.all(np.abs(values) < _LARGEST):
         return None
@@ -110,22 +110,22 @@ def sign_correlation(sid: SID) -> dict[str, float]:
             first = node.phi.first_order(sid.nq)
             at_nodes += np.einsum("lak,a->lk", first, direction)
     terms = {"Ct": sid.Ct.first_order(sid.nq) @ direction, "phi": at_nodes}
-    found = {}
+    correlations = {}
     for name, term in terms.items():
         part = basis.T @ (term + term.T) @ basis
         size = np.linalg.norm(part) * np.linalg.norm(moment)
         if size > 0.0:
-            found[name] = float((part * moment).sum() / size)
-    if found.get(
+            correlations[name] = float((part * moment).sum() / size)
+    if correlations.get(
         "Ct", WRONG_SIGN_CORRELATION
-    ) > WRONG_SIGN_CORRELATION and not _surely_wrong(found, sid.nq):
-        found.pop("phi", None)
-    return found
+    ) > WRONG_SIGN_CORRELATION and not _surely_wrong(correlations, sid.nq):
+        correlations.pop("phi", None)
+    return correlations
 
 
-def _surely_wrong(found: dict[str, float], nq: int) -> bool:
+def _surely_wrong(correlations: dict[str, float], nq: int) -> bool:
     """A few nodes are no mean of the body: with Ct m1 right they must be far off."""
-    return nq >= _MIN_NODES and found.get("phi", 0.0) < _NODE_SIGN_CORRELATION
+    return nq >= _MIN_NODES and correlations.get("phi", 0.0) < _NODE_SIGN_CORRELATION
 
 
 def _direction_to_mass(sid: SID) -> Array | None:

@@ -222,7 +222,7 @@ def centrifugal_symmetry(sid: SID) -> Finding:
         return _rigid_finding()
     Oe1 = modal_blocks(sid).Oe1
     parts = {"xx, yy, zz": Oe1[..., :3], "xy, yz, xz": Oe1[..., 3:]}
-    found = [
+    residuals = [
         (
             finding_of_difference(
                 part - transpose_modes(part), part, natural=modal_scale(sid), bound=1e-9
@@ -231,8 +231,8 @@ def centrifugal_symmetry(sid: SID) -> Finding:
         )
         for k, part in parts.items()
     ]
-    shares = "; ".join(f"{name} {finding.measured:.1e}" for finding, name in found)
-    worst = max((finding for finding, _ in found), key=lambda f: f.measured or 0.0)
+    shares = "; ".join(f"{name} {finding.measured:.1e}" for finding, name in residuals)
+    worst = max((finding for finding, _ in residuals), key=lambda f: f.measured or 0.0)
     return replace(worst, detail=shares)
 
 

@@ -95,10 +95,12 @@ def frequency_deviation(sid: SID) -> Finding:
     if rigid is not None:
         candidates.append(("free body", to_hertz(free_modes(sid, rigid)[0])))
     size = np.maximum(labels, digits)
-    found = [(float((np.abs(f - labels) / size).max()), name) for name, f in candidates]
-    detail = "; ".join(f"{name} {deviation:.1e}" for deviation, name in found)
+    deviations = [
+        (float((np.abs(f - labels) / size).max()), name) for name, f in candidates
+    ]
+    detail = "; ".join(f"{name} {deviation:.1e}" for deviation, name in deviations)
     bound = max(1e-3, float((digits / size).max()))
-    return Finding(min(found)[0], detail, bound=bound)
+    return Finding(min(deviations)[0], detail, bound=bound)
 
 
 @identity(
@@ -179,12 +181,12 @@ def _free_coordinates(sid: SID) -> tuple[int, ...] | None:
 
 def _rayleigh_fit(squares: Array, damping: Array) -> tuple[float, str]:
     """d_i = alpha + beta w_i^2, each row weighted by 1/d_i; Me = I in this basis."""
-    found = np.diag(damping)
-    weight = 1.0 / np.where(found != 0.0, np.abs(found), max_magnitude(damping))
+    diagonal = np.diag(damping)
+    weight = 1.0 / np.where(diagonal != 0.0, np.abs(diagonal), max_magnitude(damping))
     rows = np.stack([np.ones_like(squares), squares], axis=1) * weight[:, None]
     size = np.abs(rows).max(axis=0)
     columns = np.where(size > 0.0, size, 1.0)
-    share = np.linalg.lstsq(rows / columns, found * weight, rcond=None)[0]
+    share = np.linalg.lstsq(rows / columns, diagonal * weight, rcond=None)[0]
     alpha, beta = np.where(np.abs(share) < 1e-9, 0.0, share) / columns
     terms = [(alpha, "Me"), (beta, "Ke")]
     text = " + ".join(f"{factor:.4g} {name}" for factor, name in terms if factor)
@@ -198,12 +200,12 @@ def _modal_fit(
     diagonal.
     """
     critical = 2.0 * np.sqrt(np.clip(stiffness * mass, 0.0, None))
-    found = np.diag(damping)
-    ratio = found / np.where(critical > 0.0, critical, 1.0)
+    diagonal = np.diag(damping)
+    ratio = diagonal / np.where(critical > 0.0, critical, 1.0)
     text = f"zeta = {ratio.min():.4g} ... {ratio.max():.4g} per {per}"
     if np.ptp(ratio) <= 1e-9 * np.abs(ratio).max():
         text = f"zeta = {ratio.mean():.4g} for every {per}"
-    return _scaled_difference(damping, np.diag(found)), text
+    return _scaled_difference(damping, np.diag(diagonal)), text
 
 
 def _scaled_difference(damping: Array, law: Array) -> float:

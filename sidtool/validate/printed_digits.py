@@ -73,6 +73,6 @@ def _sampled_numbers(sid: SID) -> Array:
     step = max(1, len(sid.nodes) // 200)
     entries += [t for node in sid.nodes[::step] for t in (node.origin, node.phi)]
     parts = [part for t in entries for part in (t.m0, t.m1) if part is not None]
-    found = np.concatenate([part.ravel() for part in parts])
-    found = found[found != 0.0]
-    return found[:: max(1, len(found) // _MAX_NUMBERS)]
+    numbers = np.concatenate([part.ravel() for part in parts])
+    numbers = numbers[numbers != 0.0]
+    return numbers[:: max(1, len(numbers) // _MAX_NUMBERS)]

@@ -66,23 +66,23 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     """
     check_magnitudes(sid)
     nodes = [_repair_node(node, sid.nq) for node in sid.nodes]
-    changes = tuple(change for _, found in nodes for change in found)
+    changes = tuple(change for _, node_changes in nodes for change in node_changes)
     if changes:
         sid = replace(sid, nodes=tuple(node for node, _ in nodes))
     for step in (
         (_fill_empty_blocks, _correct_signs, _rebuild_symmetries) if sid.nq else ()
     ):
-        sid, found = step(sid)
-        changes += found
+        sid, node_changes = step(sid)
+        changes += node_changes
     return sid, changes
 
 
 def _repair_node(node: Node, nq: int) -> tuple[Node, tuple[Change, ...]]:
     """Orientations that are none, and positions that do not follow phi."""
     changes: tuple[Change, ...] = ()
-    found = corrected_orientation(node, nq)
-    if found is not None:
-        AP, why = found
+    corrected = corrected_orientation(node, nq)
+    if corrected is not None:
+        AP, why = corrected
         changes += _changed_entries(f"node {node.id}, AP", node.AP, AP, nq, why)
         node = replace(node, AP=AP)
     if nq and not node.origin.first_order(nq).any() and node.phi.m0.any():
@@ -100,19 +100,19 @@ def _fill_empty_blocks(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     nq = sid.nq
     modes, static = modal_blocks(sid), sid.mdCM.first_order(nq)
     six = sid.J.first_order(nq)[:, :, 0]
-    found: dict[str, tuple[Taylor, str]] = {}
+    filled: dict[str, tuple[Taylor, str]] = {}
     if not six.any() and modes.Gr.any() and sid.Oe.m0.any():
         rate = (modes.Gr + np.swapaxes(modes.Gr, 1, 2)) / 2
         six = np.stack([rate[:, a, b] for a, b in J_INDICES], axis=1)
-        found["J"] = replace(sid.J, m1=six[:, :, None]), "2 J1_l = Gr_l + Gr_l^T"
+        filled["J"] = replace(sid.J, m1=six[:, :, None]), "2 J1_l = Gr_l + Gr_l^T"
     if not static.any() and sid.Ct.m0.any():
-        found["mdCM"] = replace(sid.mdCM, m1=sid.Ct.m0[:, :, None]), "mdCM m1 = Ct m0"
+        filled["mdCM"] = replace(sid.mdCM, m1=sid.Ct.m0[:, :, None]), "mdCM m1 = Ct m0"
     if not sid.Ct.m0.any() and static.any():
-        found["Ct"] = replace(sid.Ct, m0=static[:, :, 0]), "Ct m0 = mdCM m1"
+        filled["Ct"] = replace(sid.Ct, m0=static[:, :, 0]), "Ct m0 = mdCM m1"
     if not sid.Oe.m0.any() and six.any():
         implied = -six[:, [0, 1, 2, 3, 5, 4]] * [0.5, 0.5, 0.5, 1.0, 1.0, 1.0]
-        found["Oe"] = replace(sid.Oe, m0=implied), "Oe m0 follows from J m1"
-    return _with_blocks(sid, found)
+        filled["Oe"] = replace(sid.Oe, m0=implied), "Oe m0 follows from J m1"
+    return _with_blocks(sid, filled)
 
 
 def _correct_signs(sid: SID) -> tuple[SID, tuple[Change, ...]]:
@@ -159,21 +159,21 @@ def _rebuild_symmetries(sid: SID) -> tuple[SID, tuple[Change, ...]]:
         sources = (
             max_magnitude(source, sid.Cr.m0) if name == "Gr" else max_magnitude(source)
         )
-        new, found = _replacement(name, before, after, why, sources)
-        if found:
+        new, block_changes = _replacement(name, before, after, why, sources)
+        if block_changes:
             block = replace(getattr(sid, name), **{part: new})
             sid = replace(sid, **{name: block})  # type: ignore[arg-type]
-            changes += found
+            changes += block_changes
     return sid, changes
 
 
 def _with_blocks(
-    sid: SID, found: dict[str, tuple[Taylor, str]]
+    sid: SID, new_blocks: dict[str, tuple[Taylor, str]]
 ) -> tuple[SID, tuple[Change, ...]]:
     changes: tuple[Change, ...] = ()
-    for name, (block, why) in found.items():
+    for name, (block, why) in new_blocks.items():
         changes += _changed_entries(name, getattr(sid, name), block, sid.nq, why)
-    blocks: dict[str, Any] = {name: block for name, (block, _) in found.items()}
+    blocks: dict[str, Any] = {name: block for name, (block, _) in new_blocks.items()}
     return (replace(sid, **blocks) if blocks else sid), changes
 
 

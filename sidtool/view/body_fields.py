@@ -38,7 +38,7 @@ def find_fields(
     ------
     InputError : a given field is not that of its SID, or there is no such body.
     """
-    found: dict[str, Field] = {}
+    fields: dict[str, Field] = {}
     notes: list[str] = []
     for body, content in given.items():
         if body not in sids:
@@ -55,17 +55,17 @@ def find_fields(
                 place=f"--field {body}",
                 expected="the field that was written with this SID",
             )
-        found[body] = with_selected_shapes(field, scene, body)
+        fields[body] = with_selected_shapes(field, scene, body)
     for body, path, read in _field_files(scene, folders):
-        if body in found or body not in sids:
+        if body in fields or body not in sids:
             continue
         field = read()
         wrong = mismatch_text(field, sids[body])
         if wrong:
             notes.append(f"{path} is not the field of {body}: it {wrong}")
         else:
-            found[body] = with_selected_shapes(field, scene, body)
-    return found, notes
+            fields[body] = with_selected_shapes(field, scene, body)
+    return fields, notes
 
 
 def with_selected_shapes(field: Field, scene: SceneFile, body: str) -> Field:
@@ -126,19 +126,19 @@ def colour_ranges(
     motion: SampledMotion, bodies: Sequence[BodySurface]
 ) -> dict[str, ColourRange]:
     """The largest elastic displacement and von Mises stress of all bodies."""
-    found = {}
+    ranges = {}
     moved = max((_largest_values(motion, body, False) for body in bodies), default=0.0)
     if moved > 0:
         unit, per = _prefixed_unit(moved, "m")
-        found["displacement"] = ColourRange("elastic displacement", unit, moved, per)
+        ranges["displacement"] = ColourRange("elastic displacement", unit, moved, per)
     stressed = [body for body in bodies if body.stress is not None and body.nq]
     stress = max(
         (_largest_values(motion, body, True) for body in stressed), default=0.0
     )
     if stress > 0:
         unit, per = _prefixed_unit(stress, "Pa")
-        found["stress"] = ColourRange("von Mises stress", unit, stress, per)
-    return found
+        ranges["stress"] = ColourRange("von Mises stress", unit, stress, per)
+    return ranges
 
 
 def _largest_values(motion: SampledMotion, body: BodySurface, stress: bool) -> float:
@@ -218,14 +218,14 @@ def peak_stresses(
     again = replay(result)
     folders = [folder or Path("."), Path(".")]
     known, _ = find_fields(again.system.scene, result.sids, fields or {}, folders)
-    found = _peaks_of_bodies(again, known)
-    if not found:
+    peaks = _peaks_of_bodies(again, known)
+    if not peaks:
         raise InputError(
             "there is no full field with stresses",
             place="--field",
             expected="BODY=FILE from `sidtool convert --field`, of solid elements",
         )
-    return found
+    return peaks
 
 
 def _peaks_of_bodies(
@@ -240,13 +240,13 @@ def _peaks_of_bodies(
         inner = (t[:-1, None] + np.diff(t)[:, None] * shares).ravel()
         t = np.append(inner, t[-1])
     samples = again.samples(t)
-    found = {}
+    peaks = {}
     for b, data in enumerate(again.system.bodies):
         field = stressed.get(data.name)
         if field is not None and data.sid.nq:
             q, _ = elastic_coordinates(again.system, samples, b)
-            found[data.name] = _peak_of_body(data.name, field, t, q)
-    return found
+            peaks[data.name] = _peak_of_body(data.name, field, t, q)
+    return peaks
 
 
 def _peak_of_body(name: str, field: Field, t: Array, q: Array) -> StressPeak:

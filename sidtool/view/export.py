@@ -139,8 +139,8 @@ class ExportMesh:
     def steps(self) -> Iterator[dict[str, Array]]:
         """`ExportBody.at` of all bodies together, time by time."""
         for k in iterate_with_progress(range(len(self.t)), "writing times"):
-            found = [part.at(k) for part in self.parts]
-            yield {name: np.concatenate([f[name] for f in found]) for name in found[0]}
+            parts = [part.at(k) for part in self.parts]
+            yield {name: np.concatenate([f[name] for f in parts]) for name in parts[0]}
 
 
 def export_mesh(
@@ -158,15 +158,17 @@ def export_mesh(
     system, samples = again.system, again.samples()
     folders = [folder or Path("."), Path(".")]
     known, notes = find_fields(system.scene, result.sids, fields or {}, folders)
-    seen = sample_motion(result, times=again.t, folders=folders)
+    sampled = sample_motion(result, times=again.t, folders=folders)
     rows = {data.name: b for b, data in enumerate(system.bodies)}
     parts: list[ExportBody | Line] = []
-    for drawn in body_surfaces(system.scene, system.bodies, known, seen.size, folders):
-        b = rows[drawn.name]
+    for surface in body_surfaces(
+        system.scene, system.bodies, known, sampled.size, folders
+    ):
+        b = rows[surface.name]
         q, rates = elastic_coordinates(system, samples, b)
-        positions, cells = drawn.positions, {"tri3": drawn.triangles}
-        shapes, stress, initial = drawn.shapes, drawn.stress, drawn.initial_stress
-        field = known.get(drawn.name)
+        positions, cells = surface.positions, {"tri3": surface.triangles}
+        shapes, stress, initial = surface.shapes, surface.stress, surface.initial_stress
+        field = known.get(surface.name)
         if field is not None and field.cells:
             positions, cells = field.positions, dict(field.cells)
             shapes, initial = field.shapes[..., : q.shape[1]], field.initial_stress
@@ -174,7 +176,7 @@ def export_mesh(
         motion = frame_motion(system, samples, b)
         parts.append(
             ExportBody(
-                drawn.name,
+                surface.name,
                 positions,
                 cells,
                 shapes,
@@ -183,11 +185,11 @@ def export_mesh(
                 motion,
                 q,
                 rates,
-                drawn.source,
+                surface.source,
             )
         )
     by_name = {part.name: part for part in parts if isinstance(part, ExportBody)}
-    parts += [_line(link, by_name, len(again.t)) for link in seen.links]
+    parts += [_line(link, by_name, len(again.t)) for link in sampled.links]
     notes += [f"{p.name} is {_point_data_names(p, known)}" for p in parts]
     return ExportMesh(again.t, tuple(parts), *_join_cells(parts), tuple(notes))
 
@@ -202,9 +204,9 @@ def _line(link: Link, bodies: Mapping[str, ExportBody], count: int) -> Line:
 def _point(end: Anchor, body: ExportBody | None, count: int) -> ExportBody:
     """A point of a body, or of the ground."""
     if body is None:
-        zero, still = np.zeros((count, 3)), np.zeros((count, 0))
+        zero, no_shapes = np.zeros((count, 3)), np.zeros((count, 0))
         turns = np.tile(np.eye(3), (count, 1, 1))
-        frame, q, rates = FrameMotion(zero, turns, zero, zero), still, still
+        frame, q, rates = FrameMotion(zero, turns, zero, zero), no_shapes, no_shapes
     else:
         frame, q, rates = body.frame, body.q, body.rates
     return ExportBody(
@@ -312,14 +314,14 @@ def _write_steps(root: h5py.Group, t: Array, n: int) -> None:
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = len(t)
     steps["Values"] = t
-    still = np.zeros(len(t), np.int64)
+    offsets = np.zeros(len(t), np.int64)
     each = n * np.arange(len(t), dtype=np.int64)
-    steps["PartOffsets"], steps["NumberOfParts"] = still, still + 1
+    steps["PartOffsets"], steps["NumberOfParts"] = offsets, offsets + 1
     steps["PointOffsets"] = each
-    steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = still[:, None]
+    steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = offsets[:, None]
     for name in POINT_DATA:
         steps[f"PointDataOffsets/{name}"] = each
-    steps["CellDataOffsets/body"] = still
+    steps["CellDataOffsets/body"] = offsets
 
 
 def write_pvd(path: Path, mesh: ExportMesh) -> None:

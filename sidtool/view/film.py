@@ -77,9 +77,9 @@ def write_film(
                 writer.grab_frame()
         with atomic_path(path) as temporary:
             shutil.copyfile(whole, temporary)
-    drawn, notes = sum(map(len, parts)), []
-    if drawn < total:
-        notes.append(f"thinned to {drawn} of {total} surface triangles")
+    drawn_triangles, notes = sum(map(len, parts)), []
+    if drawn_triangles < total:
+        notes.append(f"thinned to {drawn_triangles} of {total} surface triangles")
     if len(rows) < len(motion.t):
         notes.append(f"{len(rows)} pictures of {len(motion.t)}")
     return notes
@@ -155,7 +155,7 @@ class Stage:
         motion: SampledMotion,
         bodies: Sequence[BodySurface],
         triangles: Sequence[Any],
-        found: ColourRange | None,
+        colour_range: ColourRange | None,
         colour: str,
         scale: float,
     ) -> None:
@@ -164,7 +164,7 @@ class Stage:
         from ..plot.figure import NotebookFigure
 
         self.motion, self.bodies, self.triangles = motion, bodies, triangles
-        self.range, self.colour, self.scale = found, colour, scale
+        self.range, self.colour, self.scale = colour_range, colour, scale
         self.page = NotebookFigure(_SIZE, layout=None)
         stage = self.page.add_axes((0, 0, 1, 0.94), projection="3d")
         self.axes = cast(Any, stage)
@@ -172,8 +172,8 @@ class Stage:
         self.faces.set_clip_on(False)  # axes are a square in the middle of the page
         self.axes.add_collection3d(self.faces)
         self._place()
-        if found is not None:
-            self._legend(found)
+        if colour_range is not None:
+            self._legend(colour_range)
 
     def fit(self, rows: Sequence[int]) -> None:
         """A window that shows all bodies at these times, and the legend below."""
@@ -239,15 +239,15 @@ class Stage:
         )
         self.light = self.light / np.linalg.norm(self.light)
 
-    def _legend(self, found: ColourRange) -> None:
+    def _legend(self, colour_range: ColourRange) -> None:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
 
         bar = self.page.add_axes((0.08, 0.13, 0.3, 0.025))
-        scale = Normalize(0, found.most / found.per)
+        scale = Normalize(0, colour_range.most / colour_range.per)
         self.page.colorbar(
             ScalarMappable(scale, "viridis"), cax=bar, orientation="horizontal"
-        ).set_label(f"{found.title} [{found.unit}]")
+        ).set_label(f"{colour_range.title} [{colour_range.unit}]")
 
     def say(self, bodies: Sequence[BodySurface]) -> None:
         """Below the picture, which bodies are sketches."""
@@ -274,15 +274,18 @@ class Stage:
     def _faces(self, row: int) -> list[Array]:
         """Corners of the triangles of each body, then of each link, at one time,
         (n, 3, 3) [m]."""
-        found = []
+        corners = []
         for body, triangles in zip(self.bodies, self.triangles, strict=True):
             moved = body.shapes @ self.motion.elastic[body.name][row]
             local = body.positions + self.scale * moved
             place = self.motion.places[body.name][row]
             world = place + local @ self.motion.turns[body.name][row].T
-            found.append(world[triangles])
+            corners.append(world[triangles])
         links = self.motion.links
-        return [*found, *(link.corners(self.motion, row, self.scale) for link in links)]
+        return [
+            *corners,
+            *(link.corners(self.motion, row, self.scale) for link in links),
+        ]
 
     def picture(self, row: int) -> Any:
         """One time without its title, (height, width, 4) from 0 to 255."""

@@ -87,9 +87,11 @@ def player_page(
     entries = []
     for number, body in enumerate(bodies):
         share = len(body.triangles) / max(total, 1)
-        drawn = decimate(body.positions, body.triangles, int(share * MOST_TRIANGLES))
-        few = decimate(body.positions, drawn, int(share * FEW_TRIANGLES) + 12)
-        entries.append(_body_data(motion, body, drawn, few, number))
+        triangles = decimate(
+            body.positions, body.triangles, int(share * MOST_TRIANGLES)
+        )
+        few = decimate(body.positions, triangles, int(share * FEW_TRIANGLES) + 12)
+        entries.append(_body_data(motion, body, triangles, few, number))
     drawn_triangles = sum(entry.pop("count") for entry in entries)
     if drawn_triangles < total:
         sentences.append(f"thinned to {drawn_triangles} of {total} surface triangles")
@@ -107,7 +109,9 @@ def player_page(
         "speed": _playback_speed(float(motion.t[-1] - motion.t[0])),
         "scale": scale,
         "colour": colour,
-        "colours": {name: _colour_legend(found) for name, found in ranges.items()},
+        "colours": {
+            name: _colour_legend(colour_range) for name, colour_range in ranges.items()
+        },
         "palette": _colour_palette(),
         "bodies": entries,
         "joints": [
@@ -142,11 +146,11 @@ def _read_template(name: str) -> str:
 def _body_data(
     motion: SampledMotion,
     body: BodySurface,
-    drawn: NDArray[np.int64],
+    triangles: NDArray[np.int64],
     few: Any,
     number: int,
 ) -> dict[str, Any]:
-    used, rows = np.unique(drawn, return_inverse=True)
+    used, rows = np.unique(triangles, return_inverse=True)
     name = body.name
     shapes, sizes = _quantise_shapes(body.shapes[used])
     entry: dict[str, Any] = {
@@ -162,9 +166,9 @@ def _body_data(
         "places": _pack_numbers(motion.places[name], "<f4"),
         "turns": _pack_numbers(_quaternions(motion.turns[name]), "<f4"),
         "elastic": _pack_numbers(motion.elastic[name], "<f4"),
-        "count": len(drawn),
+        "count": len(triangles),
     }
-    if len(few) < len(drawn):
+    if len(few) < len(triangles):
         entry["coarse"] = _pack_numbers(np.searchsorted(used, few), "<u4")
     if body.stress is not None and body.nq:
         entry["stress"], entry["stress_sizes"] = _quantise_shapes(body.stress[used])
@@ -193,10 +197,12 @@ def _link_data(link: Link) -> dict[str, Any]:
 
 def _quaternions(turns: Array) -> Array:
     """(nt, 4) x, y, z, w; neighbours on one side, so that none turns the long way."""
-    found = Rotation.from_matrix(turns).as_quat()
-    signs = np.where(np.einsum("ta,ta->t", found[1:], found[:-1]) < 0, -1.0, 1.0)
-    found[1:] *= np.cumprod(signs)[:, None]
-    return np.asarray(found, float)
+    quaternions = Rotation.from_matrix(turns).as_quat()
+    signs = np.where(
+        np.einsum("ta,ta->t", quaternions[1:], quaternions[:-1]) < 0, -1.0, 1.0
+    )
+    quaternions[1:] *= np.cumprod(signs)[:, None]
+    return np.asarray(quaternions, float)
 
 
 def _quantise_shapes(shapes: Array) -> tuple[str, list[float]]:
@@ -213,12 +219,12 @@ def _pack_numbers(numbers: ArrayLike, kind: str) -> str:
     ).decode()
 
 
-def _colour_legend(found: ColourRange) -> dict[str, Any]:
+def _colour_legend(colour_range: ColourRange) -> dict[str, Any]:
     return {
-        "title": found.title,
-        "unit": found.unit,
-        "most": found.most,
-        "per": found.per,
+        "title": colour_range.title,
+        "unit": colour_range.unit,
+        "most": colour_range.most,
+        "per": colour_range.per,
     }
 
 

@@ -182,8 +182,8 @@ def body_model_rows(scene: SceneFile, result: Result) -> TextBlock:
     for name, body in scene.bodies.items():
         if isinstance(body, RigidBody):
             taken = "mass" if body.inertia is None else "mass, inertia"
-            lost = "deformation" + (", rotation" if body.inertia is None else "")
-            rows.append([name, "rigid", taken, lost])
+            neglected = "deformation" + (", rotation" if body.inertia is None else "")
+            rows.append([name, "rigid", taken, neglected])
         else:
             terms, missing = _flexible_body_row(body, result.sids.get(name), planar)
             rows.append([name, "taken as rigid" if body.rigid else "flexible"])
@@ -207,8 +207,8 @@ def _flexible_body_row(
     used = len(body.numbers(sid.nq))
     taken = [f"{used} of {sid.nq} shape functions of the SID"]
     taken += [f"damping ({damping})"] if damped else []
-    lost = ["all other shape functions"]
-    lost += [] if damped else ["damping"]
+    neglected = ["all other shape functions"]
+    neglected += [] if damped else ["damping"]
     quadratic = has_quadratic_inertia(body, sid, planar)
     stiffens = has_stiffening(sid) and body.geometric_stiffening
     for present, what in (
@@ -217,5 +217,5 @@ def _flexible_body_row(
         (sid.Ke.first_order(sid.nq).any(), "elastic forces quadratic in q"),
         (quadratic or stiffens, "inertia terms quadratic in q"),
     ):
-        (taken if present else lost).append(what)
-    return taken, lost
+        (taken if present else neglected).append(what)
+    return taken, neglected

@@ -113,28 +113,28 @@ def scene_links(system: System, size: float) -> tuple[Link, ...]:
     """
     meshes = {kind: make(size) for kind, make in _MESHES.items()}
     bodies = {data.name: data for data in system.bodies}
-    found = []
+    links = []
     for name, kind, markers in _linked_markers(system.scene):
         ends = []
         for owner, marker in map(marker_reference, markers):
             node = bodies[owner].node(marker)
             body = "" if owner == GROUND_NAME else owner
             ends.append(Anchor(body, node.position, node.phi.m0))
-        found.append(Link(name, kind, (ends[0], ends[1]), *meshes[kind]))
-    return tuple(found)
+        links.append(Link(name, kind, (ends[0], ends[1]), *meshes[kind]))
+    return tuple(links)
 
 
 def _linked_markers(scene: SceneFile) -> list[tuple[str, str, tuple[str, ...]]]:
     """Name, kind and markers of each."""
-    found = []
+    links = []
     for name, joint in scene.joints.items():
         if joint.type == "distance":
-            found.append((name, "rod", marker_names(joint)))
+            links.append((name, "rod", marker_names(joint)))
     for name, force in scene.forces.items():
         markers = getattr(force, "markers", None)
         if isinstance(force, SpringDamper | Actuator) and markers is not None:
-            found.append((name, _force_kind(force), markers))
-    return found
+            links.append((name, _force_kind(force), markers))
+    return links
 
 
 def _force_kind(force: SpringDamper | Actuator) -> str:

@@ -175,7 +175,7 @@ def _picture_times(again: Replay, most: int) -> tuple[Array, tuple[str, ...]]:
 
 
 def _scene_joints(system: System) -> list[SampledJoint]:
-    found = []
+    joints = []
     bodies = {data.name: data for data in system.bodies}
     for name, joint in system.scene.joints.items():
         names = marker_names(joint)
@@ -184,5 +184,5 @@ def _scene_joints(system: System) -> list[SampledJoint]:
         owner, marker = marker_reference(names[0])
         node = bodies[owner].node(marker)
         body = "" if owner == GROUND_NAME else owner
-        found.append(SampledJoint(name, joint.type, body, node.position, node.phi.m0))
-    return found
+        joints.append(SampledJoint(name, joint.type, body, node.position, node.phi.m0))
+    return joints

@@ -59,80 +59,90 @@ def couplings_of(deck: Deck, body: Namespace, instance: str) -> list[RawCoupling
     ------
     InputError : a set is unknown, or a coupling holds some directions only.
     """
-    found = []
+    couplings = []
     used = {n for e in body.elements.values() for n in e.nodes} if deck.chosen else None
-    for i, hold in enumerate(deck.holds, start=1):
+    for i, definition in enumerate(deck.holds, start=1):
         try:
-            coupling = _make_coupling(deck, hold, body, instance, i)
+            coupling = _make_coupling(deck, definition, body, instance, i)
             if used is not None and used.isdisjoint(coupling.nodes):
                 deck.remarks.append(f"{coupling.name} holds other parts: left out")
                 continue
-            found.append(coupling)
+            couplings.append(coupling)
         except InputError as error:
-            place = error.place or hold.block.place
+            place = error.place or definition.block.place
             raise InputError(
                 error.problem, place=place, expected=error.expected
             ) from None
-    return found
+    return couplings
 
 
 def _make_coupling(
-    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str, number: int
+    deck: Deck,
+    definition: CouplingDefinition,
+    body: Namespace,
+    instance: str,
+    number: int,
 ) -> RawCoupling:
-    block, options = hold.block, hold.block.options
+    block, options = definition.block, definition.block.options
     name = deck.name(options.get("CONSTRAINT NAME", "")) or f"{block.keyword} {number}"
-    rigid = hold.kind is None or hold.kind.keyword == "KINEMATIC"
+    rigid = definition.kind is None or definition.kind.keyword == "KINEMATIC"
     if block.keyword == "COUPLING":
-        if hold.kind is None:
+        if definition.kind is None:
             raise InputError(
                 "*COUPLING has no kind", place=block.place, expected="*KINEMATIC"
             )
         nodes = _surface_coupling(
-            deck, hold, body, instance, options.get("SURFACE", "")
+            deck, definition, body, instance, options.get("SURFACE", "")
         )
-        _check_directions(name, hold.kind.rows, hold.kind.place)
+        _check_directions(name, definition.kind.rows, definition.kind.place)
     elif block.keyword == "KINEMATIC COUPLING":
         nodes = []
         for words, place in block.rows:
-            nodes += resolve_nodes(deck, hold.scope, instance, words[0])
+            nodes += resolve_nodes(deck, definition.scope, instance, words[0])
             _check_directions(name, [(words[1:], place)], place)
     else:
-        nodes = _rigid_body_coupling(deck, hold, body, instance)
+        nodes = _rigid_body_coupling(deck, definition, body, instance)
     reference = options.get("REF NODE")
     label = (
         None
         if reference is None
-        else _reference_label(deck, hold, body, instance, reference)
+        else _reference_label(deck, definition, body, instance, reference)
     )
     held = tuple(dict.fromkeys(nodes))
-    by_area = not rigid and _is_element_surface(deck, hold, options.get("SURFACE", ""))
+    by_area = not rigid and _is_element_surface(
+        deck, definition, options.get("SURFACE", "")
+    )
     return RawCoupling(name, rigid, held, label, block.place, by_area=by_area)
 
 
-def _is_element_surface(deck: Deck, hold: CouplingDefinition, word: str) -> bool:
+def _is_element_surface(deck: Deck, definition: CouplingDefinition, word: str) -> bool:
     """Check whether a coupling is weighted by the areas of a surface of elements.
 
     Raises
     ------
     InputError : weights decrease with the distance from the reference node.
     """
-    assert hold.kind is not None
-    method = hold.kind.options.get("WEIGHTING METHOD", "UNIFORM").upper()
+    assert definition.kind is not None
+    method = definition.kind.options.get("WEIGHTING METHOD", "UNIFORM").upper()
     if method != "UNIFORM":
         raise InputError(
             f"*DISTRIBUTING has WEIGHTING METHOD={method}",
-            place=hold.kind.place,
+            place=definition.kind.place,
             expected="UNIFORM",
         )
-    scope, own = resolve_name(deck, hold.scope, word)
+    scope, own = resolve_name(deck, definition.scope, word)
     parts = scope.surfaces.get(deck.name(own), []) if scope else []
     return bool(parts) and all(part.kind == "ELEMENT" for part in parts)
 
 
 def _surface_coupling(
-    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str, word: str
+    deck: Deck,
+    definition: CouplingDefinition,
+    body: Namespace,
+    instance: str,
+    word: str,
 ) -> list[int]:
-    scope, own = resolve_name(deck, hold.scope, word)
+    scope, own = resolve_name(deck, definition.scope, word)
     if scope is None:
         return []
     name = deck.name(own)
@@ -142,22 +152,24 @@ def _surface_coupling(
             return nodes
     raise InputError(
         f"names the surface {word!r}, which is not one of solids here",
-        place=hold.block.place,
+        place=definition.block.place,
         expected="a *SURFACE of faces S1, S2, ... or nodes",
     )
 
 
 def _rigid_body_coupling(
-    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str
+    deck: Deck, definition: CouplingDefinition, body: Namespace, instance: str
 ) -> list[int]:
-    options = hold.block.options
+    options = definition.block.options
     named = [options[key] for key in _OF_NODES if key in options]
     if named:
         return [
-            n for word in named for n in resolve_nodes(deck, hold.scope, instance, word)
+            n
+            for word in named
+            for n in resolve_nodes(deck, definition.scope, instance, word)
         ]
     name = deck.name(options.get("ELSET", ""))
-    group = hold.scope.elsets.get(name)
+    group = definition.scope.elsets.get(name)
     if group is None:
         raise InputError(
             f"there is no element set {name!r}", expected="an *ELSET of this file"
@@ -183,21 +195,25 @@ def _check_directions(name: str, rows: list[tuple[list[str], str]], place: str) 
 
 
 def labels_named(
-    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str, word: str
+    deck: Deck,
+    definition: CouplingDefinition,
+    body: Namespace,
+    instance: str,
+    word: str,
 ) -> list[int]:
     """The numbers here of a node or a set of a coupling, those of the assembly too."""
     own = reference_labels(deck, body)
-    if hold.scope is body or not own or "." in word:
-        return resolve_nodes(deck, hold.scope, instance, word)
-    group = hold.scope.nsets.get(deck.name(word), [])
+    if definition.scope is body or not own or "." in word:
+        return resolve_nodes(deck, definition.scope, instance, word)
+    group = definition.scope.nsets.get(deck.name(word), [])
     if word.isdecimal():
         group = [("", int(word))]
     single = [n for owner, n in group if owner == ""]
-    lost = find_undefined_members(own, {word: single})
-    if lost and hold.scope is deck.assembly:
+    undefined = find_undefined_members(own, {word: single})
+    if undefined and definition.scope is deck.assembly:
         raise InputError(
-            f"{word!r} names {lost[word]}, which is not defined",
-            place=hold.block.place,
+            f"{word!r} names {undefined[word]}, which is not defined",
+            place=definition.block.place,
             expected="nodes of this file",
         )
     return [
@@ -208,17 +224,21 @@ def labels_named(
 
 
 def _reference_label(
-    deck: Deck, hold: CouplingDefinition, body: Namespace, instance: str, word: str
+    deck: Deck,
+    definition: CouplingDefinition,
+    body: Namespace,
+    instance: str,
+    word: str,
 ) -> int:
     """The number here of a reference node."""
-    found = labels_named(deck, hold, body, instance, word)
-    if len(found) != 1:
+    labels = labels_named(deck, definition, body, instance, word)
+    if len(labels) != 1:
         raise InputError(
-            f"the reference node {word!r} is {len(found)} nodes",
-            place=hold.block.place,
+            f"the reference node {word!r} is {len(labels)} nodes",
+            place=definition.block.place,
             expected="one node",
         )
-    return found[0]
+    return labels[0]
 
 
 def masses_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawMass]:
@@ -229,10 +249,10 @@ def masses_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawMass]:
     InputError : a set is unknown, or has no mass.
     """
     own = reference_labels(deck, body)
-    for hold in deck.masses:
-        block = hold.block
+    for definition in deck.masses:
+        block = definition.block
         elset = deck.name(block.options.get("ELSET", ""))
-        group = hold.scope.elsets.get(elset)
+        group = definition.scope.elsets.get(elset)
         if group is None or not block.rows:
             raise InputError(
                 f"*{block.keyword} names {elset!r} and has {len(block.rows)} lines",
@@ -241,21 +261,26 @@ def masses_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawMass]:
             )
         lump = _read_lumped_mass(block)
         turned = any(any(line[6:]) for rows in deck.placement.values() for line in rows)
-        if turned and any(lump.inertia) and hold.scope is not deck.assembly:
+        if turned and any(lump.inertia) and definition.scope is not deck.assembly:
             raise InputError(
                 "*ROTARY INERTIA stands in a part whose instance is turned",
                 place=block.place,
                 expected="elements ROTARYI of the assembly",
             )
         for owner, label in dict.fromkeys(group):
-            apart = hold.scope is not body and owner == ""
-            scope = hold.scope if apart else body
+            is_in_assembly = definition.scope is not body and owner == ""
+            scope = definition.scope if is_in_assembly else body
             known = defined_elements(
-                deck, scope, [label] if apart or owner in ("", instance) else [], elset
+                deck,
+                scope,
+                [label] if is_in_assembly or owner in ("", instance) else [],
+                elset,
             )
             if known:
                 node = scope.elements[label].nodes[0]
-                yield replace(lump, node=own.get(node, node) if apart else node)
+                yield replace(
+                    lump, node=own.get(node, node) if is_in_assembly else node
+                )
 
 
 def _read_lumped_mass(block: Block) -> RawMass:

@@ -197,10 +197,10 @@ def read_nset(deck: Deck, block: Block) -> None:
     members = deck.scope.elsets.get(elset)
     if members is None:
         raise _undefined_set(elset, block.place)
-    lost = next((e for _, e in members if e not in known), None)
-    if lost is not None:
+    undefined = next((e for _, e in members if e not in known), None)
+    if undefined is not None:
         raise InputError(
-            f"the set {elset!r} names element {lost}, which is not defined",
+            f"the set {elset!r} names element {undefined}, which is not defined",
             place=block.place,
             expected="a set of elements above",
         )
@@ -222,18 +222,18 @@ def _read_members(deck: Deck, block: Block, name: str, which: str) -> None:
             place=block.place,
             expected="an *INSTANCE above",
         )
-    found: list[Member] = []
+    members: list[Member] = []
     for words, place in block.rows:
         if "GENERATE" in block.options:
             spread = [(instance, n) for n in parse_range(words, place)]
             gaps = deck.scope.gaps.setdefault((which, deck.name(name)), set())
             gaps.update(spread)
-            found += spread
+            members += spread
             continue
         for word in filter(None, words):
-            found += members_of(deck, which, instance, word, place)
+            members += members_of(deck, which, instance, word, place)
     group = getattr(deck.scope, which)
-    group.setdefault(deck.name(name), []).extend(found)
+    group.setdefault(deck.name(name), []).extend(members)
 
 
 def parse_range(words: Sequence[str], place: str) -> range:
@@ -243,8 +243,8 @@ def parse_range(words: Sequence[str], place: str) -> range:
     )
     first, last, step = (*values, 1)[:3] if len(values) > 1 else (1, 0, 0)
     if step < 1 or last < first or (last - first) // step > MOST_MEMBERS:
-        found = ", ".join(words)
-        raise InputError(f"found {found!r}", place=place, expected="first, last, step")
+        text = ", ".join(words)
+        raise InputError(f"found {text!r}", place=place, expected="first, last, step")
     return range(first, last + 1, step)
 
 

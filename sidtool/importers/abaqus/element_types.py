@@ -151,10 +151,10 @@ def calculix_type(kind: str) -> str:
     ------
     InputError : it has none.
     """
-    found = _IN_CALCULIX.get(kind)
-    if found is None:
+    known_type = _IN_CALCULIX.get(kind)
+    if known_type is None:
         raise InputError(f"CalculiX has no {kind}", expected=", ".join(_IN_CALCULIX))
-    return found
+    return known_type
 
 
 _IN_CALCULIX = {

@@ -40,19 +40,19 @@ class TransformedAxes:
         self, deck: Deck, body: Namespace, instance: str, positions: Container[int]
     ) -> None:
         self._systems: dict[int, tuple[str, Array, str]] = {}
-        for hold in deck.equations:
-            if hold.block.keyword == "TRANSFORM":
-                self._add(deck, hold, body, instance, positions)
+        for definition in deck.equations:
+            if definition.block.keyword == "TRANSFORM":
+                self._add(deck, definition, body, instance, positions)
 
     def _add(
         self,
         deck: Deck,
-        hold: CouplingDefinition,
+        definition: CouplingDefinition,
         body: Namespace,
         instance: str,
         positions: Container[int],
     ) -> None:
-        block = hold.block
+        block = definition.block
         values = [x for words, place in block.rows for x in parse_numbers(words, place)]
         kind = (block.options.get("TYPE") or "R").upper()
         if len(values) != 6 or kind not in ("R", "C"):
@@ -62,10 +62,10 @@ class TransformedAxes:
                 expected="type R or C and two points",
             )
         name = block.options.get("NSET", "")
-        labels = labels_named(deck, hold, body, instance, name)
-        if lost := find_undefined_members(positions, {name: labels}):
+        labels = labels_named(deck, definition, body, instance, name)
+        if undefined := find_undefined_members(positions, {name: labels}):
             raise InputError(
-                f"*TRANSFORM of {name!r} names {lost[name]}, which is not defined",
+                f"*TRANSFORM of {name!r} names {undefined[name]}, which is not defined",
                 place=block.place,
                 expected="nodes of this file",
             )
@@ -112,19 +112,21 @@ def equations_of(
     axes = TransformedAxes(deck, body, instance, positions)
     equations: list[RawEquation] = []
     beams: list[RawCoupling] = []
-    for hold in deck.equations:
+    for definition in deck.equations:
         try:
-            if hold.block.keyword == "EQUATION":
+            if definition.block.keyword == "EQUATION":
                 equations += _make_equations(
-                    deck, hold, body, instance, positions, axes
+                    deck, definition, body, instance, positions, axes
                 )
-            elif hold.block.keyword == "MPC":
-                found = _multi_point_constraints(deck, hold, body, instance, positions)
-                for one in found:
+            elif definition.block.keyword == "MPC":
+                constraints = _multi_point_constraints(
+                    deck, definition, body, instance, positions
+                )
+                for one in constraints:
                     held = beams if isinstance(one, RawCoupling) else equations
                     held.append(one)  # type: ignore[arg-type]
         except InputError as error:
-            place = error.place or hold.block.place
+            place = error.place or definition.block.place
             raise InputError(
                 error.problem, place=place, expected=error.expected
             ) from None
@@ -133,16 +135,16 @@ def equations_of(
 
 def _make_equations(
     deck: Deck,
-    hold: CouplingDefinition,
+    definition: CouplingDefinition,
     body: Namespace,
     instance: str,
     positions: dict[int, tuple[float, float, float]],
     axes: TransformedAxes,
 ) -> Iterator[RawEquation]:
-    for rows in _equation_terms(hold.block.rows):
+    for rows in _equation_terms(definition.block.rows):
         place = rows[0][1]
         terms = [
-            _equation_term(deck, hold, body, instance, words, where)
+            _equation_term(deck, definition, body, instance, words, where)
             for words, where in rows
         ]
         if deck.chosen and not all(labels for labels, _, _ in terms):
@@ -213,13 +215,13 @@ def _equation_terms(rows: Rows) -> Iterator[Rows]:
 
 def _equation_term(
     deck: Deck,
-    hold: CouplingDefinition,
+    definition: CouplingDefinition,
     body: Namespace,
     instance: str,
     words: list[str],
     place: str,
 ) -> tuple[list[int], int, float]:
-    labels = labels_named(deck, hold, body, instance, words[0])
+    labels = labels_named(deck, definition, body, instance, words[0])
     (number,) = parse_integers(words[1:2], place, "a direction")
     (share,) = parse_numbers(words[2:], place, "a coefficient")
     if number not in _DIRECTIONS:
@@ -239,14 +241,16 @@ def _equation_term(
 
 def _multi_point_constraints(
     deck: Deck,
-    hold: CouplingDefinition,
+    definition: CouplingDefinition,
     body: Namespace,
     instance: str,
     positions: dict[int, tuple[float, float, float]],
 ) -> Iterator[RawEquation | RawCoupling]:
-    for words, place in hold.block.rows:
+    for words, place in definition.block.rows:
         kind, *names = [word for word in words if word]
-        groups = [labels_named(deck, hold, body, instance, name) for name in names]
+        groups = [
+            labels_named(deck, definition, body, instance, name) for name in names
+        ]
         if deck.chosen and not all(groups):
             deck.remarks.append(f"*MPC ({place}) holds other parts: left out")
             continue
@@ -322,8 +326,8 @@ def ties_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawTie]:
     InputError : a surface is unknown or no surface of solids, or the tie is one of
         cyclic symmetry.
     """
-    for hold in deck.ties:
-        options, place = hold.block.options, hold.block.place
+    for definition in deck.ties:
+        options, place = definition.block.options, definition.block.place
         if "CYCLIC SYMMETRY" in options:
             raise InputError(
                 "*TIE of a cyclic symmetry is not supported",
@@ -333,7 +337,7 @@ def ties_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawTie]:
         given = options.get("POSITION TOLERANCE")
         tolerance = parse_numbers([given], place)[0] if given else None
         name = deck.name(options.get("NAME", "")) or "TIE"
-        for words, where in hold.block.rows:
+        for words, where in definition.block.rows:
             pair = [word for word in words if word]
             if len(pair) < 2:
                 raise InputError(
@@ -341,8 +345,10 @@ def ties_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawTie]:
                     place=where,
                     expected="a slave and a master surface",
                 )
-            slave, slave_nodes = _tie_side(deck, hold, body, instance, pair[0], where)
-            master, single = _tie_side(deck, hold, body, instance, pair[1], where)
+            slave, slave_nodes = _tie_side(
+                deck, definition, body, instance, pair[0], where
+            )
+            master, single = _tie_side(deck, definition, body, instance, pair[1], where)
             if deck.chosen:
                 used = {n for e in body.elements.values() for n in e.nodes}
                 slave_nodes = tuple(n for n in slave_nodes if n in used)
@@ -361,21 +367,21 @@ def ties_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawTie]:
 
 def _tie_side(
     deck: Deck,
-    hold: CouplingDefinition,
+    definition: CouplingDefinition,
     body: Namespace,
     instance: str,
     word: str,
     place: str,
 ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
-    scope, own = resolve_name(deck, hold.scope, word)
+    scope, own = resolve_name(deck, definition.scope, word)
     if scope is None:
         return (), ()
     name = deck.name(own)
     if name in scope.surfaces:
-        found = surface_faces(deck, scope, body, instance, name)
-        if found is not None:
-            faces = dict.fromkeys(tuple(face) for face in found[0])
-            return tuple(faces), _body_nodes(deck, body, found[1], word, place)
+        side_faces = surface_faces(deck, scope, body, instance, name)
+        if side_faces is not None:
+            faces = dict.fromkeys(tuple(face) for face in side_faces[0])
+            return tuple(faces), _body_nodes(deck, body, side_faces[1], word, place)
     elif name in scope.nsets:
         nodes = resolve_nodes(deck, scope, instance, own)
         return (), _body_nodes(deck, body, nodes, word, place)
@@ -395,12 +401,12 @@ def _body_nodes(
     ------
     InputError : the file does not define one.
     """
-    elsewhere = deck.assembly.nodes.keys() - body.nodes.keys()
-    found = tuple(n for n in nodes if n not in elsewhere)
-    if lost := find_undefined_members(body.nodes, {word: found}):
+    outside = deck.assembly.nodes.keys() - body.nodes.keys()
+    body_nodes = tuple(n for n in nodes if n not in outside)
+    if undefined := find_undefined_members(body.nodes, {word: body_nodes}):
         raise InputError(
-            f"the surface {word!r} names {lost[word]}, which is not defined",
+            f"the surface {word!r} names {undefined[word]}, which is not defined",
             place=place,
             expected="nodes of this file",
         )
-    return found
+    return body_nodes

@@ -37,9 +37,13 @@ def merge_instances(deck: Deck, part: str | None) -> Deck:
         scopes = [deck.assembly, *(deck.parts[part] for part in chosen.values())]
 
         def in_chosen_scopes(
-            holds: list[CouplingDefinition],
+            definitions: list[CouplingDefinition],
         ) -> list[CouplingDefinition]:
-            return [hold for hold in holds if any(hold.scope is s for s in scopes)]
+            return [
+                definition
+                for definition in definitions
+                if any(definition.scope is s for s in scopes)
+            ]
 
         return replace(
             deck,
@@ -67,9 +71,9 @@ def merge_instances(deck: Deck, part: str | None) -> Deck:
             expected=f"one of {known}",
         )
     there = body.elements.keys() | deck.assembly.elements.keys()
-    if lost := find_undefined_members(there, {name: sorted(labels)}, "element"):
+    if missing := find_undefined_members(there, {name: sorted(labels)}, "element"):
         raise InputError(
-            f"the part {name!r} names {lost[name]}, which the file does not define",
+            f"the part {name!r} names {missing[name]}, which the file does not define",
             place="geometry.part",
             expected="elements of this file",
         )
@@ -116,11 +120,11 @@ def _merge_to_one_scope(deck: Deck) -> Deck:
     for name, part in deck.instances.items():
         scopes.setdefault(id(deck.parts[part]), []).append(own[name])
 
-    def moved(holds: Iterable[CouplingDefinition]) -> list[CouplingDefinition]:
+    def moved(definitions: Iterable[CouplingDefinition]) -> list[CouplingDefinition]:
         return [
-            replace(hold, scope=scope)
-            for hold in holds
-            for scope in scopes.get(id(hold.scope), [])
+            replace(definition, scope=scope)
+            for definition in definitions
+            for scope in scopes.get(id(definition.scope), [])
         ]
 
     used = set(deck.instances.values())

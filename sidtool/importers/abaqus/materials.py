@@ -250,8 +250,8 @@ def _orient_material(
     ]
     first = [*(rows[0] if rows else []), *[0.0] * 9][:9]
     a, b, c = (tuple(x) for x in np.array(first).reshape(3, 3).tolist())
-    drawn = {0: a, 1: b, 2: c}
-    points = np.array(list(place_nodes(drawn, placement).values()))
+    axes_by_number = {0: a, 1: b, 2: c}
+    points = np.array(list(place_nodes(axes_by_number, placement).values()))
     further = rows[1] if len(rows) == 2 and any(rows[1]) else [3.0, 0.0]
     cylindrical = len(system) > 0 and "CYLINDRICAL".startswith(system)
     axes = _cylinder_axes(points) if cylindrical else _rectangular_axes(points)

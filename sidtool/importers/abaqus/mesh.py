@@ -34,7 +34,7 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     """
     body, instance = _body_scope(deck)
     sections = _section_by_element(deck, body)
-    elements, apart = _split_elements(body, sections)
+    elements, name_only = _split_elements(body, sections)
     raw = [
         _raw_element(deck, element, sections.get(element.label)) for element in elements
     ]
@@ -52,7 +52,7 @@ def mesh_of(deck: Deck) -> ImportedMesh:
         mesh,
         materials_of(deck, sections.values(), instance, next(iter(states))),
         next(iter(states)),
-        tuple(_reading_notes(deck, body, elements, apart)),
+        tuple(_reading_notes(deck, body, elements, name_only)),
         tuple(couplings),
         masses,
         tuple(equations),
@@ -100,7 +100,7 @@ def _body_scope(deck: Deck) -> tuple[Namespace, str]:
 
 def _section_by_element(deck: Deck, body: Namespace) -> dict[int, Section]:
     """The section of every element that has one."""
-    found: dict[int, Section] = {}
+    section_of: dict[int, Section] = {}
     for section in body.sections:
         if section.elset not in body.elsets:
             raise InputError(
@@ -115,7 +115,7 @@ def _section_by_element(deck: Deck, body: Namespace) -> dict[int, Section]:
                 expected="a *MATERIAL of this file",
             )
         for _, label in body.elsets[section.elset]:
-            known = found.setdefault(label, section)
+            known = section_of.setdefault(label, section)
             same = replace(section, elset=known.elset, place=known.place) == known
             if not same:
                 raise InputError(
@@ -123,7 +123,7 @@ def _section_by_element(deck: Deck, body: Namespace) -> dict[int, Section]:
                     place=section.place,
                     expected="one section for every element",
                 )
-    return found
+    return section_of
 
 
 def _split_elements(
@@ -132,17 +132,17 @@ def _split_elements(
     """The elements of the body, and those of lower dimension that only name nodes."""
     elements = list(body.elements.values())
     top = max((e.type.dimension for e in elements if e.type.kind), default=3)
-    solids, apart = [], []
+    solids, name_only = [], []
     for element in elements:
         if element.type.kind and element.type.dimension == top:
             solids.append(element)
         elif element.label in sections or element.type.dimension >= top:
             raise _no_solid_elements(element)
         else:
-            apart.append(element)
-    if apart and not solids:
-        raise _no_solid_elements(apart[0])
-    return solids, apart
+            name_only.append(element)
+    if name_only and not solids:
+        raise _no_solid_elements(name_only[0])
+    return solids, name_only
 
 
 def _no_solid_elements(element: Element) -> InputError:
@@ -216,9 +216,9 @@ def undefined_set_members(
             if name not in scope.nsets:
                 elsets.setdefault(name, []).extend(_labels_of_group(group, own))
     there = body.elements.keys() | deck.outside
-    lost = find_undefined_members(there, elsets, "element")
+    undefined = find_undefined_members(there, elsets, "element")
     return find_undefined_members(body.nodes, sets) | {
-        name: member for name, member in lost.items() if name in sets
+        name: member for name, member in undefined.items() if name in sets
     }
 
 
@@ -227,7 +227,7 @@ def _labels_of_group(group: Iterable[Member], instance: str) -> list[int]:
 
 
 def _reading_notes(
-    deck: Deck, body: Namespace, elements: list[Element], apart: list[Element]
+    deck: Deck, body: Namespace, elements: list[Element], name_only: list[Element]
 ) -> Iterable[str]:
     """Return notes on what was read, replaced and ignored."""
     given = Counter(element.given for element in elements)
@@ -243,12 +243,14 @@ def _reading_notes(
     for name, count in given.items():
         if kinds[name].replaced:
             yield f"{count} elements {name}: {kinds[name].replaced}"
-    idle = [element.given for element in apart if element.given not in POINTS]
+    idle = [element.given for element in name_only if element.given not in POINTS]
     if deck.masses:
-        keywords = dict.fromkeys(f"*{hold.block.keyword}" for hold in deck.masses)
+        keywords = dict.fromkeys(
+            f"*{definition.block.keyword}" for definition in deck.masses
+        )
         yield f"{' and '.join(keywords)} at nodes"
-    elif len(idle) < len(apart):
-        yield f"{len(apart) - len(idle)} elements {' and '.join(POINTS)} have no mass"
+    elif massless := len(name_only) - len(idle):
+        yield f"{massless} elements {' and '.join(POINTS)} have no mass"
     for name, count in Counter(idle).items():
         yield f"{count} elements {name} without a section only name nodes"
     for part in deck.parts.values():

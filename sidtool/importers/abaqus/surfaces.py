@@ -48,12 +48,12 @@ def surface_nodes(
     deck: Deck, scope: Namespace, body: Namespace, instance: str, name: str
 ) -> list[int] | None:
     """The nodes of the body on a surface; None if it is no surface of solids."""
-    found = surface_faces(deck, scope, body, instance, name)
-    if found is None:
+    faces = surface_faces(deck, scope, body, instance, name)
+    if faces is None:
         return None
-    nodes = dict.fromkeys([*(n for face in found[0] for n in face), *found[1]])
-    elsewhere = deck.assembly.nodes.keys() - body.nodes.keys()
-    return [n for n in nodes if n not in elsewhere]
+    nodes = dict.fromkeys([*(n for face in faces[0] for n in face), *faces[1]])
+    outside = deck.assembly.nodes.keys() - body.nodes.keys()
+    return [n for n in nodes if n not in outside]
 
 
 def surface_faces(

@@ -162,11 +162,11 @@ def _read_types(content: ArchiveContent, words: list[str]) -> None:
 
 def _block_rows(content: ArchiveContent) -> Iterator[tuple[list[str], list[str]]]:
     """The integers and what follows them in the lines of a block, until its end."""
-    found = _FORMAT.search(content.next())
-    if found is None:
+    match = _FORMAT.search(content.next())
+    if match is None:
         wanted = "a line like (3i9,6e21.13e3)"
         raise InputError("has no format", place=content.place, expected=wanted)
-    count, width, _, wide = (int(x) if x else 0 for x in found.groups())
+    count, width, _, wide = (int(x) if x else 0 for x in match.groups())
     while True:
         line = content.next()
         start = line.strip().upper()
@@ -191,10 +191,10 @@ def _announced_count(words: list[str]) -> int | None:
     return int(last) if len(words) > 4 and last.isdigit() else None
 
 
-def _check_count(name: str, announced: int | None, found: int) -> None:
-    if announced is not None and announced != found:
+def _check_count(name: str, announced: int | None, count: int) -> None:
+    if announced is not None and announced != count:
         raise InputError(
-            f"{name} announces {announced} entries and holds {found}",
+            f"{name} announces {announced} entries and holds {count}",
             expected="as many as it announces",
         )
 
@@ -286,9 +286,9 @@ def _read_component(content: ArchiveContent, words: list[str]) -> None:
     """CMBLOCK, name, kind, count: numbers, of which a negative one ends a range."""
     name, kind = words[1], words[2].upper() if len(words) > 2 else ""
     members: list[int] = []
-    while (found := _FORMAT.search(content.next())) is None:
+    while (match := _FORMAT.search(content.next())) is None:
         continue
-    width = int(found.group(2))
+    width = int(match.group(2))
     count = parse_integers(words[3:4], content.place, "the number of entries")[0]
     read = 0
     while read < count:

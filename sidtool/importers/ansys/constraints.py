@@ -206,11 +206,11 @@ def real_thickness(
     """
     if kind not in ("quad4", "quad8") or keys.get(3, 0) != 3:
         return None
-    found = content.reals.get(label, [0.0])[0]
-    if found <= 0:
+    thickness = content.reals.get(label, [0.0])[0]
+    if thickness <= 0:
         raise InputError(
             f"the real constants {label} hold no thickness",
             place=place,
             expected="R, set, thickness",
         )
-    return found
+    return thickness

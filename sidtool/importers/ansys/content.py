@@ -135,12 +135,12 @@ def system_of(content: ArchiveContent, label: int, place: str) -> LocalSystem:
     ------
     InputError : it is not defined, or neither Cartesian nor cylindrical.
     """
-    found = content.systems.get(label, LocalSystem(label) if label in (0, 1) else None)
-    if found is None or found.kind not in (0, 1):
-        what = "is not defined" if found is None else f"is of kind {found.kind}"
+    system = content.systems.get(label, LocalSystem(label) if label in (0, 1) else None)
+    if system is None or system.kind not in (0, 1):
+        what = "is not defined" if system is None else f"is of kind {system.kind}"
         raise InputError(
             f"the system {label} {what}",
             place=place,
             expected="a Cartesian or cylindrical system of LOCAL",
         )
-    return found
+    return system

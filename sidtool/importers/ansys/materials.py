@@ -66,7 +66,7 @@ def read_property(content: ArchiveContent, words: list[str]) -> None:
             )
         content.unread_keywords[f"property {name}"] = None
         return
-    found = parse_numbers(given, content.place, "a constant")
+    numbers = parse_numbers(given, content.place, "a constant")
     table = content.tables.setdefault((material, name), [])
     if not 1 <= start <= len(table) + 1:
         raise InputError(
@@ -74,7 +74,7 @@ def read_property(content: ArchiveContent, words: list[str]) -> None:
             place=content.place,
             expected="a table without gaps",
         )
-    table[start - 1 :] = found
+    table[start - 1 :] = numbers
     constants = content.constants.setdefault(material, {})
     constants.pop(name, None)
     if len(set(table)) == 1:

@@ -104,8 +104,8 @@ def pbeaml(content: BulkData, card: Card) -> None:
         _check_output(card, at)
         place = card.real(at + 1, "a place", 1.0)
         given = any(card.words[at + 2 : at + 3 + count])
-        found = _section_at(card, kind, at + 2, count) if given else last[1:]
-        sections.append((place, *found))
+        section = _section_at(card, kind, at + 2, count) if given else last[1:]
+        sections.append((place, *section))
         at += 3 + count
     _check_end_station(card, at)
     _store_section(content, card, _bar_section_of_shapes(sections))
@@ -113,7 +113,7 @@ def pbeaml(content: BulkData, card: Card) -> None:
 
 def pbeam(content: BulkData, card: Card) -> None:
     """PID, MID, A, I1, I2, I12, J, NSM at A, C1 to F2, stations, K1, K2, S1, S2, ..."""
-    courses = {name: [(0.0, card.real(2 + k, name))] for k, name in enumerate(_FIELDS)}
+    profiles = {name: [(0.0, card.real(2 + k, name))] for k, name in enumerate(_FIELDS)}
     at = 8
     if card.word(at).upper() not in _STATIONS:
         _stress_points(content, card, at)
@@ -122,7 +122,7 @@ def pbeam(content: BulkData, card: Card) -> None:
         place = card.real(at + 1, "a place", 1.0)
         for k, name in enumerate(_FIELDS, at + 2):
             if card.word(k):
-                courses[name].append((place, card.real(k, name)))
+                profiles[name].append((place, card.real(k, name)))
         if card.word(at).upper() == "YES":
             _stress_points(content, card, at + 8)
             at += 8
@@ -130,17 +130,17 @@ def pbeam(content: BulkData, card: Card) -> None:
     _check_blank(card, range(at + 2, at + 16), "S1, S2, NSI, CW, M1, M2, N1 or N2")
     _check_end_station(card, at + 16)
     shear = (_shear_factor(card, at, 1.0), _shear_factor(card, at + 1, 1.0))
-    product = courses.pop("product")
+    product = profiles.pop("product")
     turn = 0.0
     if any(value for _, value in product):
-        if any(len(c) > 1 for c in (product, courses["iz"], courses["iy"])):
+        if any(len(c) > 1 for c in (product, profiles["iz"], profiles["iy"])):
             raise _unsupported_section(card, "I12 and stations")
-        i1, i2 = (courses[name][0][1] for name in ("iz", "iy"))
+        i1, i2 = (profiles[name][0][1] for name in ("iz", "iy"))
         turn, i1, i2 = _principal(card, i1, i2, product[0][1])
-        courses |= {"iz": [(0.0, i1)], "iy": [(0.0, i2)]}
+        profiles |= {"iz": [(0.0, i1)], "iy": [(0.0, i2)]}
         if shear[0] != shear[1]:
             raise _unsupported_section(card, "I12, and K1 other than K2")
-    area, iz, iy, torsion, extra = (tuple(sorted(c)) for c in courses.values())
+    area, iz, iy, torsion, extra = (tuple(sorted(c)) for c in profiles.values())
     _store_section(content, card, BarSection(area, iy, iz, torsion, extra, shear, turn))
 
 

@@ -67,9 +67,9 @@ def bars_of(content: BulkData) -> tuple[RawBar, ...]:
     for card in content.bars:
         with content.stops.collect_errors():
             bars.append(readers[card.name](content, card))
-    found = tuple(bars)
+    elements = tuple(bars)
     labels = {label for label, *_ in content.elements}
-    for one in found:
+    for one in elements:
         if one.label in labels:
             raise InputError(
                 f"element {one.label} is defined twice",
@@ -77,7 +77,7 @@ def bars_of(content: BulkData) -> tuple[RawBar, ...]:
                 expected="one definition",
             )
         labels.add(one.label)
-    return found
+    return elements
 
 
 def _read_bar(content: BulkData, card: Card) -> RawBar:
@@ -91,9 +91,9 @@ def _read_bar(content: BulkData, card: Card) -> RawBar:
             place=card.place,
             expected="OFFT = GGG or BGG, and no warping",
         )
-    found = _bar_property(content, card, card.integer(1, "a property", label))
+    property_ = _bar_property(content, card, card.integer(1, "a property", label))
     offsets = [_vector_in_basic(content, card, nodes[k], 10 + 3 * k) for k in (0, 1)]
-    section, free_directions = _with_pinned_stiffness(card, found.section)
+    section, free_directions = _with_pinned_stiffness(card, property_.section)
     pins = tuple(
         tuple(sorted({*_pin_directions(card, 8 + k), *free_directions[k]}))
         for k in (0, 1)
@@ -104,8 +104,10 @@ def _read_bar(content: BulkData, card: Card) -> RawBar:
             np.add(content.nodes[n], w) for n, w in zip(nodes, offsets, strict=True)
         ]
         up = _principal_axis(up, ends[1] - ends[0], section.turn)
-    found = replace(found, section=section)
-    raw = _make_bar(content, card, (label, nodes), found, up, (offsets[0], offsets[1]))
+    property_ = replace(property_, section=section)
+    raw = _make_bar(
+        content, card, (label, nodes), property_, up, (offsets[0], offsets[1])
+    )
     return replace(raw, pins=(pins[0], pins[1]))
 
 
@@ -187,14 +189,14 @@ def _orientation_vector(content: BulkData, card: Card, start: int) -> Vector:
         arm = np.subtract(content.nodes[other], content.nodes[start])
         return float(arm[0]), float(arm[1]), float(arm[2])
     basic = card.word(7).upper().startswith("B")
-    found = _vector_in_basic(content, card, None if basic else start, 4)
-    if not any(found):
+    vector = _vector_in_basic(content, card, None if basic else start, 4)
+    if not any(vector):
         raise InputError(
             f"{card.name} {card.word(0)} has no direction of its y axis",
             place=card.place,
             expected="X1, X2, X3 or G0",
         )
-    return found
+    return vector
 
 
 def _vector_in_basic(
@@ -216,58 +218,58 @@ def _read_rod(content: BulkData, card: Card) -> RawBar:
     """EID, PID, G1, G2."""
     label = card.integer(0, "an element number")
     _check_last_field(card, 4)
-    found = _bar_property(content, card, card.integer(1, "a property", label))
-    if found.section.iy:
+    property_ = _bar_property(content, card, card.integer(1, "a property", label))
+    if property_.section.iy:
         raise InputError(
             f"CROD {label} has a property of bars", place=card.place, expected="PROD"
         )
-    return _make_bar(content, card, (label, _end_nodes(content, card, 2)), found)
+    return _make_bar(content, card, (label, _end_nodes(content, card, 2)), property_)
 
 
 def _read_conrod(content: BulkData, card: Card) -> RawBar:
     """EID, G1, G2, MID, A, J, C, NSM."""
     _check_last_field(card, 8)
-    courses = (((0.0, card.real(i, "a number")),) for i in (4, 5, 7))
-    area, torsion, extra = courses
+    profiles = (((0.0, card.real(i, "a number")),) for i in (4, 5, 7))
+    area, torsion, extra = profiles
     section = BarSection(area, torsion=torsion, extra=extra)
-    found = BarProperty(str(card.integer(3, "a material")), section, card.place)
+    property_ = BarProperty(str(card.integer(3, "a material")), section, card.place)
     if card.word(6):
         content.unread_keywords["stress points of CONROD"] = None
     label = card.integer(0, "an element number")
-    return _make_bar(content, card, (label, _end_nodes(content, card, 1)), found)
+    return _make_bar(content, card, (label, _end_nodes(content, card, 1)), property_)
 
 
 def _make_bar(
     content: BulkData,
     card: Card,
     ends: tuple[int, tuple[int, int]],
-    found: BarProperty,
+    property_: BarProperty,
     y_axis: Vector | None = None,
     offsets: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
 ) -> RawBar:
-    section, weight = found.section, content.weight
+    section, weight = property_.section, content.weight
     if min(v for _, v in section.area) <= 0:
         raise InputError(
             f"{card.name} {ends[0]} has no area",
             place=card.place,
             expected="an area above zero",
         )
-    e, g, rho = content.moduli.get(found.material, (0.0, 0.0, 0.0))
+    e, g, rho = content.moduli.get(property_.material, (0.0, 0.0, 0.0))
     heavy = tuple((at, weight * value) for at, value in section.extra)
     section = replace(section, extra=heavy)
-    rho *= content.weight_of(found.material)
+    rho *= content.weight_of(property_.material)
     return RawBar(*ends, card.place, y_axis, e, g, rho, section, offsets)
 
 
 def _bar_property(content: BulkData, card: Card, label: int) -> BarProperty:
-    found = content.bar_properties.get(label)
-    if found is None or (card.name != "CROD" and not found.section.iy):
+    property_ = content.bar_properties.get(label)
+    if property_ is None or (card.name != "CROD" and not property_.section.iy):
         raise InputError(
             f"{card.name} {card.word(0)} has the property {label}",
             place=card.place,
             expected="PROD for CROD; PBAR, PBARL, PBEAM or PBEAML for bars",
         )
-    return found
+    return property_
 
 
 def _end_nodes(content: BulkData, card: Card, at: int) -> tuple[int, int]:

@@ -214,8 +214,8 @@ def _read_element(content: BulkData, card: Card) -> None:
         kind = linear_kind(full)
     elif len(words) > corners and "" not in words[:corners]:
         kind, words = full, [*words, *[""] * (most - len(words))]
-    lost = kind == full and "" in words
-    if kind is None or ("" in words and not (lost and not content.shells)):
+    has_gap = kind == full and "" in words
+    if kind is None or ("" in words and not (has_gap and not content.shells)):
         raise InputError(
             f"element {label} is a {card.name} of {len(words) - words.count('')} nodes",
             place=card.place,
@@ -439,8 +439,8 @@ def _completed_middles(content: BulkData) -> MidsideNodes:
     middles = MidsideNodes(content.nodes)
     for i, (label, property_, kind, nodes, place) in enumerate(content.elements):
         if 0 in nodes:
-            found = middles.completed(kind, nodes, place)
-            content.elements[i] = (label, property_, *found, place)
+            completed = middles.completed(kind, nodes, place)
+            content.elements[i] = (label, property_, *completed, place)
     content.nodes = middles.nodes
     return middles
 

@@ -139,7 +139,7 @@ def _split_case_control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
     if not any(texts[:start]):
         return start + bool(begins), []
     named = [_MPC.match(text) for text in texts[:start]]
-    words = [found.group(1) for found in named if found]
+    words = [match.group(1) for match in named if match]
     return start + bool(begins), [Card(CASE_CONTROL, f"line {start}", words)]
 
 
@@ -227,8 +227,8 @@ def parse_member_groups(words: list[str], place: str) -> Iterator[Sequence[int]]
         if given[i + 1 : i + 2] == ["THRU"]:
             ends = parse_integers([given[i], *given[i + 2 : i + 3]], place)
             if len(ends) < 2 or not 0 <= ends[1] - ends[0] < MOST_MEMBERS:
-                found = " ".join(given[i : i + 3])
-                raise InputError(f"found {found!r}", place=place, expected="a THRU b")
+                text = " ".join(given[i : i + 3])
+                raise InputError(f"found {text!r}", place=place, expected="a THRU b")
             yield range(ends[0], ends[1] + 1)
             i += 3
             continue

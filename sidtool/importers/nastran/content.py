@@ -271,30 +271,30 @@ def property_node_sets(content: BulkData) -> tuple[str, ...]:
     ]
     top = max(dimensions, default=1)
     elements, bars = [], []
-    found: dict[str, list[int]] = {}
+    node_sets: dict[str, list[int]] = {}
     for element, dimension in zip(content.elements, dimensions, strict=True):
         _, label, _, nodes, _ = element
         given = content.properties.get(label)
         if dimension == top or (given and given.flat and given.material):
             elements.append(element)
         else:
-            found.setdefault(f"{_SET_PREFIXES[dimension]}{label}", []).extend(nodes)
+            node_sets.setdefault(f"{_SET_PREFIXES[dimension]}{label}", []).extend(nodes)
     for card in content.bars:
         label = card.integer(1, "a property", card.integer(0, "an element number"))
         if top == 1 or card.name == "CONROD" or label in content.bar_properties:
             bars.append(card)
         else:
             nodes = [card.integer(i, "a node") for i in (2, 3)]
-            found.setdefault(f"{_SET_PREFIXES[1]}{label}", []).extend(nodes)
-    apart = len(content.elements) + len(content.bars) - len(elements) - len(bars)
+            node_sets.setdefault(f"{_SET_PREFIXES[1]}{label}", []).extend(nodes)
+    omitted = len(content.elements) + len(content.bars) - len(elements) - len(bars)
     content.elements, content.bars = elements, bars
-    for name, nodes in found.items():
+    for name, nodes in node_sets.items():
         content.sets.setdefault(name, []).extend(nodes)
-    if not apart:
+    if not omitted:
         return ()
     return (
-        f"{apart} elements of lower dimension have no material and only name nodes: "
-        f"{', '.join(found)}",
+        f"{omitted} elements of lower dimension have no material and only name nodes: "
+        f"{', '.join(node_sets)}",
     )
 
 

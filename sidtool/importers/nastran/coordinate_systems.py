@@ -42,12 +42,12 @@ def systems_of(card: Card) -> list[CoordinateSystem]:
         label = card.integer(0, "a system")
         parent = card.integer(1, "a system", 0)
         return [CoordinateSystem(label, kind, parent, points, card.place)]
-    found = []
+    systems = []
     for start in (0, 4):
         if card.word(start):
             label, *nodes = (card.integer(start + i, "a number") for i in range(4))
-            found.append(CoordinateSystem(label, kind, 0, tuple(nodes), card.place))
-    return found
+            systems.append(CoordinateSystem(label, kind, 0, tuple(nodes), card.place))
+    return systems
 
 
 class CoordinateSystems:

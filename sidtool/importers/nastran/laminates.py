@@ -79,7 +79,7 @@ def shells_of(content: BulkData) -> tuple[RawShell, ...]:
     InputError : one is not what own elements are.
     """
     sections: dict[int, ShellSection] = {}
-    made = []
+    shells = []
     for label, property_, kind, nodes, place in content.elements:
         if not kind.startswith(("quad", "tri")):
             continue
@@ -91,20 +91,20 @@ def shells_of(content: BulkData) -> tuple[RawShell, ...]:
                 expected="CQUAD4 and CTRIA3 of corners beside bars, springs, solids "
                 'and layers; geometry.engine = "calculix" takes such shells alone',
             )
-        lost = next((n for n in nodes if n not in content.nodes), None)
-        if lost is not None:
+        undefined = next((n for n in nodes if n not in content.nodes), None)
+        if undefined is not None:
             raise InputError(
-                f"element {label} names node {lost}, which is not defined",
+                f"element {label} names node {undefined}, which is not defined",
                 place=place,
                 expected="a node of this file",
             )
         with content.stops.collect_errors():
             if property_ not in sections:
                 sections[property_] = _section(content, property_, place)
-            made.append(
+            shells.append(
                 _shell(content, (label, kind, nodes, place), sections[property_])
             )
-    return tuple(made)
+    return tuple(shells)
 
 
 def _shell(
@@ -170,14 +170,14 @@ def _section(content: BulkData, label: int, place: str) -> ShellSection:
 
 
 def _law(content: BulkData, card: Card, label: int) -> PlaneLaw:
-    found = content.plane.get(str(label))
-    if found is None:
+    law = content.plane.get(str(label))
+    if law is None:
         raise InputError(
             f"{card.name} {card.word(0)} has the material {label}",
             place=card.place,
             expected="MAT1, MAT2 or MAT8",
         )
-    return replace(found, density=found.density * content.weight_of(str(label)))
+    return replace(law, density=law.density * content.weight_of(str(label)))
 
 
 def _plain(content: BulkData, card: Card) -> ShellSection:

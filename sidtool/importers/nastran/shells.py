@@ -96,7 +96,11 @@ def beyond_calculix(
             [w for n, w in content.shell_fields.items() if any(w[len(angles[n]) :])],
         ),
     )
-    return ", ".join(what for what, found in held if found) if True in flat else ""
+    return (
+        ", ".join(what for what, is_present in held if is_present)
+        if True in flat
+        else ""
+    )
 
 
 def _extent(mass: RawMass) -> tuple[float, ...]:

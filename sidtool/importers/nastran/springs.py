@@ -76,18 +76,18 @@ def springs_of(content: BulkData) -> tuple[RawSpring, ...]:
     ------
     InputError : one has no property or is at no node.
     """
-    found: list[RawSpring] = []
+    springs: list[RawSpring] = []
     grounded: list[str] = []
     for card in content.springs:
         with content.stops.collect_errors():
-            made = (
+            new_springs = (
                 _bush(content, card) if card.name == "CBUSH" else _elas(content, card)
             )
-            if made.nodes[1] is not None:
-                found.append(made)
+            if new_springs.nodes[1] is not None:
+                springs.append(new_springs)
                 continue
-            name = f"{card.name}_{made.label}"
-            content.sets.setdefault(name, []).append(made.nodes[0])
+            name = f"{card.name}_{new_springs.label}"
+            content.sets.setdefault(name, []).append(new_springs.nodes[0])
             grounded.append(name)
     if grounded:
         listed = ", ".join(grounded[:5]) + (" and others" if grounded[5:] else "")
@@ -95,7 +95,7 @@ def springs_of(content: BulkData) -> tuple[RawSpring, ...]:
             f"{len(grounded)} springs to the ground, which are supports and name node "
             f"sets ({listed}): bushings of the scene hold the body there"
         ] = None
-    return tuple(found)
+    return tuple(springs)
 
 
 def _stiffness(
