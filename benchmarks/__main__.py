@@ -37,7 +37,7 @@ BENCHMARKS = (
 )
 #: Also on the page: `python -m benchmarks.decks FOLDER -o benchmarks/results`.
 ON_PAGE = (*BENCHMARKS, "decks")
-#: Those whose summary stands on the page of the documents, and in the README.
+#: Benchmarks with a summary in the documentation and in the README.
 SHORT = ("slider_crank", "chain", "latency")
 FIRST = ("slider_crank",)
 #: Benchmarks that have a page of their own among the documents.

@@ -1,4 +1,4 @@
-"""Random scenes that are asked for an accuracy: are the errors what is said of them?
+"""Random scenes with a requested accuracy: are the estimated errors right?
 
 The generator is that of `tests/metamorphic`. Each seed draws a request, from 1e-1 to
 1e-5, of all outputs or of three of them. What the search promises is compared with a
@@ -64,7 +64,7 @@ class Verdict:
 
     @property
     def ratios(self) -> list[float]:
-        """Estimate over error, of errors that can be told."""
+        """Return the ratio of estimate to error, for resolved errors."""
         pairs = zip(self.estimates, self.errors, strict=True)
         return [e / max(error, ROUNDING) for e, error in pairs if e > ROUNDING]
 

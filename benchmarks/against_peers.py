@@ -39,7 +39,7 @@ def report_on(
 ) -> Report:
     """What decides ratios is timed again.
 
-    truth : outputs whose errors the runs tell, q1 first
+    truth : reference values of the compared outputs, q1 first
     """
     runs = settled(list(runs), WANTED)
     plot_runs(plot, runs, "max |dq1| / max |q1|")

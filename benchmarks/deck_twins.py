@@ -94,7 +94,7 @@ def _with_densities(text: str) -> str:
 
 
 def _density(material: str) -> str:
-    """Steel's, in the units that the modulus of elasticity tells of."""
+    """Return the density of steel in the units of the modulus of elasticity."""
     found = re.search(r"(?im)^\*ELASTIC.*\n\s*([^,\s]+)", material)
     return "7.85e-9" if found and float(found.group(1)) < 1e8 else "7850."
 

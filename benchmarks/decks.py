@@ -117,7 +117,7 @@ class Verdict:
 )
 @click.option("--match", default="", help="Only decks whose path holds this text.")
 def main(folder: Path, limit: float, output: Path | None, match: str) -> None:
-    """Convert every deck of a folder and say what became of it."""
+    """Convert every deck of a folder and report the outcome."""
     use_one_thread()
     files = sorted(
         p for p in folder.rglob("*") if p.suffix.lower() in ENDINGS and p.is_file()
@@ -228,7 +228,7 @@ def _converted(deck: Path, place: Path) -> tuple[Any, dict[str, Any]]:
 
 
 def _answered(data: dict[str, Any], error: InputError) -> bool:
-    """Whether the model file now says what the message asks for."""
+    """Return whether the model file could be completed as the message requires."""
     place, asked = error.place or "", f"{error.problem} {error.expected}"
     geometry = data["geometry"]
     if "geometry.engine" in asked and "engine" not in geometry:

@@ -1,9 +1,10 @@
 """Shape functions and time of the search for a wanted accuracy, against an oracle.
 
-The oracle knows the true error: it takes out the shape function that then errs least,
-one by one, as long as the request of 1e-3 is kept. The best run is the fastest one of
-its model among integrators at their loosest tolerances. All seconds are those of the
-processor. Where the best run is long there is no oracle, which would run for an hour.
+The oracle knows the true error: it removes the shape function with the smallest
+resulting error, one by one, as long as the request of 1e-3 is kept. The best run is the
+fastest one of its model among integrators at their loosest tolerances. All seconds are
+those of the processor. Where the best run is long there is no oracle, which would run
+for an hour.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ from .report import Report, Table
 
 WANTED = 1e-3
 CRANK = Path(__file__).parents[1] / "examples" / "slider_crank"
-#: Outputs of the founding scene that are asked for, each by itself.
+#: Requested outputs of the slider-crank example, one at a time.
 OUTPUTS = ("piston.x", "rod.q1", "piston_pin.fx")
-#: Random scenes, each asked for the place of a marker of a flexible body.
+#: Random scenes, each with a requested marker position of a flexible body.
 SEEDS = (2006, 2013, 2036, 2050, 2052, 2077, 2107, 2114)
 HEADER = ["scene", "output", "all", "oracle", "chosen", "search s", "best run s"]
 #: Scenes whose best run takes over a second: an output, and how long they go on [s].

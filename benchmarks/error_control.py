@@ -1,4 +1,4 @@
-"""Error asked for against error found: published problems, and known motions."""
+"""Requested error and measured error: published problems, and known motions."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         tables.append(Table(f"{case}: error divided by the tolerance", header, rows))
     tables += [_motions(rtol, say, stops) for rtol in KNOWN]
     return Report(
-        title="Error asked for and error found",
+        title="Requested error and measured error",
         tables=tables,
         remarks=[
             "Errors of elastic coordinates are relative to the largest of them, of "

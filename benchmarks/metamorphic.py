@@ -105,7 +105,7 @@ def judge_all(
     say: Callable[[str], object],
     rubs: bool = False,
 ) -> list[Verdict]:
-    """All verdicts; those that are not equal are told at once.
+    """Return all verdicts; print those that differ at once.
 
     kept : file of what was judged, one line per scene below one of the sources
     """

@@ -27,7 +27,7 @@ LEVELS, MESHES = {"Q4": (-2, -1, 0, 1, 2), "IGA": (-2, -1, 0, 1)}, (-2, -1, 0, 1
 MODES = (1, 3, 5)
 OUTPUTS = ("piston.x", "rod.q1", "rod.q2")
 SETTING = Setting("radau9", rtol=1e-8)
-#: Relative errors that both are asked for.
+#: Requested relative errors.
 WANTED = (1e-1, 1e-2, 1e-3, 1e-4)
 #: Half of the last digit of the converged frequencies.
 DIGITS = 2e-5

@@ -1,4 +1,4 @@
-"""Single outputs, asked for from 1e-1 to 1e-6: what is chosen, and what it costs.
+"""Requests of single outputs from 1e-1 to 1e-6: selected models and their cost.
 
 The founding slider-crank, and an arm in space that swings about an axis askew to its
 own and to its weight. Errors are those against a run that the search has never seen:

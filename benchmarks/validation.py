@@ -1,6 +1,6 @@
 """``python -m benchmarks.validation``: reference problems, as docs/validation.md.
 
-Every number stands beside where it comes from; nothing is left out because it deviates.
+Every number has its source; no result is omitted because it deviates.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def main() -> None:
         "Reference problems with their deviations, written by `python -m "
         "benchmarks.validation`. *Published* numbers are printed in the source that is "
         "named, *computed* ones come from another method. Thirty more motions, every "
-        "integrator and tolerance: [error asked for and error found]"
+        "integrator and tolerance: [requested error and measured error]"
         "(../benchmarks/results/results.md).\n",
     ]
     for problem in PROBLEMS:

@@ -58,7 +58,7 @@ def write(folder: Path) -> None:
 
 
 def examples() -> dict[Key, Any]:
-    """A value of every key that a file has, as it stands there."""
+    """Return a value of every key of a file as it is written there."""
     found: dict[Key, Any] = {}
     files = sorted(DOCS.glob("formats/*.toml"))
     files += sorted((DOCS.parent / "examples").glob("*/*.toml"))

@@ -1,4 +1,4 @@
-"""Runs what stands in the code blocks of a page, as its reader would."""
+"""Run the code blocks of a page as a reader would."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Programs and packages that the tests can use, but that no machine has to have.
 
-A test that uses one says so: `@pytest.mark.needs("ccx")`. It is skipped where the
+A test that uses one is marked `@pytest.mark.needs("ccx")`. It is skipped where the
 program or package is missing. All other tests run as on a machine that has none of
 them: they are not on the PATH, and their import fails, here and in processes that a
 test starts. So a test without its mark fails on every machine, not only where the

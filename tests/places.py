@@ -1,4 +1,4 @@
-"""Where what tests read stands in the repository, and what only POSIX has."""
+"""Paths of files that tests read, and features that only POSIX has."""
 
 import sys
 from pathlib import Path

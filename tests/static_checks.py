@@ -6,7 +6,7 @@ itself through others. The examples of the documentation and the files of `tests
 are checked as those of users are: strictly, in another folder; with pyright, too, where
 it is installed.
 
-Both follow folders, and `sidtool.solver` and `sidtool.formats` stand at the top of the
+Both follow folders, and `sidtool.solver` and `sidtool.formats` are at the top of the
 repository. A folder below `build/` shows them where they are installed: by links, on
 Windows by copies.
 """

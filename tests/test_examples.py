@@ -98,7 +98,9 @@ def test_the_bar_sags_and_rings_as_beam_theory_says(ran) -> None:
 
 
 def test_the_blade_lags_as_the_exact_beam_does(ran) -> None:
-    """-0.5737868 m of a geometrically exact beam; SIDs err by 0.1 % (three modes)."""
+    """-0.5737868 m of a geometrically exact beam; SIDs have an error of 0.1 % (three
+    modes).
+    """
     folder = ran("spinning_blade")
     result = result_of(folder)
     assert result["blade.tip.uy"].min() == pytest.approx(-0.574443, rel=2e-4)

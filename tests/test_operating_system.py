@@ -1,4 +1,4 @@
-"""What differs between systems stands in one module, and text is UTF-8."""
+"""Differences between operating systems are in one module, and text is UTF-8."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the source cites of the theory stands there."""
+"""References of the source to the theory page exist."""
 
 from __future__ import annotations
 

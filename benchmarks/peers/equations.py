@@ -2,7 +2,7 @@
 
 z_I' = Z z_II and z_II' from the index-1 equations, on sidtool's own kernels; outputs
 are evaluated after projection onto the constraints. Called from Python, the kernels
-spend most of their time on their arguments: `cost` says how much a call takes.
+spend most of their time on their arguments: `cost` is the time of a call.
 """
 
 from __future__ import annotations

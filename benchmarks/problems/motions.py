@@ -98,8 +98,8 @@ def _spin_up() -> Iterator[Row]:
 
     Kane, Ryan and Banerjee's beam: tip deflection [m] against a geometrically exact
     beam, and the least one against floating frames with the centrifugal term and as
-    many bending modes. A SID with few shapes errs by 0.1 to 0.2 %. Without the term the
-    body diverges, as it has to.
+    many bending modes. A SID with few shape functions has an error of 0.1 to 0.2 %.
+    Without the term the body diverges, as it has to.
     """
     exact = {5.0: -0.4684420, 7.5: -0.5590392, 10.0: -0.3627654}
     for modes, stated in (

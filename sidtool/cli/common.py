@@ -298,8 +298,8 @@ def print_notes(result: WithNotes, warn: bool = True) -> None:
 
 
 def print_remarks(sentences: Iterable[str], err: bool = False) -> None:
-    """Print notes on the standard output, or on the standard error with `err` or
-    --quiet.
+    """Print notes on the standard output; on the standard error if `err` or --quiet is
+    set.
     """
     for sentence in sentences:
         click.echo(f"note: {sentence}", err=err or is_quiet())

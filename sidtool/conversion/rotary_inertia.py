@@ -78,12 +78,12 @@ def blocks_of_full_mass(
     for rigid bodies on nodes, which turn with them by a finite rotation. Lumped beams
     are such bodies, and not quite beams: what a half element has of inertia by its
     length turns too, where the line of a beam would bend. Of a rod of 6, 12 and 24
-    lumped Timoshenko elements the entries of Oe m1 in bending err by that by 0.36, 0.11
+    lumped Timoshenko elements the entries of Oe m1 in bending have errors of 0.36, 0.11
     and 0.03 of the largest one, those in torsion do not. A consistent matrix of beams
-    has rotary inertia in displacements as well: 36 / (30 h) rho I beside
-    156 h / 420 rho A. What of an entry is which decides
-    how it turns with the section, and a matrix has their sum only; of Oe m1 in torsion
-    that part is missing, which `imported_matrices` notes.
+    has rotary inertia in displacements as well: 36 / (30 h) rho I beside 156 h / 420
+    rho A. What of an entry is which decides how it turns with the section, and a matrix
+    has their sum only; of Oe m1 in torsion that part is missing, which
+    `imported_matrices` notes.
     """
     nq = shapes.shape[1]
     rigid = body.rigid_body_modes(origin)

@@ -143,8 +143,8 @@ def _means(
 
     Raises
     ------
-    InputError : such a node is held twice, follows itself, or the others do not tell
-        how it turns.
+    InputError : such a node is constrained twice, depends on itself, or the other nodes
+        do not determine its rotation.
     """
     result: dict[int, Mean] = {}
     for coupling in imported.couplings:

@@ -133,7 +133,9 @@ def convert_units(
     InputError : an unknown system, or contents whose unit is not known.
     """
     old, new = unit_system(from_system), unit_system(to_system)
-    if sigma is None and sid.carried is not None:  # which our conversion alone tells
+    if (
+        sigma is None and sid.carried is not None
+    ):  # only SIDs that sidtool converted have this
         sigma = "stress"
     return rescale(
         sid,
@@ -152,7 +154,8 @@ def rescale(
     Parameters
     ----------
     length, mass, time : new units per old unit (m to mm: length = 1000)
-    sigma : what the nodes' optional entry sigma holds; the format does not tell
+    sigma : meaning of the optional entry sigma of nodes, which the format does not
+        define
 
     The elastic coordinates keep their numbers. The labels are texts and stay.
 

@@ -50,7 +50,7 @@ class Sweep(Mapping[str, np.ndarray]):
 
     Attributes
     ----------
-    points : one for each combination of values, in the order asked for
+    points : one for each combination of values, in the requested order
     axes : keys that are varied
     measures : what was measured, wildcards expanded
     units : units of axes and measures, "" if there is none or it is not known

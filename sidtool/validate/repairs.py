@@ -48,10 +48,10 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
 
     Gr_l = J1_l - (Cr0_l)~ (I6, I10); Ge_l = Cr1_l - Cr1_l^T (I7, I8); the first-order
     columns xy, yz, xz of Oe become the mean over their two mode indices (I11); Cr m1
-    loses a symmetric part that is no stiffening (I9). Empty mdCM m1, Ct m0, J m1 and
-    Oe m0 are filled from their counterpart (I4 to I6), origin m1 from phi (I2). AP is
-    made the rotation that AP m1 and psi tell (I3, I18). Ct m1 and phi m1 take the sign
-    of the centrifugal stiffening (I20). All other blocks are taken as they are. A
+    loses a symmetric part that is no stiffening (I9). Empty mdCM m1, Ct m0, J m1 and Oe
+    m0 are filled from their counterpart (I4 to I6), origin m1 from phi (I2). AP is set
+    to the rotation that follows from AP m1 and psi (I3, I18). Ct m1 and phi m1 take the
+    sign of the centrifugal stiffening (I20). All other blocks are taken as they are. A
     consistent SID comes back unchanged.
 
     Returns

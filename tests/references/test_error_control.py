@@ -1,4 +1,4 @@
-"""What is asked for is what comes out: errors within ten times the tolerance.
+"""Errors stay within ten times the requested tolerance.
 
 All integrators on three published problems; `benchmarks.error_control` has all
 tolerances. Methods of order 2 would take minutes for the tightest ones.

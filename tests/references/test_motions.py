@@ -1,5 +1,6 @@
-"""The error of a run is what was asked for, relative to the motion, however small,
-fast or long it is against the bodies; `benchmarks.error_control` has all tolerances."""
+"""The error of a run is the requested one, relative to the motion, however small, fast
+or long it is against the bodies; `benchmarks.error_control` has all tolerances.
+"""
 
 from __future__ import annotations
 
@@ -97,7 +98,8 @@ SLOW_TOP = top([0.11, 0.11, 0.01], [0.0, 0.0, 25.0], 4.0, 0.3)
 @pytest.mark.parametrize("integrator", [*HIGH, "auto"])
 def test_errors_of_a_slow_heavy_top_do_not_add_up(integrator: str) -> None:
     """It nods as it turns: radau9 had erred by 28 times the tolerance, over more turns
-    by 44, and radau13 by 129, as long steps err in the same way in each turn."""
+    by 44, and radau13 by 129, because long steps have the same error in each
+    revolution."""
     rtols = [1e-3] if integrator == SLOW else [1e-3, 1e-4, 1e-6]
     check(SLOW_TOP, integrator, *rtols)
 

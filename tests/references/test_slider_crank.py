@@ -81,7 +81,7 @@ def test_constraints_do_not_drift(integrator: str, rtol: float) -> None:
 
 @pytest.mark.parametrize("integrator", sorted(INTEGRATORS))
 def test_the_error_follows_the_tolerance(integrator: str, accurate: Result) -> None:
-    """What is asked for is what comes out, within a factor of 10."""
+    """The error is within ten times the requested one."""
     for rtol in (1e-4, 1e-6):
         assert error(ran(integrator, rtol), accurate, "rod.q1") < 10.0 * rtol
 

@@ -93,7 +93,9 @@ def test_the_spun_up_beam_is_stretched() -> None:
 
 @pytest.mark.parametrize("mesh", [IGA, Q4], ids=["iga", "q4"])
 def test_without_stiffening_the_beam_diverges(mesh: dict[str, Any]) -> None:
-    """v(15) = -8.08e10 m of the same body without the term, and the reason is told."""
+    """v(15) = -8.08e10 m of the same body without the term, and a message gives the
+    reason.
+    """
     sid = sid_from_model(blade(mesh, MODES, stiffened=False))
     result, _, across = tip(sid, 15.0)
     assert across[-1] == pytest.approx(-8.08e10, rel=5e-3)

@@ -1,4 +1,6 @@
-"""Results of runs with callables of Python tell from their files what states tell."""
+"""Outputs that states determine are evaluated from files of runs with Python
+callables.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Where linear theory ends, it is told everywhere; beyond it there is no result.
+"""The limit of linear theory is reported everywhere; beyond it there is no result.
 
-A cantilever under a tip force F has the deflection F L^3 / (3 E I) and the tip
-rotation F L^2 / (2 E I): these tell which of the runs leave the theory.
+A cantilever under a tip force F has the deflection F L^3 / (3 E I) and the tip rotation
+F L^2 / (2 E I): these determine which runs leave the theory.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What `info` and reports tell of a scene: freedom, mass, numbers of forces."""
+"""Content of `info` and reports on a scene: degrees of freedom, mass, forces."""
 
 from __future__ import annotations
 

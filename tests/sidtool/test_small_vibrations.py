@@ -1,4 +1,4 @@
-"""A vibration without energy that costs the steps of a run is told, and what helps."""
+"""A vibration without energy that limits the steps is reported, with a remedy."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def test_a_data_set_of_xarray(thrown: sidtool.Result) -> None:
     assert data.t.attrs["units"] == "s"
     assert data["stone.ay"].attrs["units"] == "m/s\N{SUPERSCRIPT TWO}"
     np.testing.assert_allclose(data["stone.ay"], -G, rtol=1e-9)
-    # xarray interpolates: a parabola between rows errs by at most g h^2 / 8
+    # xarray interpolates: the error of a parabola between rows is at most g h^2 / 8
     middle = float(data["stone.y"].interp(t=0.325))
     expected = 1.0 + SPEED * 0.325 - G * 0.325**2 / 2
     assert abs(middle - expected) < G * 0.05**2 / 8 * 1.001

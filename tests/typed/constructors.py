@@ -1,6 +1,6 @@
 """What constructors take and results give, to checkers of types; see `static_checks`.
 
-Lines that have to be refused say so; `--strict` refuses ignored errors that are none.
+Lines that must be refused are marked; `--strict` refuses unused ignores.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Read are *NODE, *ELEMENT, what generates them, *NSET, *ELSET, *MATERIAL with *ELASTIC
 and *DENSITY, *ORIENTATION, *SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS,
 *TIE, *EQUATION, *MPC, *INCLUDE and every *PART with its *INSTANCE. What else a deck may
-hold, and what of it is refused, stands in `keywords`.
+hold, and which keywords are refused, is defined in `keywords`.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ class PlaneLaw:
     density: float
 
     def turned(self, angle: float) -> tuple[Array, Array]:
-        """`law` and `transverse` of material axes that stand at an angle [rad]."""
+        """Return `law` and `transverse` for material axes at an angle [rad]."""
         c, s = np.cos(angle), np.sin(angle)
         strain = np.array(
             [

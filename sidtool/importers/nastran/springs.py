@@ -13,7 +13,7 @@ from .content import BulkData, duplicate_error
 
 Array = NDArray[np.float64]
 
-#: What may stand beside K in a PBUSH, and touches neither mass nor stiffness.
+#: Entries of PBUSH besides K that change neither mass nor stiffness.
 _IDLE = ("B", "GE", "RCV", "T", "ALPHA", "TREF", "COINL")
 
 

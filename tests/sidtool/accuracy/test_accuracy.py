@@ -324,7 +324,7 @@ def test_what_does_not_move_is_not_told_of() -> None:
 
 
 def test_a_rate_of_rounding_alone_beside_fast_motion() -> None:
-    """Nothing else of its kind is recorded that would tell how small it is."""
+    """No other output of its kind is recorded whose size it could be compared with."""
     course = np.linspace(0.0, 1.0, 5)
     values = np.column_stack([1e-14 * np.sin(9.0 * course), course])
     names, variation = ["b.wz", "b.x"], np.ptp(values, axis=0)
@@ -353,7 +353,9 @@ def test_shape_functions_of_little_energy_are_left_out_in_groups(
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_the_worst_output_is_one_that_counts() -> None:
-    """Models that do not run err without a limit, in outputs of rounding, too."""
+    """Models that cannot be run have infinite errors, also in outputs that are only
+    rounding.
+    """
     nothing = np.zeros(3)
     allowed = np.array([np.inf, 2.0, 1.0])
     reference = Reference(
@@ -371,7 +373,8 @@ def test_an_oscillation_that_both_methods_step_over_is_part_of_the_error(
     wanted: float,
 ) -> None:
     """The third mode is set swinging by 1.4e-5 of what it bends: no method followed it
-    down to 1e-8, so that 0.55 of it was told; and 1e-5 of it was refused."""
+    down to 1e-8, so an error of 0.55 was reported, and a request of 1e-5 was refused.
+    """
     scene = spun(0.8, 20.0, outputs={"record": ["arm.tip.uy", "arm.q1", "arm.q3"]})
     sid = cantilever(6)
     found = simulated(scene, sid, accuracy=wanted)
@@ -381,8 +384,10 @@ def test_an_oscillation_that_both_methods_step_over_is_part_of_the_error(
 
 
 def test_what_is_conserved_asks_for_no_tighter_runs() -> None:
-    """Momenta of a free satellite vary by what runs err at every tolerance: models were
-    compared at the one at which rounding was left of that, 1e-11, not at 1e-8."""
+    """Momenta of a free satellite vary by the integration error at every tolerance:
+    models were compared at the one at which rounding was left of that, 1e-11, not at
+    1e-8.
+    """
     sid = sidtool.convert(SATELLITE / "panel.toml")
     scene = read_scene(SATELLITE / "scene.toml")
     momenta = [f"{kind}momentum.{axis}" for kind in ("", "angular_") for axis in "xyz"]
@@ -406,7 +411,7 @@ def test_what_is_conserved_asks_for_no_tighter_runs() -> None:
 
 
 def test_shape_functions_whose_coordinates_are_asked_for_stay_without_a_run() -> None:
-    """Without one its coordinate would be nothing, which errs by all that it is."""
+    """Without its shape function the coordinate would be zero, an error of 100 %."""
     sid, names = cantilever(6), ["arm.tip.uy", "arm.q1", "arm.q3"]
     scene = spun(0.8, 20.0, outputs={"record": names})
     few = simulated(scene, sid, accuracy=1e-3)

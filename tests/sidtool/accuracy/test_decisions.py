@@ -87,7 +87,7 @@ def test_in_space_fast_spin_needs_stiffening_and_slow_spin_does_not(
 
 
 def test_a_cantilever_bent_by_a_quarter_of_its_length_is_refused() -> None:
-    """By a tip force of 3 EI / 4 L^2; the report says what would do instead."""
+    """A tip force of 3 EI / 4 L^2 leaves linear theory; the report names a remedy."""
     ramp = {"type": "sine_ramp", "from": 0.0, "to": 30.0, "end": 1.0}
     push = {"type": "force", "marker": "arm.tip", "force": [0.0, 0.75]}
     scene = swinging(

@@ -169,7 +169,9 @@ def test_arms_that_start_bent_keep_their_frame() -> None:
 
 
 def test_frames_of_stiffened_arms_are_told_alike() -> None:
-    """With stiffening no frame is better: what it tells of the other it is told of."""
+    """With stiffening no frame is better: each frame reports the same neglected
+    terms.
+    """
     sid = cantilever(2, stiffened=True)
     tangent, mean = (
         sidtool.simulate(sagging(3.0), sids={"arm": s}, accuracy=1e-2)

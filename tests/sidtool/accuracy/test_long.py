@@ -90,7 +90,7 @@ def test_a_long_motion_is_run_to_its_end_a_few_times_only(
 def test_the_run_that_proves_the_model_is_the_one_that_is_delivered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Kept choices are run: both tell the same."""
+    """A cached choice is run again: both results are equal."""
     scene, sid = particles(False)
     scene = lasting(scene, 60.0 * scene.time.end, 1200)
     again = interrupts.run_interruptible

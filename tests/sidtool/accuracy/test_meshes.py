@@ -57,7 +57,7 @@ def pulled(cells: int, length: int = 1) -> sidtool.Scene:
 
 
 def test_a_force_at_a_point_leaves_open_what_finer_meshes_add() -> None:
-    """Half of what the last halving adds was told, and the next one adds as much."""
+    """Half of the last change was reported, but the next halving changes as much."""
     found = pulled(4).simulate(accuracy={"block.tip.ux": "3e-4 m"})
     assert found.accuracy is not None
     (mesh,) = (line for line in found.accuracy.budget if line.part == "mesh")

@@ -26,7 +26,8 @@ from .arms import cantilever, particles, simulated, spun, swinging
     ("scene", "stiffened", "message"),
     [
         (swinging(gravity=[0.0, -12.0]), True, "of its length.*joints of type fixed"),
-        # with stiffening it stays within a tenth, and was told to be cut into two
+        # with stiffening the deflection stays below a tenth; splitting the body was
+        # suggested
         (swinging(gravity=[0.0, -3.0]), False, "stiffening matters and the SID lacks"),
         (spun(2.5, 20.0), False, "stiffening matters and the SID lacks it.*convert"),
         (spun(5.0, 20.0), False, "diverges.*lacks the geometric stiffening"),
@@ -45,8 +46,9 @@ def test_what_leaves_the_theory_is_refused_with_what_would_do(
 def test_a_solid_that_flaps_across_its_spin_lacks_stiffening(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, speed: float, refused: bool
 ) -> None:
-    """Rotation does not soften it, so that its SID tells nothing; a stiffened one would
-    add 1.19 (speed / first frequency)^2 of its stiffness."""
+    """Rotation does not soften it, so its SID shows no effect; a stiffened one would
+    add 1.19 (speed / first frequency)^2 of its stiffness.
+    """
     monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
     monkeypatch.chdir(tmp_path)
     corners = [

@@ -97,7 +97,7 @@ def test_what_a_run_leaves_across_the_plane_is_not_judged() -> None:
 def test_what_leaves_the_plane_is_solved_in_space(
     record: list[str], spin: list[float]
 ) -> None:
-    """A force across it that is asked for, and a motion."""
+    """A requested out-of-plane force, and an out-of-plane motion."""
     scene, sid = flat_in_space(record, initial={"angular_velocity": spin})
     forces = scene.ground.markers["wall"].model_copy(update={"position": (1.5, 0, 0.1)})
     ground = scene.ground.model_copy(update={"markers": {"wall": forces}})

@@ -60,7 +60,7 @@ def test_what_symmetry_makes_zero_is_not_judged(length: float) -> None:
 
 
 def test_the_force_across_all_loads_of_a_clamped_arm(tmp_path: Path) -> None:
-    """Its joint carries it, so that no multiplier tells how large forces are."""
+    """Its joint prescribes the motion, so no multiplier shows the size of forces."""
     harmonic = {"type": "harmonic", "amplitude": 0.01, "frequency": 0.3}
     push = {"type": "force", "marker": "arm.tip", "force": [0.0, 1.0]}
     scene = swinging(

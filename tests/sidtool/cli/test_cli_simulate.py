@@ -171,7 +171,7 @@ def test_interruption_leaves_no_file(
 
 
 def test_the_result_tells_what_it_was_made_with(files: Path, tmp_path: Path) -> None:
-    """Not what the scene asked for: options replace it."""
+    """Options replace the settings of the scene."""
     target = tmp_path / "other.h5"
     other = SLIDER_CRANK / "rod_iga.SID_FEM"
     options = ["--sid", f"rod={other}", "--rtol", "1e-4", "--integrator", "radau5"]

@@ -1,4 +1,4 @@
-"""The demo runs from end to end and says what it must."""
+"""The demo runs completely and prints all its parts."""
 
 from __future__ import annotations
 

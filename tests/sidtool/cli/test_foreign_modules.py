@@ -51,7 +51,7 @@ def test_the_command_line_runs_installed_modules(folder: Path) -> None:
 def test_compiling_processes_run_installed_modules(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They compile what they are asked for, and answer."""
+    """A compiling process compiles the requested kernel and answers."""
     monkeypatch.chdir(folder)
     with precompile._new_process() as process:
         assert process.stdin is not None and process.stdout is not None

@@ -154,7 +154,7 @@ def test_quiet_commands_tell_their_notes_and_nothing_else(
 def test_info_of_a_model_whose_body_cannot_be_made_fails(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """What the model says is told nonetheless, and JSON stays JSON."""
+    """The content of the model is printed nonetheless, and the output is valid JSON."""
     monkeypatch.chdir(folder)
     deck = {"type": "mesh", "file": "missing.inp"}
     model = {

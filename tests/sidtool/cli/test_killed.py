@@ -274,7 +274,7 @@ SLOW = (
 @posix
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGKILL"])
 def test_no_compiling_process_stays(name: str, tmp_path: Path) -> None:
-    """Also one that is in the midst of a kernel ends with who asked for it."""
+    """A process that is inside a kernel also ends with its parent."""
     with subprocess.Popen(
         [sys.executable, "-c", COMPILING.format(helper=SLOW)],
         env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
@@ -295,7 +295,7 @@ def test_no_compiling_process_stays(name: str, tmp_path: Path) -> None:
 
 
 def _alive(process: int) -> bool:
-    """A process that has ended and that nobody waits for is not alive."""
+    """Return whether a process runs; a zombie does not."""
     try:
         text = Path(f"/proc/{process}/stat").read_text(encoding="utf-8")
     except OSError:

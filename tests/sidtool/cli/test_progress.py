@@ -1,4 +1,6 @@
-"""Long work tells how far it is, and a terminal shows it with the time left."""
+"""Long computations report their progress; a terminal shows it with the
+remaining time.
+"""
 
 from __future__ import annotations
 
@@ -212,7 +214,7 @@ def test_what_has_no_known_share_shows_the_time_passed(
 def test_work_that_is_silent_on_its_way_shows_the_time_passed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """One factorisation says what it is when it begins, and nothing until its end."""
+    """A factorisation reports its stage at its start, and nothing until its end."""
 
     def work() -> None:
         report_stage("factorising")

@@ -181,7 +181,7 @@ sys.exit(run(sys.argv[3:]))
 def test_a_limit_on_file_sizes_leaves_nothing_half_written(
     size: int, target: str, folder: Path
 ) -> None:
-    """One message, exit status 1, no rest; what stood there stands there still."""
+    """One message, exit status 1, no temporary files; existing files are unchanged."""
     old = b"\\x89SID\\r\\n\\x1a\\n" if target == "rod.h5" else b"refmod"
     (folder / target).write_bytes(old)
     before = contents(folder)

@@ -208,7 +208,7 @@ def test_stiffened_ties_pass_every_check(kind: str, tie: str) -> None:
 
 @pytest.mark.parametrize("tie", TIES)
 def test_prestress_at_a_tie_is_its_stiffening(tie: str) -> None:
-    """Ke of a body under forces and moments, as phi m1 and psi m1 tell.
+    """Return Ke of a body under forces and moments, from phi m1 and psi m1.
 
     Where the tie does not stiffen Ke has it all; where it does, Ke has nothing.
     """

@@ -1,4 +1,4 @@
-"""The peak of the von Mises stress is that of the surface, without being asked for."""
+"""The peak of the von Mises stress is that of the surface by default."""
 
 from __future__ import annotations
 

@@ -269,7 +269,7 @@ def test_k_refinement_keeps_the_continuity_of_inner_knots(
 
 
 def test_numbers_that_the_spans_of_the_geometry_do_not_allow_are_said() -> None:
-    """At least as many as asked for, and a note; none where they fit."""
+    """At least the requested number, with a note; no note if the numbers fit."""
     settings = {"type": "iga", "degrees": [2, 2], "functions": [3, 26]}
     body = finite_element_model(ring(settings))
     patch, _ = body.patches[0]
@@ -293,7 +293,7 @@ def test_a_ball_has_the_torsion_of_a_ball() -> None:
 
 @pytest.mark.parametrize("degree", [2, 3])
 def test_meshes_of_closed_patches_are_halved(degree: int) -> None:
-    """Each knot span in two, whether functions or elements are asked for."""
+    """Each knot span is halved, whether functions or elements are requested."""
 
     def spans(model: ModelFile | None) -> list[int]:
         assert model is not None

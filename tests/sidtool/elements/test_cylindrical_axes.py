@@ -147,7 +147,7 @@ def test_a_further_turn(tmp_path: Path) -> None:
 
 
 def test_other_units_of_length(tmp_path: Path) -> None:
-    """The axis stands in the unit of the file."""
+    """The axis is in the unit of the file."""
     text = ring(WOOD, turn=TURN, start=(0.1, 0.2, 0.3))
     found = frequencies(body(tmp_path, text, held="ROOT", unit=0.5))
     direct = frequencies(body(tmp_path, text, held="ROOT"))

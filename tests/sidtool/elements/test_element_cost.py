@@ -1,4 +1,4 @@
-"""Linear elements that bend too stiffly are told, with the right frequency beside."""
+"""Linear elements that bend too stiffly are reported with the right frequency."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_what_is_said_has_the_sign_of_the_difference(
     stiff: bool,
     soft: bool,
 ) -> None:
-    """Elements that give way too much are told as well, and as what they are."""
+    """Elements that are too soft are reported, too, as too soft."""
     right = np.array([100.0, 200.0, 300.0])
     pair = right * factors, right
     monkeypatch.setattr(element_accuracy, "_frequencies", lambda *_: pair)

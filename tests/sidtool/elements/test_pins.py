@@ -325,7 +325,9 @@ def test_half_bores_rims_and_two_eyes_have_one_axis(tmp_path: Path, kind: str) -
 
 
 def test_a_bore_that_is_nearly_round_is_told_to_be(tmp_path: Path) -> None:
-    """A cone, or a slot: its axis is found, and how far the nodes are off is told."""
+    """A cone, or a slot: its axis is found, and the deviation of the nodes is
+    reported.
+    """
     mesh, bore = bored("hex8", 12)
     widened = mesh.positions.copy()
     widened[:, :2] *= 1 + 0.01 * widened[:, 2:] / DEPTH

@@ -244,7 +244,7 @@ def test_sound_meshes_are_neither_hanging_nor_overlapping(name: str) -> None:
 
 
 def test_a_folded_strip_that_covers_itself_is_refused() -> None:
-    """No two elements share three nodes: only the place tells."""
+    """No two elements share three nodes: only positions show the overlap."""
     points = np.array([[0, 0], [2, 0], [2, 1], [0, 1], [1.2, 0.1], [1.1, 0.9]], float)
     blocks = (
         ElementBlock("quad4", np.array([[0, 1, 2, 3]]), np.array([1])),

@@ -157,7 +157,7 @@ def test_other_materials_are_refused(
 
 
 def assembled(part: str, *instances: str) -> str:
-    """A deck whose part stands where its instances say."""
+    """A deck whose instances place its part."""
     head, tail = part.split("*MATERIAL")
     material, section = tail.split("*ORIENTATION")
     own, rest = section.split("*SOLID SECTION")
@@ -173,7 +173,7 @@ def assembled(part: str, *instances: str) -> str:
 
 @pytest.mark.parametrize("system", ["RECTANGULAR", "CYLINDRICAL"])
 def test_axes_move_with_their_instance(system: str, tmp_path: Path) -> None:
-    """The deck whose nodes and axes stand in their places themselves."""
+    """The same deck with nodes and axes in global coordinates."""
     points = np.array([[0.1, -0.3, 0.2], [0.2, -0.35, 1.0]])
     move, turn = np.array([0.3, -0.2, 0.7]), Rotation.from_rotvec([0.4, 0.0, 0.3])
     angle = np.degrees(np.linalg.norm(turn.as_rotvec()))

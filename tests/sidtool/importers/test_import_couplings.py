@@ -158,7 +158,7 @@ def test_a_marker_at_a_reference_node_follows_its_coupling(tmp_path: Path) -> No
 
 
 def test_nodes_in_local_systems(tmp_path: Path) -> None:
-    """A block whose nodes are given in a cylinder's axes that stand in others."""
+    """A block whose nodes are given in cylindrical axes within other axes."""
     block = Block(COUNTS, SIZE)
     (tmp_path / "plain.bdf").write_text(bulk(), encoding="utf-8")
     plain = read_mesh(tmp_path / "plain.bdf").mesh

@@ -82,7 +82,7 @@ def test_equations_between_sets_of_instances(tmp_path: Path) -> None:
 
 
 def test_sets_of_instances_keep_their_owner(tmp_path: Path) -> None:
-    """Sets of the same name and nodes of the same number are told apart."""
+    """Sets of the same name and nodes of the same number are distinguished."""
     rest = TIED + "*NODE\n1, 5., 5., 5.\n*NSET, NSET=POINT\n1,\n"
     rest += "*NSET, NSET=END, INSTANCE=I-2\nHIGH,\n*NSET, NSET=ONE, INSTANCE=I-2\n1,\n"
     (tmp_path / "part.inp").write_text(

@@ -367,7 +367,7 @@ def test_torsion_of_matrices_turns_the_inertia(
     J_yy grows by (Iz - Iy) rho f^2 q^2 dx, J_zz shrinks by as much, J = J0 - q Oe1 q;
     rho (Iy + Iz) f^2 integrates to the modal mass 1. A consistent matrix of slender
     beams has four fifths of the sections' inertia in its displacements, where it cannot
-    be told from that of the line: a note says so.
+    be distinguished from that of the line; a note reports this.
     """
     axes = np.roll(np.eye(3), -axis, axis=0)
     height, width = 0.05, 0.01

@@ -1,4 +1,6 @@
-"""All that stops a deck is told at once; what cannot touch a body is passed over."""
+"""All reasons to refuse a deck are reported at once; content without effect is
+skipped.
+"""
 
 from __future__ import annotations
 

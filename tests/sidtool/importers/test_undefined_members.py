@@ -235,7 +235,7 @@ def test_element_that_is_not_defined_is_refused_by_name(
 
 
 def test_ranges_may_pass_over_numbers_that_are_not_defined(tmp_path: Path) -> None:
-    """Nastran (SPC1) and Abaqus (GENERATE) say so; gaps change nothing."""
+    """Ranges of Nastran (SPC1) and Abaqus (GENERATE) may have gaps."""
     ends = f"{A},{B},{C},{LAST}"
     single = converted(tmp_path, "a.bdf", bdf(f"SPC1,5,123,{ends}"), "SPC5")
     last = max(BLOCK.right)
@@ -277,7 +277,7 @@ WEIGHTS = {
 
 @pytest.mark.parametrize("case", WEIGHTS)
 def test_weight_written_as_a_whole_number_is_refused(tmp_path: Path, case: str) -> None:
-    """Nastran tells weights from nodes by their decimal point alone."""
+    """Nastran distinguishes weights from nodes by their decimal point."""
     grid = "GRID,123,,0.2,0.5,0.5"  # a node whose number is that of the directions
     with pytest.raises(InputError, match="RBE3 2 .*") as caught:
         text = bdf(f"RBE3,2,,100,123456,{WEIGHTS[case]}", grid, MASS)

@@ -137,7 +137,9 @@ def pressed(folder: Path, modes: int) -> Path:
 def test_a_rod_that_is_loaded_in_its_middle_needs_its_static_shape(
     folder: Path,
 ) -> None:
-    """The beam's sag a^3 / 3 EI under the load; one mode errs by 10 % of it."""
+    """Deflection a^3 / 3 EI of the beam under the load; one mode has an error
+    of 10 %.
+    """
     path = pressed(folder, 1)
     found = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
     (told,) = [s for s in found.accuracy.sentences if s.startswith("static shape")]

@@ -145,7 +145,9 @@ def test_a_poor_basis_at_its_interfaces_is_a_warning() -> None:
 
 @pytest.mark.parametrize("modes", [2, 4])
 def test_the_last_frequencies_of_a_good_basis_are_no_warning(modes: int) -> None:
-    """Those asked for are right, as is the compliance; what is left over errs."""
+    """The requested modes and the compliance are right; the remaining modes have
+    errors.
+    """
     interfaces = PINS[1:]
     sentence = said(
         part(True, None, method="craig_bampton", modes=modes, interfaces=interfaces)

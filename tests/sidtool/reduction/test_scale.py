@@ -137,7 +137,9 @@ def test_memory_is_what_was_measured(
     measured: float,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Herting on hex8 by SuperLU; slender parts were told up to 30 % too much."""
+    """Herting on hex8 by SuperLU; the estimate for slender parts was up to 30 % too
+    large.
+    """
     monkeypatch.setenv("SIDTOOL_FACTORS", "superlu")
     assert expected_gigabytes(corners(*elements), unknowns) == pytest.approx(
         measured, rel=0.1
@@ -145,7 +147,9 @@ def test_memory_is_what_was_measured(
 
 
 def test_many_modes_at_once_are_told_before_they_are_sought() -> None:
-    """LAPACK tells nothing while it works: a third of all modes took minutes unsaid."""
+    """LAPACK reports no progress: a third of all modes took minutes without a
+    message.
+    """
     heard: list[str] = []
     n = 330
     stiffness = sp.diags_array(np.arange(1.0, n + 1), format="csr")

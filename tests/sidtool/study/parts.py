@@ -60,7 +60,7 @@ def bar(elements: int = 8, method: str = "modal") -> dict[str, Any]:
 
 
 def turning_bar() -> SceneFile:
-    """On a hinge across both axes of bending, let go from level."""
+    """A body on a hinge across both bending axes, released from the horizontal."""
     hinge = {"type": "revolute", "markers": ["ground", "bar.root"]}
     return SceneFile.model_validate(
         {

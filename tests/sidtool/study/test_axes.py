@@ -149,8 +149,9 @@ def test_what_the_last_modes_change_is_not_called_converged() -> None:
 
 
 def test_what_the_reference_errs_itself_is_part_of_an_error() -> None:
-    """Four shape functions differ from five as much as these may err: the error
-    against eight was told as that difference, and is more."""
+    """Four shape functions differ from five by as much as five may be wrong: the error
+    against eight was reported as that difference, and is larger.
+    """
     scene = swinging(0.1, outputs={"record": ["arm.tip.x"]})
     points = run_study(
         scene, {"modes": (1, 4, 5)}, sids={"arm": cantilever(5)}, settings=ONE
@@ -194,7 +195,9 @@ def test_a_front_of_one_point_is_drawn(pairs: list[tuple[float, float]]) -> None
 
 
 def test_a_spin_needs_its_geometric_stiffening() -> None:
-    """Ten times the first frequency: without it the tip leaves (diverges or errs)."""
+    """Ten times the first frequency: without stiffening the motion diverges or is
+    wrong.
+    """
     scene = spun(2.5, 12.0, outputs={"record": ["arm.tip.x", "arm.tip.y", "hub.mz"]})
     found = run_study(
         scene,
@@ -219,7 +222,7 @@ def test_nothing_dominates_the_front() -> None:
 
 
 def test_the_front_ends_at_the_first_unresolved_error() -> None:
-    """Of points that the reference does not tell apart the cheapest is the best."""
+    """Of points that the reference does not resolve the cheapest is the best."""
     rows = [(1.0, 1e-2, True), (2.0, 4e-5, False), (9.0, 3e-5, False)]
     setting = Setting("radau9", 1e-6)
     points = [Point(setting, e, s, 1, is_resolved=r) for s, e, r in rows]

@@ -46,7 +46,7 @@ def test_a_cluster_of_two_workers_tells_the_same(
 def test_the_command_computes_on_the_cluster(
     cluster: str, models: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Nothing is left to do for this process, which tells the same."""
+    """The second command reads all points of the cluster and prints the same result."""
     command = [
         "study",
         str(written(tmp_path)),

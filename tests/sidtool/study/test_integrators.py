@@ -106,7 +106,9 @@ def test_all_integrators_are_studied_unless_told() -> None:
 def test_what_is_far_too_slow_gets_no_tighter_tolerances(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Slower at all than another one that errs no more, where that is what counts."""
+    """With these limits an integrator is hopeless if it is slower with no smaller
+    error.
+    """
     monkeypatch.setattr(outputs, "LONG_RUN_SECONDS", 0.0)
     monkeypatch.setattr(outputs, "HOPELESS_RATIO", 1.0)
     wanted = default_settings(["radau9", "trapezoidal"], [1e-4, 1e-5, 1e-6])

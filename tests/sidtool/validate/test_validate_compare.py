@@ -29,7 +29,8 @@ def _worst(comparison: Comparison) -> float:
     return max(abs(row.deviation) for row in comparison.rows)
 
 
-# --- the network tells what is right --------------------------------------------------
+# --- the spring network gives the exact solution
+# ----------------------------------------
 
 
 def test_networks_are_consistent_bodies() -> None:
@@ -399,7 +400,7 @@ def test_opposite_signs_of_an_entry_of_the_nodes_are_seen(term: str) -> None:
 
 @pytest.mark.parametrize("turning", [True, False])
 def test_a_mode_that_moves_no_node_is_itself(turning: bool) -> None:
-    """Torsion about the axis on which the nodes are; also where none tells it."""
+    """Torsion about the axis through the nodes; also if no node shows it."""
     body = particle_body(3, 15, seed=5)
     keep = np.array([1.0, 1.0, 0.0])
     nodes = [

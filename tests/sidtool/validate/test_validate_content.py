@@ -41,7 +41,7 @@ def _stiffened(data: dict[str, Any]) -> SID:
 
 @pytest.fixture(scope="module", params=["beam", "hex20"])
 def tower(request: pytest.FixtureRequest) -> SID:
-    """A body that stands on its first marker, x upwards."""
+    """A body that is clamped at its first marker, x upwards."""
     if request.param == "beam":
         return _stiffened(beam_data(BEAMS["beam"], 5))
     return _stiffened(volume_data(SOLIDS["hex20"], 5))
@@ -93,7 +93,7 @@ def test_errors_of_cr_are_no_stiffening(seed: int, frame: str) -> None:
 
 
 def test_stiffening_by_angular_acceleration_alone_is_carried() -> None:
-    """K0r stands in Cr1 and, by the kinematics, not in Ge."""
+    """K0r is part of Cr1 and, by the kinematics, not of Ge."""
     body = particle_body(3, 20, seed=2)
     first = body.Cr.first_order(3) + 0.1 * np.arange(9).reshape(3, 3, 1)
     first = first + 0.1 * np.swapaxes(np.arange(9).reshape(3, 3, 1), 0, 1)

@@ -124,7 +124,9 @@ def _with_sigma(sid: SID) -> SID:
 
 
 def test_sigma_of_a_sid_of_ours_is_stress() -> None:
-    """Only our conversion tells what shape functions carry of the compliance."""
+    """Only SIDs converted by sidtool have the compliance shares of the shape
+    functions.
+    """
     made = sid_from_model(rod({**QM6, "elements": [40, 4]}))
     body = replace(made, nodes=_with_sigma(made).nodes)
     assert body.carried is not None

@@ -247,7 +247,7 @@ def test_a_browser_is_slow_by_what_follows_its_first_picture(
     path = tmp_path / "page.html"
     page_of(result, path, fields={"rod": made[1]}, colour="displacement")
     cases = [
-        ((3500, 3500), True),  # two pictures that last a second tell enough
+        ((3500, 3500), True),  # two pictures of one second each are sufficient
         ((600, 300), False),
         ((600, 300, 300), True),
         ((100,) * 8, False),
@@ -299,7 +299,7 @@ def test_lines_of_a_sid_pass_through_its_nodes_and_bend_like_a_beam(
     made: tuple[sidtool.SID, Field],
 ) -> None:
     """The middle of the first mode lies within a few per cent of the full field: two
-    nodes with rotations tell a cubic."""
+    nodes with rotations define a cubic."""
     sid, field = made
     drawn = surface_of_sid("rod", sid, 0.01)
     axis = drawn.positions.reshape(-1, 4, 3).mean(axis=1)

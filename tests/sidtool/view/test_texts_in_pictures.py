@@ -1,4 +1,4 @@
-"""Texts in pictures stand there as they were written, whatever they hold."""
+"""Texts in pictures appear exactly as written."""
 
 from __future__ import annotations
 

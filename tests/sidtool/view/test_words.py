@@ -128,7 +128,7 @@ def test_broken_labels_lose_no_letter(label: str) -> None:
 def test_names_numbers_and_labels_of_bodies(
     ends: tuple[float, float, float], count: int
 ) -> None:
-    """22 markers in a body of any shape: what has no room is told by name."""
+    """22 markers in a body of any shape: names without room are reported."""
     rng = np.random.default_rng(3)
     low, high = -0.1 * np.array(ends), 0.9 * np.array(ends)
     marks = {f"marker_{k}": rng.uniform(low, high) for k in range(22)}
