@@ -91,7 +91,7 @@ def test_every_key_of_the_formats_has_an_example(generate: ModuleType) -> None:
         assert missing == []
 
 
-def test_the_generated_pages_say_what_the_schema_says(generate: ModuleType) -> None:
+def test_the_generated_pages_agree_with_the_schema(generate: ModuleType) -> None:
     pages = generate.pages()
     scene = pages["scene.md"]
     assert "| `mass` | number | required | the mass [kg]" in scene
@@ -144,7 +144,7 @@ def test_links_between_pages_lead_somewhere(generate: ModuleType) -> None:
                 assert (page.parent / target).exists(), (page.name, target)
 
 
-def test_the_picture_that_moves_needs_nothing_beside_it() -> None:
+def test_the_animated_picture_needs_no_other_files() -> None:
     """As an image of a page: no scripts, no other files, animated by SMIL."""
     text = (DOCS / "moving.svg").read_text(encoding="utf-8")
     tags = [tag.tag.rpartition("}")[2] for tag in ElementTree.fromstring(text).iter()]

@@ -85,7 +85,7 @@ def test_models_convert_to_sids_without_errors(ran, path: Path) -> None:
     assert [c.id for c in checks if c.failed] == expected
 
 
-def test_the_bar_sags_and_rings_as_beam_theory_says(ran) -> None:
+def test_the_bar_deflects_and_vibrates_by_beam_theory(ran) -> None:
     result = result_of(ran("beam"))
     EI, line, L = 2.1e11 * 0.02 * 0.01**3 / 12, 7850 * 0.02 * 0.01, 1.0
     sag = line * 9.81 * L**4 / (8 * EI)
@@ -143,7 +143,7 @@ def test_the_rocker_turns_back_where_crank_and_coupler_are_in_line(ran) -> None:
     assert 1e-5 < np.abs(result["coupler.middle.uy"]).max() < 1e-3
 
 
-def test_the_controlled_arm_holds_what_gravity_pulls(ran) -> None:
+def test_the_motor_torque_balances_gravity(ran) -> None:
     result = result_of(ran("controlled_arm"))
     assert result["shoulder.angle"][-1] == pytest.approx(0.8, abs=3e-3)
     arm = 2700 * 2.24e-4

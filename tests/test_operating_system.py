@@ -139,7 +139,7 @@ def opens_text(node: ast.Call) -> bool:
         ("replace(record, field=1); os.getpid()", 0),
     ],
 )
-def test_what_differs_between_systems_is_seen(code: str, found: int) -> None:
+def test_system_dependent_code_is_found(code: str, found: int) -> None:
     assert len(list(differing(ast.parse(code)))) == found
 
 
@@ -153,11 +153,11 @@ def test_what_differs_between_systems_is_seen(code: str, found: int) -> None:
         ("run(command, text=True); run(command, text=True, encoding='utf-8')", 1),
     ],
 )
-def test_text_without_encoding_is_seen(code: str, found: int) -> None:
+def test_text_without_encoding_is_found(code: str, found: int) -> None:
     assert len(list(without_encoding(ast.parse(code)))) == found
 
 
-def test_one_module_holds_what_differs_between_systems() -> None:
+def test_one_module_contains_system_dependent_code() -> None:
     found = [
         f"{path.relative_to(ROOT)}:{line}: {what}"
         for path in sources(*PRODUCT)

@@ -46,7 +46,7 @@ def tracked() -> list[str]:
 
 
 @pytest.mark.needs("git")
-def test_the_top_level_holds_what_belongs_there() -> None:
+def test_the_top_level_has_only_expected_files() -> None:
     assert {line.split("\t")[1].split("/")[0] for line in tracked()} == TOP_LEVEL
 
 

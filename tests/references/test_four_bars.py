@@ -90,7 +90,9 @@ def test_all_loops_turn_as_one_pendulum(loops: int) -> None:
     assert result["post0.b.y"] == pytest.approx(np.sin(exact), abs=1e-8)
 
 
-def test_radau_goes_on_where_the_explicit_method_meets_a_singular_position() -> None:
+def test_radau_continues_where_the_explicit_method_meets_a_singular_configuration() -> (
+    None
+):
     result = simulate(four_bars(2, 10.0), integrator="auto", rtol=1e-8)
     assert "dop853, then radau9 from t = " in str(result.settings["integrator"])
     assert result.values[-1] == pytest.approx(PUBLISHED, abs=1e-7)

@@ -38,7 +38,9 @@ TRIED = [case for case in CASES if "300 turns" not in case]
 
 @pytest.mark.parametrize("integrator", HIGH)
 @pytest.mark.parametrize("case", TRIED)
-def test_methods_of_high_order_keep_what_is_asked(case: str, integrator: str) -> None:
+def test_methods_of_high_order_meet_the_requested_error(
+    case: str, integrator: str
+) -> None:
     small = "1e-09" in case and not case.startswith("clamped")
     tight = [] if small else [1e-5 if integrator == SLOW else 1e-6]
     check(CASES[case], integrator, 1e-3, 1e-4, *tight)
@@ -48,7 +50,9 @@ def test_methods_of_high_order_keep_what_is_asked(case: str, integrator: str) ->
 @pytest.mark.parametrize(
     "case", [c for c in TRIED if "1e-09" not in c and "1000 m" not in c]
 )
-def test_methods_of_order_2_keep_what_is_asked(case: str, integrator: str) -> None:
+def test_methods_of_order_2_meet_the_requested_error(
+    case: str, integrator: str
+) -> None:
     turns = [word for word in case.split() if word in ("60", "100")]
     check(CASES[case], integrator, 1e-2 if turns else 1e-3)
 
@@ -106,7 +110,7 @@ def test_errors_of_a_slow_heavy_top_do_not_add_up(integrator: str) -> None:
 
 @pytest.mark.parametrize("turns", [100, 500])
 @pytest.mark.parametrize("integrator", ["radau9", "radau13"])
-def test_a_promise_that_is_not_kept_is_not_made(integrator: str, turns: int) -> None:
+def test_tolerances_that_cannot_be_met_are_noted(integrator: str, turns: int) -> None:
     spin = [90.0, 10.0, 200.0]
     end = 2.0 * np.pi * turns / float(np.linalg.norm(spin))
     case = symmetric_top([1.0, 1.0, 1.8], spin, end)
@@ -140,7 +144,7 @@ def test_no_step_misses_a_kink_by_chance(
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_what_rounding_hides_is_said(integrator: str) -> None:
+def test_errors_hidden_by_rounding_are_noted(integrator: str) -> None:
     """Vibrations of 1 nm at 1000 m from the origin, where numbers end at 1e-13 m."""
     system = on_rail(1e-9, 1e3, "displaced").make()
     try:
@@ -155,7 +159,7 @@ def test_what_rounding_hides_is_said(integrator: str) -> None:
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("share", [1.0, 0.5])
-def test_a_harmonic_as_short_as_the_first_step_is_seen(
+def test_a_harmonic_as_short_as_the_first_step_is_resolved(
     share: float, integrator: str
 ) -> None:
     """A run begins with 1e-4 rtol^(1/4) of its time."""

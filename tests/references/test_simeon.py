@@ -229,7 +229,7 @@ def test_multipliers_as_published(published_model: Result) -> None:
     assert measured == pytest.approx(np.abs(LAMBDA), rel=1e-8)
 
 
-def test_inertia_of_first_order_ends_elsewhere() -> None:
+def test_inertia_of_first_order_changes_the_final_state() -> None:
     result = run(quadratic_inertia=False)
     assert end(result, "rod.q1") == pytest.approx(1.8931927069550e-4, abs=1e-12)
     lam = np.abs([end(result, name) for name in ("guide.f1", "tip.f1", "turn.f1")])

@@ -122,7 +122,7 @@ def sprung() -> sidtool.Result:
     return scene.simulate(forces={"pull": law}, rtol=1e-9)
 
 
-def test_what_needs_no_law_is_told_without_it(
+def test_outputs_without_a_law_need_no_law(
     sprung: sidtool.Result, tmp_path: Path
 ) -> None:
     result = filed(sprung, tmp_path)
@@ -140,7 +140,7 @@ def test_what_needs_no_law_is_told_without_it(
 
 
 @pytest.mark.parametrize("name", ["block.ay", "slide.fy", "pull.fx", "pull.value"])
-def test_what_needs_the_law_is_refused_by_name(
+def test_outputs_that_need_the_law_are_refused_by_name(
     name: str, sprung: sidtool.Result, tmp_path: Path
 ) -> None:
     result = filed(sprung, tmp_path)

@@ -49,7 +49,7 @@ def tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Tool:
     return Tool(tmp_path, capsys)
 
 
-def test_crossings_are_told_with_their_times(tool: Tool) -> None:
+def test_crossings_are_listed_with_their_times(tool: Tool) -> None:
     file = str(tool.folder / "r.h5")
     status, text = tool("simulate", "-o", file)
     assert status == 0
@@ -89,7 +89,7 @@ def test_wrong_events_are_refused_with_their_key(
     assert place in text
 
 
-def test_the_spectral_radius_is_asked_for_and_told(tool: Tool) -> None:
+def test_the_spectral_radius_is_set_and_reported(tool: Tool) -> None:
     method = 'accuracy = { integrator = "generalised_alpha", spectral_radius = 0.5 }\n'
     scene = SCENE.replace("[bodies.ball]", method + "[bodies.ball]")
     assert "spectral radius 0.5" in tool("simulate", scene=scene)[1]

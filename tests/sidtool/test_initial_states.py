@@ -108,7 +108,7 @@ def test_a_run_in_two_halves_is_the_run(
         scene.with_(then).save(path)
 
 
-def test_a_drive_lets_go() -> None:
+def test_a_drive_releases_its_joint() -> None:
     """A wheel that was driven, without coordinates of its own, turns on freely."""
     parts: dict[str, Any] = {
         "dimension": "planar",
@@ -145,7 +145,7 @@ def clamped(sid: sidtool.SID, **more: Any) -> sidtool.Scene:
     )
 
 
-def test_a_bent_bar_is_let_go(sid: sidtool.SID) -> None:
+def test_a_bent_bar_is_released(sid: sidtool.SID) -> None:
     """From rest under a force: it vibrates about zero with what the force deflected it
     by, and keeps the elastic energy that it had."""
     load = sidtool.PointForce(marker="bar.tip", force=[0.0, 0.05, 0.0])
@@ -163,7 +163,9 @@ def test_a_bent_bar_is_let_go(sid: sidtool.SID) -> None:
     assert found["bar.tip.uy"].min() < -0.8 * bent
 
 
-def test_what_does_not_fit_is_refused(sid: sidtool.SID, tmp_path: Path) -> None:
+def test_results_that_do_not_fit_the_scene_are_refused(
+    sid: sidtool.SID, tmp_path: Path
+) -> None:
     scene = spinning(time={"end": 0.1, "output_step": 0.1})
     result = scene.simulate()
     start = {"state": "result", "file": result}

@@ -52,13 +52,13 @@ def test_torsion_is_called_torsion(direction: str) -> None:
 
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("direction", ["x", "z", "askew"])
-def test_frames_are_called_what_they_are(direction: str, frame: str) -> None:
+def test_frames_are_named_correctly(direction: str, frame: str) -> None:
     sid = round_bar(direction, frame)
     assert boundary_kind(sid) == NAMES[frame]
     assert sum(mode.kind.startswith("torsion") for mode in natural_modes(sid)) >= 1
 
 
-def test_a_chord_whose_nodes_tell_no_rotation() -> None:
+def test_a_chord_whose_nodes_have_no_rotation() -> None:
     """As in files of solid elements: psi is zero, the far node moves along only."""
     chord, tangent = (round_bar("y", frame) for frame in ("chord", "tangent"))
     for sid, boundary in ((chord, "chord"), (tangent, "held")):

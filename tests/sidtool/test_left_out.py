@@ -60,7 +60,7 @@ def run(sid: SID, content: SceneFile) -> sidtool.Result:
 
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
 @pytest.mark.parametrize("kept", [(2, 4), (4, 2, 1)])
-def test_kept_shape_functions_are_those_of_a_sid_that_has_no_others(
+def test_retained_shape_functions_equal_a_sid_without_the_others(
     dimension: str, kept: tuple[int, ...]
 ) -> None:
     whole = body(stiffening=True, planar=dimension == "planar")
@@ -128,7 +128,7 @@ def test_a_spatial_body_without_stiffening_is_the_one_made_without(
         assert np.abs(stiffened[name] - expected[name]).max() > 1e-6
 
 
-def test_what_cannot_be_left_out_is_refused() -> None:
+def test_invalid_omissions_are_refused() -> None:
     with pytest.raises(sidtool.InputError, match="leaves the plane"):
         run(
             body(stiffening=True, planar=False),

@@ -87,7 +87,7 @@ def test_a_deflection_beyond_the_theory_is_a_warning_everywhere(folder: Path) ->
     assert json.loads(found.stdout)["warnings"] == [told] and told in found.stderr
 
 
-def test_within_the_theory_nothing_is_told(folder: Path) -> None:
+def test_within_the_theory_there_is_no_warning(folder: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", sidtool.ValidityWarning)
         assert sidtool.simulate(folder / "safe.json").warnings == ()

@@ -66,7 +66,7 @@ def test_every_kind_that_files_know_has_its_class() -> None:
             assert parameters["type"].default == kind.model_fields["type"].default
 
 
-def test_a_scene_of_python_moves_as_mechanics_says(tmp_path: Path) -> None:
+def test_a_scene_in_python_follows_mechanics(tmp_path: Path) -> None:
     scene = thrown()
     result = scene.simulate()
     t = result.t
@@ -82,7 +82,7 @@ def test_a_scene_of_python_moves_as_mechanics_says(tmp_path: Path) -> None:
     assert data["format"] == "sidtool scene" and data["bodies"]["stone"]["mass"] == 2
 
 
-def test_lists_tuples_arrays_and_plain_tables_say_the_same() -> None:
+def test_lists_tuples_arrays_and_plain_tables_are_equivalent() -> None:
     said = {
         "mass": 2.0,
         "initial": {"position": (0.1, 0.2), "velocity": [2.0, 12**0.5]},
@@ -93,7 +93,9 @@ def test_lists_tuples_arrays_and_plain_tables_say_the_same() -> None:
     assert thrown(bodies={"stone": said}) == other
 
 
-def test_files_are_found_beside_the_scene_wherever_it_goes(tmp_path: Path) -> None:
+def test_files_are_found_after_a_scene_is_saved_in_another_folder(
+    tmp_path: Path,
+) -> None:
     scene = sidtool.Scene.load(SLIDER_CRANK / "slider_crank.toml")
     (tmp_path / "below").mkdir()
     scene.with_({"time.end": 0.02}).save(tmp_path / "below" / "short.toml")
@@ -173,7 +175,7 @@ def test_a_model_of_python_is_that_of_the_file() -> None:
     assert thick.mass == pytest.approx(2 * one.mass, rel=1e-12)
 
 
-def test_results_tell_units_and_say_what_they_lack(
+def test_results_have_units_and_name_missing_outputs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     result = thrown().simulate()
@@ -205,7 +207,7 @@ def test_objects_show_themselves_shortly_and_in_notebooks() -> None:
     assert "thrown" in repr(thrown()) and "200.553" in shown[2]._repr_html_()
 
 
-def test_compiling_is_told_at_a_prompt_and_in_notebooks(
+def test_compiling_is_announced_at_a_prompt_and_in_notebooks(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delattr(sys, "ps1", raising=False)
@@ -260,7 +262,7 @@ def test_an_unknown_name_suggests_the_nearest(name: str, told: str) -> None:
         (lambda content: sidtool.write("motion.h5", content), "content"),
     ],
 )
-def test_what_is_no_file_is_refused_by_the_name_of_its_argument(
+def test_invalid_paths_are_refused_by_the_name_of_the_argument(
     call: Any, argument: str
 ) -> None:
     with pytest.raises(sidtool.InputError, match=f"{argument}: is of the type dict"):

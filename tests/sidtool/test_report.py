@@ -55,7 +55,7 @@ def test_frequencies_do_not_depend_on_the_basis() -> None:
         assert there.effective_mass == pytest.approx(here.effective_mass, rel=1e-8)
 
 
-def test_frames_are_told_apart() -> None:
+def test_frames_are_distinguished() -> None:
     rod = read(SLIDER_CRANK / "rod_q4.SID_FEM")
     assert frame_kind_of(rod) == "tangent frame, fixed to node 1 at its origin"
     assert frame_kind_of(rigid_sid(1.0, [0, 0, 0], np.eye(3))) == "rigid body"
@@ -65,7 +65,7 @@ def test_frames_are_told_apart() -> None:
     assert frame_kind_of(free).startswith("mean axes")
 
 
-def test_what_a_body_tells_of_stiffening_and_stress() -> None:
+def test_info_of_a_body_lists_stiffening_and_stress() -> None:
     sid = particle_body(2, 6, stiffening=True)
     text = describe_sid(sid)
     assert "geom. stiffening   carried\n" in text and "stress             not" in text

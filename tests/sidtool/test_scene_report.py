@@ -73,7 +73,7 @@ def test_degrees_of_freedom_are_counted(spatial: bool, driven: bool) -> None:
     assert "total mass: 4.5 kg" in lines
 
 
-def test_numbers_of_forces_and_bodies_are_told() -> None:
+def test_parameters_of_forces_and_bodies_are_listed() -> None:
     scene = four_bar(False, {}).with_(
         {
             "forces.spring": {

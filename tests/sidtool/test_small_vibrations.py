@@ -58,7 +58,7 @@ def told(result: sidtool.Result) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "energy"), [("bending_z7", 1e-5), ("bending_z6", 3e-6)]
 )
-def test_what_costs_the_steps_is_told_and_the_advice_helps(
+def test_the_vibration_that_limits_steps_is_named_and_the_advice_helps(
     rod: SID, kind: str, energy: float
 ) -> None:
     number = named_by_kind(rod)[kind]

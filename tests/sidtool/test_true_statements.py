@@ -53,7 +53,7 @@ def test_speeds_where_a_run_stops_are_no_sign_of_units_or_turns(
     assert "turns" not in notes and "units" not in notes
 
 
-def test_what_the_user_leaves_out_is_not_called_without_effect() -> None:
+def test_ignored_keywords_are_not_called_without_effect() -> None:
     idle, left_out = unread_keyword_notes(["*STEP", f"*NONSTRUCTURAL MASS{LEFT_OUT}"])
     assert "*STEP" in idle and "NONSTRUCTURAL" not in idle
     assert "*NONSTRUCTURAL MASS" in left_out and "without effect" not in left_out
@@ -80,7 +80,7 @@ UNREAD = {
     ("suffix", "text", "name", "changes"),
     [(suffix, *case) for suffix, cases in UNREAD.items() for case in cases],
 )
-def test_readers_tell_apart_what_can_change_a_body(
+def test_readers_distinguish_content_that_can_change_a_body(
     tmp_path: Path, suffix: str, text: str, name: str, changes: bool
 ) -> None:
     """Of what `geometry.ignore` leaves out, the body lacks some, and other is idle."""
@@ -98,7 +98,7 @@ def test_readers_tell_apart_what_can_change_a_body(
     assert ("without effect" in notes[0]) != changes
 
 
-def test_a_run_that_starts_in_an_equilibrium_is_not_told_that_it_cannot(
+def test_a_start_in_equilibrium_has_no_warning(
     tmp_path: Path,
 ) -> None:
     """The block of a heavily bent body is not positive, its frame being prescribed."""

@@ -140,7 +140,7 @@ def resealed(content: dict[str, Any]) -> str:
     return f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
 
 
-def test_what_is_kept_serves_its_own_scene_alone(folder: Path) -> None:
+def test_a_cached_choice_is_used_for_its_own_scene_only(folder: Path) -> None:
     """Whole, under its own key, and no more than a choice among what the scene has."""
     scene, sid = particles(False)
     simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
@@ -163,7 +163,7 @@ def test_what_is_kept_serves_its_own_scene_alone(folder: Path) -> None:
 
 
 @posix
-def test_what_others_may_have_kept_is_not_used(folder: Path) -> None:
+def test_a_cache_that_others_can_write_is_not_used(folder: Path) -> None:
     scene, sid = particles(False)
     simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
     (path,) = folder.iterdir()
@@ -172,7 +172,7 @@ def test_what_others_may_have_kept_is_not_used(folder: Path) -> None:
     assert cache.read_entry(path.stem) is None
 
 
-def test_a_script_hears_what_the_search_does() -> None:
+def test_a_callback_reports_the_stages_of_the_search() -> None:
     """As the command line shows it; nothing, where nothing is searched."""
     told: list[tuple[str, float | None]] = []
 
@@ -190,7 +190,7 @@ def test_a_script_hears_what_the_search_does() -> None:
     assert all(text.startswith("choosing: run") for text, _ in told)
 
 
-def test_what_a_scene_asks_for_can_be_asked_by_the_call() -> None:
+def test_a_request_of_the_call_equals_that_of_the_scene() -> None:
     scene, sid = particles(False)
     wanted = {"arm.tip.x": "2 mm", "pin.fx": "0.5 %"}
     asking = scene.accuracy.model_copy(update={"wanted": wanted})
@@ -238,13 +238,13 @@ def test_amounts(name: str, amount: Any, value: float, absolute: bool) -> None:
         {},
     ],
 )
-def test_what_cannot_be_asked_is_refused(wanted: Any) -> None:
+def test_invalid_requests_are_refused(wanted: Any) -> None:
     scene, sid = particles(False)
     with pytest.raises((sidtool.InputError, ValueError)):
         simulated(scene, sid, accuracy=wanted)
 
 
-def test_an_error_that_no_reference_can_tell_is_refused() -> None:
+def test_requests_below_the_uncertainty_of_the_reference_are_refused() -> None:
     """Three loose bodies on a chain: the end forgets how it began."""
     body = {"mass": 1.0, "inertia": 0.01, "markers": {"a": {}, "b": {}}}
     body["markers"] = {
@@ -304,7 +304,7 @@ def test_the_command_the_file_and_its_json(
     assert run([*command[:2], "--accuracy", "tiny"]) == 2
 
 
-def test_what_does_not_move_is_not_told_of() -> None:
+def test_constant_outputs_have_no_error() -> None:
     """An output of rounding alone, before one that nothing changes."""
     scene, sid = particles(False)
     bodies = scene.bodies | {
@@ -323,7 +323,7 @@ def test_what_does_not_move_is_not_told_of() -> None:
     assert all(d.output == "block.x" and not d.kept for d in found.accuracy.decisions)
 
 
-def test_a_rate_of_rounding_alone_beside_fast_motion() -> None:
+def test_a_rate_of_rounding_alone_next_to_fast_motion() -> None:
     """No other output of its kind is recorded whose size it could be compared with."""
     course = np.linspace(0.0, 1.0, 5)
     values = np.column_stack([1e-14 * np.sin(9.0 * course), course])
@@ -333,7 +333,7 @@ def test_a_rate_of_rounding_alone_beside_fast_motion() -> None:
         assert is_varying(names, values, variation, levels).tolist() == expected
 
 
-def test_shape_functions_of_little_energy_are_left_out_in_groups(
+def test_shape_functions_of_little_energy_are_omitted_in_groups(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("sidtool.accuracy.selection.MAX_SINGLE_SHAPES", 2)
@@ -369,7 +369,7 @@ def test_the_worst_output_is_one_that_counts() -> None:
 
 
 @pytest.mark.parametrize("wanted", [1e-1, 1e-5])
-def test_an_oscillation_that_both_methods_step_over_is_part_of_the_error(
+def test_an_oscillation_that_both_methods_miss_is_part_of_the_error(
     wanted: float,
 ) -> None:
     """The third mode is set swinging by 1.4e-5 of what it bends: no method followed it
@@ -383,7 +383,7 @@ def test_an_oscillation_that_both_methods_step_over_is_part_of_the_error(
     assert error <= found.error["arm.q3"] <= wanted
 
 
-def test_what_is_conserved_asks_for_no_tighter_runs() -> None:
+def test_conserved_outputs_need_no_tighter_runs() -> None:
     """Momenta of a free satellite vary by the integration error at every tolerance:
     models were compared at the one at which rounding was left of that, 1e-11, not at
     1e-8.
@@ -410,7 +410,7 @@ def test_what_is_conserved_asks_for_no_tighter_runs() -> None:
     assert both.use(both.comparison_uncertainty) <= UNCERTAINTY_SHARE
 
 
-def test_shape_functions_whose_coordinates_are_asked_for_stay_without_a_run() -> None:
+def test_shape_functions_of_requested_coordinates_are_retained_without_a_run() -> None:
     """Without its shape function the coordinate would be zero, an error of 100 %."""
     sid, names = cantilever(6), ["arm.tip.uy", "arm.q1", "arm.q3"]
     scene = spun(0.8, 20.0, outputs={"record": names})
@@ -424,7 +424,7 @@ def test_shape_functions_whose_coordinates_are_asked_for_stay_without_a_run() ->
     assert few.accuracy.runs < none.accuracy.runs
 
 
-def test_all_multipliers_of_a_joint_may_be_asked_for() -> None:
+def test_all_multipliers_of_a_joint_can_be_requested() -> None:
     scene, sid = swinging(outputs={"record": ["arm.tip.x", "pin.f*"]}), cantilever(3)
     found = simulated(scene, sid, accuracy=1e-3)
     exact = simulated(finest(scene), sid, **TIGHT)

@@ -69,7 +69,7 @@ def reprinted(sid: SID, text: str) -> SID:
         ("%.16e", None),
     ],
 )
-def test_digits_are_seen_in_the_numbers(
+def test_printed_digits_are_found_from_the_numbers(
     text: str, expected: NumberFormat | None
 ) -> None:
     for sid in (cantilever(3), cantilever(3, stiffened=True)):
@@ -88,7 +88,7 @@ def test_files_of_ours_have_twelve_digits_also_as_copies(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("case", ["falls", "spins", "particles"])
-def test_what_digits_change_is_not_above_what_is_told(case: str) -> None:
+def test_changes_by_digits_stay_below_their_estimate(case: str) -> None:
     """Nor told far above it: of roundings the signs are not known."""
     scene, sid = swinging(0.6), cantilever(3)
     if case == "spins":
@@ -148,7 +148,7 @@ def test_twelve_digits_cost_no_run(tmp_path: Path) -> None:
     assert told == ["12 digits of arm: far below what is asked for"]
 
 
-def test_three_digits_do_not_tell_six() -> None:
+def test_three_digits_are_refused_for_an_accuracy_of_six() -> None:
     poor = reprinted(cantilever(3), "%.3e")
     with pytest.raises(InputError, match="4 digits of arm tell") as refused:
         sidtool.simulate(swinging(0.4), sids={"arm": poor}, accuracy=1e-6)

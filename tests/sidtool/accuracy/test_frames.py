@@ -62,7 +62,7 @@ def exact() -> sidtool.Result:
     return richest(change_frame(cantilever(2, stiffened=True), "buckens:1"))
 
 
-def test_a_far_bent_arm_is_put_in_the_frame_that_errs_less(
+def test_a_strongly_bent_arm_is_put_in_the_frame_with_less_error(
     exact: sidtool.Result,
 ) -> None:
     bare = {"arm": cantilever(2)}
@@ -117,7 +117,7 @@ def test_damping_is_the_same_in_all_frames(law: dict[str, Any]) -> None:
         assert apart(found[0], found[2], name) < errors
 
 
-def test_where_no_frame_keeps_the_request_that_of_the_scene_stays(
+def test_without_a_better_frame_that_of_the_scene_is_kept(
     exact: sidtool.Result,
 ) -> None:
     """No model without stiffening is as exact as that, which a note says."""
@@ -137,7 +137,7 @@ def test_where_no_frame_keeps_the_request_that_of_the_scene_stays(
 @pytest.mark.parametrize(
     "seen", ["arm.x", "arm.tip.uy", "arm.angle", "arm.vx_body"], ids=lambda name: name
 )
-def test_outputs_that_mean_the_frame_keep_it(seen: str) -> None:
+def test_outputs_relative_to_a_frame_keep_it(seen: str) -> None:
     """The place of the frame and displacements from it: also judged in others."""
     bare = {"arm": cantilever(2)}
     pin = {"pin": {"type": "revolute", "markers": ["ground", "arm.tip"]}}
@@ -168,7 +168,7 @@ def test_arms_that_start_bent_keep_their_frame() -> None:
     assert told == "frames: not judged; those of arm belong to what the scene says"
 
 
-def test_frames_of_stiffened_arms_are_told_alike() -> None:
+def test_frames_of_stiffened_arms_have_equal_neglected_terms() -> None:
     """With stiffening no frame is better: each frame reports the same neglected
     terms.
     """
@@ -185,7 +185,7 @@ def test_frames_of_stiffened_arms_are_told_alike() -> None:
 
 
 @pytest.mark.parametrize("stiffened", [False, True])
-def test_frames_that_are_not_run_change_less_than_is_said(stiffened: bool) -> None:
+def test_frames_without_a_run_change_less_than_estimated(stiffened: bool) -> None:
     sid = cantilever(2, stiffened=stiffened)
     for gravity in (0.03, 2.0 if stiffened else 0.2):
         one, other = (

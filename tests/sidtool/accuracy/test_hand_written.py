@@ -35,7 +35,7 @@ def finest(scene: SceneFile, sids: Mapping[str, SID]) -> sidtool.Result:
 
 
 @pytest.mark.parametrize("made", [crane, pendulum, yoke, drive])
-def test_errors_and_what_theory_leaves_out_are_as_told(
+def test_errors_and_neglected_terms_stay_within_their_estimates(
     made: Callable[[bool], tuple[SceneFile, dict[str, SID]]],
 ) -> None:
     scene, sids = made(False)

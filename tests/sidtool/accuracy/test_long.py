@@ -127,7 +127,7 @@ def test_a_motion_that_begins_late_is_not_judged_by_its_beginning(
     assert not any(s.startswith("long runs") for s in found.accuracy.sentences)
 
 
-def test_what_meshes_leave_open_does_not_send_a_search_to_whole_runs() -> None:
+def test_mesh_errors_do_not_force_full_runs() -> None:
     """It was counted twice in the first part, where nothing kept the request then."""
     scene, sid = particles(False)
     scene = lasting(scene, 60.0 * scene.time.end, 1200)
@@ -171,7 +171,7 @@ def test_where_choices_in_a_part_cost_too_much_a_few_whole_runs_do(
     assert f" of {kept[0]}" in kept[1]
 
 
-def test_shape_functions_of_little_energy_are_left_out_by_few_runs(
+def test_shape_functions_of_little_energy_are_omitted_by_few_runs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Here the smallest model is taken to be the fastest."""
@@ -205,7 +205,7 @@ def test_short_runs_that_were_taken_for_long_ones_are_searched_as_a_whole() -> N
         assert apart <= error <= 1e-2
 
 
-def test_what_leaves_the_theory_at_first_is_told_before_long_runs(
+def test_large_deformations_at_the_start_are_reported_before_long_runs(
     ends: list[float],
 ) -> None:
     scene = lasting(spun(2.0, 0.5), 40.0, 800)

@@ -56,7 +56,7 @@ def pulled(cells: int, length: int = 1) -> sidtool.Scene:
     )
 
 
-def test_a_force_at_a_point_leaves_open_what_finer_meshes_add() -> None:
+def test_a_point_force_has_mesh_errors_that_do_not_decrease() -> None:
     """Half of the last change was reported, but the next halving changes as much."""
     found = pulled(4).simulate(accuracy={"block.tip.ux": "3e-4 m"})
     assert found.accuracy is not None
@@ -77,7 +77,7 @@ def test_a_force_at_a_point_leaves_open_what_finer_meshes_add() -> None:
     assert tied.error["block.tip.ux"] * tied["block.tip.ux"].max() < 1e-4
 
 
-def test_a_study_knows_no_better_what_finer_meshes_add() -> None:
+def test_a_study_reports_mesh_errors_that_do_not_decrease() -> None:
     axes = {"mesh": (-1, 0, 1), "reduction": ("attachment",)}
     scene, setting = pulled(4, 20), Setting("radau9", rtol=1e-4)
     models = {"block": [Path("block.json")]}

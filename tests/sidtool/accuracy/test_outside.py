@@ -33,7 +33,7 @@ from .arms import cantilever, particles, simulated, spun, swinging
         (spun(5.0, 20.0), False, "diverges.*lacks the geometric stiffening"),
     ],
 )
-def test_what_leaves_the_theory_is_refused_with_what_would_do(
+def test_large_deformations_are_refused_with_a_remedy(
     scene: SceneFile, stiffened: bool, message: str
 ) -> None:
     """What diverges for want of stiffening, to 1e15 lengths, is not to be cut into as

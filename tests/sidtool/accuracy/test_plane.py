@@ -71,7 +71,7 @@ def test_a_flat_scene_may_record_by_wildcards() -> None:
     assert {"arm.tip.x", "arm.tip.z", "arm.tip.uy"} <= set(found.names)
 
 
-def test_what_a_run_leaves_across_the_plane_is_not_judged() -> None:
+def test_out_of_plane_rounding_is_not_assessed() -> None:
     """A rate of 1.6e-10 rad/s, beside 40 in the plane, was to be predicted to a
     thousandth: the error of its integration."""
     names = ("arm.tip.wx", "arm.tip.z", "pin.mx", "arm.tip.vy")
@@ -94,7 +94,7 @@ def test_what_a_run_leaves_across_the_plane_is_not_judged() -> None:
         (["arm.tip.x"], [0.3, 0.0, 3.0]),
     ],
 )
-def test_what_leaves_the_plane_is_solved_in_space(
+def test_motions_that_leave_the_plane_are_solved_in_space(
     record: list[str], spin: list[float]
 ) -> None:
     """A requested out-of-plane force, and an out-of-plane motion."""

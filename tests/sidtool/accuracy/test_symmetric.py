@@ -53,7 +53,7 @@ RESTING = ("arm.tip.y", "arm.tip.vy", "arm.x", "arm.wx", "pin.fy", "momentum.y")
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.0, 100.0])
-def test_what_symmetry_makes_zero_is_not_judged(length: float) -> None:
+def test_outputs_that_are_zero_by_symmetry_are_not_assessed(length: float) -> None:
     scene = pendulum(length)
     assert set(sidtool.simulate(scene, accuracy=1e-3).error) == set(MOVING)
     assert set(run_study(scene, settings=ONE).reference.left_out) == set(RESTING)

@@ -188,7 +188,7 @@ def test_numbers_in_any_order(make: Any) -> None:
         np.testing.assert_equal(told(found), told(expected))
 
 
-def test_what_is_told_belongs_to_the_numbers_of_the_run(arm: sidtool.Scene) -> None:
+def test_notes_belong_to_the_numbers_of_the_run(arm: sidtool.Scene) -> None:
     """Looked at late, in any order, and after other runs."""
     compiled = arm.compile()
     strange, plain = compiled.run({"gravity": [0, 0, -9810.0]}), compiled.run()
@@ -199,7 +199,7 @@ def test_what_is_told_belongs_to_the_numbers_of_the_run(arm: sidtool.Scene) -> N
     assert not any("gravity" in note or "moved" in note for note in plain.notes)
 
 
-def test_results_that_nobody_looked_at_are_copied_with_what_is_told(
+def test_copies_of_unread_results_have_their_notes(
     founding: sidtool.Scene,
 ) -> None:
     run = founding.compile(rigid=["rod"]).run
@@ -212,7 +212,7 @@ def test_results_that_nobody_looked_at_are_copied_with_what_is_told(
         _ = expected.nothing
 
 
-def test_a_compiled_scene_is_not_touched_by_what_happens_to_the_first_one() -> None:
+def test_a_compiled_scene_is_independent_of_the_original_scene() -> None:
     scene = sidtool.Scene.load(FOUNDING / "slider_crank.toml").with_({"time.end": 0.01})
     compiled = scene.compile()
     before = compiled.run()
@@ -221,7 +221,7 @@ def test_a_compiled_scene_is_not_touched_by_what_happens_to_the_first_one() -> N
     np.testing.assert_equal(told(compiled.run()), told(before))
 
 
-def test_what_cannot_be_compiled_is_said(founding: sidtool.Scene) -> None:
+def test_scenes_that_cannot_be_compiled_are_refused(founding: sidtool.Scene) -> None:
     with pytest.raises(sidtool.InputError, match=r"accuracy\.wanted: asks for an accu"):
         founding.with_({"accuracy.wanted": 1e-3}).compile()
     compiled = founding.compile()

@@ -77,7 +77,7 @@ def test_warnings_name_the_line_of_the_caller(tmp_path: Path) -> None:
     assert {Path(w.filename).name for w in seen} == {Path(__file__).name}
 
 
-def test_missing_tables_say_what_they_may_be() -> None:
+def test_missing_tables_list_their_types() -> None:
     section = {"shape": "rectangle", "height": 0.1, "width": 0.1}
     ends = {"start": [0, 0, 0], "end": [1, 0, 0]}
     geometry = {"type": "beam", "section": section, **ends}

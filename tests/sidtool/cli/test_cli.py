@@ -327,7 +327,7 @@ def test_info_of_a_model_and_a_scene(capsys: pytest.CaptureFixture[str]) -> None
         assert word in text
 
 
-def test_info_of_a_scene_tells_damping_and_what_forces_act_on(
+def test_info_of_a_scene_lists_damping_and_the_markers_of_forces(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
@@ -381,7 +381,7 @@ def test_a_closed_pipe_is_no_error() -> None:
         assert (process.communicate()[1], process.returncode) == ("", 0)
 
 
-def test_interruption_is_said_in_one_word(
+def test_interruption_is_reported_in_one_word(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*_: object) -> None:
@@ -392,7 +392,7 @@ def test_interruption_is_said_in_one_word(
     assert "interrupted" in capsys.readouterr().err
 
 
-def test_a_warmup_that_keeps_nothing_has_failed(
+def test_a_warmup_that_stores_nothing_has_failed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One kernel stands for all."""

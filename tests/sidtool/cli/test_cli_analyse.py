@@ -47,7 +47,7 @@ def pendulum(tmp_path: Path) -> Path:
     return path
 
 
-def test_static_tells_outputs_and_forces(
+def test_static_prints_outputs_and_forces(
     pendulum: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = pendulum.with_name("rest.h5")
@@ -125,7 +125,7 @@ def test_inverse_of_flexible_bodies_is_quasi_static_on_demand(
     assert written["rod.q1"][-1] != 0
 
 
-def test_inverse_keeps_what_comes_before_an_impossible_position(
+def test_inverse_stores_the_motion_before_an_impossible_position(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The bob on its arm of 1 m reaches down to y = -1."""
@@ -145,7 +145,7 @@ function = { type = "polynomial", pieces = [{ from = 0, coefficients = [-0.6, -1
     assert result["bob.y"] == pytest.approx(-0.6 - 1.1 * result.t, abs=1e-9)
 
 
-def test_a_body_that_can_fall_is_said_in_one_line(
+def test_a_body_that_can_fall_is_reported_in_one_line(
     pendulum: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pendulum.write_text(

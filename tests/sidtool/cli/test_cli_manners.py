@@ -71,7 +71,7 @@ def test_numbers_as_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert rest["outputs"]["piston.x"] == pytest.approx(1.1)
 
 
-def test_quiet_commands_say_nothing_but_errors(
+def test_quiet_commands_print_nothing_but_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "r.h5"

@@ -65,7 +65,7 @@ def test_info_of_the_result(files: Path, capsys: pytest.CaptureFixture[str]) -> 
         assert word in text
 
 
-def test_a_run_tells_of_its_flexible_body_before_and_after(
+def test_a_run_reports_on_its_flexible_body_before_and_after(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """The rod turns by r / L of the crank's speed at most: -(3.77 / 199)^2.
@@ -83,7 +83,7 @@ def test_a_run_tells_of_its_flexible_body_before_and_after(
     assert "stiffening small" not in after
 
 
-def test_a_result_tells_what_each_shape_function_did(
+def test_a_result_lists_the_contribution_of_each_shape_function(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     body, result = (
@@ -136,7 +136,7 @@ def test_another_sid_and_settings(
     assert abs(q4["rod.q1"] - iga["rod.q1"]).max() < 0.1 * peak
 
 
-def test_a_run_that_stops_keeps_what_there_is(
+def test_a_run_that_stops_stores_the_motion_so_far(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from sidtool import solver
@@ -170,7 +170,9 @@ def test_interruption_leaves_no_file(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_result_tells_what_it_was_made_with(files: Path, tmp_path: Path) -> None:
+def test_the_result_stores_scene_settings_and_versions(
+    files: Path, tmp_path: Path
+) -> None:
     """Options replace the settings of the scene."""
     target = tmp_path / "other.h5"
     other = SLIDER_CRANK / "rod_iga.SID_FEM"
@@ -189,7 +191,7 @@ def test_sids_of_bodies_that_are_not_there_are_refused() -> None:
             call(SCENE, sids={"rode": sid})
 
 
-def test_crossings_stand_before_the_breaks_of_tables() -> None:
+def test_crossings_are_listed_before_breaks_of_tables() -> None:
     from sidtool.formats.result import Event
     from sidtool.report.result import _event_lines
 

@@ -41,7 +41,7 @@ def test_the_demo(
     }
 
 
-def test_without_the_examples_the_demo_says_so(
+def test_without_the_examples_the_demo_reports_their_absence(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

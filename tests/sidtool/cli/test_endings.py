@@ -59,7 +59,7 @@ def test_writers_refuse_the_endings_of_other_kinds(
 
 
 @pytest.mark.parametrize("ending", [".csv", ".txt", ".dat", ".h5", ".HDF5", ""])
-def test_a_result_is_written_as_what_the_ending_says(
+def test_the_ending_determines_the_format_of_a_result(
     ending: str, made: dict[str, Thing], tmp_path: Path
 ) -> None:
     """`.txt` had HDF5 inside."""
@@ -81,7 +81,7 @@ def test_a_result_is_not_written_as_something_else(
     assert not list(tmp_path.iterdir())
 
 
-def test_names_of_ones_own_are_free_where_the_ending_chooses_nothing() -> None:
+def test_any_ending_is_allowed_if_it_selects_no_format() -> None:
     for kind, written in OUTPUT_KINDS.items():
         for name in ("run", "run.of_today"):
             if not written.chooses:

@@ -64,7 +64,9 @@ def test_compiling_processes_run_installed_modules(
 @pytest.mark.parametrize(
     "script", ["import sidtool.api.operations", "from sidtool import read"]
 )
-def test_scripts_beside_such_modules_run_ours(script: str, folder: Path) -> None:
+def test_scripts_next_to_foreign_modules_import_sidtool(
+    script: str, folder: Path
+) -> None:
     for name in ("numba", "click"):  # what a script's folder holds is the script's
         (folder / f"{name}.py").unlink()
     (folder / "script.py").write_text(
@@ -77,7 +79,7 @@ def test_scripts_beside_such_modules_run_ours(script: str, folder: Path) -> None
     assert ran(folder) == []
 
 
-def test_own_modules_of_such_names_stay_what_they_are(tmp_path: Path) -> None:
+def test_user_modules_of_equal_names_are_not_shadowed(tmp_path: Path) -> None:
     for name in ("solver", "formats"):
         (tmp_path / f"{name}.py").write_text(f"mine = '{name}'\n", encoding="utf-8")
     (tmp_path / "script.py").write_text(

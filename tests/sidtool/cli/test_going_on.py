@@ -64,7 +64,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_founding_run_goes_on_after_two_signals(folder: Path) -> None:
+def test_a_run_continues_after_two_signals(folder: Path) -> None:
     """The motion differs by the error of the run from that without a break."""
     command = ["slider_crank.toml", "-o", "result.h5", "--continue", "--set"]
     command += ["time.end=0.6", "-o", "table.csv"]
@@ -128,7 +128,7 @@ def interrupted(scene: sidtool.Scene, after: float) -> sidtool.Result:
 
 
 @pytest.mark.parametrize("others", [[], ["dissipated"], ["supplied"]])
-def test_a_balance_tells_the_energies_until_then(
+def test_an_interrupted_balance_holds_the_energies_so_far(
     others: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Recorded alone it goes on as in one run, and what is beside it, too."""
@@ -149,7 +149,7 @@ def test_a_balance_tells_the_energies_until_then(
         np.testing.assert_allclose(whole[name], exact[name], atol=1e-4)
 
 
-def test_sums_turns_and_events_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sums_revolutions_and_events_continue(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sidtool.solver.output.dense_output.STEPS_PER_CHUNK", 2)
     scene = swing()
     part = interrupted(scene, 1.13)
@@ -195,7 +195,7 @@ def test_a_complete_run_is_extended_to_a_later_end(tmp_path: Path) -> None:
         np.testing.assert_allclose(*times, atol=1e-5)
 
 
-def test_what_cannot_be_extended_says_why() -> None:
+def test_runs_that_cannot_be_extended_give_the_reason() -> None:
     scene = swing(events={"low": sidtool.Event(quantity="bar.vx", action="stop")})
     stopped = scene.simulate()
     with pytest.raises(sidtool.InputError, match="an event ended it"):
@@ -208,7 +208,7 @@ def test_what_cannot_be_extended_says_why() -> None:
         swing().with_(later).simulate(unfinished=whole)
 
 
-def test_what_cannot_go_on_says_why() -> None:
+def test_runs_that_cannot_continue_give_the_reason() -> None:
     scene = swing()
     part = interrupted(scene, 0.0)
     for other, message in (

@@ -124,7 +124,7 @@ def test_files_are_written_without_a_word(
     assert capfd.readouterr().out == ""
 
 
-def test_quiet_commands_tell_their_notes_and_nothing_else(
+def test_quiet_commands_print_their_notes_and_nothing_else(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """As --help says; the basis of a conversion is no note where it is good."""
@@ -151,7 +151,7 @@ def test_quiet_commands_tell_their_notes_and_nothing_else(
             assert ("note: a remark" in out) != quiet
 
 
-def test_info_of_a_model_whose_body_cannot_be_made_fails(
+def test_info_fails_if_the_body_cannot_be_discretised(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """The content of the model is printed nonetheless, and the output is valid JSON."""

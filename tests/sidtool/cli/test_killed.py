@@ -109,9 +109,7 @@ CONVERT = ["convert", "rod_q4.SID_FEM", "-o", "rod.h5"]
 @pytest.mark.parametrize(
     ("name", "status"), [("SIGTERM", 143), ("SIGHUP", 129), ("SIGINT", 130)]
 )
-def test_a_run_that_is_told_to_end_cleans_up(
-    name: str, status: int, folder: Path
-) -> None:
+def test_a_terminated_run_cleans_up(name: str, status: int, folder: Path) -> None:
     before = names(folder)
     done = killed(folder, CONVERT, signal.Signals[name])
     assert done.returncode == status, done.stderr
@@ -135,7 +133,7 @@ def test_ctrl_c_while_modules_are_imported_and_again_after_it(
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
 
 
-def test_the_next_run_removes_what_a_killed_one_left(
+def test_the_next_run_removes_files_of_a_killed_one(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
@@ -182,7 +180,7 @@ def test_only_rests_of_processes_that_are_gone_are_removed(
     assert (tmp_path / "first").read_text(encoding="utf-8") == "1"
 
 
-def test_the_rest_of_another_process_that_runs_stays(tmp_path: Path) -> None:
+def test_temporary_files_of_a_running_process_are_kept(tmp_path: Path) -> None:
     waiting = [sys.executable, "-c", "input()"]
     with (
         atomic_path(tmp_path / "first") as first,
@@ -198,7 +196,7 @@ def test_the_rest_of_another_process_that_runs_stays(tmp_path: Path) -> None:
         first.write_text("1", encoding="utf-8")
 
 
-def test_a_rest_of_another_machine_stays(tmp_path: Path) -> None:
+def test_temporary_files_of_another_machine_are_kept(tmp_path: Path) -> None:
     """Its processes cannot be seen from here."""
     rest = tmp_path / f".rod.h5.01234567-{gone()}-abcdefgh.part"
     rest.write_text("", encoding="utf-8")
@@ -234,7 +232,7 @@ def test_a_killed_study_leaves_no_folder_half_filled(
     assert not any(name.endswith((".txt", ".png")) for name in made)
 
 
-def test_a_study_says_first_that_its_folder_cannot_be_made(
+def test_a_study_first_refuses_a_folder_that_cannot_be_made(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
@@ -273,7 +271,7 @@ SLOW = (
 
 @posix
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGKILL"])
-def test_no_compiling_process_stays(name: str, tmp_path: Path) -> None:
+def test_compiling_processes_end_with_their_parent(name: str, tmp_path: Path) -> None:
     """A process that is inside a kernel also ends with its parent."""
     with subprocess.Popen(
         [sys.executable, "-c", COMPILING.format(helper=SLOW)],

@@ -65,7 +65,7 @@ def test_analyses_of_one_state_need_no_output_times(
         scene.simulate()
 
 
-def test_trim_tells_its_numbers_as_data(
+def test_trim_prints_its_numbers_as_data(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
@@ -85,7 +85,7 @@ def test_trim_tells_its_numbers_as_data(
     assert "written" in err and told["sentences"]
 
 
-def test_a_run_with_friction_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_with_friction_continues(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pin rubs: the swing decays, sticks, and what was lost is summed on."""
     monkeypatch.setattr("sidtool.solver.output.dense_output.STEPS_PER_CHUNK", 2)
     pin = sidtool.Revolute(
@@ -107,7 +107,7 @@ def test_a_run_with_friction_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
         assert same.mean() > 0.9
 
 
-def test_a_run_of_a_chosen_model_goes_on(
+def test_a_run_of_a_selected_model_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The choice is found again, not searched for: the same model goes on, and its

@@ -28,7 +28,7 @@ def test_every_start_is_its_example(
     assert {"model", "scene"} <= kinds
 
 
-def test_what_is_there_is_not_touched(
+def test_existing_files_are_not_changed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "mine"

@@ -55,7 +55,7 @@ def heard(told: Told, *arguments: str) -> dict[str, list[float | None]]:
     return found
 
 
-def test_every_long_command_tells(
+def test_every_long_command_reports_progress(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -84,7 +84,7 @@ def test_every_long_command_tells(
     assert "evaluating outputs" in heard(told, "outputs", "r.h5", "--add", "rod.vx")
 
 
-def test_the_search_for_a_model_tells(
+def test_the_model_search_reports_progress(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     monkeypatch.setattr(
@@ -95,7 +95,7 @@ def test_the_search_for_a_model_tells(
     assert_one_way([s for text, s in told if text.startswith("choosing: ")])
 
 
-def test_the_search_for_meshes_tells(
+def test_the_mesh_search_reports_progress(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     """Conversions and runs of one search are one way, whatever turns up on it."""
@@ -123,7 +123,7 @@ def assert_one_way(shares: list[float | None]) -> None:
     assert len(set(known)) > 4
 
 
-def test_parts_put_the_time_left_right() -> None:
+def test_weights_of_stages_correct_the_remaining_time() -> None:
     """Whatever parts take, each ends where its estimate says; nothing falls."""
     told: Told = []
     with use_listener(lambda text, share: told.append((text, share))):
@@ -149,7 +149,7 @@ def test_parts_put_the_time_left_right() -> None:
     )
 
 
-def test_the_time_left_is_that_of_the_pace_so_far() -> None:
+def test_the_remaining_time_follows_the_pace_so_far() -> None:
     pace = TimeEstimate()
     assert pace.left() is None
     pace.at(10.0, 0.2)
@@ -187,7 +187,7 @@ def counting(seconds: float = 0.0) -> None:
         time.sleep(seconds)
 
 
-def test_a_terminal_shows_what_is_done_and_the_time_left(
+def test_a_terminal_shows_progress_and_remaining_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     seen = shown(lambda: counting(0.05), monkeypatch)
@@ -199,7 +199,7 @@ def test_short_work_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert shown(counting, monkeypatch, patience=60.0) == ""
 
 
-def test_what_has_no_known_share_shows_the_time_passed(
+def test_work_without_a_known_fraction_shows_the_elapsed_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def work() -> None:
@@ -211,7 +211,7 @@ def test_what_has_no_known_share_shows_the_time_passed(
     assert "first [x]" in seen and "then" in seen and "%" not in seen
 
 
-def test_work_that_is_silent_on_its_way_shows_the_time_passed(
+def test_work_without_reports_shows_the_elapsed_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A factorisation reports its stage at its start, and nothing until its end."""

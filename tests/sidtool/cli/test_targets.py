@@ -81,7 +81,7 @@ def test_inputs_are_not_replaced(
         (["-o", "notes.csv"], "is there and is not a table (CSV) of sidtool's"),
     ],
 )
-def test_targets_that_cannot_be_meant_are_refused(
+def test_implausible_targets_are_refused(
     options: list[str],
     words: str,
     folder: Path,
@@ -127,7 +127,9 @@ def test_own_files_are_replaced_and_others_with_force(
 
 
 @posix
-def test_links_and_modes_stay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_links_and_file_modes_are_kept(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A link is followed; what it points to is replaced and keeps its permissions."""
     monkeypatch.chdir(folder)
     (folder / "store").mkdir()
@@ -218,7 +220,7 @@ def test_a_failing_block_leaves_the_target_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["motion.h5", "motion.csv"])
-def test_a_result_that_cannot_replace_its_target_is_kept(
+def test_a_result_that_cannot_replace_its_target_is_stored(
     name: str,
     folder: Path,
     capsys: pytest.CaptureFixture[str],

@@ -69,7 +69,7 @@ def test_matrices_and_shape_functions(basis: Any, sparse: bool) -> None:
     assert [node.id for node in regular.nodes] == ["4"]
 
 
-def test_deformations_seen_from_mean_axes() -> None:
+def test_deformations_relative_to_mean_axes() -> None:
     """Clamped shape functions and a change of the frame against the free modes."""
     network = random_network(6, 5)
     made = sidtool.sid_from_shapes(
@@ -87,7 +87,7 @@ def test_deformations_seen_from_mean_axes() -> None:
 
 
 @pytest.mark.parametrize("planar", [True, False])
-def test_blocks_that_are_left_out_follow(planar: bool) -> None:
+def test_omitted_blocks_follow_from_the_others(planar: bool) -> None:
     expected = particle_body(4, 12, planar, seed=8)
     nodes = {
         node.id: {"position": node.position, "phi": node.phi.m0, "psi": node.psi.m0}
@@ -142,13 +142,13 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_what_cannot_be_a_body_is_told(case: str) -> None:
+def test_impossible_bodies_are_refused(case: str) -> None:
     changes, message = WRONG[case]
     with pytest.raises(sidtool.InputError, match=message):
         sidtool.sid_from_shapes(**line() | changes)
 
 
-def test_blocks_that_cannot_be_those_of_a_body_are_told() -> None:
+def test_blocks_that_cannot_be_those_of_a_body_are_refused() -> None:
     body = particle_body(2, 9, seed=2)
     nodes: dict[str, Any] = {"a": {"position": [0, 0, 0], "phi": np.zeros((3, 2))}}
     blocks: dict[str, Any] = {

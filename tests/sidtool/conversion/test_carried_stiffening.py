@@ -119,7 +119,7 @@ def test_matrices_of_a_coarse_beam_have_no_stiffening(mass: str, modes: int) -> 
 
 
 @pytest.mark.parametrize("ending", ["SID_FEM", "h5"])
-def test_the_file_tells_it_too(tmp_path: Path, ending: str) -> None:
+def test_a_file_gives_the_same_stiffening(tmp_path: Path, ending: str) -> None:
     for table, expected in TABLES.values():
         data, end = _beam(16)
         data["frame"] = FRAMES["tangent"] | {"clamp": end}

@@ -172,7 +172,7 @@ def test_scaling_laws() -> None:
     assert_allclose(thick.node(2).phi.m0, base.node(2).phi.m0 / np.sqrt(2), atol=1e-9)
 
 
-def test_q4_and_iga_tell_of_the_same_body() -> None:
+def test_q4_and_iga_describe_the_same_body() -> None:
     q4, iga = (
         sid_from_model(SLIDER_CRANK / f"rod_{name}.toml") for name in ("q4", "iga")
     )
@@ -195,7 +195,7 @@ def test_the_caller_hears_of_the_stages() -> None:
 
 
 @pytest.mark.parametrize("name", ["rod_q4", "rod_iga"])
-def test_the_examples_are_what_their_models_give(name: str) -> None:
+def test_example_sids_equal_their_converted_models(name: str) -> None:
     stored = read_sid(SLIDER_CRANK / f"{name}.SID_FEM")
     fresh = sid_from_model(SLIDER_CRANK / f"{name}.toml")
     assert stored.labels == fresh.labels and stored.title == fresh.title

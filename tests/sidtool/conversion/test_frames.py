@@ -112,7 +112,7 @@ def test_mass_and_centre() -> None:
     assert_allclose(centre, [0.5, 0, 0], atol=1e-12)
 
 
-def test_frames_are_told_by_their_names() -> None:
+def test_frames_are_found_by_their_names() -> None:
     assert frame_kind_of(converted("chord")) == "chord frame between nodes 1 and 2"
     assert frame_kind_of(converted("buckens")).startswith("mean axes")
     assert frame_kind_of(converted("piston pin")).startswith(

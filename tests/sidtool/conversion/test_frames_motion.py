@@ -66,7 +66,7 @@ def test_the_same_deformations_give_the_same_motion(
 
 
 @pytest.mark.parametrize("frame", ["chord", "buckens"])
-def test_with_the_second_order_field_nothing_is_left(
+def test_with_the_second_order_field_no_difference_is_left(
     frame: str, stiffened: np.ndarray
 ) -> None:
     """Geometric stiffening is that field: 2e-9."""

@@ -99,7 +99,7 @@ def test_a_finite_motion_arrives_at_the_marker(name: str) -> None:
         assert_allclose(rows @ second, found, atol=1e-5 * scale)
 
 
-def test_the_rows_of_a_tie_see_more_than_its_motion() -> None:
+def test_the_rows_of_a_tie_contain_second_order_terms() -> None:
     """Half a turn of a plane tie by theta pulls a marker at e from it: theta^2 e / 2.
 
     At one point a rigid motion has no excess.

@@ -155,7 +155,7 @@ def test_another_law_of_damping_by_name(tmp_path: Path, capsys: Any) -> None:
         assert "--damping: " in capsys.readouterr().err
 
 
-def test_frames_do_what_they_say(sid: SID) -> None:
+def test_frames_meet_their_definitions(sid: SID) -> None:
     tangent = change_frame(sid, "tangent:2").node(2)
     assert_allclose(tangent.phi.m0, 0, atol=1e-12)
     assert_allclose(tangent.psi.m0, 0, atol=1e-12)

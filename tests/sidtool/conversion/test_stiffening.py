@@ -149,7 +149,7 @@ def test_a_hub_adds_the_acceleration_of_the_root(rotor: SID) -> None:
     assert found == pytest.approx(3.516015**2 + slope, rel=1e-3)
 
 
-def test_only_what_is_asked_for_is_written() -> None:
+def test_only_requested_terms_are_written() -> None:
     table = {"acceleration": False, "angular_acceleration": False, "markers": []}
     sid = sid_from_model(beam(IGA, stiffening=table))
     assert sid.Ct.m1 is None and sid.node(2).phi.m1 is None
@@ -181,7 +181,7 @@ def test_stiffened_sids_pass_every_check(method: str, frame: dict[str, Any]) -> 
     assert [(c.id, c.measured) for c in check(sid_from_model(model)) if c.failed] == []
 
 
-def test_ratio_tells_whether_stiffening_matters(rotor: SID) -> None:
+def test_the_ratio_shows_whether_stiffening_matters(rotor: SID) -> None:
     """Near the first frequency it does; at a hundredth of it, it does not."""
     slow = stiffening_ratio(rotor, angular_velocity=(0, 0, 0.0352))
     fast = stiffening_ratio(rotor, angular_velocity=(0, 3.52, 0))
@@ -261,7 +261,7 @@ def test_a_scene_that_pulls_counts_the_pull_once(force: float) -> None:
     assert_allclose(found[1], found[0], rtol=1e-7)
 
 
-def test_a_scene_says_that_a_body_is_prestressed() -> None:
+def test_a_scene_notes_a_prestressed_body() -> None:
     sids = {"rod": sid_from_model(beam(IGA, stiffening=tension(5.0)))}
     told = "\n".join(describe(compile_scene(pulled_rod(5.0), ".", sids)))
     assert "body rod: prestressed (ksigma)" in told

@@ -274,7 +274,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("tables", "message"), REFUSED)
-def test_what_cannot_be_had_is_refused_before_anything_is_solved(
+def test_unavailable_outputs_are_refused_before_anything_is_solved(
     tables: dict[str, Any], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """However large the mesh is: no equations are solved, no modes computed."""
@@ -307,7 +307,7 @@ def test_bodies_that_know_no_stress_are_refused_when_the_file_is_read() -> None:
             validate_data(data, ModelFile)
 
 
-def test_markers_that_tell_no_stress_are_told() -> None:
+def test_markers_without_stress_are_noted() -> None:
     data = rod_data({"type": "q4", "elements": [8, 2]}) | {"stress": {}}
     pin = data["markers"]["piston_pin"]
     pin["tie"] = {"type": "distributing", "to": pin.pop("edge")}

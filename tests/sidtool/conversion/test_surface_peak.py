@@ -133,7 +133,7 @@ def test_a_large_plate_with_a_hole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("count", [None, 0, 5])
-def test_a_peak_of_markers_only_is_said_to_be_none(count: int | None) -> None:
+def test_a_peak_of_markers_only_is_noted(count: int | None) -> None:
     """By the conversion, and by runs that record it, of any SID."""
     table = {} if count is None else {"peak_points": count}
     with warnings.catch_warnings(record=True) as caught:

@@ -268,7 +268,7 @@ def test_k_refinement_keeps_the_continuity_of_inner_knots(
     assert_allclose(evaluate_grid(fine, (x, x)), evaluate_grid(patch, (x, x)))
 
 
-def test_numbers_that_the_spans_of_the_geometry_do_not_allow_are_said() -> None:
+def test_numbers_that_the_knot_spans_do_not_allow_are_noted() -> None:
     """At least the requested number, with a note; no note if the numbers fit."""
     settings = {"type": "iga", "degrees": [2, 2], "functions": [3, 26]}
     body = finite_element_model(ring(settings))

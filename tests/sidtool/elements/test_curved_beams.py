@@ -234,7 +234,7 @@ def test_macneals_curved_beam(load: int, published: float) -> None:
     assert found == pytest.approx(published, rel=1.5e-2)
 
 
-def test_a_quarter_of_a_circle_bends_as_castigliano_says() -> None:
+def test_a_quarter_of_a_circle_bends_by_castiglianos_theorem() -> None:
     """Across the tip, along it, and out of the plane."""
     r, (e, g) = 1.5, (2.1e11, 2.1e11 / 2.6)
     a, iz, iy, it = (SECTION[k] for k in ("area", "iz", "iy", "torsion"))
@@ -270,7 +270,7 @@ def test_inertia_of_a_thick_arch_is_that_of_its_volume(mass: str) -> None:
     assert geometry_mass_notes(body) == ()
 
 
-def test_a_part_said_in_other_words() -> None:
+def test_equivalent_descriptions_give_the_same_part() -> None:
     """Twist by y_axis, points on a line, and other numbers of points."""
     plain: dict[str, Any] = {"end": [0.4, 0.3, 0], "y_axis": [0, 0, 1]}
     section = {"shape": "rectangle", "height": [0.02, 0.01], "width": 0.01}

@@ -73,7 +73,7 @@ def test_the_better_mesh_bends_as_a_beam(
         ("wedge15", (10, 1, 1)),
     ],
 )
-def test_elements_that_bend_are_not_told(
+def test_elements_that_bend_have_no_note(
     tmp_path: Path, kind: str, counts: tuple[int, ...]
 ) -> None:
     said = "incompatible_modes" if kind in ("quad4", "hex8") else None
@@ -89,7 +89,7 @@ def test_elements_that_bend_are_not_told(
         ((1.005, 0.995, 1.0), False, False),
     ],
 )
-def test_what_is_said_has_the_sign_of_the_difference(
+def test_the_note_has_the_sign_of_the_difference(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     factors: tuple[float, ...],
@@ -111,7 +111,7 @@ def test_what_is_said_has_the_sign_of_the_difference(
         )
 
 
-def test_a_mesh_that_is_fine_enough_is_not_told(tmp_path: Path) -> None:
+def test_a_fine_mesh_has_no_note(tmp_path: Path) -> None:
     coarse, fine = (
         notes(bar(tmp_path, "quad4", counts, "full_integration"))
         for counts in ((40, 4), (320, 8))
@@ -119,7 +119,7 @@ def test_a_mesh_that_is_fine_enough_is_not_told(tmp_path: Path) -> None:
     assert coarse and not fine
 
 
-def test_masses_beside_the_elements_do_not_matter(tmp_path: Path) -> None:
+def test_point_masses_do_not_change_the_comparison(tmp_path: Path) -> None:
     """The better mesh has none: 50 kg on the bar would pass for its elements' cost."""
     model = bar(tmp_path, "tet4", (20, 1, 1))
     before = notes(model)
@@ -131,7 +131,7 @@ def test_masses_beside_the_elements_do_not_matter(tmp_path: Path) -> None:
     assert element_accuracy.element_notes(body) == before
 
 
-def test_what_is_too_large_to_compare_is_told(
+def test_models_too_large_to_compare_are_noted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = bar(tmp_path, "tet4", (20, 1, 1))
@@ -141,7 +141,7 @@ def test_what_is_too_large_to_compare_is_told(
     assert f"{3 * 41 * 3 * 3} degrees of freedom" in note
 
 
-def test_converting_tells_it(tmp_path: Path) -> None:
+def test_conversion_notes_stiff_elements(tmp_path: Path) -> None:
     model = bar(tmp_path, "tet4", (20, 1, 1))
     with pytest.warns(UserWarning, match="tet4 elements bend too stiffly"):
         sid_from_model(model)

@@ -111,7 +111,7 @@ def test_a_wrong_mass_is_refused(share: float) -> None:
         geometry_mass_notes(wrong)
 
 
-def test_coarse_meshes_tell_how_far_they_are_off() -> None:
+def test_coarse_meshes_note_their_mass_error() -> None:
     """Chords of 90, 4.5 and 0.9 degrees; the note states the missing mass."""
     for count, told in ((2, "mass -9.97 %"), (20, "mass -0.103 %"), (100, "")):
         model = quarter_ring({"type": "q4", "elements": [2, count]}, 1.0, 1.6)

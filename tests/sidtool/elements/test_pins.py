@@ -107,7 +107,7 @@ def test_the_units_of_the_file_do_not_matter(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["quad8", "tet4"])
 @pytest.mark.parametrize("tie", ["rigid", "distributing"])
-def test_a_tied_marker_may_stand_anywhere(tmp_path: Path, kind: str, tie: str) -> None:
+def test_a_tied_marker_may_be_anywhere(tmp_path: Path, kind: str, tie: str) -> None:
     """On the axis, where no element is, or far away: it moves as a rigid arm."""
     for far in (0.0, 0.5, 1000.0):
         mesh, bore = bored(kind, 12)
@@ -133,7 +133,7 @@ def assert_moves_rigidly(body: FiniteElementModel, name: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["tri6", "wedge15"])
-def test_a_tied_marker_may_stand_at_a_free_node(tmp_path: Path, kind: str) -> None:
+def test_a_tied_marker_may_be_at_a_free_node(tmp_path: Path, kind: str) -> None:
     mesh, bore = bored(kind, 8)
     free = np.array([0.001, -0.002, 0.3])[: mesh.dimension]
     marker = {"pin": {"node": 1, "tie": BORE, "mesh_node": REFERENCE}}
@@ -260,7 +260,7 @@ def test_the_rim_of_a_bore_weighs_by_length(tmp_path: Path) -> None:
     assert 'at = "axis" puts it there' in " ".join(body.notes)
 
 
-def test_what_is_no_cylinder_is_refused(tmp_path: Path) -> None:
+def test_node_sets_that_are_no_cylinder_are_refused(tmp_path: Path) -> None:
     mesh, _ = bored("hex8", 12)
     low = np.flatnonzero(mesh.positions[:, 2] < 1e-9)
     tie = {"type": "rigid", "to": "LOW"}
@@ -324,7 +324,7 @@ def test_half_bores_rims_and_two_eyes_have_one_axis(tmp_path: Path, kind: str) -
         assert_allclose(body.marker("pin").position, exact, atol=1e-9 * RADIUS)
 
 
-def test_a_bore_that_is_nearly_round_is_told_to_be(tmp_path: Path) -> None:
+def test_a_nearly_round_bore_has_a_note(tmp_path: Path) -> None:
     """A cone, or a slot: its axis is found, and the deviation of the nodes is
     reported.
     """

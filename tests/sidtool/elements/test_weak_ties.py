@@ -214,7 +214,7 @@ REFUSED: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("message", REFUSED)
-def test_what_cannot_be_joined_is_refused(tmp_path: Path, message: str) -> None:
+def test_sides_that_cannot_be_joined_are_refused(tmp_path: Path, message: str) -> None:
     model = model_of(tmp_path, REFUSED[message], 2, ["a.left"])
     with pytest.raises(InputError, match=message):
         finite_element_model(model)

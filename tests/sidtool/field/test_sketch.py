@@ -81,7 +81,7 @@ def test_ends_without_rotations_are_joined_by_straight_lines() -> None:
     assert np.allclose(shapes[:, 1, 0], cubic)
 
 
-def test_pictures_say_that_the_surface_is_not_known(
+def test_pictures_note_an_unknown_surface(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A solid with stress points: its hull in place of a zigzag between these."""

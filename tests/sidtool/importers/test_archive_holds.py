@@ -228,7 +228,9 @@ def test_elements_over_several_lines(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "said"), [(174, "contact"), (14, "a spring"), (184, "rigid link")]
 )
-def test_what_is_no_solid_is_named(kind: int, said: str, tmp_path: Path) -> None:
+def test_elements_that_are_no_solids_are_named(
+    kind: int, said: str, tmp_path: Path
+) -> None:
     (tmp_path / "part.cdb").write_text(
         archive(f"ET,2,{kind}", "TYPE,2", "EN,99,1,2"), encoding="utf-8"
     )

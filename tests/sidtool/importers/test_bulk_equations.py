@@ -127,7 +127,7 @@ def test_long_cards_hold_every_term(tmp_path: Path) -> None:
         (["MPC,4,1,1,1.", "MPCADD,9,4,6"], "CEND\nMPC=9\n", "set 6, which is not"),
     ],
 )
-def test_what_mpc_does_not_tie_is_refused(
+def test_unsupported_multi_point_constraints_are_refused(
     cards: list[str], before: str, said: str, tmp_path: Path
 ) -> None:
     (tmp_path / "part.bdf").write_text(

@@ -101,7 +101,7 @@ def test_a_free_plate_has_the_frequencies_of_leissa(
         ),
     ],
 )
-def test_what_shells_do_not_say_is_refused(
+def test_incomplete_shells_are_refused(
     change: tuple[str, str], said: str, tmp_path: Path
 ) -> None:
     text = plate(turned=True, property_="1,1.0")

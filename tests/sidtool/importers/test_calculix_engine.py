@@ -104,7 +104,7 @@ def model_file(
 
 
 @pytest.mark.needs("ccx")
-def test_a_beam_bends_as_bernoulli_says(tmp_path: Path) -> None:
+def test_a_beam_bends_by_bernoulli_theory(tmp_path: Path) -> None:
     """Two clamped modes about each axis, and how much its end turns as it bends."""
     length, height, width = 1.2, 0.012, 0.02
     sid = body(tmp_path, beam_deck(length, height, width), 81, held="LEFT")
@@ -187,7 +187,7 @@ def test_layers_of_one_material_are_a_plate(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_calculix_cannot_do_is_said(
+def test_unsupported_requests_to_calculix_are_refused(
     tmp_path: Path, change: tuple[str, str], message: str
 ) -> None:
     deck = plate_deck("S4", 0.3, shell(0.005), 2)
@@ -198,7 +198,7 @@ def test_what_calculix_cannot_do_is_said(
     assert "part.inp" in str(caught.value)
 
 
-def test_without_calculix_the_message_says_how_to_get_it(
+def test_without_calculix_the_message_names_the_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "part.inp").write_text(
@@ -298,7 +298,7 @@ def test_masses_that_calculix_drops_are_refused(
 
 
 @pytest.mark.needs("ccx")
-def test_what_calculix_does_not_know_is_not_sent_to_it_again(tmp_path: Path) -> None:
+def test_content_unknown_to_calculix_is_removed(tmp_path: Path) -> None:
     text = plate_deck("S8R", 0.3, shell(0.005), 2).replace("S8R", "S8R5")
     (tmp_path / "part.inp").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="says: .*S8R5 is an unknown element type"):
@@ -362,7 +362,7 @@ def test_a_ring_with_cylindrical_axes_becomes_oval(
 
 
 @pytest.mark.needs("ccx")
-def test_what_geometry_ignore_leaves_out_is_told(tmp_path: Path) -> None:
+def test_content_skipped_by_geometry_ignore_is_noted(tmp_path: Path) -> None:
     """Springs of a deck are not in its body, which must not go without a word."""
     deck = plate_deck("S8R", 0.3, shell(0.005), 3)
     deck += "*NODE PRINT, NSET=LEFT\nU\n*NONSTRUCTURAL MASS, ELSET=EP\n5.0\n"

@@ -52,7 +52,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("lines", REFUSED)
-def test_what_changes_a_body_is_refused_by_name(tmp_path: Path, lines: str) -> None:
+def test_content_that_changes_a_body_is_refused_by_name(
+    tmp_path: Path, lines: str
+) -> None:
     text = deck(BLOCK, "C3D8I") + lines + "\n"
     with pytest.raises(InputError, match=REFUSED[lines]) as caught:
         body(tmp_path, text)
@@ -60,7 +62,7 @@ def test_what_changes_a_body_is_refused_by_name(tmp_path: Path, lines: str) -> N
     assert "line" in (caught.value.place or "")
 
 
-def test_what_is_refused_may_be_left_out_on_purpose(tmp_path: Path) -> None:
+def test_refused_content_may_be_ignored_on_purpose(tmp_path: Path) -> None:
     text = deck(BLOCK, "C3D8I") + "*DASHPOT\n*SPRING\n"
     sid = body(tmp_path, text, ignore=["spring", "*Dashpot"])
     assert sid.mass == pytest.approx(MASS, rel=1e-12)
@@ -88,7 +90,7 @@ def test_convert_lists_what_has_no_effect_and_what_is_replaced(tmp_path: Path) -
     ]
 
 
-def test_lines_of_elements_with_further_nodes_say_so(tmp_path: Path) -> None:
+def test_element_lines_with_surplus_nodes_are_refused(tmp_path: Path) -> None:
     """As decks of CalculiX that were quadratic once, and a section with an offset."""
     text = deck(BLOCK, "C3D8I")
     lines = BLOCK.element_lines()
@@ -123,7 +125,7 @@ def test_elements_and_nodes_of_other_files_are_read(tmp_path: Path) -> None:
         body(tmp_path, text)
 
 
-def test_keyword_lines_go_on_after_a_comma(tmp_path: Path) -> None:
+def test_keyword_lines_continue_after_a_comma(tmp_path: Path) -> None:
     text = deck(BLOCK, "C3D8I")
     text = text.replace(
         "*ELEMENT, TYPE=C3D8I, ELSET=E\n", "*Element,\n  type = C3D8I,\n  ELSET=E\n"
@@ -141,7 +143,7 @@ def test_empty_sets_and_abbreviated_parameters(tmp_path: Path) -> None:
     assert list(sets["SOME"] + 1) == [2, 4, 6]
 
 
-def test_surface_elements_beside_solids_name_nodes(tmp_path: Path) -> None:
+def test_surface_elements_next_to_solids_name_nodes(tmp_path: Path) -> None:
     """As Gmsh writes its input files; with a section they would be shells."""
     a, b, c, d = BLOCK.left[0], BLOCK.left[1], BLOCK.left[4], BLOCK.left[3]
     skin = f"*ELEMENT, TYPE=CPS4, ELSET=SKIN\n90, {a}, {b}, {c}, {d}\n"
@@ -254,7 +256,7 @@ def test_a_folded_strip_that_covers_itself_is_refused() -> None:
         check_contact(Mesh(points, blocks), "mesh")
 
 
-def test_the_deck_of_the_tests_is_what_it_says(tmp_path: Path) -> None:
+def test_the_deck_of_the_tests_is_read_completely(tmp_path: Path) -> None:
     sid = body(tmp_path, deck(BLOCK, "C3D8I") + listed("RIGHT", BLOCK.right))
     assert sid.mass == pytest.approx(MASS, rel=1e-12)
     assert STEEL["rho"] == 7850

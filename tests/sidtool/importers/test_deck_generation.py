@@ -212,7 +212,7 @@ ODD = {
 
 
 @pytest.mark.parametrize("lines", ODD)
-def test_what_is_odd_is_refused_by_name(tmp_path: Path, lines: str) -> None:
+def test_unusual_content_is_refused_by_name(tmp_path: Path, lines: str) -> None:
     with pytest.raises(InputError, match=ODD[lines]):
         scope_of(tmp_path, f"{ENDS}{lines}\n")
 

@@ -205,7 +205,7 @@ def test_constants_are_those_of_the_initial_temperature(
     assert_allclose(found, steel * np.sqrt(modulus / STEEL["e"]), rtol=1e-6)
 
 
-def test_a_constant_that_is_missing_is_told(tmp_path: Path) -> None:
+def test_a_missing_constant_is_reported(tmp_path: Path) -> None:
     """Nodes of different temperatures have no one constant."""
     text = decks.deck(BLOCK, "C3D8I").replace(
         f"{STEEL['e']!r}, {STEEL['nu']!r}\n", TABLE
@@ -215,7 +215,7 @@ def test_a_constant_that_is_missing_is_told(tmp_path: Path) -> None:
         decks.body(tmp_path, text)
 
 
-def test_where_a_curved_edge_folds_an_element_it_is_told(tmp_path: Path) -> None:
+def test_elements_folded_by_curved_edges_are_reported(tmp_path: Path) -> None:
     """Gmsh draws such ones where its elements are large beside a fillet."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
     pairs = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))

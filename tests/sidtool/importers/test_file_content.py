@@ -47,7 +47,7 @@ def test_what_a_gmsh_file_holds_besides(
 
 
 @pytest.mark.parametrize("version", MSH)
-def test_a_gmsh_file_tells_what_was_read(tmp_path: Path, version: str) -> None:
+def test_a_gmsh_file_gives_notes_on_its_content(tmp_path: Path, version: str) -> None:
     path = tmp_path / "rod.msh"
     text = MSH[version](rod_mesh("hex8"))
     path.write_text(text + "$Periodic\n0\n$EndPeriodic\n", encoding="utf-8")

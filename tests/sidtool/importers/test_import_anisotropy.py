@@ -70,7 +70,7 @@ def strain_of(stress: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["C3D8I", "C3D8"])
 @pytest.mark.parametrize("axes", [np.eye(3), TURN.T])
-def test_a_turned_bar_under_tension_strains_as_hookes_law_says(
+def test_a_rotated_bar_under_tension_follows_hookes_law(
     axes: np.ndarray, kind: str, tmp_path: Path
 ) -> None:
     """Exact: uniform stress, and shear that couples to tension in turned axes."""

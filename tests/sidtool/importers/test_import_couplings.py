@@ -210,7 +210,7 @@ def test_nodes_in_local_systems(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_held_is_refused(
+def test_couplings_without_nodes_of_the_body_are_refused(
     tmp_path: Path, cards: list[str], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
@@ -242,7 +242,9 @@ def faces_at_the_end(block: Block) -> str:
 
 
 @pytest.mark.parametrize("kind", ["rigid body", "nodes", "faces", "kinematic coupling"])
-def test_decks_say_rbe2_in_their_own_words(tmp_path: Path, kind: str) -> None:
+def test_decks_define_rigid_couplings_by_their_keywords(
+    tmp_path: Path, kind: str
+) -> None:
     """With a mass at the reference node: frequencies and inertia as from RBE2."""
     block = Block(COUNTS, SIZE)
     cards = [*rigid(block, (0.7, 0.03, 0.01)), f"CONM2,5,{REFERENCE},,6.5"]
@@ -313,7 +315,7 @@ def test_surfaces_of_quadratic_elements_hold_their_middle_nodes(tmp_path: Path) 
         assert len(seen) == corners
 
 
-def test_info_tells_what_was_imported(tmp_path: Path) -> None:
+def test_info_lists_the_imported_content(tmp_path: Path) -> None:
     """Mass, centre and inertia of the bar, six free motions, its sets and markers."""
     block = Block(COUNTS, SIZE)
     sid = body(tmp_path, bulk(*rigid(block, (0.7, 0.03, 0.01))))

@@ -128,7 +128,7 @@ def test_hinges_between_elements_are_found(
         sid_from_model(deck_model(tmp_path, text, held=held))
 
 
-def test_what_no_element_uses_changes_nothing(tmp_path: Path) -> None:
+def test_unused_content_changes_nothing(tmp_path: Path) -> None:
     """A free node, and a material that no section names, however wrong."""
     plain = sid_from_model(deck_model(tmp_path, deck(CUBE, "C3D8", [BRICK])))
     other = ["*MATERIAL, NAME=X", "*ELASTIC", "-1e5, 0.3", "*DENSITY", "1.", *MATERIAL]

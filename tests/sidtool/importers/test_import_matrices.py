@@ -240,7 +240,7 @@ def test_unsound_matrices(
     assert message in str(caught.value) and "rod.npz" in str(caught.value)
 
 
-def test_node_sets_beside_matrices(tmp_path: Path) -> None:
+def test_node_sets_of_matrix_files(tmp_path: Path) -> None:
     """A set clamps the rod as its edge does: the frequencies of the native mesh."""
     native = volume({"type": "hex8", "elements": [6, 2, 2]}, 5)
     body = finite_element_model(native)

@@ -141,7 +141,7 @@ def test_damaged_files_end_in_a_message(
         assert str(error)
 
 
-def test_what_a_model_asks_of_a_mesh_must_be_there(tmp_path: Path) -> None:
+def test_node_sets_and_nodes_of_a_model_must_exist_in_the_mesh(tmp_path: Path) -> None:
     (tmp_path / "rod.msh").write_text(msh_2(rod_mesh("hex8")), encoding="utf-8")
     frame = {"type": "tangent", "marker": "crank_pin", "clamp": "top"}
     cases: list[tuple[dict[str, Any], str]] = [

@@ -288,7 +288,7 @@ def test_a_clamp_may_lie_on_a_tied_side(slave: str, tmp_path: Path) -> None:
         ("*TIE, NAME=T, CYCLIC SYMMETRY\nNO, B\n", "cyclic symmetry"),
     ],
 )
-def test_what_is_no_tie_is_refused(tied: str, said: str, tmp_path: Path) -> None:
+def test_invalid_ties_are_refused(tied: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=said):
         body(tmp_path, deck(Block((3, 1, 1), SIZE), "C3D8I") + tied)
 
@@ -299,7 +299,7 @@ def test_parts_that_are_too_far_for_their_tie_are_refused(tmp_path: Path) -> Non
         body(tmp_path, whole(parts, surface_tie(parts)))
 
 
-def test_convert_tells_what_a_tie_holds(tmp_path: Path) -> None:
+def test_convert_reports_the_nodes_of_a_tie(tmp_path: Path) -> None:
     parts = two((3, 2, 2), (4, 3, 3))
     path = deck_file(tmp_path, whole(parts, surface_tie(parts)))
     result = CliRunner().invoke(

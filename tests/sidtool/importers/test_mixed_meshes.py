@@ -193,7 +193,7 @@ def test_tetrahedra_on_a_hexahedron_are_refused() -> None:
     assert np.abs(force[:, 2]).max() > 1e8
 
 
-def test_linear_beside_quadratic_elements_are_refused() -> None:
+def test_adjacent_linear_and_quadratic_elements_are_refused() -> None:
     points, numbers = grid(2, 1)
     known: dict = {}
     points, right = middles(points, "quad8", [cell(numbers, (1, 0))], known)

@@ -369,7 +369,7 @@ def test_no_field_and_no_line_is_lost(change: Any, name: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("name", DECKS)
-def test_case_and_blanks_say_nothing(name: str, tmp_path: Path) -> None:
+def test_case_and_blanks_do_not_matter(name: str, tmp_path: Path) -> None:
     before = read(tmp_path, DECKS[name])
     text = DECKS[name].replace(", ", " ,  ").replace("*NODE", "*Node")
     for keyword in ("Element", "Nset", "Equation", "Elastic", "Surface", "Tie"):

@@ -117,9 +117,7 @@ TAKING = {
 
 @pytest.mark.parametrize("secret", SECRETS)
 @pytest.mark.parametrize("deck", TAKING)
-def test_what_a_deck_takes_in_is_not_quoted(
-    deck: str, secret: str, tmp_path: Path
-) -> None:
+def test_included_text_is_not_quoted(deck: str, secret: str, tmp_path: Path) -> None:
     (tmp_path / "secret.txt").write_text(SECRETS[secret], encoding="utf-8")
     path = tmp_path / f"deck.{deck[:3]}"
     path.write_text(TAKING[deck].format(_inp("secret.txt")), encoding="utf-8")
@@ -132,7 +130,7 @@ def test_what_a_deck_takes_in_is_not_quoted(
         assert "X:0" not in told
 
 
-def test_keywords_and_numbers_of_what_a_deck_takes_in_are_told(tmp_path: Path) -> None:
+def test_keywords_and_numbers_of_included_files_are_quoted(tmp_path: Path) -> None:
     (tmp_path / "part.inc").write_text("*CRACKING LAW\n*NODE\n1, 2\n", encoding="utf-8")
     (tmp_path / "deck.inp").write_text(_inp("part.inc"), encoding="utf-8")
     with pytest.raises(InputError, match=r"part\.inc, line 1: \*CRACKING LAW"):

@@ -76,9 +76,7 @@ REFUSED: dict[str, tuple[str, list[str]]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_everything_that_stops_a_deck_is_told_at_once(
-    tmp_path: Path, name: str
-) -> None:
+def test_all_refusals_of_a_deck_are_reported_at_once(tmp_path: Path, name: str) -> None:
     text, refused = REFUSED[name]
     with pytest.raises(InputError) as caught:
         converted(tmp_path, name, text)
@@ -89,7 +87,7 @@ def test_everything_that_stops_a_deck_is_told_at_once(
         assert converted(tmp_path, name, text, ignore=refused).mass > 0
 
 
-def test_different_faults_of_one_deck_are_told_together(tmp_path: Path) -> None:
+def test_different_faults_of_one_deck_are_reported_together(tmp_path: Path) -> None:
     """An unknown card, a wrong number, a twice defined node, a fluid, a pin."""
     more = [
         "CGAP,7,1,1,2",

@@ -117,7 +117,7 @@ def test_a_stiffener_below_a_strip_bends_it_about_their_common_axis(
     assert closest < 5e-3
 
 
-def test_layers_bend_as_the_theory_of_laminates_says(tmp_path: Path) -> None:
+def test_layers_bend_by_laminate_theory(tmp_path: Path) -> None:
     """A narrow strip has the stiffness of the inverse of A, B and D."""
     e1, e2, nu, g, rho = 1.4e11, 9e9, 0.3, 5e9, 1600.0
     angles, layer = (0.0, 90.0, 45.0, 0.0), DEPTH / 4
@@ -283,7 +283,7 @@ def test_springs_to_the_ground_name_nodes(tmp_path: Path) -> None:
         (["PSHELL,7,3,0.01", "MAT1,3,1.+9,,.3", "CTRIA3,98,7,1,2,4"], "no complete"),
     ],
 )
-def test_what_structures_are_not_is_refused(
+def test_unsupported_structures_are_refused(
     cards: list[str], said: str, tmp_path: Path
 ) -> None:
     plate = [*strip(2, 2, (0.2, 0.2)), f"PSHELL,1,1,{DEPTH},1,,1", MATERIAL]

@@ -204,7 +204,7 @@ def test_bricks_with_repeated_nodes_are_prisms(tmp_path: Path, case: str) -> Non
     assert sid.mass == pytest.approx((1 + share) * 7850 * 0.1**3, rel=1e-9)
 
 
-def test_included_file_goes_on_with_data(tmp_path: Path) -> None:
+def test_an_included_file_continues_the_data(tmp_path: Path) -> None:
     """*INCLUDE among the lines of *NODE and of *ELEMENT, and lines behind it."""
     text = inp_deck(BLOCK, "C3D8I")
     lines = text.splitlines()

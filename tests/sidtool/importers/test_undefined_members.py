@@ -248,7 +248,7 @@ def test_ranges_may_pass_over_numbers_that_are_not_defined(tmp_path: Path) -> No
     np.testing.assert_allclose(frequencies(found), frequencies(single), rtol=1e-9)
 
 
-def test_set_that_nothing_uses_is_told_and_stops_nothing(tmp_path: Path) -> None:
+def test_an_unused_incomplete_set_is_only_noted(tmp_path: Path) -> None:
     (tmp_path / "part.bdf").write_text(bdf(f"SET1,5,{A},{LOST}"), encoding="utf-8")
     path = mesh_model(
         tmp_path,

@@ -68,7 +68,7 @@ def test_a_result_answers_by_name(files: Path) -> None:
         result["energy.balance"]
 
 
-def test_a_body_that_was_rigid_tells_no_elastic_coordinates(scene: SceneFile) -> None:
+def test_a_rigid_body_has_no_elastic_coordinates(scene: SceneFile) -> None:
     """It was a KeyError, and a ValueError of numpy."""
     short = scene.with_({"time.end": 0.02, "rod.rigid": True})
     result = sidtool.simulate(short, base_folder=SLIDER_CRANK)
@@ -79,7 +79,7 @@ def test_a_body_that_was_rigid_tells_no_elastic_coordinates(scene: SceneFile) ->
     assert "rod.x" in sidtool.outputs(result, ["rod.*"])
 
 
-def test_columns_stand_in_the_order_that_names_say(scene: SceneFile) -> None:
+def test_columns_have_the_order_of_the_names(scene: SceneFile) -> None:
     """Recorded ones came first: the third column of q* was not the third q."""
     part = sidtool.simulate(
         recording(scene, "rod.q3", "piston.x"), base_folder=SLIDER_CRANK
@@ -91,13 +91,13 @@ def test_columns_stand_in_the_order_that_names_say(scene: SceneFile) -> None:
     assert list(part.outputs(asked)) == asked
 
 
-def test_results_without_their_sids_say_so(files: Path) -> None:
+def test_results_without_their_sids_are_refused(files: Path) -> None:
     bare = replace(sidtool.read(files / "r.h5"), sids={})
     with pytest.raises(InputError, match="holds no SID of rod"):
         bare["piston.vx"]
 
 
-def test_the_sids_of_a_run_are_kept(files: Path) -> None:
+def test_the_result_holds_the_sids_of_a_run(files: Path) -> None:
     kept = read_result(files / "r.h5").sids["rod"]
     given = sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM")
     for name, block in given.blocks.items():
@@ -190,7 +190,7 @@ def test_the_command_lists_what_there_is(
     assert "vx_body" in lines["each BODY"] and "wz" in lines["each BODY.MARKER"]
 
 
-def test_the_command_refuses_what_it_cannot_do(
+def test_the_command_refuses_unavailable_outputs(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = str(files / "r.h5")

@@ -96,7 +96,7 @@ def test_a_change_of_the_model_replaces_the_sid(folder: Path, name: str) -> None
     assert run(["simulate", str(path), "--set", f"{name}.model=arm.json"]) == 0
 
 
-def test_a_scene_saved_elsewhere_finds_its_models(folder: Path) -> None:
+def test_a_scene_saved_in_another_folder_finds_its_models(folder: Path) -> None:
     scene = sidtool.Scene.load(written(folder, spun(0.3, 0.5), COARSE, 2))
     (folder / "runs").mkdir()
     scene.save(folder / "runs" / "scene.toml")
@@ -191,7 +191,7 @@ def test_mesh_and_modes_are_refined_as_far_as_needed(
     assert np.array_equal(again.values, found.values)
 
 
-def test_what_a_refusal_names_is_what_needs_most(
+def test_a_refusal_names_the_largest_request(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A pin lets go of a bar at once: more modes change its force, a finer mesh hardly;
@@ -235,7 +235,7 @@ def test_each_element_is_halved(mesh: Any, key: str, expected: Any) -> None:
     assert more is not None and more.reduction.modes == 7
 
 
-def test_what_cannot_convert_says_so(folder: Path) -> None:
+def test_models_that_cannot_be_converted_are_refused(folder: Path) -> None:
     path = written(folder, spun(0.3, 2.0), COARSE, 1)
     with pytest.raises(sidtool.InputError, match="has to be converted first"):
         compile_scene(read_scene(path), folder)

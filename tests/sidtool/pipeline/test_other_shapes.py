@@ -50,7 +50,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_swap_to_other_shapes_is_said(
+def test_replaced_shape_functions_are_noted(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = str(folder / "scene.toml")
@@ -120,7 +120,7 @@ function = { type = "expression", value = "-1e4 * rod.bending_y1" }
     assert held["rod.bending_y1"][-1] != free["rod.bending_y1"][-1]
 
 
-def test_an_accuracy_is_asked_for_by_kind(folder: Path) -> None:
+def test_an_accuracy_is_requested_by_kind_of_mode(folder: Path) -> None:
     scene = read_scene(folder / "scene.toml")
     asked = requested(scene, {"rod": beam(0.03, 0.01)}, {"rod.bending_y1": 1e-3})
     assert asked.names == ("rod.q2",)

@@ -42,14 +42,14 @@ def with_numbers() -> SceneFile:
     return SceneFile.model_validate(content)
 
 
-def test_a_rigid_rod_moves_as_one_said_by_numbers() -> None:
+def test_a_rigid_rod_moves_like_one_given_by_numbers() -> None:
     expected = sidtool.simulate(with_numbers(), base_folder=SLIDER_CRANK, rtol=1e-9)
     found = sidtool.simulate(SCENE, rigid=["rod"], rtol=1e-9)
     for name in ("piston.x",):
         assert found[name] == pytest.approx(expected[name], abs=1e-10)
 
 
-def test_flexibility_is_what_is_left_out() -> None:
+def test_a_rigid_body_omits_flexibility_only() -> None:
     rigid = sidtool.simulate(SCENE, rigid=["rod"])
     flexible = sidtool.simulate(SCENE)
     difference = np.abs(rigid["piston.x"] - flexible["piston.x"]).max()
@@ -59,7 +59,7 @@ def test_flexibility_is_what_is_left_out() -> None:
     assert "rod" in note and "rod.q1" in note
 
 
-def test_the_scene_and_the_command_say_the_same(tmp_path: Path) -> None:
+def test_the_scene_and_the_command_give_the_same_result(tmp_path: Path) -> None:
     csv = tmp_path / "rigid.csv"
     done = CliRunner().invoke(command, [str(SCENE), "--rigid", "rod", "-o", str(csv)])
     assert done.exit_code == 0, done.output

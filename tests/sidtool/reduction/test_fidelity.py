@@ -109,7 +109,7 @@ def test_errors_are_those_of_the_full_mesh(
     assert found[1] == pytest.approx(compliance, rel=0.06, abs=1e-6)
 
 
-def test_what_is_advised_does_better() -> None:
+def test_the_suggested_method_has_smaller_errors() -> None:
     model = part(False, FREE, method="craig_bampton", modes=10, interfaces=PINS)
     sentence = said(model)
     assert sentence.startswith("note: basis: its first 10 frequencies err by at most")
@@ -165,7 +165,7 @@ def test_compliance_that_is_missing_is_a_warning(plane: bool) -> None:
     assert sentence.startswith("note: basis: ")
 
 
-def test_the_command_tells_it(tmp_path: Path) -> None:
+def test_the_command_prints_the_basis_error(tmp_path: Path) -> None:
     model = part(True, FREE, method="herting", modes=6, interfaces=PINS)
     (tmp_path / "rod.json").write_text(model.model_dump_json(), encoding="utf-8")
     command = ["convert", str(tmp_path / "rod.json"), "-o", str(tmp_path / "rod.h5")]
@@ -174,7 +174,9 @@ def test_the_command_tells_it(tmp_path: Path) -> None:
     assert "basis: its first 10 frequencies err by at most" in done.stderr
 
 
-def test_where_rounding_hides_masses_the_rest_is_told(tmp_path: Path) -> None:
+def test_where_rounding_hides_masses_the_other_errors_are_reported(
+    tmp_path: Path,
+) -> None:
     """A slip of ten digits: of a beam so slender other bases are dependent."""
     text = (EXAMPLES / "rod_in_space" / "rod_beam.toml").read_text(encoding="utf-8")
     assert "end = [1.0, 0.0, 0.0]" in text

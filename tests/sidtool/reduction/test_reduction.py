@@ -109,7 +109,7 @@ def test_modes_are_mass_normalised_and_vanish_where_held(
     assert_allclose(basis.reconstruct([0, 2, 0, 0, 0]), 2 * basis.shapes[:, 1])
 
 
-def test_labels_tell_number_and_frequency(basis: ReducedBasis) -> None:
+def test_labels_contain_number_and_frequency(basis: ReducedBasis) -> None:
     hertz = np.sqrt(basis.stiffness[0, 0]) / (2 * np.pi)
     assert basis.labels[0] == f"Eigen Mode    1 :{hertz:13.3f} Hz"
     assert len(basis.labels) == 5
@@ -179,7 +179,7 @@ def test_a_frame_whose_marker_moves_is_refused() -> None:
     assert_allclose(tangent_frame(body, both).origin, [1, 0, 0])
 
 
-def test_a_point_cannot_hold_a_body() -> None:
+def test_a_point_cannot_clamp_a_body() -> None:
     """A triangle, its left edge collapsed: no rotation to hold there."""
     data = rod_data()
     data["geometry"]["control_points"][0] = [[0, 0], [0, 0]]

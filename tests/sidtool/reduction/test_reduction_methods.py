@@ -181,7 +181,7 @@ def test_craig_bampton_is_well_conditioned() -> None:
 
 
 @pytest.mark.parametrize("moments", [1, 2])
-def test_krylov_matches_transfer_functions_where_it_was_told(moments: int) -> None:
+def test_krylov_matches_transfer_functions_at_its_frequencies(moments: int) -> None:
     """Value and first 2 m - 1 derivatives by w^2, and no more."""
     expansion = 300.0
     method = {
@@ -276,7 +276,7 @@ def transfer_error(
     return float(np.abs(small - full).max() / np.abs(static).max())
 
 
-def test_dependent_shapes_are_left_out_and_named(tmp_path: Path) -> None:
+def test_dependent_shapes_are_omitted_and_named(tmp_path: Path) -> None:
     """Four independent fields of five in a frame; the fifth is a rigid rotation."""
     _, basis = reduced(settings("user", tmp_path), "buckens")
     assert len(basis.labels) == 4

@@ -73,7 +73,7 @@ def test_an_unknown_engine_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         engine_name()
 
 
-def test_an_engine_that_cannot_be_loaded_is_left_out(
+def test_an_engine_that_cannot_be_loaded_is_skipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """pypardiso without its MKL, say: installed, but its import fails."""
@@ -90,7 +90,7 @@ def test_an_engine_that_cannot_be_loaded_is_left_out(
         engine_name()
 
 
-def test_memory_is_said_before_the_work() -> None:
+def test_expected_memory_is_printed_before_the_work() -> None:
     heard: list[str] = []
     sid_from_model(rod(), heard.append)
     assert any("GB" in text for text in heard)
@@ -131,7 +131,7 @@ def test_memory_grows_with_the_size() -> None:
         ((120, 12, 8), 42471, 0.769),
     ],
 )
-def test_memory_is_what_was_measured(
+def test_expected_memory_equals_the_measured_one(
     elements: tuple[int, ...],
     unknowns: int,
     measured: float,
@@ -146,7 +146,7 @@ def test_memory_is_what_was_measured(
     )
 
 
-def test_many_modes_at_once_are_told_before_they_are_sought() -> None:
+def test_a_dense_eigenproblem_is_announced() -> None:
     """LAPACK reports no progress: a third of all modes took minutes without a
     message.
     """

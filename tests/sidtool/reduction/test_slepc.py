@@ -138,7 +138,7 @@ def test_processes_that_work_alone_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "x.h5").exists()
 
 
-def test_without_slepc4py_its_absence_is_said(
+def test_without_slepc4py_the_engine_is_refused(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -109,7 +109,7 @@ def test_models_are_put_side_by_side(models: list[Path]) -> None:
     assert all(p.conversion > 0.0 for p in found.points)
 
 
-def test_all_frames_tell_the_same_motion() -> None:
+def test_all_frames_give_the_same_motion() -> None:
     """Small deformations: where the frame sits changes them in second order only."""
     scene = swinging(0.4, outputs={"record": ["arm.tip.y", "arm.tip.uy", "arm.y"]})
     found = run_study(scene, {"frame": ()}, sids={"arm": cantilever(3)}, settings=ONE)
@@ -135,7 +135,7 @@ def test_damping_laws_hold_in_the_frame_of_the_sid() -> None:
     assert max(p.error for p in found.points) < 2e-3
 
 
-def test_what_the_last_modes_change_is_not_called_converged() -> None:
+def test_changes_by_the_last_modes_are_part_of_the_error() -> None:
     """The third elastic coordinate is there in the richest variant alone."""
     scene = swinging(0.4, outputs={"record": ["arm.q*", "arm.tip.x"]})
     found = run_study(
@@ -148,7 +148,7 @@ def test_what_the_last_modes_change_is_not_called_converged() -> None:
     assert not whole.is_resolved
 
 
-def test_what_the_reference_errs_itself_is_part_of_an_error() -> None:
+def test_the_error_of_the_reference_is_part_of_an_error() -> None:
     """Four shape functions differ from five by as much as five may be wrong: the error
     against eight was reported as that difference, and is larger.
     """
@@ -165,7 +165,7 @@ def test_what_the_reference_errs_itself_is_part_of_an_error() -> None:
     assert max(four.errors.values()) < true < four.error
 
 
-def test_what_keeps_a_reference_from_being_sharp_is_told_with_what_helps() -> None:
+def test_limiting_outputs_are_named_with_a_remedy() -> None:
     """The tip bends by what the modes make of it, and is carried round by the drive."""
     scene, sids = spun(0.5, 4.0), {"arm": cantilever(3)}
     found = run_study(scene, {"modes": (1, 2)}, sids=sids, settings=ONE)
@@ -242,7 +242,7 @@ ARM = {"sid": "arm", "markers": {"root": 1, "tip": 2}, "quadratic_inertia": Fals
         ),
     ],
 )
-def test_what_is_outside_is_said_before_anything_is_compared(
+def test_large_deformations_are_reported_before_anything_is_compared(
     scene: SceneFile, message: str, models: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After one run of the scene, and one of its richest variant: no reference."""

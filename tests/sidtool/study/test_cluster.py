@@ -27,7 +27,7 @@ def cluster() -> Iterator[str]:
 
 
 @pytest.mark.needs("dask")
-def test_a_cluster_of_two_workers_tells_the_same(
+def test_a_cluster_of_two_workers_gives_the_same_result(
     cluster: str, models: list[Path], tmp_path: Path
 ) -> None:
     axes = {"modes": (1, 2)}

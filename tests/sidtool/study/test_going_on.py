@@ -60,7 +60,7 @@ def test_finished_points_are_not_computed_again(
     assert len(calls) > 7
 
 
-def test_the_command_draws_fronts_and_goes_on(
+def test_the_command_draws_fronts_and_continues(
     models: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In two processes; a scene whose body is its model."""
@@ -84,7 +84,7 @@ def test_the_command_draws_fronts_and_goes_on(
 
 
 @pytest.mark.parametrize("points", [0, 1])
-def test_an_end_tells_of_finished_points_where_there_are_some(
+def test_an_interruption_reports_finished_points(
     points: int,
     models: list[Path],
     tmp_path: Path,

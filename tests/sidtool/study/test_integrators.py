@@ -82,7 +82,7 @@ def test_fixed_steps_gain_the_order_of_the_method() -> None:
     assert coarse.error / fine.error == pytest.approx(4.0, rel=0.2)
 
 
-def test_outputs_that_stay_zero_are_left_out() -> None:
+def test_outputs_that_remain_zero_are_omitted() -> None:
     thrown = scene(
         {"ball": {"mass": 1.0, "initial": {"velocity": [1.0, 0.0]}}},
         record=["ball.x", "ball.y"],
@@ -97,13 +97,13 @@ def test_a_scene_without_outputs_cannot_be_studied() -> None:
         run_study(scene({"ball": {"mass": 1.0}}))
 
 
-def test_all_integrators_are_studied_unless_told() -> None:
+def test_all_integrators_are_studied_by_default() -> None:
     assert {s.integrator for s in default_settings()} == set(INTEGRATORS)
     with pytest.raises(InputError, match="no integrator 'euler'"):
         default_settings(["euler"])
 
 
-def test_what_is_far_too_slow_gets_no_tighter_tolerances(
+def test_hopeless_integrators_get_no_tighter_tolerances(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """With these limits an integrator is hopeless if it is slower with no smaller
@@ -185,13 +185,13 @@ def test_wrong_wishes_are_refused(
     assert "expected" in capsys.readouterr().err
 
 
-def test_errors_below_the_reference_are_not_told() -> None:
+def test_errors_below_the_uncertainty_are_not_resolved() -> None:
     reference = make_reference(compile_scene(pendulum()))
     point = run_study(pendulum(), settings=[Setting("radau13", rtol=1e-13)]).points[0]
     assert point.error >= reference.uncertainty > 0.0
 
 
-def test_auto_is_studied_when_asked_for() -> None:
+def test_auto_is_studied_on_request() -> None:
     assert default_settings(["auto"], [1e-6]) == [Setting("auto", rtol=1e-6)]
     point = run_study(pendulum(), settings=[Setting("auto", rtol=1e-6)]).points[0]
     assert point.error < 1e-5

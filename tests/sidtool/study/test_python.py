@@ -38,7 +38,7 @@ def test_points_are_those_of_the_command(found: Study, tmp_path: Path) -> None:
     assert texts[0] == texts[1] and len(texts[0]) == 4
 
 
-def test_a_study_tells_its_points(found: Study) -> None:
+def test_a_study_reports_its_points(found: Study) -> None:
     """One mode where five are the reference: its error is that of two runs by hand."""
     assert sorted(p.choices["modes"] for p in found.points) == ["1", "1", "5", "5"]
     short = {"time.end": 0.1, "outputs.record": ["piston.x"]}
@@ -75,7 +75,7 @@ def _modes(count: int) -> sidtool.SID:
     return model.with_({"reduction.modes": count}).convert()
 
 
-def test_what_cannot_be_asked_is_named() -> None:
+def test_invalid_studies_are_refused() -> None:
     with pytest.raises(sidtool.InputError, match="color.*mesh, modes"):
         sidtool.study(SCENE, over={"color": [1]})
     with pytest.raises(sidtool.InputError, match="rtol: found 1"):

@@ -122,7 +122,7 @@ def test_measures_of_a_vibration() -> None:
     assert np.allclose(list(point.measures.values()), exact, rtol=1e-7)
 
 
-def test_runs_that_fail_are_rows_and_finished_ones_are_kept(
+def test_failed_runs_are_rows_and_finished_ones_are_stored(
     pendulum: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table, picture = tmp_path / "s.csv", tmp_path / "s.png"
@@ -146,7 +146,7 @@ def test_runs_that_fail_are_rows_and_finished_ones_are_kept(
     assert force[:2] == [float(row[2]) for row in rows[3:]]
 
 
-def test_what_was_finished_before_an_end_is_not_run_again(
+def test_finished_points_are_not_run_again(
     pendulum: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: list[Any] = []

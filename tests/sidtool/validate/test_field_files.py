@@ -57,7 +57,7 @@ def test_a_closed_standard_output_is_no_error(tmp_path: Path) -> None:
     assert read_sid(target).nq == 3
 
 
-def test_the_content_tells_the_format(tmp_path: Path) -> None:
+def test_the_content_determines_the_format(tmp_path: Path) -> None:
     write_sid(tmp_path / "body.SID_FEM", BODY)
     (tmp_path / "body.h5").write_bytes((tmp_path / "body.SID_FEM").read_bytes())
     assert read_sid(tmp_path / "body.h5").nq == 3
@@ -89,7 +89,7 @@ def test_a_mode_that_only_turns_is_torsion(noise: float) -> None:
     assert {mode.kind.split()[0] for mode in natural_modes(body)} == {"torsion"}
 
 
-def test_what_sigma_holds_can_be_said(tmp_path: Path) -> None:
+def test_the_meaning_of_sigma_can_be_given(tmp_path: Path) -> None:
     stress = Taylor(np.ones((6, 1)), np.ones((3, 6, 1)))
     nodes = [replace(node, sigma=stress) for node in BODY.nodes]
     write_sid(tmp_path / "body.SID_FEM", replace(BODY, nodes=tuple(nodes)))

@@ -215,7 +215,7 @@ def test_asymmetry_is_measured(block: str) -> None:
     assert found.verdict == "failed" and found.measured == pytest.approx(1e-6, rel=0.1)
 
 
-def test_elastic_forces_of_first_order_are_told_and_judged() -> None:
+def test_elastic_forces_of_first_order_are_reported_and_checked() -> None:
     soft = with_cubic_energy(particle_body(3, 12), seed=2)
     assert "elastic forces     quadratic in q (Ke m1)" in describe_sid(soft)
     assert "elastic forces     linear" in describe_sid(particle_body(3, 12))
@@ -226,7 +226,7 @@ def test_elastic_forces_of_first_order_are_told_and_judged() -> None:
 
 
 @pytest.mark.parametrize("block", ["Me", "De", "ksigma"])
-def test_terms_that_no_equation_has_are_told_before_a_simulation(block: str) -> None:
+def test_terms_without_an_equation_are_reported_before_a_simulation(block: str) -> None:
     body = particle_body(2, 12)
     there = getattr(body, block)
     with_m1 = replace(there, m1=np.ones((2, *there.m0.shape)))
@@ -273,7 +273,7 @@ def test_planar_data_are_judged_in_their_plane() -> None:
     assert checks["I10"].verdict == checks["I16"].verdict == "not applicable"
 
 
-def test_line_beam_without_polar_inertia_says_so() -> None:
+def test_a_line_beam_without_polar_inertia_has_a_note() -> None:
     rod = rigid_sid(1.0, [0.5, 0.0, 0.0], np.diag([0.0, 1 / 3, 1 / 3]))
     # A rod along the diagonal of space: no axis of the frame is special.
     diagonal = rigid_sid(1.0, [0.3, 0.3, 0.3], np.eye(3) / 3 - np.ones((3, 3)) / 9)
@@ -317,7 +317,7 @@ def test_strange_numbers_are_judged_without_an_exception(
     json.loads(to_json(checks, compare(body, strange), guess))
 
 
-def test_rows_and_json_tell_everything() -> None:
+def test_rows_and_json_are_complete() -> None:
     checks = check(PERTURBATIONS["I14"](particle_body(4, 12, seed=7)))
     rows = report(checks)
     assert [row["id"] for row in rows] == [c.id for c in checks]

@@ -208,7 +208,7 @@ def test_no_common_nodes() -> None:
     assert any("no common nodes" in note for note in comparison.notes)
 
 
-def test_modes_that_one_node_cannot_tell_apart_meet_by_frequency() -> None:
+def test_modes_that_one_node_cannot_distinguish_are_matched_by_frequency() -> None:
     body = particle_body(5, 12, nodes=1, planar=True)
     along = np.ones((1, 5)) * [[1.0], [0.5], [0.0]]
     first = replace(body.nodes[0], phi=Taylor(along * np.arange(1.0, 6.0)))
@@ -357,7 +357,7 @@ def test_all_blocks_agree_in_any_basis(seed: int, stiffening: bool) -> None:
 
 
 @pytest.mark.parametrize("name", [*FIRST_ORDER, "Ge", "phi"])
-def test_opposite_signs_of_a_block_are_seen(name: str) -> None:
+def test_opposite_signs_of_a_block_are_detected(name: str) -> None:
     body = particle_body(4, 15, seed=2, stiffening=True)
     if name == "Ge":
         wrong = replace(body, Ge=Taylor(-body.Ge.m0))
@@ -379,7 +379,7 @@ def test_opposite_signs_of_a_block_are_seen(name: str) -> None:
 
 
 @pytest.mark.parametrize("term", ["origin m1", "AP m0", "AP m1", "sigma m1"])
-def test_opposite_signs_of_an_entry_of_the_nodes_are_seen(term: str) -> None:
+def test_opposite_signs_of_an_entry_of_nodes_are_detected(term: str) -> None:
     """Positions that q moves, orientations and stresses, at one node of ten."""
     body = particle_body(4, 15, nodes=10, seed=6)
     rng = np.random.default_rng(6)

@@ -152,7 +152,7 @@ def test_placeholders_are_named() -> None:
 
 
 @pytest.mark.parametrize("name", ["mdCM", "Ct", "Gr", "Ge", "Oe", "J"])
-def test_what_another_block_tells_is_filled(name: str) -> None:
+def test_blocks_that_follow_from_others_are_filled(name: str) -> None:
     body = particle_body(3, 12, seed=1)
     block = getattr(body, name)
     lost = {

@@ -83,7 +83,7 @@ def test_every_changed_number_is_listed_and_no_other() -> None:
     assert [c.entry for c in changes if c.block == "Ge"] == ["m0(2,6)"]
 
 
-def test_what_does_not_follow_from_other_blocks_stays() -> None:
+def test_blocks_that_do_not_follow_from_others_are_unchanged() -> None:
     body = particle_body(3, 12, seed=3)
     odd = replace(body, Ke=Taylor(-body.Ke.m0), Ct=Taylor(7.0 * body.Ct.m0))
     assert repair(odd) == (odd, ())

@@ -45,7 +45,7 @@ def printed(sid: SID, form: str) -> SID:
 
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("seed", range(3))
-def test_print_rounding_is_told_and_passes(form: str, seed: int) -> None:
+def test_print_rounding_is_reported_and_passes(form: str, seed: int) -> None:
     body = printed(particle_body(4, 40, seed=seed, stiffening=seed == 1), form)
     checks = check(body)
     assert verdict(checks), [c.id for c in checks if c.failed]
@@ -65,7 +65,7 @@ def _mixed(sid: SID) -> SID:
 
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize(("name", "spoil"), [("I5", _lost), ("I6", _mixed)])
-def test_defects_are_seen_through_the_print(
+def test_defects_are_detected_despite_print_rounding(
     form: str, name: str, spoil: Callable[[SID], SID]
 ) -> None:
     checks = check(printed(spoil(particle_body(4, 40, seed=3)), form))

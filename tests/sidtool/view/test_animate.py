@@ -161,7 +161,7 @@ def test_the_page_of_the_founding_example_is_small(tmp_path: Path) -> None:
     assert (tmp_path / "motion.html").stat().st_size < 3e6
 
 
-def test_many_triangles_are_thinned_and_said(result: Result, tmp_path: Path) -> None:
+def test_decimated_surfaces_are_noted(result: Result, tmp_path: Path) -> None:
     """A plate of 320 000 triangles for the rod; 60 s of its motion."""
     sid, small = field_from_model(rod({**QM6, "elements": [60, 4]}))
     n = 400
@@ -196,7 +196,7 @@ def test_many_triangles_are_thinned_and_said(result: Result, tmp_path: Path) -> 
 
 
 @pytest.mark.needs("chromium", "playwright")
-def test_a_slow_browser_plays_fewer_triangles_and_says_so(
+def test_a_slow_browser_shows_fewer_triangles_with_a_note(
     result: Result,
     made: tuple[sidtool.SID, Field],
     tmp_path: Path,
@@ -262,7 +262,7 @@ def test_a_browser_is_slow_by_what_follows_its_first_picture(
     assert found == [slow for _, slow in cases]
 
 
-def test_fields_beside_the_sids_are_found(
+def test_fields_next_to_the_sids_are_found(
     made: tuple[sidtool.SID, Field], scene: SceneFile, tmp_path: Path
 ) -> None:
     sid, field = made
@@ -358,7 +358,7 @@ def test_films(result: Result, tmp_path: Path) -> None:
     assert (np.abs(first - last).sum(axis=2) > 60).mean() > 0.002
 
 
-def test_the_command_says_what_is_wrong(
+def test_the_command_reports_wrong_input(
     result: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "r.h5"
@@ -382,7 +382,7 @@ def test_the_command_says_what_is_wrong(
     )
 
 
-def test_without_three_js_the_page_says_how_to_get_it(
+def test_without_three_js_the_message_names_the_package(
     result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(html_player, "PACKAGE", "no_such_package_of_three_js")
@@ -392,7 +392,7 @@ def test_without_three_js_the_page_says_how_to_get_it(
 
 
 @pytest.mark.parametrize(("largest", "scale"), [(1e-16, 1.0), (1e-5, 2000.0)])
-def test_what_rounding_leaves_is_not_magnified(
+def test_rounding_is_not_magnified(
     largest: float, scale: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(body_fields, "_largest_values", lambda *_: largest)

@@ -75,7 +75,7 @@ def test_the_true_motion_runs_inside_the_bands(certified: sidtool.Result) -> Non
         assert np.allclose(relative, certified.error[name], rtol=1e-2)
 
 
-def test_the_page_tells_the_errors_of_its_curves(
+def test_the_page_contains_the_errors_of_its_curves(
     certified: sidtool.Result, tmp_path: Path
 ) -> None:
     for result in (certified, pendulum()):

@@ -182,7 +182,7 @@ def test_nothing_that_moves_leaves_the_window(
         assert page.said == []
 
 
-def test_no_body_is_behind_the_legend_and_a_view_left_by_hand_stays(
+def test_no_body_is_behind_the_legend_and_manual_views_are_kept(
     link: tuple[sidtool.SID, Field], tmp_path: Path
 ) -> None:
     result, fields = arm(link)

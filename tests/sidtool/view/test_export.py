@@ -250,7 +250,7 @@ def test_without_a_field_there_is_no_peak(result: Result) -> None:
         peak_stresses(result)
 
 
-def test_the_command_writes_and_tells(
+def test_the_command_writes_files_and_prints_notes(
     result: Result,
     made: tuple[sidtool.SID, Field],
     tmp_path: Path,

@@ -152,7 +152,7 @@ def test_damaged_files_are_refused(tmp_path: Path) -> None:
         read_field(tmp_path / "none.h5")
 
 
-def test_a_field_without_stresses_says_so() -> None:
+def test_a_field_without_stresses_is_refused_for_stress() -> None:
     _, field = field_from_model(beam({"type": "beam", "elements": 8}))
     assert isinstance(field, Field) and field.stress is None
     with pytest.raises(InputError, match="holds no stresses"):

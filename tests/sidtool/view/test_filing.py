@@ -100,7 +100,7 @@ def test_the_page_holds_scene_model_accuracy_outputs_and_versions(
     assert {"numpy", result.versions["numpy"]} <= set(reader.cells)
 
 
-def test_the_page_needs_nothing_beside_it(filed: tuple[sidtool.Result, Path]) -> None:
+def test_the_page_needs_no_other_files(filed: tuple[sidtool.Result, Path]) -> None:
     text = filed[1].read_text(encoding="utf-8")
     sources = re.findall(r"(?:src|href)=['\"]([^'\"]*)", text)
     assert all(source.startswith(("data:", "#")) for source in sources)

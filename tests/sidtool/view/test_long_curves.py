@@ -28,7 +28,7 @@ def test_extremes_hold_every_peak() -> None:
         assert seen.min() <= row.min() and seen.max() >= row.max()
 
 
-def test_short_curves_and_gaps_stay() -> None:
+def test_short_curves_and_gaps_are_unchanged() -> None:
     assert len(extremes(np.zeros(MOST_POINTS))) == MOST_POINTS
     gap = np.full(10 * MOST_POINTS, np.nan)
     assert len(extremes(gap)) <= MOST_POINTS
@@ -65,7 +65,7 @@ def test_long_results_are_drawn_as_recorded(
     np.testing.assert_allclose(line.get_ydata(), 2.0 * line.get_xdata(), atol=1e-12)
 
 
-def test_what_alternates_between_long_times_is_named() -> None:
+def test_outputs_that_alternate_between_output_times_are_named() -> None:
     t = np.linspace(0.0, 1.0, 10_001)
     assert results._alternates(np.sin(3.0e4 * t))
     assert not results._alternates(np.sin(300.0 * t))

@@ -140,7 +140,7 @@ def test_curves_follow_the_motion_between_output_times(
     assert np.abs(straight - x).max() > 0.02
 
 
-def test_coarse_output_times_are_told(pages: list[Any]) -> None:
+def test_coarse_output_times_are_noted(pages: list[Any]) -> None:
     content = spatial_wheel(7.0, 0.8)
     content["outputs"] = {"record": ["wheel.wz"]}
     result = sidtool.simulate(validate_data(content, SceneFile))
@@ -149,7 +149,7 @@ def test_coarse_output_times_are_told(pages: list[Any]) -> None:
 
 
 @pytest.mark.parametrize(("step", "followed"), [(5e-3, False), (2e-4, True)])
-def test_what_vibrates_faster_than_output_times_is_not_made_up(
+def test_vibrations_faster_than_output_times_are_not_invented(
     step: float, followed: bool, pages: list[Any]
 ) -> None:
     """x = 1 + 1e-3 cos(w t) at 228 Hz: the acceleration never exceeds 1e-3 w^2."""
@@ -269,7 +269,7 @@ def test_the_command_draws_every_kind_of_file(
         assert target.read_bytes().startswith(STARTS[ending])
 
 
-def test_the_command_says_what_is_wrong(
+def test_the_command_reports_wrong_input(
     wheel: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "r.h5"

@@ -207,7 +207,7 @@ def test_legends_leave_the_power_of_ten_free() -> None:
     assert not box.overlaps(offset.get_window_extent())
 
 
-def test_tied_nodes_are_seen_through_the_body() -> None:
+def test_tied_nodes_are_visible_through_the_body() -> None:
     """Those of a bore were hidden by its walls, their colour in the legend alone."""
     corners = np.vstack([np.eye(3), -np.eye(3)])
     faces = ConvexHull(corners).simplices

@@ -90,7 +90,7 @@ def test_sections(kind: str, sizes: Any, area: float, i: float) -> None:
     ],
 )
 @pytest.mark.filterwarnings("ignore")
-def test_what_own_bars_are_not_is_refused(text: str, said: str, tmp_path: Path) -> None:
+def test_unsupported_bars_are_refused(text: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=said):
         body(tmp_path, text)
 
