@@ -244,7 +244,7 @@ def test_invalid_requests_are_refused(wanted: Any) -> None:
         simulated(scene, sid, accuracy=wanted)
 
 
-def test_requests_below_the_uncertainty_of_the_reference_are_refused() -> None:
+def test_requests_for_unpredictable_outputs_are_refused() -> None:
     """Three loose bodies on a chain: the end forgets how it began."""
     body = {"mass": 1.0, "inertia": 0.01, "markers": {"a": {}, "b": {}}}
     body["markers"] = {
@@ -304,7 +304,7 @@ def test_the_command_the_file_and_its_json(
     assert run([*command[:2], "--accuracy", "tiny"]) == 2
 
 
-def test_constant_outputs_have_no_error() -> None:
+def test_outputs_that_vary_by_rounding_only_are_not_assessed() -> None:
     """An output of rounding alone, before one that nothing changes."""
     scene, sid = particles(False)
     bodies = scene.bodies | {

@@ -148,7 +148,7 @@ def test_twelve_digits_cost_no_run(tmp_path: Path) -> None:
     assert told == ["12 digits of arm: far below what is asked for"]
 
 
-def test_three_digits_are_refused_for_an_accuracy_of_six() -> None:
+def test_too_few_digits_are_refused_for_a_tight_request() -> None:
     poor = reprinted(cantilever(3), "%.3e")
     with pytest.raises(InputError, match="4 digits of arm tell") as refused:
         sidtool.simulate(swinging(0.4), sids={"arm": poor}, accuracy=1e-6)

@@ -168,9 +168,9 @@ def test_arms_that_start_bent_keep_their_frame() -> None:
     assert told == "frames: not judged; those of arm belong to what the scene says"
 
 
-def test_frames_of_stiffened_arms_have_equal_neglected_terms() -> None:
-    """With stiffening no frame is better: each frame reports the same neglected
-    terms.
+def test_frames_of_stiffened_arms_report_their_neglected_terms() -> None:
+    """With stiffening no frame is better: the estimate covers the difference to the
+    other frame.
     """
     sid = cantilever(2, stiffened=True)
     tangent, mean = (

@@ -298,7 +298,7 @@ def test_masses_that_calculix_drops_are_refused(
 
 
 @pytest.mark.needs("ccx")
-def test_content_unknown_to_calculix_is_removed(tmp_path: Path) -> None:
+def test_elements_unknown_to_calculix_are_refused(tmp_path: Path) -> None:
     text = plate_deck("S8R", 0.3, shell(0.005), 2).replace("S8R", "S8R5")
     (tmp_path / "part.inp").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="says: .*S8R5 is an unknown element type"):

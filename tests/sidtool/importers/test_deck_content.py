@@ -90,7 +90,7 @@ def test_convert_lists_what_has_no_effect_and_what_is_replaced(tmp_path: Path) -
     ]
 
 
-def test_element_lines_with_surplus_nodes_are_refused(tmp_path: Path) -> None:
+def test_surplus_nodes_of_element_lines_are_noted(tmp_path: Path) -> None:
     """As decks of CalculiX that were quadratic once, and a section with an offset."""
     text = deck(BLOCK, "C3D8I")
     lines = BLOCK.element_lines()
@@ -256,7 +256,7 @@ def test_a_folded_strip_that_covers_itself_is_refused() -> None:
         check_contact(Mesh(points, blocks), "mesh")
 
 
-def test_the_deck_of_the_tests_is_read_completely(tmp_path: Path) -> None:
+def test_the_deck_of_the_tests_has_the_mass_of_its_block(tmp_path: Path) -> None:
     sid = body(tmp_path, deck(BLOCK, "C3D8I") + listed("RIGHT", BLOCK.right))
     assert sid.mass == pytest.approx(MASS, rel=1e-12)
     assert STEEL["rho"] == 7850

@@ -210,7 +210,7 @@ def test_nodes_in_local_systems(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_couplings_without_nodes_of_the_body_are_refused(
+def test_invalid_couplings_are_refused(
     tmp_path: Path, cards: list[str], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):

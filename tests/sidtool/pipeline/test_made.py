@@ -191,7 +191,7 @@ def test_mesh_and_modes_are_refined_as_far_as_needed(
     assert np.array_equal(again.values, found.values)
 
 
-def test_a_refusal_names_the_largest_request(
+def test_a_refusal_names_the_largest_remaining_error(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A pin lets go of a bar at once: more modes change its force, a finer mesh hardly;

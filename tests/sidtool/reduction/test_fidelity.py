@@ -174,7 +174,7 @@ def test_the_command_prints_the_basis_error(tmp_path: Path) -> None:
     assert "basis: its first 10 frequencies err by at most" in done.stderr
 
 
-def test_where_rounding_hides_masses_the_other_errors_are_reported(
+def test_bases_with_masses_hidden_by_rounding_are_not_compared(
     tmp_path: Path,
 ) -> None:
     """A slip of ten digits: of a beam so slender other bases are dependent."""
