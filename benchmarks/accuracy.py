@@ -49,16 +49,16 @@ class Verdict:
     """Of one scene: the request, and estimate and error of each output, relative.
 
     refused : why there is no number, if there is none
-    kept : shape functions that were chosen, and how many there are
+    retained : shape functions that were chosen, and how many there are
     seconds : of the search, of the chosen run and of the finest one
     """
 
     seed: int
-    wanted: float
+    expected: float
     refused: str = ""
     estimates: list[float] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
-    kept: tuple[int, int] = (0, 0)
+    retained: tuple[int, int] = (0, 0)
     runs: int = 0
     seconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -77,17 +77,17 @@ class Verdict:
 def judged(seed: int) -> Verdict:
     """Estimates and errors of the scene of a seed."""
     rng = np.random.default_rng([19, seed])
-    wanted = float(10.0 ** rng.uniform(SHARPEST, LOOSEST))
+    expected = float(10.0 ** rng.uniform(SHARPEST, LOOSEST))
     try:
         case = random_scene(seed)
     except ValueError as error:
-        return Verdict(seed, wanted, f"{NO_SCENE}: {error}")
+        return Verdict(seed, expected, f"{NO_SCENE}: {error}")
     scene = scene_of(case)
     if rng.random() < 0.5:
         names = tuple(dict.fromkeys(rng.choice(scene.outputs.record, NAMED).tolist()))
         outputs = scene.outputs.model_copy(update={"record": names})
         scene = scene.model_copy(update={"outputs": outputs})
-    return compared(case, scene, wanted, seed)
+    return compared(case, scene, expected, seed)
 
 
 def compared(case: Case, scene: SceneFile, wanted: float, seed: int = 0) -> Verdict:
@@ -107,7 +107,7 @@ def compared(case: Case, scene: SceneFile, wanted: float, seed: int = 0) -> Verd
     found = simulate(compiled(plan.scene, plan.sids))
     whole = scene_of_model(scene, finest_model(scene, case.sids), case.sids)
     exact = simulate(compiled(whole, case.sids), integrator=METHOD, rtol=TIGHT)
-    kept = [d.kept for d in plan.report.decisions if d.what == "shape function"]
+    retained = [d.kept for d in plan.report.decisions if d.what == "shape function"]
     estimates, errors = [], []
     for output in plan.report.outputs:
         estimates.append(output.relative)
@@ -118,7 +118,7 @@ def compared(case: Case, scene: SceneFile, wanted: float, seed: int = 0) -> Verd
         "",
         estimates,
         errors,
-        (sum(kept), len(kept)),
+        (sum(retained), len(retained)),
         plan.report.runs,
         (took, float(found.counters["seconds"]), float(exact.counters["seconds"])),
     )

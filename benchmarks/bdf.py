@@ -44,8 +44,8 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         for wanted in WANTED:
             cells = [_least(bdf, wanted), _least(own, wanted)]
             ratio = f"{cells[0] / cells[1]:.1f}" if all(cells) else ""
-            told = [str(cell) if cell else "not reached" for cell in cells]
-            rows.append([title, f"{wanted:.0e}", *told, ratio])
+            texts = [str(cell) if cell else "not reached" for cell in cells]
+            rows.append([title, f"{wanted:.0e}", *texts, ratio])
     caption = "Evaluations of the equations of motion to reach an error:"
     return Report(
         title="Would BDF pay?",

@@ -59,10 +59,10 @@ class Campaign:
         return (first / "r.csv").read_bytes()
 
     def folder(self) -> Path:
-        made = Path(tempfile.mkdtemp(dir=self.root))
+        created = Path(tempfile.mkdtemp(dir=self.root))
         for name in FILES:
-            shutil.copy(EXAMPLE / name, made / name)
-        return made
+            shutil.copy(EXAMPLE / name, created / name)
+        return created
 
     def start(
         self, command: Sequence[str], folder: Path, cache: Path, **more: object

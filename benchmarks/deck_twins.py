@@ -146,8 +146,8 @@ def _by_few_points(text: str, data: dict[str, Any], modes: int) -> np.ndarray | 
     types = set(ELEMENT.findall(text.upper()))
     if kinds <= set(FEW):
         mass = mass_by_few_points(body.solids.mesh, body.solids.materials)
-        bare = FiniteElementModel(body.positions, mass, body.stiffness, {}, ())
-        free = constrained_space(bare, Frame(np.zeros(3), np.zeros(bare.ndof, bool)))
+        plain = FiniteElementModel(body.positions, mass, body.stiffness, {}, ())
+        free = constrained_space(plain, Frame(np.zeros(3), np.zeros(plain.ndof, bool)))
         return np.sqrt(free.modes(modes)[0]) / (2 * np.pi)
     if kinds <= set(_REDUCED) and all(kind.endswith("R") for kind in types):
         return _reduced(body.solids, modes)

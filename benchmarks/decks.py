@@ -229,23 +229,25 @@ def _converted(deck: Path, place: Path) -> tuple[Any, dict[str, Any]]:
 
 def _answered(data: dict[str, Any], error: InputError) -> bool:
     """Return whether the model file could be completed as the message requires."""
-    place, asked = error.place or "", f"{error.problem} {error.expected}"
+    place, requested = error.place or "", f"{error.problem} {error.expected}"
     geometry = data["geometry"]
-    if "geometry.engine" in asked and "engine" not in geometry:
+    if "geometry.engine" in requested and "engine" not in geometry:
         geometry["engine"] = "calculix"
         return True
     if place == "geometry.thickness" and "thickness" not in data["geometry"]:
         data["geometry"]["thickness"] = 1.0
     elif place == "discretisation.state" and "state" not in data["discretisation"]:
         data["discretisation"]["state"] = "plane_stress"
-    elif "geometry.density adds" in asked and not {"density"} & geometry.keys():
+    elif "geometry.density adds" in requested and not {"density"} & geometry.keys():
         geometry["density"] = STEEL["density"]
-    elif "table [material]" in asked and "material" not in data:
-        if "material None" in asked or "*ELASTIC" in deck_text(data):
+    elif "table [material]" in requested and "material" not in data:
+        if "material None" in requested or "*ELASTIC" in deck_text(data):
             return False
         data["material"] = STEEL
         geometry.pop("density", None)
-    elif place == "reduction.modes" and (most := re.search(r"at most (\d+)", asked)):
+    elif place == "reduction.modes" and (
+        most := re.search(r"at most (\d+)", requested)
+    ):
         data["reduction"]["modes"] = int(most.group(1))
     else:
         return False

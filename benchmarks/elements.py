@@ -118,9 +118,9 @@ def _row(part: str, element: str, best: Found) -> list[str]:
         other = _errors(by_calculix(drawing, element, Path(place)), best)
     worse = [np.max(np.abs(a) - np.abs(b)) for a, b in zip(own, other, strict=True)]
     most = int(np.argmax(worse))
-    told = f"{worse[most]:.1e} ({_NAMES[most]})" if worse[most] > 1e-4 else "-"
+    text = f"{worse[most]:.1e} ({_NAMES[most]})" if worse[most] > 1e-4 else "-"
     cells = [f"{_worst(a)} / {_worst(b)}" for a, b in zip(own, other, strict=True)]
-    return [f"{element} ({twin})", str(drawing.mesh.positions.size), *cells, told]
+    return [f"{element} ({twin})", str(drawing.mesh.positions.size), *cells, text]
 
 
 def _errors(found: Found, best: Found) -> list[np.ndarray]:
@@ -146,9 +146,9 @@ def _refined(say: Callable[[str], None]) -> Table:
         best = _converged(name)
         for cells in REFINED:
             own, other = _both(drawn(name, "hex8", cells), best)
-            kept = list(zip(own, other, strict=True))[1:4]
+            retained = list(zip(own, other, strict=True))[1:4]
             rows.append(
-                [name, str(cells), *(f"{_worst(a)} / {_worst(b)}" for a, b in kept)]
+                [name, str(cells), *(f"{_worst(a)} / {_worst(b)}" for a, b in retained)]
             )
     header = ["part", "cells", *_NAMES[1:4]]
     return Table("hex8 / C3D8I refined:", header, rows)
@@ -160,8 +160,8 @@ def _shaken(say: Callable[[str], None]) -> Table:
     rows = []
     for cells in REFINED:
         own, other = _both(shaken_bar("hex8", cells, SHAKEN), best)
-        kept = [(own[k], other[k]) for k in (0, 1, 2)]
-        rows.append([str(cells), *(f"{_worst(a)} / {_worst(b)}" for a, b in kept)])
+        retained = [(own[k], other[k]) for k in (0, 1, 2)]
+        rows.append([str(cells), *(f"{_worst(a)} / {_worst(b)}" for a, b in retained)])
     caption = f"A bar pulled along, its inner nodes shaken by {SHAKEN} of a cell:"
     return Table(caption, ["cells", *_NAMES[:3]], rows)
 

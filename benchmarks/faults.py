@@ -170,15 +170,15 @@ def full_disks(c: Campaign) -> None:
 def read_only(c: Campaign) -> None:
     """A cache that cannot be written: whole, without a kernel, damaged, empty."""
 
-    def without_one(kept: Path) -> None:
-        kernels(kept)[0].unlink()
+    def without_one(retained: Path) -> None:
+        kernels(retained)[0].unlink()
 
-    def damaged(kept: Path) -> None:
-        file = kernels(kept)[-1]
+    def damaged(retained: Path) -> None:
+        file = kernels(retained)[-1]
         file.write_bytes(file.read_bytes()[:-100])
 
     changes: dict[str, Callable[[Path], None]] = {
-        "whole": lambda kept: None,
+        "whole": lambda retained: None,
         "without a kernel": without_one,
         "damaged": damaged,
         "empty": shutil.rmtree,

@@ -82,12 +82,12 @@ def judged(seed: int, rubs: bool = False) -> list[Verdict]:
     found = [Verdict(seed, ORIGINAL, 0.0, 1.0, halved=case.halved)]
     for way in TRANSFORMATIONS:
         try:
-            told = compared(way, case, exact, seed, RTOL, sizes)
+            verdict = compared(way, case, exact, seed, RTOL, sizes)
         except Exception as stop:
             found.append(_stopped(seed, way, stop))
             continue
-        if told is not None:
-            found.append(Verdict(seed, way, *told))
+        if verdict is not None:
+            found.append(Verdict(seed, way, *verdict))
     try:
         laws = violations(case, RTOL)
     except Exception as stop:

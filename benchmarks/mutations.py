@@ -134,8 +134,8 @@ def outcomes(file: Path, root: Path, chance: random.Random) -> list[list[str]]:
         command = kinds[0] if k % 10 else kinds[1 + k // 10 % (len(kinds) - 1)]
         wrong = run_command(command, folder)
         if wrong:
-            kept = shutil.copy(folder / file.name, root / f"{k}-{file.name}")
-            wrong = [f"{' '.join(command)} ({kept}): {text}" for text in wrong]
+            stored = shutil.copy(folder / file.name, root / f"{k}-{file.name}")
+            wrong = [f"{' '.join(command)} ({stored}): {text}" for text in wrong]
         found.append(wrong)
         shutil.rmtree(folder)
     return found
@@ -152,7 +152,7 @@ def run_command(command: tuple[str, ...], folder: Path) -> list[str]:
     if child == 0:
         _child(command, folder)
     _, status, used = os.wait4(child, 0)
-    said = b"".join((folder / n).read_bytes() for n in (".out", ".err"))
+    printed = b"".join((folder / n).read_bytes() for n in (".out", ".err"))
     wrong = []
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
@@ -161,9 +161,9 @@ def run_command(command: tuple[str, ...], folder: Path) -> list[str]:
         wrong.append(f"signal {number} after {time.monotonic() - began:.0f} s")
     elif os.WEXITSTATUS(status) not in (0, 1, 2):
         wrong.append(f"status {os.WEXITSTATUS(status)}")
-    if b"Traceback" in said:
-        wrong.append(said.decode(errors="replace")[-400:])
-    if b"\x1b" in said or b"\0" in said:
+    if b"Traceback" in printed:
+        wrong.append(printed.decode(errors="replace")[-400:])
+    if b"\x1b" in printed or b"\0" in printed:
         wrong.append("control characters reach the terminal")
     if os.WIFEXITED(status) and list(folder.glob(".*.part")):
         wrong.append("a .part file stays")

@@ -179,12 +179,12 @@ def outcome(what: str, folder: Path, sid: Path) -> list[str]:
         )
     except subprocess.TimeoutExpired:
         return [f"{what}: no end after {PATIENCE} s"]
-    said = done.stdout + done.stderr
+    printed = done.stdout + done.stderr
     found = []
     if done.returncode != READ.get(what, 2):
-        found.append(f"{what}: status {done.returncode}, {said[-200:]!r}")
-    if b"Traceback" in said or any(c < 32 and c not in b"\n\t" for c in said):
-        found.append(f"{what}: {said[-200:]!r}")
+        found.append(f"{what}: status {done.returncode}, {printed[-200:]!r}")
+    if b"Traceback" in printed or any(c < 32 and c not in b"\n\t" for c in printed):
+        found.append(f"{what}: {printed[-200:]!r}")
     if (folder / "made.h5").exists():
         found.append(f"{what}: a SID was written")
     return found

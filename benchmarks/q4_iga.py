@@ -37,12 +37,12 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """Frequencies beside the converged ones, and the motion beside its richest run."""
     exact = converged()
     bodies = [
-        (kind, level, made)
+        (kind, level, created)
         for kind, file in MODELS.items()
-        for level, made in conversions(EXAMPLE / file, LEVELS[kind], say)
+        for level, created in conversions(EXAMPLE / file, LEVELS[kind], say)
     ]
-    errors = [deviation(made.sid, exact) for *_, made in bodies if made.sid]
-    with tempfile.TemporaryDirectory() as kept:
+    errors = [deviation(created.sid, exact) for *_, created in bodies if created.sid]
+    with tempfile.TemporaryDirectory() as retained:
         motion = run_study(
             read_scene(EXAMPLE / "slider_crank.toml"),
             {"mesh": MESHES, "modes": MODES},
@@ -50,7 +50,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
             settings=[SETTING],
             outputs=OUTPUTS,
             differ=3,
-            keep=Path(kept),
+            keep=Path(retained),
             jobs=1,
             say=lambda text, done, count, _: say(f"{done} of {count}: {text}"),
         )
@@ -88,9 +88,9 @@ def conversions(
     for level in levels:
         model = refine_model(read_model(path), level)
         assert model is not None
-        made = convert_model(model)
-        say(f"{path.stem} {level:+d}: {made.dofs} dofs, {made.seconds:.2f} s")
-        yield level, made
+        created = convert_model(model)
+        say(f"{path.stem} {level:+d}: {created.dofs} dofs, {created.seconds:.2f} s")
+        yield level, created
 
 
 def deviation(sid: SID, exact: np.ndarray) -> float:
@@ -104,8 +104,8 @@ def frequencies(
     bodies: Sequence[tuple[str, int, ConversionOutcome]], errors: Sequence[float]
 ) -> Table:
     rows = [
-        [kind, f"{level:+d}", str(made.dofs), f"{made.seconds:.2f}", _told(error)]
-        for (kind, level, made), error in zip(bodies, errors, strict=True)
+        [kind, f"{level:+d}", str(created.dofs), f"{created.seconds:.2f}", _told(error)]
+        for (kind, level, created), error in zip(bodies, errors, strict=True)
     ]
     header = ["model", "halvings", "dofs", "conversion [s]", "worst of f1 to f5"]
     return Table("Frequencies over the mesh", header, rows, summary=True)
@@ -119,11 +119,11 @@ def equal_frequencies(
         cells = [f"{wanted:.0e}"]
         for kind in MODELS:
             good = [
-                made
-                for (found, _, made), error in zip(bodies, errors, strict=True)
+                created
+                for (found, _, created), error in zip(bodies, errors, strict=True)
                 if found == kind and error <= wanted
             ]
-            best = min(good, key=lambda made: made.dofs, default=None)
+            best = min(good, key=lambda created: created.dofs, default=None)
             cells += [str(best.dofs), f"{best.seconds:.2f}"] if best else ["-", "-"]
         rows.append(cells)
     header = [

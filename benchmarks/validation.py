@@ -50,10 +50,10 @@ def section(problem: Problem) -> list[str]:
 
 def _line(row: Row) -> str:
     deviation = row.found - row.reference
-    told = f"{deviation:+.1e}"
+    text = f"{deviation:+.1e}"
     if row.reference:
-        told = f"{deviation / abs(row.reference):+.1e} relative"
-    numbers = f"{row.reference:.10g} | {row.found:.10g} | {told}"
+        text = f"{deviation / abs(row.reference):+.1e} relative"
+    numbers = f"{row.reference:.10g} | {row.found:.10g} | {text}"
     return f"| {row.quantity} | {row.source} | {numbers} |"
 
 

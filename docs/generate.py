@@ -40,18 +40,18 @@ Key = tuple[type[BaseModel], str]
 def pages() -> dict[str, str]:
     """Name and content of every page."""
     found = examples()
-    made = {f"{kind}.md": format_page(kind, found) for kind in ROOTS}
-    return made | {"commands.md": commands_page(), "names.md": names_page()}
+    created = {f"{kind}.md": format_page(kind, found) for kind in ROOTS}
+    return created | {"commands.md": commands_page(), "names.md": names_page()}
 
 
 def write(folder: Path) -> None:
     """Write the pages, those only that have changed."""
     folder.mkdir(exist_ok=True)
-    made = pages()
+    created = pages()
     for path in folder.glob("*.md"):
-        if path.name not in made:
+        if path.name not in created:
             path.unlink()
-    for name, text in made.items():
+    for name, text in created.items():
         path = folder / name
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
@@ -87,15 +87,15 @@ def _collect(value: Any, raw: Any, found: dict[Key, Any]) -> None:
 
 def tables(root: type[BaseModel]) -> list[type[BaseModel]]:
     """The tables of a format, in the order in which a reader meets them."""
-    seen: list[type[BaseModel]] = []
+    observed: list[type[BaseModel]] = []
     waiting = [root]
     while waiting:
         table = waiting.pop(0)
-        if table not in seen:
-            seen.append(table)
+        if table not in observed:
+            observed.append(table)
             for info in table.model_fields.values():
                 waiting += _models(info.annotation)
-    return seen
+    return observed
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -131,8 +131,8 @@ def _name(table: type[BaseModel]) -> str:
     for key in ("type", "method", "shape"):
         info = table.model_fields.get(key)
         if info is not None and get_origin(info.annotation) is Literal:
-            said = " or ".join(json.dumps(x) for x in get_args(info.annotation))
-            return f"{_words(table)}: `{key} = {said}`"
+            text = " or ".join(json.dumps(x) for x in get_args(info.annotation))
+            return f"{_words(table)}: `{key} = {text}`"
     return _words(table)
 
 

@@ -119,12 +119,12 @@ def test_every_key_has_a_meaning_and_its_example_is_toml(generate: ModuleType) -
 
 def test_sections_of_docstrings_become_fields() -> None:
     """Names stand with what they mean; what is no list of names stays as it is."""
-    told = loaded("docstrings").as_fields(
+    fields = loaded("docstrings").as_fields(
         "Draw it : well, or\nnot at all.\n\nkind : of picture\npath : to\n    write"
         "\n\nParameters\n----------\na, b : sizes [m]\nc [kg] : mass\n\n"
         "Returns\n-------\nhow many\n\nRaises\n------\nsidtool.X : it: fails."
     )
-    assert told.split("\n\n") == [
+    assert fields.split("\n\n") == [
         "Draw it : well, or\nnot at all.",
         ":param kind: of picture\n:param path: to write",
         ":param a: sizes [m]\n:param b: sizes [m]\n:param c: mass",
@@ -134,12 +134,12 @@ def test_sections_of_docstrings_become_fields() -> None:
 
 
 def test_links_between_pages_lead_somewhere(generate: ModuleType) -> None:
-    made = set(generate.pages())
+    created = set(generate.pages())
     for page in [ROOT / "README.md", *PAGES]:
         text = page.read_text(encoding="utf-8")
         for target in re.findall(r"\]\(([^)#:]+?)(?:#[^)]*)?\)", text):
             if "generated/" in target:
-                assert Path(target).name in made, (page.name, target)
+                assert Path(target).name in created, (page.name, target)
             else:
                 assert (page.parent / target).exists(), (page.name, target)
 

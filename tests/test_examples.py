@@ -78,8 +78,8 @@ def test_every_folder_explains_itself(name: str) -> None:
 def test_models_convert_to_sids_without_errors(ran, path: Path) -> None:
     """A beam has rotary inertia in Me and not in Oe, of which I12 warns."""
     folder = ran(path.parent.name)
-    made = {sid.stem: sid for sid in folder.glob("*.SID_FEM")}
-    sid = made.get(path.stem) or sidtool.convert(path)
+    created = {sid.stem: sid for sid in folder.glob("*.SID_FEM")}
+    sid = created.get(path.stem) or sidtool.convert(path)
     checks = sidtool.validate(sid)
     expected = ["I12"] if path.stem == "rod_beam" else []
     assert [c.id for c in checks if c.failed] == expected

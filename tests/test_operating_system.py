@@ -59,7 +59,7 @@ def docstrings(tree: ast.AST) -> set[int]:
 
 def differing(tree: ast.AST) -> Iterator[tuple[int, str]]:
     """Lines that use what is not the same on all systems."""
-    said = docstrings(tree)
+    documented = docstrings(tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for entry in node.names:
@@ -75,7 +75,7 @@ def differing(tree: ast.AST) -> Iterator[tuple[int, str]]:
         elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             if node.attr in FUNCTIONS.get(node.value.id, ()):
                 yield node.lineno, f"{node.value.id}.{node.attr}"
-        elif isinstance(node, ast.Constant) and id(node) not in said:
+        elif isinstance(node, ast.Constant) and id(node) not in documented:
             text = node.value if isinstance(node.value, str) else ""
             if text.startswith(TEXTS):
                 yield node.lineno, repr(text)

@@ -95,10 +95,10 @@ def test_one_hinge_is_redundant_and_its_forces_are_the_smallest() -> None:
         z, v = result.positions[k].copy(), result.velocities[k].copy()
         work_arrays.evaluate(system, work, float(result.t[k]), z, v)
         C = dense_jacobian(system, work.C)
-        loose = _null_space((C / sizes[:, None]).T)
-        assert loose.shape[1] == 1
+        null_space = _null_space((C / sizes[:, None]).T)
+        assert null_space.shape[1] == 1
         scaled = result.multipliers[k] * sizes
-        assert abs(loose.T @ scaled).max() < 1e-9 * abs(scaled).max()
+        assert abs(null_space.T @ scaled).max() < 1e-9 * abs(scaled).max()
 
 
 def _null_space(matrix: Array) -> Array:

@@ -68,8 +68,8 @@ def _lowest(sid: SID, joints: dict[str, str]) -> float:
         end: {"type": kind, "markers": [f"ground.{end}", f"beam.{end}"]}
         for end, kind in joints.items()
     }
-    still = scene(LENGTH, joints=held)
-    found = sidtool.linearise(still, about="start", sids={"beam": sid}).frequencies
+    fixed = scene(LENGTH, joints=held)
+    found = sidtool.linearise(fixed, about="start", sids={"beam": sid}).frequencies
     return float(found[found > 1e-3][0])
 
 

@@ -72,7 +72,7 @@ def joint(kind: str, rng: np.random.Generator) -> Joint:
     axis = particles.unit(rng.standard_normal(3))
     other = particles.unit(np.cross(axis, rng.standard_normal(3)))
     about = 0.8 * rng.standard_normal()
-    any_turn, still, away = rotation(rng), np.eye(3), 0.2 * rng.standard_normal()
+    any_turn, fixed, away = rotation(rng), np.eye(3), 0.2 * rng.standard_normal()
     turn, none = particles.turned(about * axis), np.zeros(3)
     both = turn @ particles.turned(0.4 * other)
 
@@ -81,9 +81,9 @@ def joint(kind: str, rng: np.random.Generator) -> Joint:
 
     lead = (PITCH * about / (2.0 * np.pi) + LEAD) * axis
     holds, turns, way = {
-        "fixed": (together(at_one_place, same_axes), still, none),
+        "fixed": (together(at_one_place, same_axes), fixed, none),
         "revolute": (together(at_one_place, parallel(axis)), turn, none),
-        "prismatic": (together(across(axis), same_axes), still, away * axis),
+        "prismatic": (together(across(axis), same_axes), fixed, away * axis),
         "cylindrical": (together(across(axis), parallel(axis)), turn, away * axis),
         "screw": (together(across(axis), parallel(axis), screw), turn, lead),
         "spherical": (at_one_place, any_turn, none),
@@ -254,8 +254,8 @@ def pair(kind: str, rng: np.random.Generator) -> Pair:
     a, b = parts = [Part(name, rng.random() < 0.6, rng) for name in "ab"]
     none = np.zeros((3, 0))
     ground = Marker(None, 0.3 * rng.standard_normal(3), rotation(rng), none, none)
-    hung, ball = a.marker(), joint("spherical", rng)
-    put(ground, hung[1], ball, hung[1])
+    suspended, ball = a.marker(), joint("spherical", rng)
+    put(ground, suspended[1], ball, suspended[1])
     ends, held = [a.marker(), b.marker()], joint(kind, rng)
     mine = ends[1][1]
     if rng.random() < 0.5:
@@ -265,7 +265,7 @@ def pair(kind: str, rng: np.random.Generator) -> Pair:
     pushed_at, pulled_at = b.marker(), b.marker()
 
     other = particles.Scene([a.body, b.body], gravity)
-    other.joints["ball"] = ground, hung[1], ball.holds
+    other.joints["ball"] = ground, suspended[1], ball.holds
     other.joints["joint"] = ends[0][1], ends[1][1], held.holds
     pushed(other, pushed_at[1], force, 0.1 * torque)
     sprung(other, ground, pulled_at[1])
@@ -283,7 +283,7 @@ def pair(kind: str, rng: np.random.Generator) -> Pair:
         ground={"markers": {"g": posed(ground.place, ground.axes)}},
         bodies={p.name: p.content | {"initial": p.start()} for p in parts},
         joints={
-            "ball": {"type": "spherical", "markers": ["ground.g", hung[0]]},
+            "ball": {"type": "spherical", "markers": ["ground.g", suspended[0]]},
             "joint": held.keys | {"markers": [name for name, _ in ends]},
         },
         forces={"push": push, "spring": spring | SPRING},

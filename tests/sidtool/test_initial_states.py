@@ -169,12 +169,12 @@ def test_results_that_do_not_fit_the_scene_are_refused(
     scene = spinning(time={"end": 0.1, "output_step": 0.1})
     result = scene.simulate()
     start = {"state": "result", "file": result}
-    for changes, said in (
+    for changes, message in (
         ({"initial": start | {"time": 0.05}}, "no state at t"),
         ({"initial": start, "bodies.third": {"mass": 1.0}}, "no body 'third'"),
         ({"initial": {"state": "result", "file": "nothing.h5"}}, "nothing.h5"),
     ):
-        with pytest.raises(sidtool.InputError, match=said):
+        with pytest.raises(sidtool.InputError, match=message):
             scene.with_(changes).simulate()
     with pytest.raises(sidtool.InputError, match="file"):
         scene.with_({"initial": {"state": "result"}})

@@ -55,8 +55,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scenes as files, beside the SID of their bars."""
     path: Path = tmp_path_factory.mktemp("bars")
     write_sid(path / "bar.SID_FEM", steel_bar(width=0.04, modes=6))
-    made = {"safe": (SAFE,), "far": (FAR,), "useless": (USELESS,), "nine": (FAR, 9)}
-    for name, arguments in made.items():
+    created = {"safe": (SAFE,), "far": (FAR,), "useless": (USELESS,), "nine": (FAR, 9)}
+    for name, arguments in created.items():
         text = loaded(*arguments).model_dump_json(by_alias=True, exclude_none=True)
         (path / f"{name}.json").write_text(text, encoding="utf-8")
     return path
@@ -67,24 +67,26 @@ def command(*arguments: object) -> Any:
 
 
 def test_a_deflection_beyond_the_theory_is_a_warning_everywhere(folder: Path) -> None:
-    kept = folder / "far.h5"
+    stored = folder / "far.h5"
     with pytest.warns(sidtool.ValidityWarning, match="b1"):
         result = sidtool.simulate(folder / "far.json")
     body = result.bodies["b1"]
     assert body.deflection == pytest.approx(2.0 * FAR, rel=0.05)
     assert body.rotation == pytest.approx(1.5 * 2.0 * FAR, rel=0.1)
-    (told,) = result.warnings
-    assert result.notes[0] == told and "b1" in told
+    (warning,) = result.warnings
+    assert result.notes[0] == warning and "b1" in warning
 
     for quiet in ((), ("--quiet",)):
-        found = command("simulate", folder / "far.json", "-o", kept, "--force", *quiet)
+        found = command(
+            "simulate", folder / "far.json", "-o", stored, "--force", *quiet
+        )
         assert found.exit_code == 0
-        assert told in found.stderr and told not in found.stdout
-    assert read_result(kept).warnings == (told,)
-    assert read_result(kept).bodies["b1"].rotation == body.rotation
-    assert told in command("info", kept).stdout
+        assert warning in found.stderr and warning not in found.stdout
+    assert read_result(stored).warnings == (warning,)
+    assert read_result(stored).bodies["b1"].rotation == body.rotation
+    assert warning in command("info", stored).stdout
     found = command("simulate", folder / "far.json", "--json")
-    assert json.loads(found.stdout)["warnings"] == [told] and told in found.stderr
+    assert json.loads(found.stdout)["warnings"] == [warning] and warning in found.stderr
 
 
 def test_within_the_theory_there_is_no_warning(folder: Path) -> None:
@@ -97,16 +99,16 @@ def test_within_the_theory_there_is_no_warning(folder: Path) -> None:
 
 def test_numbers_without_meaning_are_an_error(folder: Path) -> None:
     """The bar bends by six times its length: exit status 1, and the files hold it."""
-    kept = folder / "useless.h5"
+    stored = folder / "useless.h5"
     with pytest.raises(sidtool.SimulationError) as stop:
         sidtool.simulate(folder / "useless.json")
     result = stop.value.result
     assert result is not None and not result.completed and result.message
     assert result.t[-1] == pytest.approx(0.1) and result.warnings
-    again = ("simulate", folder / "useless.json", "-o", kept)
+    again = ("simulate", folder / "useless.json", "-o", stored)
     for arguments in (again, (*again, "--continue")):
         assert command(*arguments).exit_code == 1
-        assert not read_result(kept).completed and read_result(kept).message
+        assert not read_result(stored).completed and read_result(stored).message
     for analysis in ("static", "modes"):
         found = command("analyse", analysis, folder / "useless.json")
         assert found.exit_code == 1 and "b1" in found.stderr
@@ -140,8 +142,8 @@ def test_a_study_carries_the_notes_of_its_reference(folder: Path) -> None:
     settings: Any = {"integrators": ["radau5"], "rtol": [1e-3]}
     with pytest.warns(sidtool.ValidityWarning, match="b1"):
         found = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
-    (told,) = found.warnings
-    assert found.notes[0] == told and told in found.report()
+    (warning,) = found.warnings
+    assert found.notes[0] == warning and warning in found.report()
     with pytest.warns(sidtool.ValidityWarning, match="b1"):  # of what was kept
         again = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
     assert again.notes == found.notes

@@ -38,24 +38,24 @@ def test_objects_are_simulated_as_their_files_are(
     """In each way: of the body's class, as a table, changed later, compiled."""
     sidtool.write(tmp_path / "rod.SID_FEM", sid)
     file = sidtool.SidBody(sid=str(tmp_path / "rod.SID_FEM"), markers=MARKERS)
-    wanted = scene(file).simulate()
+    expected = scene(file).simulate()
     of_sid = sidtool.SidBody(sid=sid, markers=MARKERS)
     of_model = sidtool.SidBody(model=model, markers=MARKERS)
     table = {"sid": sid, "markers": MARKERS}
     changed = scene(of_sid).with_({"rod.rigid": False})
-    for made in (scene(of_sid), scene(of_model), scene(table), changed):
-        found = made.simulate()
-        assert found.values == pytest.approx(wanted.values, rel=1e-9, abs=1e-12)
+    for created in (scene(of_sid), scene(of_model), scene(table), changed):
+        found = created.simulate()
+        assert found.values == pytest.approx(expected.values, rel=1e-9, abs=1e-12)
         assert found.sids["rod"].nq == sid.nq
     run = scene(of_model).compile().run({"time.end": 0.02})
-    assert run.values == pytest.approx(wanted.values, rel=1e-9, abs=1e-12)
+    assert run.values == pytest.approx(expected.values, rel=1e-9, abs=1e-12)
     assert len(scene(of_sid).linearise()["frequency"])
 
 
 def test_other_sids_replace_an_object(sid: SID, model: sidtool.Model) -> None:
-    made = scene(sidtool.SidBody(sid=sid, markers=MARKERS))
+    created = scene(sidtool.SidBody(sid=sid, markers=MARKERS))
     thick = model.with_({"geometry.thickness": 0.05}).convert()
-    run = made.simulate(sids={"rod": thick})
+    run = created.simulate(sids={"rod": thick})
     assert run.sids["rod"].mass == thick.mass != sid.mass
 
 
@@ -67,8 +67,8 @@ def test_a_result_with_an_object_is_whole(sid: SID, tmp_path: Path) -> None:
 
 
 def test_a_scene_with_an_object_is_not_saved(sid: SID, tmp_path: Path) -> None:
-    made = scene(sidtool.SidBody(sid=sid, markers=MARKERS))
+    created = scene(sidtool.SidBody(sid=sid, markers=MARKERS))
     with pytest.raises(sidtool.InputError, match="given as an object") as caught:
-        made.save(tmp_path / "scene.toml")
+        created.save(tmp_path / "scene.toml")
     assert caught.value.place == "bodies.rod.sid"
     assert not (tmp_path / "scene.toml").exists()

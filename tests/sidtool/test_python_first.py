@@ -83,14 +83,14 @@ def test_a_scene_in_python_follows_mechanics(tmp_path: Path) -> None:
 
 
 def test_lists_tuples_arrays_and_plain_tables_are_equivalent() -> None:
-    said = {
+    variants = {
         "mass": 2.0,
         "initial": {"position": (0.1, 0.2), "velocity": [2.0, 12**0.5]},
     }
-    velocity = np.array(said["initial"]["velocity"])  # type: ignore[index]
+    velocity = np.array(variants["initial"]["velocity"])  # type: ignore[index]
     start = sidtool.Initial(position=[0.1, 0.2], velocity=velocity)
     other = thrown(bodies={"stone": sidtool.RigidBody(mass=2, initial=start)})
-    assert thrown(bodies={"stone": said}) == other
+    assert thrown(bodies={"stone": variants}) == other
 
 
 def test_files_are_found_after_a_scene_is_saved_in_another_folder(
@@ -150,7 +150,7 @@ def test_a_model_of_python_is_that_of_the_file() -> None:
         [[[0, -0.03], [0, 0.03]], [[0.5, 0], [0.5, 0]], [[1, -0.03], [1, 0.03]]]
     )
     knots = [np.repeat([0, 1], 3), [0, 0, 1, 1]]
-    made = sidtool.Model(
+    created = sidtool.Model(
         title=model.title,
         material=sidtool.Material(
             youngs_modulus=2.1e11, poissons_ratio=0.3, density=7850
@@ -169,9 +169,9 @@ def test_a_model_of_python_is_that_of_the_file() -> None:
         reduction=sidtool.ModalReduction(modes=2),
         damping=sidtool.RayleighDamping(alpha=3.86, beta=2.25e-5),
     )
-    one, other = made.convert(), sidtool.convert(coarse)
+    one, other = created.convert(), sidtool.convert(coarse)
     np.testing.assert_array_equal(one.Ke.m0, other.Ke.m0)
-    thick = made.with_({"geometry.thickness": 0.02}).convert()
+    thick = created.with_({"geometry.thickness": 0.02}).convert()
     assert thick.mass == pytest.approx(2 * one.mass, rel=1e-12)
 
 
@@ -235,16 +235,16 @@ def test_the_page_on_python_runs(
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "suggestion"),
     [
         ("Revolut", "perhaps Revolute"),
         ("spring_damper", "perhaps SpringDamper"),
         ("xyz", r"dir\(sidtool\) lists all"),
     ],
 )
-def test_an_unknown_name_suggests_the_nearest(name: str, told: str) -> None:
+def test_an_unknown_name_suggests_the_nearest(name: str, suggestion: str) -> None:
     """In notebooks, too, where Python's own suggestion is not shown."""
-    with pytest.raises(AttributeError, match=f"no attribute '{name}'; {told}$"):
+    with pytest.raises(AttributeError, match=f"no attribute '{name}'; {suggestion}$"):
         getattr(sidtool, name)
 
 

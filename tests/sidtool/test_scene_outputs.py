@@ -122,13 +122,13 @@ def test_stress_that_is_not_there_is_refused(output: str, message: str) -> None:
 
 
 def test_a_node_without_stress_rows_is_refused(stressed_rod: SID) -> None:
-    bare = [replace(n, sigma=None) if n.id == "2" else n for n in stressed_rod.nodes]
+    plain = [replace(n, sigma=None) if n.id == "2" else n for n in stressed_rod.nodes]
     data = read_data(SLIDER_CRANK / "slider_crank.toml")
     data["outputs"]["record"] = ["rod.piston_pin.sigma_xx"]
     with pytest.raises(InputError, match="node 2 of rod carries no .* nodes 1, "):
         sidtool.simulate(
             validate_data(data, SceneFile),
-            sids={"rod": replace(stressed_rod, nodes=tuple(bare))},
+            sids={"rod": replace(stressed_rod, nodes=tuple(plain))},
             base_folder=SLIDER_CRANK,
         )
 
@@ -201,8 +201,8 @@ def test_a_body_held_away_from_its_origin_is_held_there() -> None:
     away = Taylor(np.array([[-0.5], [0.0], [0.0]]), first.origin.m1)
     moved = replace(sid, nodes=(replace(first, origin=away), second))
     assert dead_nodes(moved) == ()
-    still = replace(second, phi=first.phi, psi=first.psi)
-    assert dead_nodes(replace(moved, nodes=(moved.nodes[0], still))) == ("1", "2")
+    fixed = replace(second, phi=first.phi, psi=first.psi)
+    assert dead_nodes(replace(moved, nodes=(moved.nodes[0], fixed))) == ("1", "2")
 
 
 def test_field_files_have_no_dead_nodes(field_data: Path) -> None:

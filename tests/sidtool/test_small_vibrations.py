@@ -70,9 +70,9 @@ def test_the_vibration_that_limits_steps_is_named_and_the_advice_helps(
     k, m = (x.m0[number - 1, number - 1] for x in (rod.Ke, rod.Me))
     assert float(found[1]) == pytest.approx(np.sqrt(k / m) / (2 * np.pi), rel=0.02)
     assert float(found[2]) == pytest.approx(energy, rel=0.1)
-    kept = tuple(i for i in range(1, rod.nq + 1) if i != number)
+    retained = tuple(i for i in range(1, rod.nq + 1) if i != number)
     start = read_scene(FOLDER + "/slider_crank.toml").bodies["rod"].initial
-    without = run(rod, kind, energy, shape_functions=kept, initial=start)
+    without = run(rod, kind, energy, shape_functions=retained, initial=start)
     assert not told(without)
     assert without.counters["steps"] < 0.1 * slow.counters["steps"]
     assert np.abs(without["piston.x"] - slow["piston.x"]).max() < 1e-6

@@ -12,9 +12,9 @@ from .wrong_models import MISTAKES, bodies, joints, loads, machines, units
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_gets_the_message_that_names_it(name: str) -> None:
     attempt, words = MISTAKES[name]
-    said = attempt()
+    messages = attempt()
     for pattern in words:
-        assert re.search(pattern, said), said
+        assert re.search(pattern, messages), messages
 
 
 def test_the_gallery_is_not_small() -> None:

@@ -61,13 +61,13 @@ def test_errors_are_within_the_estimates_and_these_within_the_request(
 
 def test_a_loose_request_leaves_more_out_than_a_sharp_one() -> None:
     scene, sid = particles(False)
-    kept, steps = [], []
+    retained, steps = [], []
     for wanted in (1e-2, 1e-4, 1e-6):
         found = simulated(scene, sid, accuracy={"arm.tip.y": wanted})
-        made = [d for d in found.accuracy.decisions if d.what == "shape function"]
-        kept.append(sum(d.kept for d in made))
+        decisions = [d for d in found.accuracy.decisions if d.what == "shape function"]
+        retained.append(sum(d.kept for d in decisions))
         steps.append(found.counters["steps"])
-    assert kept[0] < kept[1] < kept[2] == 4
+    assert retained[0] < retained[1] < retained[2] == 4
     assert steps[0] <= steps[1] < steps[2]
 
 
@@ -81,8 +81,11 @@ def test_each_effect_is_that_of_this_choice_alone() -> None:
         less = scene.model_copy(update={"bodies": {"arm": arm}})
         return float(np.abs(simulated(less, sid, **TIGHT)["arm.tip.x"] - whole).max())
 
-    told = {(d.what, d.number): d for d in found.accuracy.decisions}
-    flexible, second = told["flexibility", None], told["shape function", 2]
+    decision_of = {(d.what, d.number): d for d in found.accuracy.decisions}
+    flexible, second = (
+        decision_of["flexibility", None],
+        decision_of["shape function", 2],
+    )
     assert flexible.effect == pytest.approx(without(rigid=True), rel=1e-3)
     assert second.effect == pytest.approx(without(shape_functions=(1, 3, 4)), rel=1e-3)
     assert flexible.sentence.endswith("m in arm.tip.x, kept flexible")
@@ -108,9 +111,11 @@ def test_fast_spin_needs_stiffening_and_slow_spin_does_not(
     found = simulated(
         scene, cantilever(2, stiffened=True), accuracy={"arm.tip.uy": 1e-2}
     )
-    told = next(d for d in found.accuracy.decisions if d.what == "geometric stiffening")
-    assert told.kept is kept
-    assert told.sentence.endswith("kept" if kept else "dropped")
+    decision = next(
+        d for d in found.accuracy.decisions if d.what == "geometric stiffening"
+    )
+    assert decision.kept is kept
+    assert decision.sentence.endswith("kept" if kept else "dropped")
     assert found.error["arm.tip.uy"] <= 1e-2
 
 
@@ -145,11 +150,11 @@ def test_a_cached_choice_is_used_for_its_own_scene_only(folder: Path) -> None:
     scene, sid = particles(False)
     simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
     (path,) = folder.iterdir()
-    kept = cache.read_entry(path.stem)
-    assert kept is not None
+    stored = cache.read_entry(path.stem)
+    assert stored is not None
     text = path.read_text(encoding="utf-8")
     content = json.loads(text.partition("\n")[2])
-    assert content["setting"]["rtol"] == kept.setting.rtol
+    assert content["setting"]["rtol"] == stored.setting.rtol
     path.write_text(text.replace('"kept":false', '"kept":true'), encoding="utf-8")
     assert cache.read_entry(path.stem) is None
     other = path.with_stem("0" * 32)
@@ -174,28 +179,28 @@ def test_a_cache_that_others_can_write_is_not_used(folder: Path) -> None:
 
 def test_a_callback_reports_the_stages_of_the_search() -> None:
     """As the command line shows it; nothing, where nothing is searched."""
-    told: list[tuple[str, float | None]] = []
+    reports: list[tuple[str, float | None]] = []
 
     def heard(*what: Any) -> None:
-        told.append(what)
+        reports.append(what)
 
-    asked: dict[str, Any] = {"accuracy": {"arm.tip.y": 1e-2}, "searching": heard}
-    first = simulated(*particles(False), **asked)
-    count = len(told)
+    requested: dict[str, Any] = {"accuracy": {"arm.tip.y": 1e-2}, "searching": heard}
+    first = simulated(*particles(False), **requested)
+    count = len(reports)
     assert count >= first.accuracy.runs > 5
-    simulated(*particles(False), **asked)
-    assert len(told) == count
-    shares = [share for _, share in told]
+    simulated(*particles(False), **requested)
+    assert len(reports) == count
+    shares = [share for _, share in reports]
     assert None not in shares and shares == sorted(shares)
-    assert all(text.startswith("choosing: run") for text, _ in told)
+    assert all(text.startswith("choosing: run") for text, _ in reports)
 
 
 def test_a_request_of_the_call_equals_that_of_the_scene() -> None:
     scene, sid = particles(False)
-    wanted = {"arm.tip.x": "2 mm", "pin.fx": "0.5 %"}
-    asking = scene.accuracy.model_copy(update={"wanted": wanted})
+    expected = {"arm.tip.x": "2 mm", "pin.fx": "0.5 %"}
+    asking = scene.accuracy.model_copy(update={"wanted": expected})
     by_scene = simulated(scene.model_copy(update={"accuracy": asking}), sid)
-    by_call = simulated(scene, sid, accuracy=wanted)
+    by_call = simulated(scene, sid, accuracy=expected)
     assert by_scene.error == by_call.error
     assert set(by_call.error) == {"arm.tip.x", "pin.fx"}
     allowed = {o.name: o.allowed for o in by_call.accuracy.outputs}
@@ -286,8 +291,8 @@ def test_the_command_the_file_and_its_json(
     result = tmp_path / "result.h5"
     command = ["simulate", str(tmp_path / "scene.json"), "-o", str(result)]
     assert run([*command, "--accuracy", "arm.tip.y=0.1 %"]) == 0
-    told = capsys.readouterr().out
-    assert "arm.tip.y to 0.1 %" in told and "all together" in told
+    stdout = capsys.readouterr().out
+    assert "arm.tip.y to 0.1 %" in stdout and "all together" in stdout
     found = read_result(result)
     assert found.accuracy is not None and 0 < found.error["arm.tip.y"] <= 1e-3
     write_result(tmp_path / "copy.h5", found)
@@ -297,9 +302,9 @@ def test_the_command_the_file_and_its_json(
     for part in ("shape functions", "terms", "integration", "reference"):
         assert part in table
     assert run(["info", str(result), "--json"]) == 0
-    told_json = json.loads(capsys.readouterr().out)
-    assert told_json["error"] == found.error
-    assert len(told_json["accuracy"]["decisions"]) == len(found.accuracy.decisions)
+    data = json.loads(capsys.readouterr().out)
+    assert data["error"] == found.error
+    assert len(data["accuracy"]["decisions"]) == len(found.accuracy.decisions)
     assert run([*command[:2], "--accuracy", "1e-3", "--rtol", "1e-6"]) == 2
     assert run([*command[:2], "--accuracy", "tiny"]) == 2
 
@@ -325,8 +330,8 @@ def test_outputs_that_vary_by_rounding_only_are_not_assessed() -> None:
 
 def test_a_rate_of_rounding_alone_next_to_fast_motion() -> None:
     """No other output of its kind is recorded whose size it could be compared with."""
-    course = np.linspace(0.0, 1.0, 5)
-    values = np.column_stack([1e-14 * np.sin(9.0 * course), course])
+    history = np.linspace(0.0, 1.0, 5)
+    values = np.column_stack([1e-14 * np.sin(9.0 * history), history])
     names, variation = ["b.wz", "b.x"], np.ptp(values, axis=0)
     for level, expected in ((5e-12, [False, True]), (1e-18, [True, True])):
         levels = np.full(2, level)
@@ -417,10 +422,10 @@ def test_shape_functions_of_requested_coordinates_are_retained_without_a_run() -
     few = simulated(scene, sid, accuracy=1e-3)
     none = simulated(spun(0.8, 20.0, outputs={"record": names[:1]}), sid, accuracy=1e-3)
     one, three = (np.abs(few[f"arm.q{n}"]).max() for n in (1, 3))
-    kept = {d.number: d for d in few.accuracy.decisions if d.number in (1, 3)}
-    assert all(decision.kept for decision in kept.values())
-    assert kept[1].effect == pytest.approx(one, rel=1e-2)
-    assert kept[3].effect == pytest.approx(three, rel=1e-2)
+    retained = {d.number: d for d in few.accuracy.decisions if d.number in (1, 3)}
+    assert all(decision.kept for decision in retained.values())
+    assert retained[1].effect == pytest.approx(one, rel=1e-2)
+    assert retained[3].effect == pytest.approx(three, rel=1e-2)
     assert few.accuracy.runs < none.accuracy.runs
 
 

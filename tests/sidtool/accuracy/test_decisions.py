@@ -48,9 +48,11 @@ def test_a_disc_that_spins_fast_needs_quadratic_inertia(
         }
     )
     found = sidtool.simulate(scene, sids={"arm": ring()}, accuracy=1e-4)
-    told = next(d for d in found.accuracy.decisions if d.what == "quadratic inertia")
-    assert told.kept is kept
-    assert told.sentence.endswith("kept" if kept else "dropped")
+    decision = next(
+        d for d in found.accuracy.decisions if d.what == "quadratic inertia"
+    )
+    assert decision.kept is kept
+    assert decision.sentence.endswith("kept" if kept else "dropped")
 
     def rates(_: float, state: np.ndarray) -> list[float]:
         _, q, v = state
@@ -79,8 +81,10 @@ def test_in_space_fast_spin_needs_stiffening_and_slow_spin_does_not(
     )
     sid = cantilever(2, stiffened=True)
     found = sidtool.simulate(scene, sids={"arm": sid}, accuracy=2e-2)
-    told = next(d for d in found.accuracy.decisions if d.what == "geometric stiffening")
-    assert told.kept is kept
+    decision = next(
+        d for d in found.accuracy.decisions if d.what == "geometric stiffening"
+    )
+    assert decision.kept is kept
     exact = sidtool.simulate(scene, sids={"arm": sid}, rtol=1e-9)["arm.tip.uy"]
     error = np.abs(found["arm.tip.uy"] - exact).max() / np.ptp(exact)
     assert error <= 2e-2

@@ -102,10 +102,10 @@ def test_changes_by_digits_stay_below_their_estimate(case: str) -> None:
     for text in ("%.4e", "%.5e", "%.6e", "%.8e", "%.6f", "%.8f"):
         poor = reprinted(sid, text)
         changes = np.abs(columns(scene, poor) - exact).max(axis=0)
-        told = digits_told(scene, poor)
-        judged = told > 0.0
+        estimates = digits_told(scene, poor)
+        judged = estimates > 0.0
         assert judged.any()
-        ratios += (told[judged] / changes[judged]).tolist()
+        ratios += (estimates[judged] / changes[judged]).tolist()
     assert min(ratios) >= 1.0 and np.median(ratios) < 40.0
 
 
@@ -144,8 +144,8 @@ def test_twelve_digits_cost_no_run(tmp_path: Path) -> None:
     found = sidtool.simulate(scene, sids={"arm": poor}, accuracy=1e-3)
     whole = sidtool.simulate(scene, sids={"arm": cantilever(3)}, accuracy=1e-3)
     assert found.accuracy.runs == whole.accuracy.runs
-    told = [text for text in found.accuracy.sentences if "digits" in text]
-    assert told == ["12 digits of arm: far below what is asked for"]
+    sentences = [text for text in found.accuracy.sentences if "digits" in text]
+    assert sentences == ["12 digits of arm: far below what is asked for"]
 
 
 def test_too_few_digits_are_refused_for_a_tight_request() -> None:

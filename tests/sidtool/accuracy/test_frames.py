@@ -33,12 +33,14 @@ def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def frames(found: sidtool.Result) -> tuple[dict[str, float], str]:
     """What small deformations leave out, of what was measured, and the sentence."""
-    told = [text for text in found.accuracy.sentences if text.startswith("frames:")]
-    assert len(told) == 1
+    sentences = [
+        text for text in found.accuracy.sentences if text.startswith("frames:")
+    ]
+    assert len(sentences) == 1
     left = {o.name: o.theory for o in found.accuracy.outputs if o.theory is not None}
     lines = [line for line in found.accuracy.budget if line.part == "theory"]
     assert len(lines) == bool(left)
-    return left, told[0]
+    return left, sentences[0]
 
 
 def sagging(gravity: float, **changes: Any) -> SceneFile:
@@ -65,12 +67,12 @@ def exact() -> sidtool.Result:
 def test_a_strongly_bent_arm_is_put_in_the_frame_with_less_error(
     exact: sidtool.Result,
 ) -> None:
-    bare = {"arm": cantilever(2)}
-    found = sidtool.simulate(sagging(1.0), sids=bare, accuracy=0.3)
-    own = richest(bare["arm"])
-    left, told = frames(found)
-    assert "mean axes of arm, in which bodies deform least" in told
-    better = richest(change_frame(bare["arm"], "buckens:1"))
+    sids = {"arm": cantilever(2)}
+    found = sidtool.simulate(sagging(1.0), sids=sids, accuracy=0.3)
+    own = richest(sids["arm"])
+    left, sentence = frames(found)
+    assert "mean axes of arm, in which bodies deform least" in sentence
+    better = richest(change_frame(sids["arm"], "buckens:1"))
     errors = found.accuracy.absolute()
     for name in RECORD:
         assert apart(better, exact, name) < 0.6 * apart(own, exact, name)
@@ -78,7 +80,7 @@ def test_a_strongly_bent_arm_is_put_in_the_frame_with_less_error(
         assert apart(found, exact, name) < errors[name] + left[name]
         assert max(apart(found, other, name) for other in (own, better)) < errors[name]
         assert found.error[name] < 0.3
-    again = sidtool.simulate(sagging(1.0), sids=bare, accuracy=0.3)
+    again = sidtool.simulate(sagging(1.0), sids=sids, accuracy=0.3)
     assert not again.accuracy.searched
     assert np.array_equal(again["arm.tip.x"], found["arm.tip.x"])
 
@@ -91,27 +93,29 @@ def test_damping_is_the_same_in_all_frames(law: dict[str, Any]) -> None:
     """A law of the scene is a matrix in the SID, in whose frame it holds: mass matrices
     and modes are others in mean axes, which were damped otherwise."""
     arm = {"sid": "arm", "markers": {"root": 1, "tip": 2}}
-    bare = cantilever(2)
+    sids = cantilever(2)
     ratio = law.get("ratio", 0.0)
-    squares, modes = scipy.linalg.eigh(bare.Ke.m0, bare.Me.m0)
-    weighted = bare.Me.m0 @ modes
+    squares, modes = scipy.linalg.eigh(sids.Ke.m0, sids.Me.m0)
+    weighted = sids.Me.m0 @ modes
     matrix = (weighted * 2.0 * ratio * np.sqrt(squares)) @ weighted.T
-    matrix = matrix + law.get("alpha", 0.0) * bare.Me.m0
+    matrix = matrix + law.get("alpha", 0.0) * sids.Me.m0
     found = [
         sidtool.simulate(
             sagging(1.0, bodies={"arm": arm | more}), sids={"arm": sid}, accuracy=0.04
         )
         for more, sid in (
-            ({"damping": law}, bare),
-            ({"damping": law}, bare),
-            ({}, replace(bare, De=Taylor(matrix))),
+            ({"damping": law}, sids),
+            ({"damping": law}, sids),
+            ({}, replace(sids, De=Taylor(matrix))),
         )
     ]
-    told = [frames(one) for one in found]
-    assert "mean axes of arm, in which bodies deform least" in told[0][1]
+    results_of_frames = [frames(one) for one in found]
+    assert "mean axes of arm, in which bodies deform least" in results_of_frames[0][1]
     assert [one.accuracy.searched for one in found] == [True, False, True]
     for name in RECORD:
-        assert told[0][0][name] == pytest.approx(told[2][0][name], rel=1e-3)
+        assert results_of_frames[0][0][name] == pytest.approx(
+            results_of_frames[2][0][name], rel=1e-3
+        )
         assert np.array_equal(found[0][name], found[1][name])
         errors = sum(one.accuracy.absolute()[name] for one in found[::2])
         assert apart(found[0], found[2], name) < errors
@@ -121,11 +125,13 @@ def test_without_a_better_frame_that_of_the_scene_is_kept(
     exact: sidtool.Result,
 ) -> None:
     """No model without stiffening is as exact as that, which a note says."""
-    bare = {"arm": cantilever(2)}
-    found = sidtool.simulate(sagging(1.0), sids=bare, accuracy=1e-3)
-    own = richest(bare["arm"])
-    left, told = frames(found)
-    assert "their own" in told and "a SID of arm with geometric stiffening" in told
+    sids = {"arm": cantilever(2)}
+    found = sidtool.simulate(sagging(1.0), sids=sids, accuracy=1e-3)
+    own = richest(sids["arm"])
+    left, sentence = frames(found)
+    assert (
+        "their own" in sentence and "a SID of arm with geometric stiffening" in sentence
+    )
     errors = found.accuracy.absolute()
     for name in RECORD:
         assert apart(found, own, name) < errors[name]
@@ -139,18 +145,18 @@ def test_without_a_better_frame_that_of_the_scene_is_kept(
 )
 def test_outputs_relative_to_a_frame_keep_it(seen: str) -> None:
     """The place of the frame and displacements from it: also judged in others."""
-    bare = {"arm": cantilever(2)}
+    sids = {"arm": cantilever(2)}
     pin = {"pin": {"type": "revolute", "markers": ["ground", "arm.tip"]}}
     start = {"position": [-1.0, 0.0]}
     arm = {"sid": "arm", "markers": {"root": 1, "tip": 2}, "initial": start}
     outputs = {"record": ["arm.root.y", "arm.q1", seen]}
     scene = sagging(0.1, joints=pin, bodies={"arm": arm}, outputs=outputs)
-    found = sidtool.simulate(scene, sids=bare, accuracy=0.05)
-    left, told = frames(found)
+    found = sidtool.simulate(scene, sids=sids, accuracy=0.05)
+    left, sentence = frames(found)
     if seen.endswith("_body"):
-        assert not left and "those of arm belong to what the scene says" in told
+        assert not left and "those of arm belong to what the scene says" in sentence
         return
-    assert "their own" in told and f"and what {seen} means" in told
+    assert "their own" in sentence and f"and what {seen} means" in sentence
     assert left["arm.q1"] > 0.0
     rows = {o.name: o.variation for o in found.accuracy.outputs}
     assert 0.0 < left[seen] < 0.2 * rows[seen]
@@ -163,9 +169,9 @@ def test_arms_that_start_bent_keep_their_frame() -> None:
     found = sidtool.simulate(
         sagging(0.3, bodies={"arm": body}), sids={"arm": sid}, accuracy=0.2
     )
-    left, told = frames(found)
+    left, sentence = frames(found)
     assert not left
-    assert told == "frames: not judged; those of arm belong to what the scene says"
+    assert sentence == "frames: not judged; those of arm belong to what the scene says"
 
 
 def test_frames_of_stiffened_arms_report_their_neglected_terms() -> None:
@@ -178,8 +184,8 @@ def test_frames_of_stiffened_arms_report_their_neglected_terms() -> None:
         for s in (sid, change_frame(sid, "buckens:1"))
     )
     for found in (tangent, mean):
-        left, told = frames(found)
-        assert "their own" in told
+        left, sentence = frames(found)
+        assert "their own" in sentence
         for name in RECORD:
             assert left[name] > apart(tangent, mean, name) - 0.01 * left[name]
 
@@ -193,13 +199,13 @@ def test_frames_without_a_run_change_less_than_estimated(stiffened: bool) -> Non
             for s in (sid, change_frame(sid, "buckens:1"))
         )
         for name in RECORD:
-            seen = apart(one, other, name) / np.ptp(one[name])
-            assert seen <= NEGLECT_FACTOR * neglected_order("arm", one)
+            observed = apart(one, other, name) / np.ptp(one[name])
+            assert observed <= NEGLECT_FACTOR * neglected_order("arm", one)
 
 
 def test_a_stiff_arm_is_not_run_in_other_frames() -> None:
     sid = cantilever(2, stiffened=True)
     scene = swinging(0.4, gravity=[0.0, -0.03])
     found = sidtool.simulate(scene, sids={"arm": sid}, accuracy=1e-2)
-    left, told = frames(found)
-    assert not left and "deforms so little" in told
+    left, sentence = frames(found)
+    assert not left and "deforms so little" in sentence

@@ -82,8 +82,8 @@ def test_a_long_motion_is_run_to_its_end_a_few_times_only(
     assert found.accuracy is not None
     whole = sum(end == scene.time.end for end in ends)
     assert 2 <= whole <= 7 < len(ends) == found.accuracy.runs
-    told = [s for s in found.accuracy.sentences if s.startswith("long runs")]
-    assert len(told) == 1
+    sentences = [s for s in found.accuracy.sentences if s.startswith("long runs")]
+    assert len(sentences) == 1
     assert found.accuracy.decisions
 
 
@@ -102,8 +102,8 @@ def test_the_run_that_proves_the_model_is_the_one_that_is_delivered(
     assert expected.accuracy is not None and not expected.accuracy.searched
     for table in ("t", "values", "positions", "velocities", "multipliers"):
         assert np.array_equal(getattr(found, table), getattr(expected, table))
-    for told in ("notes", "scene", "settings", "names", "drift", "error"):
-        assert getattr(found, told) == getattr(expected, told)
+    for attribute in ("notes", "scene", "settings", "names", "drift", "error"):
+        assert getattr(found, attribute) == getattr(expected, attribute)
 
 
 def test_a_motion_that_begins_late_is_not_judged_by_its_beginning(
@@ -167,8 +167,8 @@ def test_where_choices_in_a_part_cost_too_much_a_few_whole_runs_do(
     assert any(s.startswith("few runs") for s in found.accuracy.sentences)
     lines = {line.part: line for line in found.accuracy.budget}
     assert max(lines["integration"].errors.values()) > 0.0
-    kept = found.sids["arm"].nq, lines["shape functions"].choice
-    assert f" of {kept[0]}" in kept[1]
+    retained = found.sids["arm"].nq, lines["shape functions"].choice
+    assert f" of {retained[0]}" in retained[1]
 
 
 def test_shape_functions_of_little_energy_are_omitted_by_few_runs(
@@ -177,7 +177,7 @@ def test_shape_functions_of_little_energy_are_omitted_by_few_runs(
     """Here the smallest model is taken to be the fastest."""
 
     def size(_: Any, choice: candidates.Choice, *__: Any, **___: Any) -> float:
-        return float(sum(len(kept) for _, kept in choice.kept))
+        return float(sum(len(retained) for _, retained in choice.kept))
 
     monkeypatch.setattr(runs_.Runs, "seconds", size)
     monkeypatch.setattr(long, "MAX_FULL_RUNS", 0.0)
@@ -201,8 +201,10 @@ def test_short_runs_that_were_taken_for_long_ones_are_searched_as_a_whole() -> N
         SLIDER_CRANK / "slider_crank.toml", integrator="radau13", rtol=1e-10
     )
     for name, error in found.error.items():
-        apart = np.abs(found[name] - expected[name]).max() / np.ptp(expected[name])
-        assert apart <= error <= 1e-2
+        differences = np.abs(found[name] - expected[name]).max() / np.ptp(
+            expected[name]
+        )
+        assert differences <= error <= 1e-2
 
 
 def test_large_deformations_at_the_start_are_reported_before_long_runs(

@@ -62,8 +62,8 @@ def test_a_point_force_has_mesh_errors_that_do_not_decrease() -> None:
     assert found.accuracy is not None
     (mesh,) = (line for line in found.accuracy.budget if line.part == "mesh")
     assert 2.5 * ADDS < mesh.errors["block.tip.ux"] < 3.5 * ADDS
-    (told,) = (s for s in found.accuracy.sentences if s.startswith("mesh of block"))
-    assert "changes hardly get smaller" in told and "force at a point" in told
+    (sentence,) = (s for s in found.accuracy.sentences if s.startswith("mesh of block"))
+    assert "changes hardly get smaller" in sentence and "force at a point" in sentence
     with pytest.raises(sidtool.InputError, match="force at a point") as refused:
         pulled(4).simulate(accuracy={"block.tip.ux": "1e-4 m"})
     assert "tip of block" in (refused.value.expected or "")
@@ -155,8 +155,8 @@ def test_elastic_coordinates_are_judged_where_another_mesh_has_them_too() -> Non
     )
     report = scene.simulate(accuracy=1e-2).accuracy
     assert report is not None
-    told = "not judged over meshes and modes, whose shape functions differ: link.q1, "
-    assert any(s.startswith(told) for s in report.sentences)
+    text = "not judged over meshes and modes, whose shape functions differ: link.q1, "
+    assert any(s.startswith(text) for s in report.sentences)
 
 
 def test_a_model_of_many_modes_is_compared_with_more(
@@ -267,9 +267,9 @@ def test_changes_by_steps_are_not_taken_for_those_by_meshes() -> None:
         outputs={"record": ["load.y", "shoulder_motor.mz"]},
     )
     found = arm.simulate(accuracy={"load.y": "1e-5 m", "shoulder_motor.mz": "0.1 %"})
-    told = found.accuracy.sentences
-    assert any(s.startswith("mesh of fore: halved once") for s in told)
-    assert not any("hardly get smaller" in s for s in told)
+    sentences = found.accuracy.sentences
+    assert any(s.startswith("mesh of fore: halved once") for s in sentences)
+    assert not any("hardly get smaller" in s for s in sentences)
 
 
 def blade(name: str, elements: int, **reduction: Any) -> sidtool.Scene:
@@ -311,10 +311,10 @@ def test_how_far_its_own_rotation_stretches_a_body_is_judged() -> None:
     found = coarse.simulate(accuracy={"axle.angle": "1e-5 rad"})
     estimate = found.accuracy.absolute()["axle.angle"]
     assert abs(found["axle.angle"] - true).max() < estimate <= 1e-5
-    told = (
+    text = (
         "static shape functions of blade for its own inertia, and for loads at root: "
     )
-    (line,) = (s for s in found.accuracy.sentences if s.startswith(told))
+    (line,) = (s for s in found.accuracy.sentences if s.startswith(text))
     assert line.endswith("rad in axle.angle, kept")
 
 
@@ -356,5 +356,5 @@ def test_elastic_coordinates_of_a_coupler_are_judged() -> None:
         drives={"turn": {"joint": "crank_pin", "function": speed}},
         outputs={"record": ["link.q1"]},
     )
-    told = scene.simulate(accuracy={"link.q1": 1e-2}).accuracy.sentences
-    assert any(s.startswith("mesh of link: halved once") for s in told)
+    sentences = scene.simulate(accuracy={"link.q1": 1e-2}).accuracy.sentences
+    assert any(s.startswith("mesh of link: halved once") for s in sentences)

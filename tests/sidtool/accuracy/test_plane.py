@@ -53,8 +53,8 @@ def test_a_spatial_scene_whose_motion_is_planar_is_solved_in_the_plane() -> None
     names = ["arm.tip.x", "arm.tip.vy", "arm.tip.z", "pin.fx", "pin.mz", "pin.angle"]
     scene, sid = flat_in_space(names)
     found = simulated(scene, sid, accuracy=1e-4)
-    told = next(d for d in found.accuracy.decisions if d.what == "space")
-    assert told.sentence.endswith(", solved in the plane") and not told.kept
+    decision = next(d for d in found.accuracy.decisions if d.what == "space")
+    assert decision.sentence.endswith(", solved in the plane") and not decision.kept
     assert json.loads(found.scene)["dimension"] == "planar"
     expected = simulated(finest(scene), sid, **TIGHT)
     for name in set(found.error):

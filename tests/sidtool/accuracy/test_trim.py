@@ -42,10 +42,10 @@ def test_the_small_body_moves_as_the_whole_one(
     small = tmp_path / "small.SID_FEM"
     command = ["trim", str(tmp_path / "arm.h5"), str(tmp_path / "scene.json")]
     assert run([*command, "-o", str(small), "--accuracy", "arm.tip.y=1e-4"]) == 0
-    told = capsys.readouterr().out
+    stdout = capsys.readouterr().out
     left = read_sid(small)
-    assert 0 < left.nq < sid.nq and f"{left.nq} of 4 shape functions" in told
-    assert "arm.tip.y: " in told and "allowed" in told
+    assert 0 < left.nq < sid.nq and f"{left.nq} of 4 shape functions" in stdout
+    assert "arm.tip.y: " in stdout and "allowed" in stdout
     whole = sidtool.simulate(finest(scene), sids={"arm": sid}, **TIGHT)
     few = sidtool.simulate(finest(scene), sids={"arm": left}, **TIGHT)
     error = np.abs(few["arm.tip.y"] - whole["arm.tip.y"]).max()

@@ -203,11 +203,11 @@ def test_copies_of_unread_results_have_their_notes(
     founding: sidtool.Scene,
 ) -> None:
     run = founding.compile(rigid=["rod"]).run
-    kept, other = pickle.loads(pickle.dumps(run())), replace(run(), title="other")
+    stored, other = pickle.loads(pickle.dumps(run())), replace(run(), title="other")
     expected = run()
     assert expected.notes[0].startswith("simulated as rigid")
-    assert kept.notes == other.notes == expected.notes
-    assert other.title == "other" and kept.bodies == expected.bodies
+    assert stored.notes == other.notes == expected.notes
+    assert other.title == "other" and stored.bodies == expected.bodies
     with pytest.raises(AttributeError, match="no 'nothing'"):
         _ = expected.nothing
 

@@ -69,12 +69,12 @@ def test_warnings_name_the_line_of_the_caller(tmp_path: Path) -> None:
     model = sidtool.Model.load(
         Path(sidtool.__file__).parents[1] / "examples/beam/beam.toml"
     ).with_({"reduction.modes": 1, "material.density": 7.85})
-    with warnings.catch_warnings(record=True) as seen:
+    with warnings.catch_warnings(record=True) as observed:
         warnings.simplefilter("always")
         model.convert()
         warn_caller("here")
-    assert len(seen) > 1
-    assert {Path(w.filename).name for w in seen} == {Path(__file__).name}
+    assert len(observed) > 1
+    assert {Path(w.filename).name for w in observed} == {Path(__file__).name}
 
 
 def test_missing_tables_list_their_types() -> None:

@@ -350,9 +350,9 @@ speed = 0.01
         encoding="utf-8",
     )
     assert run(["info", str(scene)]) == 0
-    told = capsys.readouterr().out
-    assert "rod_q4.SID_FEM, damping frequency, quadratic inertia" in told
-    assert "slider, displacement" in told
+    stdout = capsys.readouterr().out
+    assert "rod_q4.SID_FEM, damping frequency, quadratic inertia" in stdout
+    assert "slider, displacement" in stdout
 
 
 @pytest.mark.parametrize("kind", ["model", "scene", "reference"])

@@ -78,8 +78,8 @@ def test_a_start_that_is_no_steady_motion_has_no_modes(
     target = pendulum.with_name("modes.json")
     command = ["analyse", "modes", str(pendulum), "--about", "start", "-o", str(target)]
     assert run(command) == 1
-    told = capsys.readouterr()
-    assert "no natural modes" in told.err and "Hz" not in told.out
+    printed = capsys.readouterr()
+    assert "no natural modes" in printed.err and "Hz" not in printed.out
     assert not target.exists()
     assert run([*command, "--frozen"]) == 0
     assert "frozen" in capsys.readouterr().out

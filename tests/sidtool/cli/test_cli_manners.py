@@ -49,14 +49,14 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[Any, str]
 
 def test_numbers_as_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "r.h5"
-    told, err = said(capsys, "simulate", SCENE, *SHORT, "-o", target)
-    assert told["completed"] and told["times"]["count"] == 11
+    data, err = said(capsys, "simulate", SCENE, *SHORT, "-o", target)
+    assert data["completed"] and data["times"]["count"] == 11
     assert f"{target} written" in err and "frequencies" in err
     known, _ = said(capsys, "info", target)
     result = sidtool.read(target)
     assert known["outputs"]["piston.x"]["last"] == result["piston.x"][-1]
     assert known["outputs"]["piston.x"]["unit"] == "m"
-    assert known["counters"] == told["counters"]
+    assert known["counters"] == data["counters"]
     sid, _ = said(capsys, "info", SID)
     assert sid["modes"][0]["frequency"] == pytest.approx(31.7011, abs=1e-4)
     other, _ = said(capsys, "convert", SID, "-o", tmp_path / "rod.h5")

@@ -106,10 +106,10 @@ def test_many_flexible_bodies_fit_on_a_page() -> None:
     from sidtool.formats.result import Excitation, FlexibleBody
     from sidtool.report.result import expected_body_lines
 
-    still = FlexibleBody(1.0, Excitation(), LoadStiffening())
+    fixed = FlexibleBody(1.0, Excitation(), LoadStiffening())
     spun = FlexibleBody(1.0, Excitation(), LoadStiffening(0.5, "rotation of 1 rad/s"))
     lines = expected_body_lines(
-        {f"b{i}": still for i in range(20)} | {"last": spun}
+        {f"b{i}": fixed for i in range(20)} | {"last": spun}
     ).splitlines()
     assert len(lines) == 9
     assert lines[0].startswith("last ") and "and 13 bodies with less" in lines[-1]

@@ -40,8 +40,8 @@ def test_text_beyond_the_code_page_is_escaped(
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    said = done.stdout.decode(encoding)
-    assert (TITLE if encoding == "utf-8" and not option else r"\u2192") in said
+    stdout = done.stdout.decode(encoding)
+    assert (TITLE if encoding == "utf-8" and not option else r"\u2192") in stdout
     assert b"Traceback" not in done.stderr
 
 

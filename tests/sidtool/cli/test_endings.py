@@ -134,9 +134,9 @@ def test_commands_refuse_them_before_any_work(
     words = [w for i, w in enumerate(words) if not (i == 1 and w.startswith("--"))]
     for ending in endings:
         assert run([*words, f"x{ending}"]) == 2
-        told = capsys.readouterr().err
+        stderr = capsys.readouterr().err
         said = ("which the ending", "it has no ending", "and the ending")
-        assert any(words in told for words in said), told
+        assert any(words in stderr for words in said), stderr
     assert set(tmp_path.iterdir()) == before
 
 

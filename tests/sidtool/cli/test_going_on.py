@@ -226,10 +226,10 @@ def test_runs_that_cannot_continue_give_the_reason() -> None:
 
 
 def test_a_second_signal_is_answered_as_before() -> None:
-    with pytest.raises(KeyboardInterrupt), stop_on_signals("SIGINT") as asked:
-        assert asked() == ""
+    with pytest.raises(KeyboardInterrupt), stop_on_signals("SIGINT") as requested:
+        assert requested() == ""
         signal.raise_signal(signal.SIGINT)
-        assert asked() == "ended by Ctrl-C"
+        assert requested() == "ended by Ctrl-C"
         signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 

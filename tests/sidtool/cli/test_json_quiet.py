@@ -133,10 +133,10 @@ def test_quiet_commands_print_their_notes_and_nothing_else(
     good = poor.replace('"modal"', '"attachment"\ninterfaces = ["tip"]')
     assert good != poor
     Path("good.toml").write_text(good, encoding="utf-8")
-    for model, told in (("beam.toml", True), ("good.toml", False)):
+    for model, has_notes in (("beam.toml", True), ("good.toml", False)):
         assert run(["convert", model, "-o", "q.SID_FEM", "--quiet", "--force"]) == 0
         out, err = capfd.readouterr()
-        assert out == "" and bool(err) == told
+        assert out == "" and bool(err) == has_notes
         assert all(line.startswith("note: ") for line in err.splitlines())
     remarks = ["a remark"]
     monkeypatch.setattr("sidtool.view.html_report.write_report", lambda *_: remarks)

@@ -226,10 +226,10 @@ def test_a_killed_study_leaves_no_folder_half_filled(
     """Before its runs there is no folder yet; while it plots no text either."""
     done = killed(folder, STUDY, None, f"module.{stop}", module)
     assert done.returncode == KILLED
-    made = names(folder) - {"slider_crank.toml", "rod_q4.SID_FEM"}
+    created = names(folder) - {"slider_crank.toml", "rod_q4.SID_FEM"}
     if stop == "study":
-        assert made == set()
-    assert not any(name.endswith((".txt", ".png")) for name in made)
+        assert created == set()
+    assert not any(name.endswith((".txt", ".png")) for name in created)
 
 
 def test_a_study_first_refuses_a_folder_that_cannot_be_made(

@@ -58,8 +58,8 @@ def test_analyses_of_one_state_need_no_output_times(
     assert "no output times" in capsys.readouterr().out
     for command in (["simulate"], ["analyse", "inverse"]):
         assert run([*command, "s.toml", "-o", "r.h5"]) == 2
-        told = capsys.readouterr().err
-        assert "time: neither is given" in told or "can move" in told
+        stderr = capsys.readouterr().err
+        assert "time: neither is given" in stderr or "can move" in stderr
     assert not Path("r.h5").exists()
     with pytest.raises(sidtool.InputError, match="time: neither is given"):
         scene.simulate()
@@ -75,14 +75,14 @@ def test_trim_prints_its_numbers_as_data(
     words = ["trim", str(SID), str(tmp_path / "s.toml"), "-o", str(small), "--json"]
     assert run([*words, "--accuracy", "piston.x=1e-2"]) == 0
     out, err = capsys.readouterr()
-    told = json.loads(out)
+    data = json.loads(out)
     sid = sidtool.read(small)
-    assert told["bodies"] == ["rod"] and told["shape_functions"]["of"] == 5
-    assert len(told["shape_functions"]["kept"]) == sid.nq < 5
-    assert told["nodes"]["kept"] == [node.id for node in sid.nodes]
-    (output,) = told["accuracy"]["outputs"]
+    assert data["bodies"] == ["rod"] and data["shape_functions"]["of"] == 5
+    assert len(data["shape_functions"]["kept"]) == sid.nq < 5
+    assert data["nodes"]["kept"] == [node.id for node in sid.nodes]
+    (output,) = data["accuracy"]["outputs"]
     assert output["name"] == "piston.x" and 0 <= output["error"] <= output["allowed"]
-    assert "written" in err and told["sentences"]
+    assert "written" in err and data["sentences"]
 
 
 def test_a_run_with_friction_continues(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,10 +150,10 @@ def test_a_sampled_loop_that_runs_away_is_named(gain: float, unstable: bool) -> 
         },
     )
     result = scene.simulate()
-    told = [note for note in result.notes if "looks unstable" in note]
-    assert bool(told) == unstable
+    notes = [note for note in result.notes if "looks unstable" in note]
+    assert bool(notes) == unstable
     if unstable:
-        assert "pull every 0.2 s" in told[0] and "sample_time" in told[0]
+        assert "pull every 0.2 s" in notes[0] and "sample_time" in notes[0]
         v = result["block.vx"]
         factor = 1 - 0.2 * gain / 1.5
         np.testing.assert_allclose(v[-1] / v[-2], factor, rtol=1e-3)

@@ -125,8 +125,8 @@ def assert_one_way(shares: list[float | None]) -> None:
 
 def test_weights_of_stages_correct_the_remaining_time() -> None:
     """Whatever parts take, each ends where its estimate says; nothing falls."""
-    told: Told = []
-    with use_listener(lambda text, share: told.append((text, share))):
+    reports: Told = []
+    with use_listener(lambda text, share: reports.append((text, share))):
         report_stage("before")
         with count_within(
             NamedStages({"mesh": 1.0, "modes": 3.0, "nothing": 0.0})
@@ -144,7 +144,7 @@ def test_weights_of_stages_correct_the_remaining_time() -> None:
             report_stage("nothing")
         report_stage("after", 0.1)
     steps_ = [0.25 + 0.75 * s for s in (0.25, 0.75, 5 / 6, 7 / 8)]
-    assert [share for _, share in told] == pytest.approx(
+    assert [share for _, share in reports] == pytest.approx(
         [None, 0.0, 0.125, *(s for s in steps_ for _ in range(2)), 1.0, 0.1]
     )
 
@@ -161,12 +161,12 @@ def test_the_remaining_time_follows_the_pace_so_far() -> None:
 
 def test_kernels_are_counted(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
     """Three groups of four kernels, without processes: each as it is ready."""
-    made: list[str] = []
-    monkeypatch.setattr(precompile, "_compile_here", made.append)
+    created: list[str] = []
+    monkeypatch.setattr(precompile, "_compile_here", created.append)
     monkeypatch.setattr(precompile.kernel_cache, "is_writable", lambda: False)
     with use_listener(lambda text, share: told.append((text, share))):
         precompile._compile([("a", "b"), ("c",), ("d",)], None)
-    assert made == ["a", "b", "c", "d"]
+    assert created == ["a", "b", "c", "d"]
     assert [share for _, share in told] == [0.0, 0.5, 0.75, 1.0]
 
 
@@ -190,9 +190,11 @@ def counting(seconds: float = 0.0) -> None:
 def test_a_terminal_shows_progress_and_remaining_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    seen = shown(lambda: counting(0.05), monkeypatch)
-    lines = [line for line in re.split(r"[\r\n]", seen) if "counting sheep" in line]
-    assert any(re.search(r"\d+% 0:00:0\d left 0:00:0\d", line) for line in lines), seen
+    visible = shown(lambda: counting(0.05), monkeypatch)
+    lines = [line for line in re.split(r"[\r\n]", visible) if "counting sheep" in line]
+    assert any(re.search(r"\d+% 0:00:0\d left 0:00:0\d", line) for line in lines), (
+        visible
+    )
 
 
 def test_short_work_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -207,8 +209,8 @@ def test_work_without_a_known_fraction_shows_the_elapsed_time(
             report_stage(text)
             time.sleep(0.15)
 
-    seen = shown(work, monkeypatch)
-    assert "first [x]" in seen and "then" in seen and "%" not in seen
+    visible = shown(work, monkeypatch)
+    assert "first [x]" in visible and "then" in visible and "%" not in visible
 
 
 def test_work_without_reports_shows_the_elapsed_time(
@@ -220,9 +222,9 @@ def test_work_without_reports_shows_the_elapsed_time(
         report_stage("factorising")
         time.sleep(1.5)
 
-    seen = shown(work, monkeypatch, patience=0.1)
-    assert "factorising" in seen and {"0:00:00", "0:00:01"} <= set(
-        re.findall(r"\d:\d\d:\d\d", seen)
+    visible = shown(work, monkeypatch, patience=0.1)
+    assert "factorising" in visible and {"0:00:00", "0:00:01"} <= set(
+        re.findall(r"\d:\d\d:\d\d", visible)
     )
 
 
@@ -232,10 +234,10 @@ def test_quiet_silences_it(
 ) -> None:
     words = ["simulate", SCENE, *SHORT, "-o", str(tmp_path / "r.h5")]
     words += ["--quiet"] if quiet else []
-    seen = shown(lambda: assert_done(words), monkeypatch)
-    assert ("simulating" in seen) != quiet
+    visible = shown(lambda: assert_done(words), monkeypatch)
+    assert ("simulating" in visible) != quiet
     if quiet:
-        assert seen == ""
+        assert visible == ""
 
 
 def assert_done(words: list[str]) -> None:

@@ -237,8 +237,8 @@ def test_a_result_that_cannot_replace_its_target_is_stored(
     monkeypatch.setattr(atomic, "flush_to_disk", flush_to_disk)
     short = ["--set", "time.end=0.1"]
     assert run(["simulate", "slider_crank.toml", *short, "-o", name]) == 1
-    told, kept = capsys.readouterr(), name.replace(".", ".new1.")
-    assert "nothing was kept" not in told.err and kept in told.err
-    assert (folder / kept).stat().st_size > 100
+    told, stored = capsys.readouterr(), name.replace(".", ".new1.")
+    assert "nothing was kept" not in told.err and stored in told.err
+    assert (folder / stored).stat().st_size > 100
     if name.endswith(".h5"):
-        assert read_result(folder / kept).t[-1] == pytest.approx(0.1)
+        assert read_result(folder / stored).t[-1] == pytest.approx(0.1)

@@ -25,11 +25,11 @@ def assert_same(found: SID, expected: SID, *without: str) -> None:
     assert found.mass == pytest.approx(expected.mass)
     for name, block in expected.blocks.items():
         parts = (block.m0, block.first_order(expected.nq))
-        made = getattr(found, name)
+        created = getattr(found, name)
         size = max(np.abs(parts[0]).max(), 1e-6)
-        assert_allclose(made.m0, parts[0], atol=1e-9 * size, err_msg=name)
+        assert_allclose(created.m0, parts[0], atol=1e-9 * size, err_msg=name)
         if name not in without:
-            first = made.first_order(expected.nq)
+            first = created.first_order(expected.nq)
             size = max(np.abs(parts[1]).max(), 1e-6)
             assert_allclose(first, parts[1], atol=1e-9 * size, err_msg=name)
     for node in found.nodes:
@@ -52,7 +52,7 @@ def test_matrices_and_shape_functions(basis: Any, sparse: bool) -> None:
     matrices = [
         m[np.ix_(order, order)] for m in (network.mass_matrix, network.stiffness)
     ]
-    made = sidtool.sid_from_shapes(
+    created = sidtool.sid_from_shapes(
         *(sp.coo_array(m) if sparse else m for m in matrices),
         network.points,
         shapes[order],
@@ -61,18 +61,20 @@ def test_matrices_and_shape_functions(basis: Any, sparse: bool) -> None:
         origin=origin,
         damping=(0.0, 1e-4),
     )
-    assert_same(made, sid_of(network, lambda _: shapes, origin))
+    assert_same(created, sid_of(network, lambda _: shapes, origin))
     regular = sidtool.sid_from_shapes(
         network.mass_matrix, network.stiffness, network.points, shapes, {4: 0}
     )
-    assert_allclose(regular.Me.m0, made.Me.m0, atol=1e-9 * np.abs(made.Me.m0).max())
+    assert_allclose(
+        regular.Me.m0, created.Me.m0, atol=1e-9 * np.abs(created.Me.m0).max()
+    )
     assert [node.id for node in regular.nodes] == ["4"]
 
 
 def test_deformations_relative_to_mean_axes() -> None:
     """Clamped shape functions and a change of the frame against the free modes."""
     network = random_network(6, 5)
-    made = sidtool.sid_from_shapes(
+    created = sidtool.sid_from_shapes(
         network.mass_matrix,
         network.stiffness,
         network.points,
@@ -81,9 +83,9 @@ def test_deformations_relative_to_mean_axes() -> None:
         frame="buckens",
     )
     squares, _ = network.modes()
-    found = np.linalg.eigvals(np.linalg.solve(made.Me.m0, made.Ke.m0))
+    found = np.linalg.eigvals(np.linalg.solve(created.Me.m0, created.Ke.m0))
     assert_allclose(np.sort(found.real), squares, rtol=1e-8)
-    assert np.abs(made.Ct.m0).max() < 1e-9
+    assert np.abs(created.Ct.m0).max() < 1e-9
 
 
 @pytest.mark.parametrize("planar", [True, False])
@@ -99,8 +101,8 @@ def test_omitted_blocks_follow_from_the_others(planar: bool) -> None:
         if name in ("J", "Ct", "Cr", "Oe", "Me", "Ke")
     }
     blocks |= {"mdCM": expected.mdCM.m0[:, 0], "De": expected.De}
-    made = sidtool.sid_from_blocks(expected.mass, nodes, **blocks)
-    assert_same(made, expected)
+    created = sidtool.sid_from_blocks(expected.mass, nodes, **blocks)
+    assert_same(created, expected)
     assert_same(
         sidtool.sid_from_blocks(
             expected.mass, nodes, **{n: b for n, b in blocks.items() if n != "Oe"}

@@ -75,9 +75,9 @@ def test_stiffening_is_what_stress_does(part: str, frame: str, table: str) -> No
     """Also where it is of rotation alone, in a compact body with one shape function."""
     data, end = PARTS[part]()
     clamp = {"clamp": end} if frame == "tangent" else {}
-    asked, expected = TABLES[table]
+    requested, expected = TABLES[table]
     data |= {"frame": FRAMES[frame] | clamp}
-    data |= {} if asked is None else {"stiffening": asked}
+    data |= {} if requested is None else {"stiffening": requested}
     sid = sid_from_model(validate_data(data, ModelFile))
     assert has_stiffening(sid) is expected
 

@@ -345,9 +345,9 @@ def test_nodes_that_cannot_carry_a_frame_are_refused(sid: SID) -> None:
         change_frame(sid, "tangent:7")
     with pytest.raises(InputError, match="at the same place"):
         change_frame(sid, "chord:1,1")
-    still = [replace(n, psi=Taylor(np.zeros((3, 5)))) for n in sid.nodes]
+    fixed = [replace(n, psi=Taylor(np.zeros((3, 5)))) for n in sid.nodes]
     with pytest.raises(InputError, match="moves but tells no rotation"):
-        change_frame(replace(sid, nodes=tuple(still)), "tangent:2")
+        change_frame(replace(sid, nodes=tuple(fixed)), "tangent:2")
 
 
 def test_on_the_command_line(

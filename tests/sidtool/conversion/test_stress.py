@@ -236,9 +236,9 @@ def test_prestress_in_plane_strain_is_triaxial() -> None:
         data["stress"] = {"peak_points": 2}
         data["stiffening"] = {"prestress": {"stress": list(stress)}}
         sid = sid_from_model(validate_data(data, ModelFile))
-        told = [node.sigma.m0[:, 0] for node in sid.nodes if node.sigma is not None]
-        assert len(told) == 4
-        for sigma in told:
+        stresses = [node.sigma.m0[:, 0] for node in sid.nodes if node.sigma is not None]
+        assert len(stresses) == 4
+        for sigma in stresses:
             assert_allclose(sigma[[0, 1, 3]], stress, rtol=1e-12)
             assert sigma[2] == pytest.approx(ratio * (stress[0] + stress[1]), abs=1e-3)
 
@@ -378,8 +378,8 @@ def test_peak_of_pure_bending_is_that_of_the_surface(
     moment, modulus = 1000.0, 0.05**3 / 6
     q = np.linalg.solve(sid.Ke.m0, sid.node(2).psi.m0[2] * moment)
     assert peak_stress(sid, q[None])[0] == pytest.approx(moment / modulus, rel=1e-6)
-    told = [node for node in sid.nodes if node.sigma is not None]
-    best = max(told, key=lambda node: abs(node_stress(sid, int(node.id), q)[0]))
+    stressed = [node for node in sid.nodes if node.sigma is not None]
+    best = max(stressed, key=lambda node: abs(node_stress(sid, int(node.id), q)[0]))
     place = best.origin.m0[:, 0]
     assert abs(place[1]) == pytest.approx(0.025, rel=1e-9)
     # Of the line u = -y w'(x): rotation M x / (E I), no shift along the middle.
@@ -395,7 +395,7 @@ def test_peak_points_carry_the_stress_of_the_undeformed_body() -> None:
     pull = {"prestress": {"forces": {"tip": [2.0, 0.0]}}}
     table = data.model_dump(exclude_unset=True) | {"stiffening": pull}
     sid = sid_from_model(validate_data(table, ModelFile))
-    told = [node.sigma for node in sid.nodes if node.sigma is not None]
-    assert told
-    for sigma in told:
+    stresses = [node.sigma for node in sid.nodes if node.sigma is not None]
+    assert stresses
+    for sigma in stresses:
         assert_allclose(sigma.m0[:, 0], [2.0 / 0.05**2, 0, 0, 0, 0, 0], atol=1e-6)

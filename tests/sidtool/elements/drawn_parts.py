@@ -137,11 +137,13 @@ def _onto_arcs(
     for k, (a, b) in enumerate(edge_nodes(block.kind)):
         first, last = block.nodes[:, a], block.nodes[:, b]
         middle = block.nodes[:, count + k]
-        wanted = radius[first]
-        arc = np.isclose(wanted, radius[last], rtol=1e-9) & (wanted < outer * 1.000001)
+        expected = radius[first]
+        arc = np.isclose(expected, radius[last], rtol=1e-9) & (
+            expected < outer * 1.000001
+        )
         near = middle[arc]
         way = positions[near, :2] - centre
-        way *= (wanted[arc] / np.linalg.norm(way, axis=1))[:, None]
+        way *= (expected[arc] / np.linalg.norm(way, axis=1))[:, None]
         positions[near, :2] = centre + way
 
 

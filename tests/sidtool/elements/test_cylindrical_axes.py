@@ -98,8 +98,8 @@ def test_a_ring_under_pressure_is_that_of_lekhnitskii(
         radii = np.linalg.norm(places[:, :2], axis=1)
         normal = places * [1, 1, 0] / radii[:, None]
         found = _along(six, normal), _along(six, np.cross([0.0, 0.0, 1.0], normal))
-        apart = np.abs(np.subtract(found, lekhnitskii(radii, pressure)))
-        stress.append(apart.max() / pressure)
+        differences = np.abs(np.subtract(found, lekhnitskii(radii, pressure)))
+        stress.append(differences.max() / pressure)
     assert widening[1] < 0.28 * widening[0]
     assert widening[1] < 4e-3
     assert stress[1] < 0.55 * stress[0]
@@ -155,14 +155,14 @@ def test_other_units_of_length(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("SYSTEM=CYLINDRICAL", "SYSTEM=SPHERICAL", "neither a rectangular nor"),
         ("SYSTEM=CYLINDRICAL", "SYSTEM=Z RECTANGULAR", "neither a rectangular nor"),
     ],
 )
 def test_other_systems_are_refused(
-    old: str, new: str, said: str, tmp_path: Path
+    old: str, new: str, message: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         body(tmp_path, ring(WOOD).replace(old, new))

@@ -35,13 +35,13 @@ BARS = [
 
 
 def bar(
-    folder: Path, kind: str, counts: tuple[int, ...], said: str | None = None
+    folder: Path, kind: str, counts: tuple[int, ...], formulation: str | None = None
 ) -> ModelFile:
     mesh = block(kind, counts, (LENGTH, HEIGHT, DEPTH)[: dimension(kind)])
     marker = {"end": {"node": 1, "mesh_node": 1}}
     model = pinned(folder, mesh, {}, marker)
     settings = model.discretisation.model_copy(
-        update={"formulation": said, "state": "plane_stress"}
+        update={"formulation": formulation, "state": "plane_stress"}
     )
     return model.model_copy(update={"discretisation": settings})
 
@@ -54,8 +54,8 @@ def notes(model: ModelFile) -> tuple[str, ...]:
 def test_the_better_mesh_bends_as_a_beam(
     tmp_path: Path, kind: str, counts: tuple[int, ...]
 ) -> None:
-    said = "full_integration" if kind in ("quad4", "hex8") else None
-    (note,) = notes(bar(tmp_path, kind, counts, said))
+    formulation = "full_integration" if kind in ("quad4", "hex8") else None
+    (note,) = notes(bar(tmp_path, kind, counts, formulation))
     assert note.startswith(f"{kind} elements bend too stiffly")
     own, excess = map(
         float, re.search(r"body, ([\d.]+).* are ([\d.]+) %", note).groups()
@@ -76,8 +76,8 @@ def test_the_better_mesh_bends_as_a_beam(
 def test_elements_that_bend_have_no_note(
     tmp_path: Path, kind: str, counts: tuple[int, ...]
 ) -> None:
-    said = "incompatible_modes" if kind in ("quad4", "hex8") else None
-    assert not notes(bar(tmp_path, kind, counts, said))
+    formulation = "incompatible_modes" if kind in ("quad4", "hex8") else None
+    assert not notes(bar(tmp_path, kind, counts, formulation))
 
 
 @pytest.mark.parametrize(
@@ -100,12 +100,12 @@ def test_the_note_has_the_sign_of_the_difference(
     right = np.array([100.0, 200.0, 300.0])
     pair = right * factors, right
     monkeypatch.setattr(element_accuracy, "_frequencies", lambda *_: pair)
-    told = " ".join(notes(bar(tmp_path, "tet4", (20, 1, 1))))
-    assert bool(told) == (stiff or soft)
-    assert ("stiff" in told, "soft" in told) == (stiff, soft)
-    if told:
+    text = " ".join(notes(bar(tmp_path, "tet4", (20, 1, 1))))
+    assert bool(text) == (stiff or soft)
+    assert ("stiff" in text, "soft" in text) == (stiff, soft)
+    if text:
         way = -1.0 if soft and not stiff else 1.0
-        shares = re.findall(r"(-?[\d.]+) %", told)
+        shares = re.findall(r"(-?[\d.]+) %", text)
         assert [float(x) / 100 for x in shares] == pytest.approx(
             way * (np.array(factors) - 1), abs=6e-3
         )

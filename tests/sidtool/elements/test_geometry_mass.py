@@ -113,13 +113,13 @@ def test_a_wrong_mass_is_refused(share: float) -> None:
 
 def test_coarse_meshes_note_their_mass_error() -> None:
     """Chords of 90, 4.5 and 0.9 degrees; the note states the missing mass."""
-    for count, told in ((2, "mass -9.97 %"), (20, "mass -0.103 %"), (100, "")):
+    for count, message in ((2, "mass -9.97 %"), (20, "mass -0.103 %"), (100, "")):
         model = quarter_ring({"type": "q4", "elements": [2, count]}, 1.0, 1.6)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             sid_from_model(model)
         texts = " ".join(str(w.message) for w in caught)
-        assert (told in texts) if told else not texts
+        assert (message in texts) if message else not texts
 
 
 def test_the_rod_s_mass_is_its_drawing_s() -> None:

@@ -89,15 +89,15 @@ def test_a_thin_plate_of_fibres_is_that_of_calculix(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "own", "said"),
+    ("kind", "own", "message"),
     [
         ("CPE4", "LAMINA", "LAMINA; expected elements of plane stress"),
         ("CPE4", "constants", "plane strain is not isotropic"),
     ],
 )
 def test_other_states_are_refused(
-    kind: str, own: str, said: str, tmp_path: Path
+    kind: str, own: str, message: str, tmp_path: Path
 ) -> None:
     text = fibrous(deck(Block((4, 3), SIZE), kind, section="0.002"), OWN[own])
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         body(tmp_path, text)

@@ -240,9 +240,9 @@ def test_points_and_lines_of_nodes(tmp_path: Path, kind: str) -> None:
     expected = body.positions[apart].mean(axis=0)
     assert_allclose(body.marker("a").position[: mesh.dimension], expected, atol=1e-12)
     assert_allclose(body.marker("s").position[:2], 0, atol=1e-9 * RADIUS)
-    told = " ".join(body.notes)
-    assert "the nodes of marker a span no face or edge: each weighs alike" in told
-    assert f"1 of the {len(stray)} nodes of marker s belong to no face" in told
+    text = " ".join(body.notes)
+    assert "the nodes of marker a span no face or edge: each weighs alike" in text
+    assert f"1 of the {len(stray)} nodes of marker s belong to no face" in text
 
 
 def test_the_rim_of_a_bore_weighs_by_length(tmp_path: Path) -> None:
@@ -286,14 +286,14 @@ def test_info_prints_where_every_marker_is(tmp_path: Path) -> None:
     }
     pinned(tmp_path, mesh, {"BORE": bore}, markers)
     path = str(tmp_path / "model.json")
-    told = CliRunner().invoke(cli, ["info", path]).output
-    assert "0.25, -0.125, 0" in told
+    printed = CliRunner().invoke(cli, ["info", path]).output
+    assert "0.25, -0.125, 0" in printed
     x, y = read_nodes(tmp_path)[0]
-    assert f"{x:.6g}, {y:.6g}, 0" in told
+    assert f"{x:.6g}, {y:.6g}, 0" in printed
     (tmp_path / "part.inp").unlink()
-    told = CliRunner().invoke(cli, ["info", path])
-    assert told.exit_code == 1
-    assert "no such file" in str(told.exception)
+    printed = CliRunner().invoke(cli, ["info", path])
+    assert printed.exit_code == 1
+    assert "no such file" in str(printed.exception)
 
 
 def read_nodes(folder: Path) -> Array:

@@ -58,8 +58,8 @@ def test_points_in_a_plane_or_on_a_line_have_no_hull(
 
 def test_bars_join_the_neighbours_of_a_grid_without_diagonals() -> None:
     places = turned(grid(4, 3, 1))
-    still = np.zeros((12, 3, 1))
-    positions, triangles, _ = node_bars(places, still, still, 0.01)
+    fixed = np.zeros((12, 3, 1))
+    positions, triangles, _ = node_bars(places, fixed, fixed, 0.01)
     ends = positions.reshape(-1, 2, 4, 3).mean(axis=2)
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     assert sorted(np.round(lengths, 9)) == [0.2] * 8 + [1.0] * 9
@@ -91,10 +91,10 @@ def test_pictures_note_an_unknown_surface(
     sid, field = field_from_model(model)
     bodies.plot_sid(Path("x.png"), sid, field)
     assert not any("not known" in text.get_text() for text in pages[0].texts)
-    told = bodies.plot_sid(Path("x.png"), sid)
-    assert told[0].endswith("(its surface is not known)")
+    notes = bodies.plot_sid(Path("x.png"), sid)
+    assert notes[0].endswith("(its surface is not known)")
     every = [text.get_text() for text in pages[1].texts] + [pages[1].get_suptitle()]
-    assert told[0] in every
+    assert notes[0] in every
     drawn = surface_of_sid("body", sid, 0.01)
     assert drawn.sketched
     assert isinstance(sid, sidtool.SID)

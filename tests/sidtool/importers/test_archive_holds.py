@@ -125,27 +125,29 @@ BLOCKED = "\n".join(
 @pytest.mark.parametrize("constants", ["R,7,2.5", BLOCKED])
 def test_point_masses(constants: str, tmp_path: Path) -> None:
     """MASS21 by its real constants."""
-    bare = body(tmp_path, archive())
+    plain = body(tmp_path, archive())
     found = body(tmp_path, archive(MASS.format(constants=constants)))
-    assert found.mass == pytest.approx(bare.mass + 2.5, rel=1e-12)
-    assert (frequencies(found) < frequencies(bare)).all()
+    assert found.mass == pytest.approx(plain.mass + 2.5, rel=1e-12)
+    assert (frequencies(found) < frequencies(plain)).all()
     place = np.array(WHOLE.points[4])
-    centre = (bare.mass * np.array([0.2, 0.02, 0.025]) + 2.5 * place) / found.mass
+    centre = (plain.mass * np.array([0.2, 0.02, 0.025]) + 2.5 * place) / found.mass
     origin = np.array(WHOLE.points[0]) - centre
     assert_allclose(found.node("1").origin.m0[:, 0], origin, atol=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("R,7,1.,1.,2.", "KEYOPT {3: 0}"),
         ("R,8,2.5", "real constants none"),
     ],
 )
-def test_masses_of_their_own_directions(line: str, said: str, tmp_path: Path) -> None:
+def test_masses_of_their_own_directions(
+    line: str, message: str, tmp_path: Path
+) -> None:
     text = MASS.format(constants=line).replace("KEYOPT,2,3,2", "KEYOPT,2,3,0")
     (tmp_path / "part.cdb").write_text(archive(text), encoding="utf-8")
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_mesh(tmp_path / "part.cdb")
 
 
@@ -184,9 +186,12 @@ def test_wood_around_an_axis(tmp_path: Path) -> None:
     assert_allclose(found.start, [0.1, 0.2, 0.3])
     assert_allclose(found.axis, [0.0, -1.0, 0.0], atol=1e-15)
     ball = text.replace("TYPE,1\n", line.replace("12,1", "12,2"))
-    for wrong, said in ((ball, "of kind 2"), (ball.replace("ESYS,12", "ESYS,9"), "9")):
+    for wrong, message in (
+        (ball, "of kind 2"),
+        (ball.replace("ESYS,12", "ESYS,9"), "9"),
+    ):
         (tmp_path / "part.cdb").write_text(wrong, encoding="utf-8")
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             read_mesh(tmp_path / "part.cdb")
 
 
@@ -226,15 +231,15 @@ def test_elements_over_several_lines(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "said"), [(174, "contact"), (14, "a spring"), (184, "rigid link")]
+    ("kind", "message"), [(174, "contact"), (14, "a spring"), (184, "rigid link")]
 )
 def test_elements_that_are_no_solids_are_named(
-    kind: int, said: str, tmp_path: Path
+    kind: int, message: str, tmp_path: Path
 ) -> None:
     (tmp_path / "part.cdb").write_text(
         archive(f"ET,2,{kind}", "TYPE,2", "EN,99,1,2"), encoding="utf-8"
     )
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_mesh(tmp_path / "part.cdb")
 
 

@@ -58,7 +58,7 @@ SKEW = SYSTEM.replace("CORD2C", "CORD2R")
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (halves(*ties()), ""),
         (halves(*ties(), before="CEND\nMPC = 4\n"), ""),
@@ -71,12 +71,12 @@ SKEW = SYSTEM.replace("CORD2C", "CORD2R")
 )
 @pytest.mark.filterwarnings("ignore")
 def test_halves_that_mpc_ties_are_the_whole_bar(
-    text: str, said: str, tmp_path: Path
+    text: str, message: str, tmp_path: Path
 ) -> None:
     """Ties of all directions are the same in any axes at the seam."""
     whole = frequencies(body(tmp_path, bulk(block=Block((6, 2, 2), (0.6, 0.05, 0.04)))))
     assert_allclose(frequencies(body(tmp_path, text)), whole, rtol=1e-9)
-    assert said in " ".join(read_mesh(tmp_path / "part.bdf").notes)
+    assert message in " ".join(read_mesh(tmp_path / "part.bdf").notes)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_long_cards_hold_every_term(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("cards", "before", "said"),
+    ("cards", "before", "message"),
     [
         (["MPC,4,1,1,1.,77,1,-1."], "", "direction 1 of 77"),
         (["MPC,4,1,4,1.,2,1,-1."], "", "direction 4 of 1"),
@@ -128,12 +128,12 @@ def test_long_cards_hold_every_term(tmp_path: Path) -> None:
     ],
 )
 def test_unsupported_multi_point_constraints_are_refused(
-    cards: list[str], before: str, said: str, tmp_path: Path
+    cards: list[str], before: str, message: str, tmp_path: Path
 ) -> None:
     (tmp_path / "part.bdf").write_text(
         before + bulk(*cards, block=HALF), encoding="utf-8"
     )
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_mesh(tmp_path / "part.bdf")
 
 
@@ -150,8 +150,8 @@ def test_sets_that_case_control_does_not_name_do_nothing(tmp_path: Path) -> None
     ["CEND\n", "CEND\nTITLE = a part\nSUBCASE 1\n  SPC = 7\n", "BEGIN BULK $ here\n"],
 )
 def test_bulk_data_begin_in_many_ways(head: str, tmp_path: Path) -> None:
-    bare = bulk(block=HALF).replace("BEGIN BULK\n", "")
-    (tmp_path / "part.bdf").write_text(head + bare, encoding="utf-8")
+    plain = bulk(block=HALF).replace("BEGIN BULK\n", "")
+    (tmp_path / "part.bdf").write_text(head + plain, encoding="utf-8")
     assert len(read_mesh(tmp_path / "part.bdf").mesh.labels) == len(HALF.points)
 
 
@@ -227,7 +227,7 @@ def test_the_law_of_wood_is_hookes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("CORD2R,8", "CORD2S,8", "of elements or of a sphere"),
         ("PSOLID,1,3,8", "PSOLID,1,3,-1", "of elements or of a sphere"),
@@ -237,9 +237,11 @@ def test_the_law_of_wood_is_hookes(tmp_path: Path) -> None:
         ("PSOLID,1,3,8", "PSOLID,1,3,8\nMAT1,3,1.+9,,.3,900.", "3 is defined twice"),
     ],
 )
-def test_other_wood_is_refused(old: str, new: str, said: str, tmp_path: Path) -> None:
+def test_other_wood_is_refused(
+    old: str, new: str, message: str, tmp_path: Path
+) -> None:
     text = wood(system="8")
     assert old in text
     (tmp_path / "part.bdf").write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_mesh(tmp_path / "part.bdf")

@@ -86,7 +86,7 @@ def test_a_free_plate_has_the_frequencies_of_leissa(
 
 @pytest.mark.needs("ccx")
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (("PSHELL,1,1,0.004,1,1.0", "PSHELL,1,1,0.004"), "MID2 0"),
         (("PSHELL,1,1,0.004,1,1.0", "PSHELL,1,1,0.004,1,2.0,1"), "12I/T3 2.0"),
@@ -102,11 +102,11 @@ def test_a_free_plate_has_the_frequencies_of_leissa(
     ],
 )
 def test_incomplete_shells_are_refused(
-    change: tuple[str, str], said: str, tmp_path: Path
+    change: tuple[str, str], message: str, tmp_path: Path
 ) -> None:
     text = plate(turned=True, property_="1,1.0")
     assert change[0] in text
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         body(tmp_path, text.replace(*change), engine="calculix")
 
 
@@ -117,11 +117,11 @@ def test_a_mass_lies_where_the_plate_does_not_move(tmp_path: Path) -> None:
     text = plate(turned=True)
     middle = sum(1 for line in text.splitlines() if line.startswith("GRID")) // 2 + 1
     heavy = text.replace("ENDDATA", f"CONM2,9000,{middle},,0.5\nENDDATA")
-    bare = body(tmp_path, text, engine="calculix")
+    plain = body(tmp_path, text, engine="calculix")
     sid = body(tmp_path, heavy, engine="calculix")
-    assert sid.mass == pytest.approx(bare.mass + 0.5, rel=1e-9)
-    assert_allclose(sid.mdCM.m0, bare.mdCM.m0, atol=1e-9)
-    ratio = frequencies(sid) / frequencies(bare)
+    assert sid.mass == pytest.approx(plain.mass + 0.5, rel=1e-9)
+    assert_allclose(sid.mdCM.m0, plain.mdCM.m0, atol=1e-9)
+    ratio = frequencies(sid) / frequencies(plain)
     assert_allclose(ratio[:2], 1, atol=1e-5)
     assert ratio[2] < 0.95
 

@@ -268,13 +268,13 @@ def test_a_mass_at_a_node_of_a_shell(kind: str, node: int, tmp_path: Path) -> No
     assert sid.mass == pytest.approx(RHO * 0.3**2 * 0.005 + 0.8, rel=1e-9)
     expected = calculix(tmp_path, text + mass, None)
     assert_allclose(frequencies(sid), expected, rtol=1e-4)
-    bare = calculix(tmp_path, text, None)
-    assert (expected / bare).min() < 0.97
+    plain = calculix(tmp_path, text, None)
+    assert (expected / plain).min() < 0.97
 
 
 @pytest.mark.needs("ccx")
 @pytest.mark.parametrize(
-    ("more", "said"),
+    ("more", "message"),
     [
         (
             "*SURFACE, NAME=S\n1, S2\n*COUPLING, REF NODE=99, SURFACE=S, "
@@ -288,12 +288,12 @@ def test_a_mass_at_a_node_of_a_shell(kind: str, node: int, tmp_path: Path) -> No
     ],
 )
 def test_masses_that_calculix_drops_are_refused(
-    more: str, said: str, tmp_path: Path
+    more: str, message: str, tmp_path: Path
 ) -> None:
     """A mass at a point that no element holds was lost without a word."""
     text = plate_deck("S4", 0.3, shell(0.005), 2) + "*NODE\n99, 0., 0., 1.\n"
     (tmp_path / "part.inp").write_text(text + more, encoding="utf-8")
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         _convert(tmp_path)
 
 
@@ -357,8 +357,8 @@ def test_a_ring_with_cylindrical_axes_becomes_oval(
         sid = sid_from_model(model_file(tmp_path, text, 1))
     assert sid.mass == pytest.approx(2400 * np.pi * radius * thickness**2, rel=1e-5)
     wave = 6 / np.sqrt(5) * np.sqrt(along / (12 * 1200.0)) * thickness / radius**2
-    apart = np.sort(np.abs(frequencies(sid) / (wave / (2 * np.pi)) - 1))
-    assert_allclose(apart[:2], 0, atol=2e-3)
+    differences = np.sort(np.abs(frequencies(sid) / (wave / (2 * np.pi)) - 1))
+    assert_allclose(differences[:2], 0, atol=2e-3)
 
 
 @pytest.mark.needs("ccx")
@@ -368,7 +368,7 @@ def test_content_skipped_by_geometry_ignore_is_noted(tmp_path: Path) -> None:
     deck += "*NODE PRINT, NSET=LEFT\nU\n*NONSTRUCTURAL MASS, ELSET=EP\n5.0\n"
     ignore = ["NONSTRUCTURAL MASS", "NODE PRINT"]
     path = model_file(tmp_path, deck, 2, ignore=ignore)
-    told: list[str] = []
-    sid_from_model(path, told.append)
-    (note,) = [text for text in told if "NONSTRUCTURAL MASS" in text]
+    notes: list[str] = []
+    sid_from_model(path, notes.append)
+    (note,) = [text for text in notes if "NONSTRUCTURAL MASS" in text]
     assert "lacks" in note and "NODE PRINT" not in note

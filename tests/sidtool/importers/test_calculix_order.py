@@ -98,10 +98,10 @@ def converted(
         "reduction": {"method": "modal", "modes": 6},
     }
     (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         sid = sid_from_model(folder / "model.json")
-    return sid, [str(one.message) for one in said]
+    return sid, [str(one.message) for one in caught]
 
 
 def judged(notes: list[str]) -> list[str]:

@@ -78,10 +78,14 @@ def test_convert_lists_what_has_no_effect_and_what_is_replaced(tmp_path: Path) -
     output = str(tmp_path / "body.SID_FEM")
     result = CliRunner().invoke(cli, ["convert", str(source), "-o", output])
     assert result.exit_code == 0, result.output
-    said = [line for line in result.output.splitlines() if line.startswith("note:")]
+    lines_of_notes = [
+        line for line in result.output.splitlines() if line.startswith("note:")
+    ]
     of_the_basis = ("note: basis:", "note: p is a single point")
-    said = [line for line in said if not line.startswith(of_the_basis)]
-    assert said == [
+    lines_of_notes = [
+        line for line in lines_of_notes if not line.startswith(of_the_basis)
+    ]
+    assert lines_of_notes == [
         "note: read 6 of 6 elements (6 C3D8R) and 24 of 24 nodes",
         "note: 6 elements C3D8R: reduced integration is replaced by incompatible modes",
         "note: without effect on the body: *EXPANSION, *DAMPING (damping is that of "
@@ -263,7 +267,7 @@ def test_the_deck_of_the_tests_has_the_mass_of_its_block(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("kind", "nodes", "said"),
+    ("kind", "nodes", "message"),
     [
         ("D", 3, "networks of fluids"),
         ("F3D8", 8, "one of fluids"),
@@ -275,9 +279,9 @@ def test_the_deck_of_the_tests_has_the_mass_of_its_block(tmp_path: Path) -> None
     ],
 )
 def test_elements_that_make_no_body_are_refused_with_the_reason(
-    kind: str, nodes: int, said: str, tmp_path: Path
+    kind: str, nodes: int, message: str, tmp_path: Path
 ) -> None:
     words = ", ".join(map(str, range(1, nodes + 1)))
     text = deck(BLOCK, "C3D8I") + f"*ELEMENT, TYPE={kind}\n99, {words}\n"
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         body(tmp_path, text)

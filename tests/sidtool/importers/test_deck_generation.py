@@ -60,12 +60,12 @@ def test_a_block_is_that_of_its_explicit_deck(tmp_path: Path) -> None:
     size = (0.6, 0.2, 0.1)
     end = deck(Block((3, 2, 2), size), "C3D8").split("*MATERIAL")[1]
     left = listed("LEFT", [1 + 10 * j + 100 * k for j in range(3) for k in range(3)])
-    made = body(
+    created = body(
         tmp_path, generated("C3D8", size) + left + "*MATERIAL" + end, held="LEFT"
     )
     given = body(tmp_path, deck(Block((3, 2, 2), size), "C3D8"), held="LEFT")
-    assert_allclose(made.mass, 7850 * np.prod(size), rtol=1e-12)
-    assert_allclose(frequencies(made), frequencies(given), rtol=1e-9)
+    assert_allclose(created.mass, 7850 * np.prod(size), rtol=1e-12)
+    assert_allclose(frequencies(created), frequencies(given), rtol=1e-9)
     scope = scope_of(tmp_path, generated("C3D8", size))
     assert sorted(scope.elements) == sorted(
         1 + i + 10 * j + 100 * k for i, j, k in product(range(3), range(2), range(2))

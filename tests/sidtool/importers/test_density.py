@@ -166,7 +166,7 @@ def test_engine_gets_the_density_too(tmp_path: Path, ending: str) -> None:
             f"*NODE\n{plate.node_lines()}*ELEMENT, TYPE=S4, ELSET=E\n"
             f"{plate.element_lines()}{steel}*SHELL SECTION, ELSET=E, MATERIAL=S\n0.02\n"
         )
-        bare = text.replace("*DENSITY\n7850.0\n", "")
+        plain = text.replace("*DENSITY\n7850.0\n", "")
     else:
         grids = [
             f"GRID,{i},,{x!r},{y!r},0." for i, (x, y) in enumerate(plate.points, 1)
@@ -178,10 +178,10 @@ def test_engine_gets_the_density_too(tmp_path: Path, ending: str) -> None:
         steel = "MAT1,1,2.1+11,,0.3,7850."
         lines = ["BEGIN BULK", *grids, *shells, "PSHELL,1,1,0.02,1,,1", steel]
         text = "\n".join([*lines, "ENDDATA", ""])
-        bare = text.replace(",7850.", "")
-    assert bare != text
+        plain = text.replace(",7850.", "")
+    assert plain != text
     engine = {"engine": "calculix", "order": 2}
     expected = converted(tmp_path, f"a.{ending}", text, **engine)
-    found = converted(tmp_path, f"b.{ending}", bare, density=7850.0, **engine)
+    found = converted(tmp_path, f"b.{ending}", plain, density=7850.0, **engine)
     assert found.mass == pytest.approx(7850 * 0.02, rel=1e-9)
     assert_allclose(frequencies(found), frequencies(expected), rtol=1e-9)

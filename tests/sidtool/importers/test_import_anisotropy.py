@@ -137,7 +137,7 @@ def test_a_body_may_turn_with_its_material(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("ENGINEERING CONSTANTS", "COUPLED", "COUPLED is not supported"),
         ("11000000000.0", "-1.", "not above zero"),
@@ -148,11 +148,11 @@ def test_a_body_may_turn_with_its_material(tmp_path: Path) -> None:
     ],
 )
 def test_other_materials_are_refused(
-    old: str, new: str, said: str, tmp_path: Path
+    old: str, new: str, message: str, tmp_path: Path
 ) -> None:
     text = wooden(CONSTANTS, orientation(np.eye(3)))
     assert old in text
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         body(tmp_path, text.replace(old, new))
 
 

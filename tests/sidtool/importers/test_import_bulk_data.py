@@ -25,8 +25,8 @@ from .mesh_files import BDF, bdf_text, cdb_mesh, cdb_text, mesh_model, msh_2, ro
 def test_nastran(tmp_path: Path) -> None:
     """One tetrahedron with its material, with and without executive section."""
     path = tmp_path / "one.bdf"
-    bare = BDF.split("BEGIN BULK\n")[1]
-    for text in (BDF, bare, "SOL 101\nCEND\nSPC = 9\n" + BDF):
+    plain = BDF.split("BEGIN BULK\n")[1]
+    for text in (BDF, plain, "SOL 101\nCEND\nSPC = 9\n" + BDF):
         path.write_text(text, encoding="utf-8")
         imported = read_mesh(path)
         assert imported.mesh.blocks[0].kind == "tet4"
@@ -362,7 +362,7 @@ def test_quadratic_elements_without_middle_nodes_are_linear(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         (
             "EBLOCK",
@@ -384,12 +384,12 @@ def test_quadratic_elements_without_middle_nodes_are_linear(
     ],
 )
 def test_what_an_archive_says_of_nodes_and_elements(
-    old: str, new: str, said: str, tmp_path: Path
+    old: str, new: str, message: str, tmp_path: Path
 ) -> None:
     text = cdb_text()
     assert old in text
     (tmp_path / "one.cdb").write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_mesh(tmp_path / "one.cdb")
 
 

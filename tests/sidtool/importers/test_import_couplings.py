@@ -256,8 +256,8 @@ def test_decks_define_rigid_couplings_by_their_keywords(
     assert found.mass == pytest.approx(expected.mass, rel=1e-12)
     assert_allclose(found.J.m0, expected.J.m0, rtol=1e-9, atol=1e-12)
     assert_allclose(frequencies(found), frequencies(expected), rtol=1e-8)
-    loose = flat(block, "")
-    free = body(tmp_path, loose, held=True, clamp="LEFT", file="part.inp")
+    unconstrained = flat(block, "")
+    free = body(tmp_path, unconstrained, held=True, clamp="LEFT", file="part.inp")
     assert (frequencies(free) > 1.2 * frequencies(found)).all()
 
 
@@ -304,15 +304,15 @@ def test_surfaces_of_quadratic_elements_hold_their_middle_nodes(tmp_path: Path) 
         )
         (tmp_path / "one.inp").write_text(text, encoding="utf-8")
         sets = read_mesh(tmp_path / "one.inp").mesh.node_sets
-        seen = set()
+        visible = set()
         for k in range(1, corners + 1):
             own = sets[f"F{k}"]
             points = nodes[own] - nodes[own].mean(axis=0)
             normal = np.linalg.svd(points)[2][-1]
             inside = np.abs((nodes - nodes[own].mean(axis=0)) @ normal) < 1e-9
             assert set(np.flatnonzero(inside)) == set(own)
-            seen.add(tuple(own))
-        assert len(seen) == corners
+            visible.add(tuple(own))
+        assert len(visible) == corners
 
 
 def test_info_lists_the_imported_content(tmp_path: Path) -> None:

@@ -274,7 +274,7 @@ def test_a_clamp_may_lie_on_a_tied_side(slave: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("tied", "said"),
+    ("tied", "message"),
     [
         ("*EQUATION\n2\n1, 1, 1., 5, 1, -1.\n", "resists a rigid motion"),
         ("*EQUATION\n1\n1, 2, 1.\n", "resists a rigid motion"),
@@ -288,8 +288,8 @@ def test_a_clamp_may_lie_on_a_tied_side(slave: str, tmp_path: Path) -> None:
         ("*TIE, NAME=T, CYCLIC SYMMETRY\nNO, B\n", "cyclic symmetry"),
     ],
 )
-def test_invalid_ties_are_refused(tied: str, said: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=said):
+def test_invalid_ties_are_refused(tied: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
         body(tmp_path, deck(Block((3, 1, 1), SIZE), "C3D8I") + tied)
 
 

@@ -111,15 +111,15 @@ def read(folder: Path, text: str, file: str = "part.inp") -> Any:
 
 def other(word: str) -> str:
     """Another word of the same kind."""
-    bare = word.strip()
+    plain = word.strip()
     try:
-        return str(int(bare) + 1)
+        return str(int(plain) + 1)
     except ValueError:
         pass
     try:
-        return repr(float(bare) * 1.37 + 0.011)
+        return repr(float(plain) * 1.37 + 0.011)
     except ValueError:
-        return bare + "X"
+        return plain + "X"
 
 
 def fields_changed(text: str) -> Iterator[tuple[str, str]]:
@@ -250,7 +250,7 @@ FREE_BARS = re.compile(
 
 def test_no_field_and_no_line_of_bars_is_lost(tmp_path: Path) -> None:
     before = read(tmp_path, BARS, "part.bdf")
-    lost = []
+    missing = []
     for change in (fields_changed, lines_left_out):
         for what, text in change(BARS):
             try:
@@ -258,8 +258,8 @@ def test_no_field_and_no_line_of_bars_is_lost(tmp_path: Path) -> None:
             except InputError:
                 continue
             if same and not FREE_BARS.match(what):
-                lost.append(what)
-    assert not lost
+                missing.append(what)
+    assert not missing
 
 
 def archive() -> str:
@@ -326,7 +326,7 @@ def archive_fields(text: str) -> Iterator[tuple[str, str]]:
 def test_no_field_and_no_line_of_an_archive_is_lost(tmp_path: Path) -> None:
     text = archive()
     before = read(tmp_path, text, "part.cdb")
-    lost = []
+    missing = []
     for change in (archive_fields, lines_left_out):
         for what, changed in change(text):
             try:
@@ -334,14 +334,14 @@ def test_no_field_and_no_line_of_an_archive_is_lost(tmp_path: Path) -> None:
             except InputError:
                 continue
             if same and not FREE_ARCHIVE.match(what):
-                lost.append(what)
-    assert not lost
+                missing.append(what)
+    assert not missing
 
 
 @pytest.mark.parametrize("deck", [BULK, BULK_WOOD], ids=["steel", "wood"])
 def test_no_field_and_no_line_of_bulk_data_is_lost(deck: str, tmp_path: Path) -> None:
     before = read(tmp_path, deck, "part.bdf")
-    lost = []
+    missing = []
     for change in (fields_changed, lines_left_out):
         for what, text in change(deck):
             try:
@@ -349,23 +349,23 @@ def test_no_field_and_no_line_of_bulk_data_is_lost(deck: str, tmp_path: Path) ->
             except InputError:
                 continue
             if same and not FREE_BULK.match(what):
-                lost.append(what)
-    assert not lost
+                missing.append(what)
+    assert not missing
 
 
 @pytest.mark.parametrize("name", DECKS)
 @pytest.mark.parametrize("change", [fields_changed, lines_left_out])
 def test_no_field_and_no_line_is_lost(change: Any, name: str, tmp_path: Path) -> None:
     before = read(tmp_path, DECKS[name])
-    lost = []
+    missing = []
     for what, text in change(DECKS[name]):
         try:
             same = read(tmp_path, text) == before
         except InputError:
             continue
         if same and not FREE.match(what):
-            lost.append(what)
-    assert not lost
+            missing.append(what)
+    assert not missing
 
 
 @pytest.mark.parametrize("name", DECKS)

@@ -123,11 +123,11 @@ def test_included_text_is_not_quoted(deck: str, secret: str, tmp_path: Path) -> 
     path.write_text(TAKING[deck].format(_inp("secret.txt")), encoding="utf-8")
     with pytest.raises(InputError) as raised:
         read_mesh(path)
-    told = str(raised.value).upper().replace(str(path).upper(), "")
+    message = str(raised.value).upper().replace(str(path).upper(), "")
     for word in re.findall(r"\w{4,}", SECRETS[secret].upper()):
-        assert word[:6] not in told
+        assert word[:6] not in message
     if "root" in SECRETS[secret]:
-        assert "X:0" not in told
+        assert "X:0" not in message
 
 
 def test_keywords_and_numbers_of_included_files_are_quoted(tmp_path: Path) -> None:

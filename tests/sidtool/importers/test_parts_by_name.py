@@ -85,9 +85,9 @@ def test_each_part_has_its_mass(
 @pytest.mark.filterwarnings("ignore")
 def test_masses_go_with_their_part(tmp_path: Path) -> None:
     masses = ["CONM2,900,1,,3.0", f"CONM2,901,{APART + 1},,50.0"]
-    bare = of(tmp_path, nastran(), "part.bdf", "1").mass
+    plain = of(tmp_path, nastran(), "part.bdf", "1").mass
     found = of(tmp_path, nastran(*masses), "part.bdf", "1").mass
-    assert found == pytest.approx(bare + 3.0, rel=1e-12)
+    assert found == pytest.approx(plain + 3.0, rel=1e-12)
 
 
 def test_a_part_that_an_equation_holds_is_refused(tmp_path: Path) -> None:

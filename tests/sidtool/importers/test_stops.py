@@ -44,12 +44,12 @@ def test_cards_that_cannot_touch_a_body_are_listed(tmp_path: Path) -> None:
     names = IDLE.split()
     cards = "\n".join(f"{name},1" for name in names)
     text = BDF.replace("ENDDATA", f"{cards}\nENDDATA")
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         sid = converted(tmp_path, "part.bdf", text)
     plain = converted(tmp_path, "plain.bdf", BDF)
     assert sid.mass == pytest.approx(plain.mass, rel=1e-14)
-    (note,) = (str(w.message) for w in said if "without effect" in str(w.message))
+    (note,) = (str(w.message) for w in caught if "without effect" in str(w.message))
     assert all(name in note.replace(",", " ").split() for name in names)
 
 
@@ -80,8 +80,8 @@ def test_all_refusals_of_a_deck_are_reported_at_once(tmp_path: Path, name: str) 
     text, refused = REFUSED[name]
     with pytest.raises(InputError) as caught:
         converted(tmp_path, name, text)
-    said = str(caught.value)
-    assert all(word in said for word in refused)
+    message = str(caught.value)
+    assert all(word in message for word in refused)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert converted(tmp_path, name, text, ignore=refused).mass > 0
@@ -99,8 +99,8 @@ def test_different_faults_of_one_deck_are_reported_together(tmp_path: Path) -> N
     text = BDF.replace("ENDDATA", "\n".join([*more, "ENDDATA"]))
     with pytest.raises(InputError) as caught:
         converted(tmp_path, "part.bdf", text)
-    said = str(caught.value)
-    assert all(word in said for word in ("CGAP", "node 4", "'x'", "PFLUID"))
+    message = str(caught.value)
+    assert all(word in message for word in ("CGAP", "node 4", "'x'", "PFLUID"))
 
 
 def test_faults_that_differ_in_numbers_alone_are_counted(tmp_path: Path) -> None:

@@ -112,8 +112,8 @@ def test_a_stiffener_below_a_strip_bends_it_about_their_common_axis(
     bending += moment + area * (below - axis) ** 2
     heavy = RHO * (plate + area)
     assert sid.mass == pytest.approx(heavy * LENGTH, rel=1e-9)
-    wanted = beam_hertz(E * bending, heavy, BEAM[0])
-    closest = np.abs(frequencies(sid) / wanted - 1).min()
+    expected = beam_hertz(E * bending, heavy, BEAM[0])
+    closest = np.abs(frequencies(sid) / expected - 1).min()
     assert closest < 5e-3
 
 
@@ -142,9 +142,9 @@ def test_layers_bend_by_laminate_theory(tmp_path: Path) -> None:
         a, b, d = layer, (high**2 - low**2) / 2, (high**3 - low**3) / 3
         total += np.block([[a * own, b * own], [b * own, d * own]])
     bending = WIDTH / np.linalg.inv(total)[3, 3]
-    wanted = beam_hertz(bending, rho * WIDTH * DEPTH, BEAM[0])
+    expected = beam_hertz(bending, rho * WIDTH * DEPTH, BEAM[0])
     assert sid.mass == pytest.approx(rho * WIDTH * DEPTH * LENGTH, rel=1e-9)
-    assert frequencies(sid)[0] == pytest.approx(wanted, rel=1e-2)
+    assert frequencies(sid)[0] == pytest.approx(expected, rel=1e-2)
 
 
 def test_where_the_nodes_of_a_plate_lie_does_not_matter(tmp_path: Path) -> None:
@@ -204,8 +204,8 @@ def test_skins_on_a_core_of_solids_make_a_sandwich(tmp_path: Path) -> None:
     # Timoshenko: 1/f^2 = 1/f_b^2 + 1/f_s^2 to first order, shear of the core alone
     shear = soft / 2 * WIDTH * height
     slender = (BEAM[0] / LENGTH) ** 2 * upright / shear
-    wanted = bending / np.sqrt(1 + slender)
-    closest = np.abs(frequencies(sid) / wanted - 1).min()
+    expected = bending / np.sqrt(1 + slender)
+    closest = np.abs(frequencies(sid) / expected - 1).min()
     assert closest < 1e-2
 
 
@@ -232,8 +232,8 @@ def test_two_masses_on_a_bushing_vibrate_as_two_rigid_bodies(tmp_path: Path) -> 
     relative = np.hstack(rows)
     k = relative.T @ np.diag(stiffness) @ relative
     m = np.diag([x for mass, own in masses for x in (mass, mass, mass, *own)])
-    wanted = np.sqrt(scipy.linalg.eigvalsh(k, m)[6:]) / (2 * np.pi)
-    assert_allclose(frequencies(sid), wanted, rtol=1e-9)
+    expected = np.sqrt(scipy.linalg.eigvalsh(k, m)[6:]) / (2 * np.pi)
+    assert_allclose(frequencies(sid), expected, rtol=1e-9)
 
 
 def test_a_mean_motion_is_that_of_the_path_of_solids(tmp_path: Path) -> None:
@@ -272,7 +272,7 @@ def test_springs_to_the_ground_name_nodes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("cards", "said"),
+    ("cards", "message"),
     [
         (["CELAS2,99,1.+6,1,2,9,2"], "turn or move a free body"),
         (["CBUSH,99,5,1,2"], "has the property 5"),
@@ -284,10 +284,10 @@ def test_springs_to_the_ground_name_nodes(tmp_path: Path) -> None:
     ],
 )
 def test_unsupported_structures_are_refused(
-    cards: list[str], said: str, tmp_path: Path
+    cards: list[str], message: str, tmp_path: Path
 ) -> None:
     plate = [*strip(2, 2, (0.2, 0.2)), f"PSHELL,1,1,{DEPTH},1,,1", MATERIAL]
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         body(tmp_path, bulk(*plate, *cards))
 
 

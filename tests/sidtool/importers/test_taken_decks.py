@@ -75,9 +75,9 @@ def test_clockwise_plane_elements_are_turned_round(tmp_path: Path, ending: str) 
         texts = [plane_bdf(e, PLATE.points, "CQUAD4") for e in (PLATE.elements, other)]
     else:
         texts = [inp_deck(PLATE, "CPS4", section="0.01")]
-        PLATE.elements, kept = other, PLATE.elements
+        PLATE.elements, retained = other, PLATE.elements
         texts.append(inp_deck(PLATE, "CPS4", section="0.01"))
-        PLATE.elements = kept
+        PLATE.elements = retained
     same(*(converted(tmp_path, f"p.{ending}", t, **STATE) for t in texts))
 
 
@@ -111,11 +111,11 @@ def test_quad8_without_middles_is_quad4(tmp_path: Path) -> None:
 def test_edge_without_its_middle_stays_straight(tmp_path: Path) -> None:
     """A left-out middle is the mean of its ends: the same with nodes and MPC."""
     elements, points = quadratic_plate()
-    lost = {elements[0][4], elements[5][6]}
-    bare = [[0 if n in lost else n for n in e] for e in elements]
-    found = converted(tmp_path, "a.bdf", plane_bdf(bare, points, "CQUAD8"), **STATE)
+    missing = {elements[0][4], elements[5][6]}
+    plain = [[0 if n in missing else n for n in e] for e in elements]
+    found = converted(tmp_path, "a.bdf", plane_bdf(plain, points, "CQUAD8"), **STATE)
     ties = []
-    for n in lost:
+    for n in missing:
         e = next(e for e in elements if n in e)
         k = e.index(n) - 4
         a, b = e[k], e[(k + 1) % 4]

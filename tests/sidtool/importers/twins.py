@@ -141,8 +141,8 @@ def by_calculix(part: Part, element: str, folder: Path) -> Found:
     (folder / "held.inp").write_text(text + "\n".join(lines), encoding="utf-8")
     subprocess.run(["ccx", "held"], cwd=folder, capture_output=True, check=False)
     text = (folder / "held.dat").read_text(encoding="utf-8")
-    still, _, vibrating = text.partition("E I G E N V A L U E")
-    moved = {int(r[0]): float(r[1 + part.direction]) for r in _rows(still, 4)}
+    fixed, _, vibrating = text.partition("E I G E N V A L U E")
+    moved = {int(r[0]): float(r[1 + part.direction]) for r in _rows(fixed, 4)}
     modes = [float(r[3]) for r in _rows(vibrating, 5)] or [np.nan] * MODES
     return Found(
         np.array(modes[:MODES]),

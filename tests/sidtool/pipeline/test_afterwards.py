@@ -44,15 +44,15 @@ def test_outputs_afterwards_are_those_of_a_run_that_records_them(
     scene: SceneFile, files: Path
 ) -> None:
     """Another run, whose scene names the outputs; motion does not depend on that."""
-    told = sidtool.simulate(recording(scene, *PATTERNS), base_folder=SLIDER_CRANK)
+    recorded = sidtool.simulate(recording(scene, *PATTERNS), base_folder=SLIDER_CRANK)
     assert {"rod.piston_pin.ux", "bearing.angle_rate", "crank_pin.f2"} <= set(
-        told.names
+        recorded.names
     )
     found = sidtool.outputs(sidtool.read(files / "r.h5"), PATTERNS)
-    assert set(found) == set(told.names)
+    assert set(found) == set(recorded.names)
     for name, values in found.items():
-        size = max(abs(told[name]).max(), 1e-6)
-        assert np.allclose(values, told[name], rtol=0, atol=1e-9 * size), name
+        size = max(abs(recorded[name]).max(), 1e-6)
+        assert np.allclose(values, recorded[name], rtol=0, atol=1e-9 * size), name
 
 
 def test_a_result_answers_by_name(files: Path) -> None:
@@ -87,22 +87,22 @@ def test_columns_have_the_order_of_the_names(scene: SceneFile) -> None:
     whole = sidtool.simulate(recording(scene, "rod.q*"), base_folder=SLIDER_CRANK)
     assert list(whole.names) == [f"rod.q{k}" for k in range(1, 6)]
     np.testing.assert_allclose(part["rod.q*"], whole.values, rtol=1e-9, atol=1e-15)
-    asked = ["crank.vx", "piston.x", "rod.q1", "rod.q3"]
-    assert list(part.outputs(asked)) == asked
+    requested = ["crank.vx", "piston.x", "rod.q1", "rod.q3"]
+    assert list(part.outputs(requested)) == requested
 
 
 def test_results_without_their_sids_are_refused(files: Path) -> None:
-    bare = replace(sidtool.read(files / "r.h5"), sids={})
+    plain = replace(sidtool.read(files / "r.h5"), sids={})
     with pytest.raises(InputError, match="holds no SID of rod"):
-        bare["piston.vx"]
+        plain["piston.vx"]
 
 
 def test_the_result_holds_the_sids_of_a_run(files: Path) -> None:
-    kept = read_result(files / "r.h5").sids["rod"]
+    stored = read_result(files / "r.h5").sids["rod"]
     given = sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM")
     for name, block in given.blocks.items():
-        assert np.array_equal(kept.blocks[name].m0, block.m0)
-    assert [n.id for n in kept.nodes] == [n.id for n in given.nodes]
+        assert np.array_equal(stored.blocks[name].m0, block.m0)
+    assert [n.id for n in stored.nodes] == [n.id for n in given.nodes]
 
 
 def spatial_wheel(rate: float, step: float) -> dict[str, Any]:

@@ -65,12 +65,12 @@ def test_a_model_is_converted_once(
     expected = sidtool.simulate(scene, sids={"arm": cantilever(3)})
     assert first["arm.tip.uy"] == pytest.approx(expected["arm.tip.uy"], abs=1e-9)
     assert any("arm is made of arm.json" in note for note in first.notes)
-    (kept,) = (folder / ".sidtool").iterdir()
+    (stored,) = (folder / ".sidtool").iterdir()
     with monkeypatch.context() as patch:
         forbid(patch)
         again = sidtool.simulate(path)
     assert np.array_equal(again.values, first.values)
-    kept.write_bytes(kept.read_bytes()[:100])
+    stored.write_bytes(stored.read_bytes()[:100])
     assert sidtool.simulate(path)["arm.tip.x"] == pytest.approx(first["arm.tip.x"])
     data = json.loads((folder / "arm.json").read_text(encoding="utf-8"))
     data["material"]["density"] *= 2.0
@@ -83,11 +83,11 @@ def test_a_model_is_converted_once(
 def test_a_change_of_the_model_replaces_the_sid(folder: Path, name: str) -> None:
     """And back: what is not meant any more is not looked for, nor used in silence."""
     path = written(folder, spun(0.3, 0.5), COARSE, 2)
-    made = sidtool.Scene.load(path)
-    other = made.with_({f"{name}.sid": "gone.SID_FEM"})
+    created = sidtool.Scene.load(path)
+    other = created.with_({f"{name}.sid": "gone.SID_FEM"})
     assert other.bodies["arm"].model is None
     back = other.with_({f"{name}.model": "arm.json"})
-    assert not back.bodies["arm"].sid and back == made
+    assert not back.bodies["arm"].sid and back == created
     both = other.with_({f"{name}.model": "arm.json", f"{name}.sid": "kept.h5"})
     assert (both.bodies["arm"].sid, both.bodies["arm"].model) == ("kept.h5", "arm.json")
     command = ["simulate", str(path), "--set", f"{name}.sid=gone.SID_FEM"]
@@ -142,8 +142,8 @@ def test_a_rod_that_is_loaded_in_its_middle_needs_its_static_shape(
     """
     path = pressed(folder, 1)
     found = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
-    (told,) = [s for s in found.accuracy.sentences if s.startswith("static shape")]
-    assert "for loads at root, mid: " in told and told.endswith(", kept")
+    (sentence,) = [s for s in found.accuracy.sentences if s.startswith("static shape")]
+    assert "for loads at root, mid: " in sentence and sentence.endswith(", kept")
     at_rest = 0.02 * 0.5**3 / 3.0
     assert found["arm.mid.uy"][-1] == pytest.approx(at_rest, rel=1e-3)
     again = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
@@ -152,17 +152,21 @@ def test_a_rod_that_is_loaded_in_its_middle_needs_its_static_shape(
     one = sidtool.simulate(path)["arm.mid.uy"][-1]
     assert one / at_rest == pytest.approx(0.9, abs=0.02)
     path = pressed(folder, 2)
-    loose = sidtool.simulate(path, accuracy={"arm.tip.uy": 0.05})
-    (told,) = [s for s in loose.accuracy.sentences if s.startswith("static shape")]
-    assert told.endswith("m in arm.tip.uy, dropped")
+    unconstrained = sidtool.simulate(path, accuracy={"arm.tip.uy": 0.05})
+    (sentence,) = [
+        s for s in unconstrained.accuracy.sentences if s.startswith("static shape")
+    ]
+    assert sentence.endswith("m in arm.tip.uy, dropped")
 
 
 def test_of_a_sid_static_shapes_are_not_judged() -> None:
     found = sidtool.simulate(
         spun(0.3, 2.0), sids={"arm": cantilever(2)}, accuracy={"arm.tip.uy": 0.1}
     )
-    (told,) = [s for s in found.accuracy.sentences if s.startswith("mesh: not judged")]
-    assert told.endswith("such as static ones for loads at arm.root")
+    (sentence,) = [
+        s for s in found.accuracy.sentences if s.startswith("mesh: not judged")
+    ]
+    assert sentence.endswith("such as static ones for loads at arm.root")
 
 
 def test_mesh_and_modes_are_refined_as_far_as_needed(
@@ -171,8 +175,8 @@ def test_mesh_and_modes_are_refined_as_far_as_needed(
     """Against another discretisation, finer than any that the search makes."""
     scene = spun(0.3, 20.0)
     path = written(folder, scene, COARSE, 1)
-    wanted = {"arm.tip.uy": 5e-3}
-    found = sidtool.simulate(path, accuracy=wanted)
+    expected = {"arm.tip.uy": 5e-3}
+    found = sidtool.simulate(path, accuracy=expected)
     arm = scene.bodies["arm"].model_copy(update={"quadratic_inertia": True})
     fine = scene.model_copy(update={"bodies": {"arm": arm}})
     exact = sidtool.simulate(fine, sids={"arm": cantilever(8)}, rtol=1e-9)
@@ -182,11 +186,14 @@ def test_mesh_and_modes_are_refined_as_far_as_needed(
     coarse = sidtool.simulate(path)["arm.tip.uy"]
     assert np.abs(coarse - true).max() / np.ptp(true) > 5e-3
     assert found.accuracy.budget[0].part == "mesh"
-    told = " ".join(found.accuracy.sentences)
-    assert "mesh of arm: halved" in told and "modes of arm: the last change" in told
+    sentences = " ".join(found.accuracy.sentences)
+    assert (
+        "mesh of arm: halved" in sentences
+        and "modes of arm: the last change" in sentences
+    )
     with monkeypatch.context() as patch:
         forbid(patch)
-        again = sidtool.simulate(path, accuracy=wanted)
+        again = sidtool.simulate(path, accuracy=expected)
     assert not again.accuracy.searched
     assert np.array_equal(again.values, found.values)
 
@@ -273,8 +280,8 @@ def test_commands_take_a_body_that_is_its_model(
     assert run(["validate", str(path)]) == 0
     assert capsys.readouterr().out == f"body arm\n\n{writer}\n\n{judged}"
     assert run(["validate", str(path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["passed"] and told["bodies"]["arm"]["passed"]
+    data = json.loads(capsys.readouterr().out)
+    assert data["passed"] and data["bodies"]["arm"]["passed"]
     assert run(["info", str(path)]) == 0
     assert "arm is made of arm.json" in capsys.readouterr().out
 
@@ -285,9 +292,9 @@ def test_bodies_of_models_are_shown_whole(folder: Path) -> None:
     path = written(folder, spun(0.3, 2.0), mesh, 3)
     result = sidtool.simulate(path)
     for _ in range(2):
-        known, told = find_fields(scene_of(result), result.sids, {}, [folder])
-        assert not told and len(known["arm"].positions) > 60
-        (kept,) = (folder / ".sidtool").glob("*.field.h5")
+        known, notes = find_fields(scene_of(result), result.sids, {}, [folder])
+        assert not notes and len(known["arm"].positions) > 60
+        (stored,) = (folder / ".sidtool").glob("*.field.h5")
     other = sidtool.simulate(path, sids={"arm": cantilever(4)})
     assert find_fields(scene_of(other), other.sids, {}, [folder]) == ({}, [])
-    assert kept.is_file()
+    assert stored.is_file()

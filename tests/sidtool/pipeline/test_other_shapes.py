@@ -55,9 +55,9 @@ def test_replaced_shape_functions_are_noted(
 ) -> None:
     scene = str(folder / "scene.toml")
     assert run(["simulate", scene, "--sid", f"rod={folder / 'flat.SID_FEM'}"]) == 0
-    said = capsys.readouterr().out
-    assert "elastic coordinates of rod name other shapes" in said
-    assert "q1 is bending z, was bending y" in " ".join(said.split())
+    stdout = capsys.readouterr().out
+    assert "elastic coordinates of rod name other shapes" in stdout
+    assert "q1 is bending z, was bending y" in " ".join(stdout.split())
     found = sidtool.simulate(scene, sids={"rod": folder / "flat.SID_FEM"})
     assert any("q1 is bending z, was bending y" in note for note in found.notes)
 

@@ -66,8 +66,8 @@ def test_the_scene_and_the_command_give_the_same_result(tmp_path: Path) -> None:
     assert "simulated as rigid: rod" in done.output
     scene = read_scene(SCENE)
     rod = scene.bodies["rod"].model_copy(update={"rigid": True})
-    said = scene.model_copy(update={"bodies": {**scene.bodies, "rod": rod}})
-    result = sidtool.simulate(said, base_folder=SLIDER_CRANK)
+    rigid_scene = scene.model_copy(update={"bodies": {**scene.bodies, "rod": rod}})
+    result = sidtool.simulate(rigid_scene, base_folder=SLIDER_CRANK)
     table = np.genfromtxt(csv, delimiter=",", names=True, comments="#")
     column = next(n for n in table.dtype.names if n.startswith("pistonx"))
     assert table[column] == pytest.approx(result["piston.x"], abs=1e-9)

@@ -183,9 +183,9 @@ def test_bases_with_masses_hidden_by_rounding_are_not_compared(
     (tmp_path / "rod.toml").write_text(
         text.replace("end = [1.0,", "end = [1e10,"), encoding="utf-8"
     )
-    told: list[str] = []
-    sid_from_model(tmp_path / "rod.toml", told.append)
-    (sentence,) = [line for line in told if "frequencies err by at most" in line]
+    notes: list[str] = []
+    sid_from_model(tmp_path / "rod.toml", notes.append)
+    (sentence,) = [line for line in notes if "frequencies err by at most" in line]
     assert sentence.endswith("; no other method does better")
 
 

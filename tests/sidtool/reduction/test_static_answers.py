@@ -92,9 +92,9 @@ def test_a_body_is_factored_once(
     data = rod_data(Q4, reduction=settings)
     if frame == "buckens":
         data["frame"] = {"type": "buckens"}
-    told: list[str] = []
-    sid_from_model(validate_data(data, ModelFile), told.append)
-    assert len([text for text in told if text.startswith("factorising")]) == 1
+    notes: list[str] = []
+    sid_from_model(validate_data(data, ModelFile), notes.append)
+    assert len([text for text in notes if text.startswith("factorising")]) == 1
     assert searched and len(searched) == len({id(space) for space in searched})
 
 

@@ -170,9 +170,9 @@ def test_limiting_outputs_are_named_with_a_remedy() -> None:
     scene, sids = spun(0.5, 4.0), {"arm": cantilever(3)}
     found = run_study(scene, {"modes": (1, 2)}, sids=sids, settings=ONE)
     assert found.reference.uncertainty > 2e-3
-    told = found.report()
-    assert "That is due to arm.tip.uy (3e-03); more modes would tell more." in told
-    assert "The others are known to 3e-05: --of arm.tip.x compares" in told
+    report = found.report()
+    assert "That is due to arm.tip.uy (3e-03); more modes would tell more." in report
+    assert "The others are known to 3e-05: --of arm.tip.x compares" in report
     more = run_study(scene, {"modes": (1, 2, 3)}, sids=sids, settings=ONE)
     alone = run_study(
         scene, {"modes": (1, 2)}, outputs=["arm.tip.x"], sids=sids, settings=ONE
@@ -246,9 +246,9 @@ def test_large_deformations_are_reported_before_anything_is_compared(
     scene: SceneFile, message: str, models: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After one run of the scene, and one of its richest variant: no reference."""
-    asked: list[Any] = []
+    requested: list[Any] = []
     monkeypatch.setattr(
-        whole_module, "best_reference", lambda *rest: asked.append(rest)
+        whole_module, "best_reference", lambda *rest: requested.append(rest)
     )
     with pytest.raises(sidtool.InputError, match=message):
         run_study(
@@ -257,7 +257,7 @@ def test_large_deformations_are_reported_before_anything_is_compared(
             models={"arm": models[:1]},
             settings=ONE,
         )
-    assert not asked
+    assert not requested
 
 
 def test_elements_can_be_larger() -> None:

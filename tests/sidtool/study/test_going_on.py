@@ -75,9 +75,9 @@ def test_the_command_draws_fronts_and_continues(
     assert len(rows) == 12 and {row["modes"] for row in rows} == {"1", "2", "3"}
     points = sorted((out / "points").iterdir())
     assert run([*command, "1", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    data = json.loads(capsys.readouterr().out)
     assert sorted((out / "points").iterdir()) == points
-    assert [p["error"] for p in told["points"]] == [float(r["error"]) for r in rows]
+    assert [p["error"] for p in data["points"]] == [float(r["error"]) for r in rows]
     assert "Pareto front" in (out / "study.svg").read_text(encoding="utf-8")
     assert run(["plot", str(out / "study.json"), "-o", str(tmp_path / "a.png")]) == 0
     assert sidtool.read(out / "study.json").varied == ("modes", "terms", "integrator")
@@ -104,9 +104,9 @@ def test_an_interruption_reports_finished_points(
     monkeypatch.setattr(whole_module, name, ended)
     command = ["study", str(path), "--over", "modes=1:2", "-o", str(out)]
     assert run([*command, "--jobs", "1"]) == 130
-    told = capsys.readouterr().err
-    assert ("finished points are in" in told) == (out / "points").exists()
-    assert ("no point was finished" in told) == (not points)
+    stderr = capsys.readouterr().err
+    assert ("finished points are in" in stderr) == (out / "points").exists()
+    assert ("no point was finished" in stderr) == (not points)
 
 
 @pytest.mark.parametrize(

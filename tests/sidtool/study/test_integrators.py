@@ -83,11 +83,11 @@ def test_fixed_steps_gain_the_order_of_the_method() -> None:
 
 
 def test_outputs_that_remain_zero_are_omitted() -> None:
-    thrown = scene(
+    projectile = scene(
         {"ball": {"mass": 1.0, "initial": {"velocity": [1.0, 0.0]}}},
         record=["ball.x", "ball.y"],
     )
-    reference = make_reference(compile_scene(thrown))
+    reference = make_reference(compile_scene(projectile))
     assert reference.names == ("ball.x",)
     assert reference.left_out == ("ball.y",)
 
@@ -111,13 +111,13 @@ def test_hopeless_integrators_get_no_tighter_tolerances(
     """
     monkeypatch.setattr(outputs, "LONG_RUN_SECONDS", 0.0)
     monkeypatch.setattr(outputs, "HOPELESS_RATIO", 1.0)
-    wanted = default_settings(["radau9", "trapezoidal"], [1e-4, 1e-5, 1e-6])
-    found = run_study(pendulum(), settings=wanted).points
-    assert [p.setting for p in found] == wanted
+    expected = default_settings(["radau9", "trapezoidal"], [1e-4, 1e-5, 1e-6])
+    found = run_study(pendulum(), settings=expected).points
+    assert [p.setting for p in found] == expected
     trapezoidal = found[3:]
     assert trapezoidal[0].steps > 0
     assert trapezoidal[-1].message == "left out, far too slow"
-    assert run_study(pendulum(), settings=wanted[3:]).points[-1].steps > 0
+    assert run_study(pendulum(), settings=expected[3:]).points[-1].steps > 0
 
 
 def test_only_long_runs_are_hopeless() -> None:
@@ -166,9 +166,9 @@ def test_the_command_recommends_and_draws(
     assert [row["rtol"] for row in rows] == ["0.0001", "1e-06"]
     assert (tmp_path / "out" / "study.png").read_bytes().startswith(b"\x89PNG")
     data, again = tmp_path / "out" / "study.json", tmp_path / "again.svg"
-    kept = sidtool.read(data)
-    assert {p.integrator for p in kept.points} and kept.uncertainty > 0
-    assert all(p.error is None or p.error > 0 for p in kept.points)
+    stored = sidtool.read(data)
+    assert {p.integrator for p in stored.points} and stored.uncertainty > 0
+    assert all(p.error is None or p.error > 0 for p in stored.points)
     assert run(["plot", str(data), "-o", str(again)]) == 0
     assert "relative error" in again.read_text(encoding="utf-8")
 

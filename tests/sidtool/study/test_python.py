@@ -50,8 +50,10 @@ def test_a_study_reports_its_points(found: Study) -> None:
     poor = [p for p in found.points if p.choices["modes"] == "1"]
     tight = min(poor, key=lambda p: p.setting.rtol or 1.0)
     assert tight.setting.rtol == 1e-7
-    apart = np.abs(one["piston.x"] - five["piston.x"]).max() / np.ptp(five["piston.x"])
-    assert tight.errors["piston.x"] == pytest.approx(apart, rel=1e-2)
+    differences = np.abs(one["piston.x"] - five["piston.x"]).max() / np.ptp(
+        five["piston.x"]
+    )
+    assert tight.errors["piston.x"] == pytest.approx(differences, rel=1e-2)
     front = found.front("size")
     assert [p.size for p in front] == sorted({p.size for p in front})
     assert found.recommended(1.0) in found.points
@@ -87,11 +89,11 @@ def test_callables_are_studied_as_the_same_function_of_a_file() -> None:
     motion = {"type": "polynomial", "pieces": [{"from": 0, "coefficients": [0, 0, 40]}]}
     scene = sidtool.Scene.load(SCENE).with_({"time.end": 0.1})
     over, rtol = {"modes": [1, 5]}, [1e-4, 1e-7]
-    said = scene.with_({"crank_angle.function": motion}).study(over, rtol=rtol)
+    of_file = scene.with_({"crank_angle.function": motion}).study(over, rtol=rtol)
     left = scene.with_({"crank_angle.function": {"type": "callable"}})
     program = {"crank_angle": (lambda t: 40 * t * t, lambda t: 80 * t, lambda t: 80.0)}
     called = left.study(over, rtol=rtol, drives=program)
-    for one, other in zip(said.points, called.points, strict=True):
+    for one, other in zip(of_file.points, called.points, strict=True):
         assert one.choices == other.choices and not other.message
         if one.choices["modes"] == "1":
             assert other.errors == pytest.approx(one.errors, rel=1e-3)

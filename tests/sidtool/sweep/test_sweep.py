@@ -136,11 +136,11 @@ def test_failed_runs_are_rows_and_finished_ones_are_stored(
     assert [bool(row[2]) for row in rows[1:]] == [False, False, True, True]
     assert ["mass" in row[3] for row in rows[1:]] == [True, True, False, False]
     assert picture.read_bytes().startswith(b"\x89PNG")
-    kept = set((tmp_path / "s.points").iterdir())
-    assert len(kept) == 2
+    stored = set((tmp_path / "s.points").iterdir())
+    assert len(stored) == 2
     command[3] = "bob.mass=1"
     assert run([*command, "length=1,2,3", *of, "--jobs", "1", "--json"]) == 0
-    assert len(set((tmp_path / "s.points").iterdir()) - kept) == 1
+    assert len(set((tmp_path / "s.points").iterdir()) - stored) == 1
     points = json.loads(capsys.readouterr().out)["points"]
     force = [p["measures"]["string.f1.min"] for p in points]
     assert force[:2] == [float(row[2]) for row in rows[3:]]

@@ -63,15 +63,15 @@ def test_the_content_determines_the_format(tmp_path: Path) -> None:
     assert read_sid(tmp_path / "body.h5").nq == 3
 
 
-@pytest.mark.parametrize("told", [2, 4, 11])
+@pytest.mark.parametrize("count", [2, 4, 11])
 def test_a_wrong_count_of_modes_is_named_where_it_stands(
-    tmp_path: Path, told: int
+    tmp_path: Path, count: int
 ) -> None:
     path = tmp_path / "body.SID_FEM"
     write_sid(path, replace(BODY, labels=("", "", "")))
     lines = path.read_text(encoding="utf-8").splitlines()
     at = next(i for i, line in enumerate(lines) if "nelastq" in line)
-    lines[at] = lines[at].replace("=    3", f"= {told}")
+    lines[at] = lines[at].replace("=    3", f"= {count}")
     lines = [line for line in lines if "ielastq" not in line]
     path.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(InputError, match="all blocks declare nq = 3") as caught:

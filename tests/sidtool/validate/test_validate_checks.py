@@ -219,8 +219,8 @@ def test_elastic_forces_of_first_order_are_reported_and_checked() -> None:
     soft = with_cubic_energy(particle_body(3, 12), seed=2)
     assert "elastic forces     quadratic in q (Ke m1)" in describe_sid(soft)
     assert "elastic forces     linear" in describe_sid(particle_body(3, 12))
-    told = _by_id(soft)["I21"]
-    assert told.verdict == "passed" and "quadratic in q (Ke m1)" in told.detail
+    checked = _by_id(soft)["I21"]
+    assert checked.verdict == "passed" and "quadratic in q (Ke m1)" in checked.detail
     assert _by_id(particle_body(3, 12))["I21"].detail == "elastic forces are linear"
     assert "no energy" in _by_id(_without_energy(soft))["I21"].detail
 

@@ -187,8 +187,8 @@ def test_a_body_that_cannot_move_freely_is_compared_when_held() -> None:
 
 def test_singular_stiffness_has_no_static_deflection() -> None:
     body = particle_body(2, 9, nodes=2)
-    loose = replace(body, Ke=Taylor(np.diag([0.0, 1e4])))
-    comparison = compare(loose, loose)
+    unconstrained = replace(body, Ke=Taylor(np.diag([0.0, 1e4])))
+    comparison = compare(unconstrained, unconstrained)
     assert not comparison.group("static deflection")
     assert any("Ke is singular" in note for note in comparison.notes)
 
@@ -412,8 +412,8 @@ def test_a_mode_that_moves_no_node_is_itself(turning: bool) -> None:
         )
         for node in body.nodes
     ]
-    told = replace(body, nodes=tuple(nodes))
-    found = compare(told, told, tolerance=1e-9)
+    changed = replace(body, nodes=tuple(nodes))
+    found = compare(changed, changed, tolerance=1e-9)
     assert found.passed
     rows = [row.quantity for row in found.group("shapes (MAC), frame held")]
     assert len(rows) == (3 if turning else 2)

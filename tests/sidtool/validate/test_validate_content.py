@@ -68,10 +68,10 @@ def test_a_reversed_sign_of_the_stiffening_is_found(
         ]
         wrong = replace(wrong, nodes=tuple(nodes))
     assert _checks(wrong)["I20"].failed
-    mended, changes = repair(wrong)
+    repaired, changes = repair(wrong)
     assert {c.block.split(", ")[-1] for c in changes} == set(blocks)
-    assert_allclose(mended.Ct.first_order(5), tower.Ct.first_order(5))
-    for node, sound in zip(mended.nodes, tower.nodes, strict=True):
+    assert_allclose(repaired.Ct.first_order(5), tower.Ct.first_order(5))
+    for node, sound in zip(repaired.nodes, tower.nodes, strict=True):
         assert_allclose(node.phi.first_order(5), sound.phi.first_order(5))
 
 
@@ -87,9 +87,9 @@ def test_errors_of_cr_are_no_stiffening(seed: int, frame: str) -> None:
         body, Cr=Taylor(body.Cr.m0, first), Ge=Taylor(axis_major(2 * first))
     )
     assert _checks(wrong)["I9"].failed and not has_stiffening(wrong)
-    mended, changes = repair(wrong)
+    repaired, changes = repair(wrong)
     assert {c.block for c in changes} == {"Cr", "Ge"}
-    assert not has_stiffening(mended) and not _checks(mended)["I9"].failed
+    assert not has_stiffening(repaired) and not _checks(repaired)["I9"].failed
 
 
 def test_stiffening_by_angular_acceleration_alone_is_carried() -> None:
@@ -97,9 +97,9 @@ def test_stiffening_by_angular_acceleration_alone_is_carried() -> None:
     body = particle_body(3, 20, seed=2)
     first = body.Cr.first_order(3) + 0.1 * np.arange(9).reshape(3, 3, 1)
     first = first + 0.1 * np.swapaxes(np.arange(9).reshape(3, 3, 1), 0, 1)
-    told = replace(body, Cr=Taylor(body.Cr.m0, first))
-    assert has_stiffening(told) and not _checks(told)["I9"].failed
-    assert repair(told) == (told, ())
+    stiffened = replace(body, Cr=Taylor(body.Cr.m0, first))
+    assert has_stiffening(stiffened) and not _checks(stiffened)["I9"].failed
+    assert repair(stiffened) == (stiffened, ())
 
 
 def _oriented(seed: int) -> SID:
@@ -134,10 +134,10 @@ def test_orientations_come_back(fault: str, seed: int) -> None:
     checks = _checks(wrong)
     assert checks["I3"].failed or checks["I18"].failed
     assert checks["I18"].failed == (fault in ("zero", "reflected"))
-    mended, changes = repair(wrong)
+    repaired, changes = repair(wrong)
     assert {c.block for c in changes} == {"node 1, AP"}
-    assert_allclose(mended.nodes[0].AP.m0, body.nodes[0].AP.m0, atol=1e-9)
-    assert_allclose(mended.nodes[0].AP.m1, body.nodes[0].AP.m1, atol=1e-9)
+    assert_allclose(repaired.nodes[0].AP.m0, body.nodes[0].AP.m0, atol=1e-9)
+    assert_allclose(repaired.nodes[0].AP.m1, body.nodes[0].AP.m1, atol=1e-9)
 
 
 def test_placeholders_are_named() -> None:
@@ -155,19 +155,19 @@ def test_placeholders_are_named() -> None:
 def test_blocks_that_follow_from_others_are_filled(name: str) -> None:
     body = particle_body(3, 12, seed=1)
     block = getattr(body, name)
-    lost = {
+    missing = {
         "mdCM": Taylor(block.m0),
         "J": Taylor(block.m0),
         "Oe": Taylor(np.zeros(block.shape), block.m1),
     }.get(name, Taylor(np.zeros(block.shape)))
-    wrong = replace(body, **{name: lost})  # type: ignore[arg-type]
+    wrong = replace(body, **{name: missing})  # type: ignore[arg-type]
     assert name in _checks(wrong)["I19"].detail
-    mended, changes = repair(wrong)
+    repaired, changes = repair(wrong)
     assert {c.block for c in changes} == {name}
-    found = getattr(mended, name)
+    found = getattr(repaired, name)
     assert_allclose(found.m0, block.m0, atol=1e-12)
     assert_allclose(
-        getattr(mended, name).first_order(3), block.first_order(3), atol=1e-12
+        getattr(repaired, name).first_order(3), block.first_order(3), atol=1e-12
     )
 
 

@@ -41,10 +41,10 @@ def test_a_rigid_body_needs_no_repair() -> None:
 @pytest.mark.parametrize("stiffening", [False, True])
 def test_lost_blocks_are_rebuilt(stiffening: bool) -> None:
     body = particle_body(4, 12, seed=1, stiffening=stiffening)
-    lost = _one_product_only(
+    missing = _one_product_only(
         replace(body, Gr=Taylor(np.zeros((3, 12))), Ge=Taylor(np.zeros((4, 12))))
     )
-    repaired, changes = repair(lost)
+    repaired, changes = repair(missing)
     assert repaired.Gr.m0 == pytest.approx(body.Gr.m0, abs=1e-12)
     assert repaired.Ge.m0 == pytest.approx(body.Ge.m0, abs=1e-12)
     assert repaired.Oe.m1 == pytest.approx(body.Oe.m1, abs=1e-12)

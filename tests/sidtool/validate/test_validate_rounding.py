@@ -49,10 +49,10 @@ def test_print_rounding_is_reported_and_passes(form: str, seed: int) -> None:
     body = printed(particle_body(4, 40, seed=seed, stiffening=seed == 1), form)
     checks = check(body)
     assert verdict(checks), [c.id for c in checks if c.failed]
-    told = {c.id: c.detail for c in checks if "rounding only" in c.detail}
-    assert {"I5", "I6"} <= set(told)
+    details = {c.id: c.detail for c in checks if "rounding only" in c.detail}
+    assert {"I5", "I6"} <= set(details)
     unit = f"{form[2]} decimals" if form[3] == "f" else "digits"
-    assert all(unit in detail for detail in told.values())
+    assert all(unit in detail for detail in details.values())
 
 
 def _lost(sid: SID) -> SID:

@@ -127,8 +127,8 @@ def test_sigma_of_a_sid_of_ours_is_stress() -> None:
     """Only SIDs converted by sidtool have the compliance shares of the shape
     functions.
     """
-    made = sid_from_model(rod({**QM6, "elements": [40, 4]}))
-    body = replace(made, nodes=_with_sigma(made).nodes)
+    created = sid_from_model(rod({**QM6, "elements": [40, 4]}))
+    body = replace(created, nodes=_with_sigma(created).nodes)
     assert body.carried is not None
     in_mpa = convert_units(body, "SI", "mm-t-s").nodes[0].sigma
     assert in_mpa is not None
@@ -197,13 +197,13 @@ def test_the_guess_finds_the_system(system: str, labels: bool) -> None:
 
 
 def test_inches_are_certain_only_with_frequencies_in_the_labels() -> None:
-    told, untold = (
+    labelled, unlabelled = (
         guess_units(convert_units(_steel_link(labels), "SI", "in-lbf-s"))
         for labels in (True, False)
     )
-    assert told.system == untold.system == "in-lbf-s"
-    assert told.certain and not untold.certain
-    assert told.nearly == [] and untold.nearly[0] in UNIT_SYSTEMS
+    assert labelled.system == unlabelled.system == "in-lbf-s"
+    assert labelled.certain and not unlabelled.certain
+    assert labelled.nearly == [] and unlabelled.nearly[0] in UNIT_SYSTEMS
 
 
 def test_a_mixture_is_noticed() -> None:

@@ -190,8 +190,8 @@ def test_decimated_surfaces_are_noted(result: Result, tmp_path: Path) -> None:
     found = re.search(r"thinned to (\d+) of (\d+) surface triangles", text)
     assert found and int(found[2]) > 320_000 and int(found[1]) <= 250_100
     body = json.loads(re.search(r'id="data">(.*?)</script>', text, re.S)[1])  # type: ignore[index]
-    rod_told = next(b for b in body["bodies"] if b["name"] == "rod")
-    assert len(rod_told["coarse"]) < 0.2 * len(rod_told["triangles"])
+    rod_data = next(b for b in body["bodies"] if b["name"] == "rod")
+    assert len(rod_data["coarse"]) < 0.2 * len(rod_data["triangles"])
     del sid
 
 
@@ -325,14 +325,14 @@ def test_plates_are_closed_and_thinning_keeps_their_extent() -> None:
     )
     flat = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     points = np.column_stack([x, y, 0 * x])
-    made = plate_surface(points, flat, 12.0)
-    assert not len(border_edges(made.triangles))
-    p, q, r = np.moveaxis(made.positions[made.triangles], 1, 0)
+    created = plate_surface(points, flat, 12.0)
+    assert not len(border_edges(created.triangles))
+    p, q, r = np.moveaxis(created.positions[created.triangles], 1, 0)
     inside = np.einsum("pa,pa->p", p, np.cross(q, r)).sum() / 6
     assert inside == pytest.approx(12.0 * n * n)
-    few = decimate(made.positions, made.triangles, 3000)
+    few = decimate(created.positions, created.triangles, 3000)
     assert 1000 < len(few) <= 3000
-    extent = np.ptp(made.positions[np.unique(few)], axis=0)
+    extent = np.ptp(created.positions[np.unique(few)], axis=0)
     assert np.all(extent > [0.9 * n, 0.9 * n, 10.0])
 
 
@@ -347,8 +347,8 @@ def test_films(result: Result, tmp_path: Path) -> None:
         velocities=result.velocities[::12][:12],
         multipliers=result.multipliers[:12],
     )
-    told = animate(short, tmp_path / "motion.gif", colour="displacement")
-    assert any("nodes of its SID" in text for text in told)
+    notes = animate(short, tmp_path / "motion.gif", colour="displacement")
+    assert any("nodes of its SID" in text for text in notes)
     with Image.open(tmp_path / "motion.gif") as film:
         assert film.n_frames > 5
         first = np.asarray(film.convert("RGB"), int)

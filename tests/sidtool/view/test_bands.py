@@ -82,9 +82,9 @@ def test_the_page_contains_the_errors_of_its_curves(
         result.animate(tmp_path / "m.html")
         text = (tmp_path / "m.html").read_text(encoding="utf-8")
         report = result.accuracy
-        told = {} if report is None else report.absolute()
-        assert text.count('id="FillBetweenPolyCollection') == len(told)
-        for name, error in told.items():
+        errors = {} if report is None else report.absolute()
+        assert text.count('id="FillBetweenPolyCollection') == len(errors)
+        for name, error in errors.items():
             assert f"{name} ± {error:.1e}" in text
 
 

@@ -137,8 +137,8 @@ def resized(page: Page, size: tuple[int, int]) -> None:
 
 
 def picture(page: Page) -> Array:
-    told = page.run("document.getElementById('canvas').toDataURL()")
-    data = base64.b64decode(told.partition(",")[2])
+    url = page.run("document.getElementById('canvas').toDataURL()")
+    data = base64.b64decode(url.partition(",")[2])
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), int)
 
 
@@ -156,8 +156,8 @@ def test_nothing_that_moves_leaves_the_window(
     result, fields = made(link)
     path = tmp_path / "motion.html"
     animate(result, path, fields=fields, scale=20.0)
-    seen = animation_data(result, fields)
-    places, t = points(seen, 20.0), seen.motion.t
+    observed = animation_data(result, fields)
+    places, t = points(observed, 20.0), observed.motion.t
     assert made is not cart or np.ptp(places, axis=0).max() > 20.0
     with opened(path) as page:
         for size in WINDOWS:
@@ -175,7 +175,7 @@ def test_nothing_that_moves_leaves_the_window(
         page.run("player.scale(300)")
         page.page.click("#joints")
         page.page.click("#frames")
-        assert np.abs(across(page, points(seen, 300.0))).max() < 1
+        assert np.abs(across(page, points(observed, 300.0))).max() < 1
         for when in (t[-1], t[0]):
             page.run(f"player.seek({when})")
             assert free(picture(page))

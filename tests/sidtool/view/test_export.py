@@ -105,10 +105,10 @@ def test_beams_are_tubes_with_the_volume_of_the_beam(tmp_path: Path) -> None:
         joints={"hold": sidtool.Fixed(markers=["ground", "bar.root"])},
     )
     ran = scene.simulate(sids={"bar": sid})
-    made = export_mesh(ran, {"bar": field})
-    write_vtkhdf(tmp_path / "m.vtkhdf", made)
+    created = export_mesh(ran, {"bar": field})
+    write_vtkhdf(tmp_path / "m.vtkhdf", created)
     grid = read_hdf(tmp_path / "m.vtkhdf", 0.0)
-    for number, part in enumerate(made.parts):
+    for number, part in enumerate(created.parts):
         choose = vtk().vtkThreshold()
         choose.SetInputData(grid)
         choose.SetInputArrayToProcess(0, 0, 0, 1, "body")
@@ -147,8 +147,8 @@ def test_vtk_reads_the_motion_of_the_markers(
             row = int(np.linalg.norm(rod_part.positions - place, axis=1).argmin())
             assert np.allclose(rod_part.positions[row], place, atol=1e-12)
             for data, stem in (("points", ""), ("velocity", "v")):
-                told = [result[f"rod.{name}.{stem}{axis}"][k] for axis in "xy"]
-                assert np.allclose(found[data][first + row], [*told, 0], atol=2e-6)
+                columns = [result[f"rod.{name}.{stem}{axis}"][k] for axis in "xy"]
+                assert np.allclose(found[data][first + row], [*columns, 0], atol=2e-6)
             c, s = np.cos(result["rod.angle"][k]), np.sin(result["rod.angle"][k])
             ux, uy = (result[f"rod.{name}.u{axis}"][k] for axis in "xy")
             own = [c * ux - s * uy, s * ux + c * uy, 0]
@@ -186,7 +186,7 @@ def test_cells_have_the_order_of_vtk(kind: str, tmp_path: Path) -> None:
     if kind == "iga":
         settings = {"type": "iga", "degrees": [2, 2, 1], "elements": [6, 2, 1]}
     _, field = field_from_model(volume(settings))
-    still = FrameMotion(np.zeros((1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3)))
+    fixed = FrameMotion(np.zeros((1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3)))
     none = np.zeros((1, field.nq))
     part = ExportBody(
         "rod",
@@ -195,7 +195,7 @@ def test_cells_have_the_order_of_vtk(kind: str, tmp_path: Path) -> None:
         field.shapes,
         field.stress,
         field.initial_stress,
-        still,
+        fixed,
         none,
         none,
         "",
@@ -267,8 +267,8 @@ def test_the_command_writes_files_and_prints_notes(
     assert run(["export", str(source), "-o", str(target), *given]) == 0  # replaced
     capsys.readouterr()
     assert run(["export", str(source), "--json", *given]) == 0
-    told = json.loads(capsys.readouterr().out)["rod"]
-    assert told["von_mises"] == peak_stresses(result, {"rod": made[1]})["rod"].stress
+    data = json.loads(capsys.readouterr().out)["rod"]
+    assert data["von_mises"] == peak_stresses(result, {"rod": made[1]})["rod"].stress
     assert run(["export", str(source), "--peak", *given]) == 0
     assert "von Mises Pa" in capsys.readouterr().out
     cases = [
@@ -285,13 +285,13 @@ def test_the_command_writes_files_and_prints_notes(
 
 def test_thousands_of_bodies_are_named(tmp_path: Path) -> None:
     """Names as an attribute must fit into 64 kB."""
-    still = FrameMotion(np.zeros((1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3)))
+    fixed = FrameMotion(np.zeros((1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3)))
     none = np.zeros((1, 0))
     point, cells = np.zeros((1, 3)), {"tri3": np.zeros((1, 3), int)}
     shapes, initial = np.zeros((1, 3, 0)), np.zeros((1, 6))
     names = tuple(f"body{k}" for k in range(5000))
     parts = tuple(
-        ExportBody(name, point, cells, shapes, None, initial, still, none, none, "")
+        ExportBody(name, point, cells, shapes, None, initial, fixed, none, none, "")
         for name in names
     )
     mesh = ExportMesh(np.zeros(1), parts, *_join_cells(list(parts)), ())
@@ -305,11 +305,11 @@ def still_points(count: int, x: float) -> ExportMesh:
     """A point that rests at x."""
     zeros = np.zeros((count, 3))
     place = zeros + [x, 0.0, 0.0]
-    still = FrameMotion(place, np.tile(np.eye(3), (count, 1, 1)), zeros, zeros)
+    fixed = FrameMotion(place, np.tile(np.eye(3), (count, 1, 1)), zeros, zeros)
     point, cells = np.zeros((1, 3)), {"tri3": np.zeros((1, 3), int)}
     none, initial = np.zeros((count, 0)), np.zeros((1, 6))
     shapes = np.zeros((1, 3, 0))
-    part = ExportBody("p", point, cells, shapes, None, initial, still, none, none, "")
+    part = ExportBody("p", point, cells, shapes, None, initial, fixed, none, none, "")
     return ExportMesh(np.arange(float(count)), (part,), *_join_cells([part]), ())
 
 
@@ -326,11 +326,11 @@ def test_no_pvd_names_files_of_two_motions(
     (tmp_path / "m" / "notes.vtu").write_bytes(b"of the user")
     before = content(tmp_path)
 
-    def interrupt(*told: Any) -> Any:
+    def interrupt(*arguments: Any) -> Any:
         done.append(None)
         if len(done) > 2:
             raise KeyboardInterrupt
-        return usual(*told)
+        return usual(*arguments)
 
     done: list[None] = []
     name = "_vtu_text" if stop == "writing" else "replace_file"
@@ -377,11 +377,11 @@ def test_links_are_lines_between_their_markers() -> None:
         outputs=sidtool.Outputs(record=["bar.tip.*", "bob.*", "spring.length"]),
     )
     result = scene.simulate()
-    made = export_mesh(result)
-    names = [part.name for part in made.parts]
+    created = export_mesh(result)
+    names = [part.name for part in created.parts]
     assert sorted(names[-2:]) == ["rod", "spring"]
-    rod, spring = (made.parts[names.index(name)] for name in ("rod", "spring"))
-    assert (made.types == 3).sum() == 2 and made.body.max() == len(names) - 1
+    rod, spring = (created.parts[names.index(name)] for name in ("rod", "spring"))
+    assert (created.types == 3).sum() == 2 and created.body.max() == len(names) - 1
     for k in range(len(result.t)):
         at, of_rod = spring.at(k), rod.at(k)
         assert np.allclose(at["points"][0], [0.0, 2.0, 0.0])

@@ -89,11 +89,11 @@ def test_the_page_holds_scene_model_accuracy_outputs_and_versions(
     for name in ("crank", "rod", "piston", "crank_pin", "crank_angle"):
         assert name in reader.cells
     row = reader.cells.index("crank_pin.fx")
-    course = result["crank_pin.fx"]
-    told = [float(cell) for cell in reader.cells[row + 2 : row + 7]]
-    found = [course[0], course.min(), course.max(), course[-1]]
-    found.append(result.t[np.abs(course).argmax()])
-    np.testing.assert_allclose(told, found, rtol=1e-5, atol=1e-12)
+    history = result["crank_pin.fx"]
+    numbers = [float(cell) for cell in reader.cells[row + 2 : row + 7]]
+    found = [history[0], history.min(), history.max(), history[-1]]
+    found.append(result.t[np.abs(history).argmax()])
+    np.testing.assert_allclose(numbers, found, rtol=1e-5, atol=1e-12)
     assert reader.cells[row + 1] == "N"
     left_out = reader.cells[reader.cells.index("flexible", 40) + 2]
     assert "geometric stiffening" in left_out and "stresses" in left_out
@@ -130,8 +130,8 @@ def test_tables_of_outputs_have_units(
     assert run(["outputs", path, "--add", "piston.vx,crank_pin.fy"]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines() if line]
     units = {row[0]: row[-1] for row in rows if len(row) == 6}
-    wanted = {"piston.x": "m", "piston.vx": "m/s", "crank_pin.fx": "N"}
-    assert wanted.items() <= units.items()
+    expected = {"piston.x": "m", "piston.vx": "m/s", "crank_pin.fx": "N"}
+    assert expected.items() <= units.items()
     assert (units["output"], units["crank_pin.fy"]) == ("unit", "N")
 
 

@@ -83,10 +83,10 @@ def test_no_body_leaves_the_picture(ends: tuple[list[float], list[float]]) -> No
 
 
 def probed(path: Path) -> dict[str, Any]:
-    asked = "stream=codec_name,width,height,pix_fmt,nb_read_frames,duration"
-    words = f"ffprobe -v error -count_frames -show_entries {asked} -of json".split()
-    told = subprocess.run([*words, str(path)], capture_output=True, check=True)
-    (stream,) = json.loads(told.stdout)["streams"]
+    requested = "stream=codec_name,width,height,pix_fmt,nb_read_frames,duration"
+    words = f"ffprobe -v error -count_frames -show_entries {requested} -of json".split()
+    process = subprocess.run([*words, str(path)], capture_output=True, check=True)
+    (stream,) = json.loads(process.stdout)["streams"]
     return dict(stream)
 
 
@@ -97,8 +97,8 @@ def test_mp4(tmp_path: Path) -> None:
     scene = bodies(places, [0.0, 0.0, 0.0]).said()
     # the second one moves away by its own length of the mechanism
     result = scene.with_({"bodies.two.initial.velocity": [1.0, 0.0, 0.0]}).simulate()
-    told = result.animate(tmp_path / "m.mp4")
-    assert not any("ffmpeg" in sentence for sentence in told)
+    notes = result.animate(tmp_path / "m.mp4")
+    assert not any("ffmpeg" in sentence for sentence in notes)
     stream = probed(tmp_path / "m.mp4")
     assert stream["codec_name"] == "h264" and stream["pix_fmt"] == "yuv420p"
     assert (stream["width"], stream["height"]) == (640, 440)

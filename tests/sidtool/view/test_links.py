@@ -106,10 +106,10 @@ def test_a_turn_from_x_is_a_rotation() -> None:
 
 
 def test_films_show_links(result: Result) -> None:
-    seen = animation_data(result)
-    links = [link.triangles for link in seen.motion.links]
-    parts = [body.triangles for body in seen.bodies]
-    stage = film.Stage(seen.motion, seen.bodies, parts, None, "", 1.0)
+    observed = animation_data(result)
+    links = [link.triangles for link in observed.motion.links]
+    parts = [body.triangles for body in observed.bodies]
+    stage = film.Stage(observed.motion, observed.bodies, parts, None, "", 1.0)
     stage.show(0)
     drawn = sum(map(len, stage._faces(0)))
     assert drawn == sum(map(len, parts)) + sum(map(len, links))

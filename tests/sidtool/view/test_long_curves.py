@@ -19,13 +19,13 @@ def test_extremes_hold_every_peak() -> None:
     values = np.sin(np.linspace(0.0, 40.0, 1_000_000))
     values[chance.integers(0, len(values), 30)] = 7.0
     values[chance.integers(0, len(values), 30)] = -9.0
-    kept = extremes(values)
-    assert len(kept) <= MOST_POINTS and (np.diff(kept) > 0).all()
-    assert kept[0] == 0 and kept[-1] == len(values) - 1
-    part = kept * 1000 // len(values)
+    retained = extremes(values)
+    assert len(retained) <= MOST_POINTS and (np.diff(retained) > 0).all()
+    assert retained[0] == 0 and retained[-1] == len(values) - 1
+    part = retained * 1000 // len(values)
     for k, row in enumerate(values.reshape(1000, -1)):
-        seen = values[kept[np.abs(part - k) <= 1]]
-        assert seen.min() <= row.min() and seen.max() >= row.max()
+        observed = values[retained[np.abs(part - k) <= 1]]
+        assert observed.min() <= row.min() and observed.max() >= row.max()
 
 
 def test_short_curves_and_gaps_are_unchanged() -> None:
@@ -59,9 +59,9 @@ def test_long_results_are_drawn_as_recorded(
     monkeypatch.setattr(results, "interpolated_outputs", played)
     assert long.plot("stone.x", path=tmp_path / "p.svg") is not None
     assert (tmp_path / "p.svg").stat().st_size < 200_000
-    page, told = results.draw_result(long)
+    page, notes = results.draw_result(long)
     (line,) = page.axes[0].lines
-    assert len(line.get_xdata()) <= MOST_POINTS and told == []
+    assert len(line.get_xdata()) <= MOST_POINTS and notes == []
     np.testing.assert_allclose(line.get_ydata(), 2.0 * line.get_xdata(), atol=1e-12)
 
 
@@ -79,15 +79,15 @@ def test_few_states_are_interpolated_from_their_neighbours(
     from sidtool.solver.simulation.replay import replay
 
     again = replay(long)
-    seen: list[int] = []
+    observed: list[int] = []
 
     class Counted(StateSampler):
         def sample(self, times, z, v):  # type: ignore[no-untyped-def]
-            seen.append(len(times))
+            observed.append(len(times))
             return super().sample(times, z, v)
 
     nodes = np.array([0.0, 0.12345, 0.99995, 1.0])
     sampler = Counted(again.system, again._sampler.closed)
     z, _ = interpolate_states(sampler, (again.t, again.z, again.v), nodes)
-    assert max(seen) <= 16
+    assert max(observed) <= 16
     np.testing.assert_allclose(z[:, 0], 2.0 * nodes, atol=1e-12)

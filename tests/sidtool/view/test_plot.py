@@ -36,10 +36,12 @@ Shown = Callable[..., Any]
 @pytest.fixture
 def pages(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Figures in place of the files that they would become."""
-    kept: list[Any] = []
+    retained: list[Any] = []
     for module in (bodies, results):
-        monkeypatch.setattr(module, "save_figure", lambda page, path: kept.append(page))
-    return kept
+        monkeypatch.setattr(
+            module, "save_figure", lambda page, path: retained.append(page)
+        )
+    return retained
 
 
 @pytest.fixture(scope="module")
@@ -93,14 +95,14 @@ def drawn_points(axes: Any) -> np.ndarray:
 
 def test_shapes_are_named_by_number_and_frequency(pages: list[Any]) -> None:
     sid = sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM")
-    told = bodies.plot_sid(Path("x.png"), sid)
+    notes = bodies.plot_sid(Path("x.png"), sid)
     titles = [axes.get_title(loc="left") for axes in pages[0].axes]
     assert titles[1].startswith("q1, 31.7 Hz") and "3.14 kg" in titles[0]
-    assert told == [
+    assert notes == [
         "drawn from the nodes of its SID, joined to their neighbours (its surface is "
         "not known)"
     ]
-    assert told[0] == pages[0].get_suptitle()
+    assert notes[0] == pages[0].get_suptitle()
 
 
 def test_a_field_of_another_body_is_refused() -> None:
@@ -144,8 +146,8 @@ def test_coarse_output_times_are_noted(pages: list[Any]) -> None:
     content = spatial_wheel(7.0, 0.8)
     content["outputs"] = {"record": ["wheel.wz"]}
     result = sidtool.simulate(validate_data(content, SceneFile))
-    (told,) = results.plot_result(Path("x.png"), result)
-    assert "between output times curves may be off by" in told
+    (notes,) = results.plot_result(Path("x.png"), result)
+    assert "between output times curves may be off by" in notes
 
 
 @pytest.mark.parametrize(("step", "followed"), [(5e-3, False), (2e-4, True)])
@@ -165,8 +167,8 @@ def test_vibrations_faster_than_output_times_are_not_invented(
     )
     recorded = content.with_({"outputs.record": ["mass.ax", "mass.x"]})
     result = sidtool.simulate(recorded)
-    told = results.plot_result(Path("x.png"), result)
-    fast = [text for text in told if "faster than the output times follow" in text]
+    notes = results.plot_result(Path("x.png"), result)
+    fast = [text for text in notes if "faster than the output times follow" in text]
     assert bool(fast) != followed
     line = pages[0].axes[0].lines[0]
     exact = -amplitude * omega**2 * np.cos(omega * np.asarray(line.get_xdata()))
@@ -216,9 +218,9 @@ def test_spectra_show_amplitudes(wheel: Result, pages: list[Any]) -> None:
 def test_energies_are_drawn_with_their_sum(wheel: Result, pages: list[Any]) -> None:
     results.plot_result(Path("x.png"), wheel, "energy")
     upper, lower = pages[0].axes
-    courses = {line.get_label(): line.get_ydata() for line in upper.lines}
-    assert courses["kinetic"] == pytest.approx(0.5 * 0.2 * 49.0, rel=1e-4)
-    assert courses["sum"] == pytest.approx(courses["kinetic"])
+    histories = {line.get_label(): line.get_ydata() for line in upper.lines}
+    assert histories["kinetic"] == pytest.approx(0.5 * 0.2 * 49.0, rel=1e-4)
+    assert histories["sum"] == pytest.approx(histories["kinetic"])
     assert np.abs(lower.lines[0].get_ydata()).max() < 1e-4
 
 

@@ -55,10 +55,12 @@ def crossing(page: Any) -> list[tuple[str, ...]]:
 
 @pytest.fixture
 def pages(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    kept: list[Any] = []
+    retained: list[Any] = []
     for module in (bodies, results, figure):
-        monkeypatch.setattr(module, "save_figure", lambda page, path: kept.append(page))
-    return kept
+        monkeypatch.setattr(
+            module, "save_figure", lambda page, path: retained.append(page)
+        )
+    return retained
 
 
 NAMES = [
@@ -88,9 +90,9 @@ def test_legends_and_labels_of_many_outputs(error: float, width: float) -> None:
         for place, height in zip(axes, heights, strict=True):
             label = place.yaxis.label.get_window_extent().height
             assert label < 1.4 * height
-    told = [text.get_text() for text in words(page)]
+    texts = [text.get_text() for text in words(page)]
     for name in NAMES[:11]:
-        assert (f"{name} ± {error:.1e}" if error else name) in told
+        assert (f"{name} ± {error:.1e}" if error else name) in texts
     boxes = [
         (
             round(text.get_window_extent().y0),
@@ -137,8 +139,8 @@ def test_names_numbers_and_labels_of_bodies(
     with figure_style():
         page, left = draw_bodies([picture] * count, "drawn from something")
         assert not crossing(page)
-    told = [text.get_text() for text in words(page)]
-    assert sorted([*left, *(name for name in told if "marker" in name)]) == sorted(
+    texts = [text.get_text() for text in words(page)]
+    assert sorted([*left, *(name for name in texts if "marker" in name)]) == sorted(
         [*marks] * count
     )
     assert len(left) < 16 * count
@@ -149,13 +151,13 @@ def test_names_of_many_markers_of_a_model(pages: list[Any]) -> None:
     at = data["markers"]["piston_pin"]
     for k in range(30):
         data["markers"][f"gauge_{k}"] = {**at, "node": k + 10}
-    told = bodies.plot_model(Path("x.png"), validate_data(data, ModelFile))
+    notes = bodies.plot_model(Path("x.png"), validate_data(data, ModelFile))
     assert not crossing(pages[0])
     names = {text.get_text() for text in words(pages[0])}
     assert "crank_pin" in names  # those of one place have one name
     left = 32 - len(names & set(data["markers"]))
     assert left > 20
-    assert f"{left} of 32 names of markers have no room in the picture" in told
+    assert f"{left} of 32 names of markers have no room in the picture" in notes
 
 
 @pytest.mark.parametrize("decades", [0.4, 1.5, 4.0])

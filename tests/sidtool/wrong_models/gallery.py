@@ -50,12 +50,12 @@ def simulated(described: Any, **sids: SID) -> str:
 
 
 def converted(data: Any) -> str:
-    told: list[str] = []
+    notes: list[str] = []
     try:
-        sid_from_model(validate_data(data, ModelFile), told.append)
+        sid_from_model(validate_data(data, ModelFile), notes.append)
     except InputError as error:
         return str(error)
-    return "\n".join(text for text in told if text.startswith(NOTE_PREFIX))
+    return "\n".join(text for text in notes if text.startswith(NOTE_PREFIX))
 
 
 # Parts ---------------------------------------------------------------------------

@@ -50,9 +50,9 @@ def servo_starts_in_degrees() -> str:
     spin = {"type": "constant", "value": 360.0}
     motor = {"joint": "pin", "of": "rate", "start": 90.0, "function": spin}
     described = scene({"rod": slender_rod(1.0)}, joints, {"motor": motor}, end=0.01)
-    told = simulated(described)
-    assert "360 rad" not in told
-    return told
+    notes = simulated(described)
+    assert "360 rad" not in notes
+    return notes
 
 
 @mistake("motor turns at 3e\\+03 rad/s", "are 314 rad/s")

@@ -56,7 +56,7 @@ def test_sections(kind: str, sizes: Any, area: float, i: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (frame(PBAR, tail="\n,4"), "is a mechanism"),
         (frame(PBAR, tail="\n,7"), "the pins 7"),
@@ -90,8 +90,8 @@ def test_sections(kind: str, sizes: Any, area: float, i: float) -> None:
     ],
 )
 @pytest.mark.filterwarnings("ignore")
-def test_unsupported_bars_are_refused(text: str, said: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=said):
+def test_unsupported_bars_are_refused(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
         body(tmp_path, text)
 
 

@@ -75,8 +75,8 @@ def test_a_cantilevered_tube_is_that_of_nastran(tmp_path: Path) -> None:
         found[[4, 5, 8]], [774.38194643, 1262.9787415, 2325.2692963], rtol=1e-6
     )
     radius = np.sqrt(0.0101) / 2
-    bare = 139.45115
-    rotary = 1 - found[0] / bare
+    plain = 139.45115
+    rotary = 1 - found[0] / plain
     assert 0.3 * (np.pi / 2 * radius) ** 2 < rotary < 1.2 * (np.pi / 2 * radius) ** 2
 
 
