@@ -29,8 +29,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-# `setup.py` puts formats/ and solver/ into the installed package. In a clone they stand
-# beside it, and are found there without an installation, too.
+# `setup.py` puts formats/ and solver/ into the installed package. In a clone they are
+# next to it, and are found there without an installation.
 _CLONE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 if all(
     os.path.isfile(f"{_CLONE}/{name}/__init__.py") for name in ("formats", "solver")
@@ -122,7 +122,7 @@ __all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use, so that the command line answers at once."""
+    """Import a public name on first use, so that the command line starts fast."""
     if name not in _HOME:
         raise AttributeError(_unknown(name), name=name)
     return getattr(import_module(_HOME[name]), name)
@@ -131,8 +131,7 @@ def __getattr__(name: str) -> Any:
 def _unknown(name: str) -> str:
     """Describe an unknown name with the nearest known one.
 
-    Python adds no suggestion of its own if `name` is given to the error, as few places
-    do.
+    Python adds no suggestion of its own if the error has the argument `name`.
     """
     from difflib import get_close_matches
 
@@ -147,7 +146,7 @@ def __dir__() -> list[str]:
 
 
 class _Face(ModuleType):
-    """Keep public names for functions.
+    """Module type that keeps public names for functions.
 
     Importing the package `sidtool.validate` would put it in the place of the function
     `sidtool.validate`.

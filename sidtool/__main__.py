@@ -1,9 +1,9 @@
-"""``python -m sidtool``: the command line where its script is not on the path."""
+"""``python -m sidtool``: the command line if its script is not on the path."""
 
 import os
 import sys
 
-# `-m` has Python look for every module in the working folder first
+# with `-m` Python searches modules in the working folder first
 if not sys.flags.safe_path and sys.path[:1] == [os.getcwd()]:
     del sys.path[0]
 

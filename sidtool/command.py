@@ -1,4 +1,4 @@
-"""The command ``sidtool``, before anything else is imported."""
+"""Entry point of the command ``sidtool``, before anything else is imported."""
 
 from __future__ import annotations
 

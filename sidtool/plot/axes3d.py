@@ -17,21 +17,21 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Direction of sight [degree].
+#: Viewing direction [degree].
 _ELEVATION, _AZIMUTH = 30.0, -60.0
-#: Room around the box for ticks: left, right, below, above [inch].
+#: Margins around the box for ticks: left, right, below, above [inch].
 _TICK_MARGINS = (0.35, 0.85, 0.75, 0.1)
-#: Between two ticks at least, across and up the page [inch].
+#: Smallest distance of two ticks, horizontal and vertical [inch].
 _TICK_DISTANCE_X, _TICK_DISTANCE_Y = 0.4, 0.17
-#: From an axis to its label: pads that are tried, of which matplotlib takes the fewer
-#: points the longer the axis is.
+#: Distances from an axis to its label that are tried; matplotlib scales them with the
+#: length of the axis.
 _LABEL_PADS = (*range(-6, 60, 3), *range(60, 300, 12))
-#: An edge of the box at least, as a share of the longest; height to width at most.
+#: Smallest edge of the box relative to the longest; largest ratio of height to width.
 _MIN_EDGE_RATIO, _MAX_HEIGHT_RATIO = 0.04, 1.0
 
 
 class BodyAxes:
-    """Axes of one window, which any number of pictures have.
+    """Axes with a common window for any number of pictures.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class BodyAxes:
         self.width = width
         self.pads: dict[str, int] = {}
         e, a = np.radians([_ELEVATION, _AZIMUTH])
-        #: (2, 3) how far across and up the page a unit of each axis goes
+        #: (2, 3) projection of the unit vector of each axis on the page
         self.sight = np.array(
             [
                 [-np.sin(a), np.cos(a), 0.0],
@@ -64,7 +64,7 @@ class BodyAxes:
         self.height = float(self.scale * visible_extent[1]) + below + above
 
     def add(self, page: Figure, x: float, y: float) -> Any:
-        """Axes in a part of a page whose lower left corner is at x, y [inch]."""
+        """Add axes in a part of a page with the lower left corner at x, y [inch]."""
         left, right, below, above = _TICK_MARGINS
         side = max(self.width, self.height)
         middle = np.array(
@@ -73,7 +73,7 @@ class BodyAxes:
         corner, total = middle - side / 2, page.get_size_inches()
         place = (*(corner / total), *(side / total))
         axes = cast(Any, page.add_axes(place, projection="3d"))
-        axes.computed_zorder = False  # points inside bores are seen through the body
+        axes.computed_zorder = False  # points inside bores are visible through the body
         axes.patch.set_visible(False)
         axes.set_proj_type("ortho")
         axes.view_init(_ELEVATION, _AZIMUTH)
@@ -88,7 +88,7 @@ class BodyAxes:
         return axes
 
     def _label(self, axes: Any) -> None:
-        """Names of the axes, as near as the numbers at all ticks allow."""
+        """Set the names of the axes as close as the tick labels allow."""
         for name in "xyz":
             for pad in [self.pads[name]] if name in self.pads else _LABEL_PADS:
                 set_label = getattr(axes, f"set_{name}label")
@@ -98,9 +98,9 @@ class BodyAxes:
                     break
 
     def _zoom(self, axes: Any, middle: Array) -> None:
-        """The box as large as it should be, in the middle of its place [inch]."""
+        """Scale the box to its size and centre it at `middle` [inch]."""
         size = self.high - self.low
-        axes.set_box_aspect(tuple(size), zoom=1.0)  # it changes arrays
+        axes.set_box_aspect(tuple(size), zoom=1.0)  # matplotlib modifies arrays
         wanted = np.linalg.norm(self.sight @ size) * self.scale
         zoom = wanted / np.linalg.norm(np.diff(self._ends(axes), axis=0))
         axes.set_box_aspect(tuple(size), zoom=float(zoom))
@@ -108,7 +108,9 @@ class BodyAxes:
         axes.set_position(axes.get_position(original=True).translated(*off))
 
     def _ends(self, axes: Any) -> Array:
-        """(2, 2) where the lowest and the highest corner of the box are [inch]."""
+        """Return the positions (2, 2) of the lowest and the highest corner of the box
+        [inch].
+        """
         projected = self.project(axes, [self.low, self.high])
         return np.asarray(axes.transData.transform(projected) / axes.figure.dpi)
 
@@ -136,13 +138,13 @@ class BodyAxes:
         return np.column_stack([x, y])
 
     def room(self, page: Figure, x: float, y: float) -> Bbox:
-        """The part of a page that a picture has [pixels]."""
+        """Return the part of a page that a picture occupies [pixels]."""
         corners = np.array([[x, y], [x + self.width, y + self.height]])
         return Bbox(corners * page.dpi)
 
 
 def _is_label_free(axes: Any, name: str) -> bool:
-    """The label of an axis meets no other word of the axes."""
+    """Return whether the label of an axis overlaps no other text of the axes."""
     axes.figure.draw_without_rendering()
     label = getattr(axes, f"{name}axis").label
     mine = label.get_window_extent().padded(2)

@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 
 #: Largest displacement in a picture, as a share of the body's length.
 _EXAGGERATION = 0.09
-#: Shape functions and triangles that are drawn at most.
+#: Largest numbers of drawn shape functions and triangles.
 _MAX_SHAPES, _MAX_TRIANGLES = 17, 20_000
-#: Nodes of a SID that are marked at most.
+#: Largest number of marked nodes of a SID.
 _MAX_MARKED_NODES = 40
 
 
@@ -65,7 +65,7 @@ def plot_sid(path: Path, sid: SID, content: Field | None = None) -> list[str]:
 def _plot_shapes(
     path: Path, body: BodySurface, title: str, marks: dict[str, Array], names: list[str]
 ) -> list[str]:
-    """A body at rest, and every shape function with its name."""
+    """Draw the undeformed body, and every shape function with its name."""
     length = float(np.ptp(body.positions, axis=0).max()) or 1.0
     faces = decimate(body.positions, body.triangles, _MAX_TRIANGLES)
     pictures = [BodyPicture(title, body.positions, faces, marks=marks)]
@@ -99,12 +99,12 @@ def plot_field(path: Path, content: Field) -> list[str]:
 
 
 def plot_model(path: Path, model: ModelFile) -> list[str]:
-    """Draw the mesh of a model with its markers, what they are tied to, and the
-    control net of NURBS.
+    """Draw the mesh of a model with its markers, their ties, and the control net of
+    NURBS.
 
     Raises
     ------
-    InputError : the body cannot be made.
+    InputError : the body cannot be discretised.
     """
     body = finite_element_model(model)
     sampled = sample_body(body)
@@ -135,7 +135,7 @@ def plot_model(path: Path, model: ModelFile) -> list[str]:
         marks={marker.name: marker.position for marker in body.markers},
         groups=groups,
         lines=tuple(nets),
-        meshed=not body.outlines,  # pieces of beams are no elements
+        meshed=not body.outlines,  # segments of beams are no elements
     )
     notes = _write_pictures(path, [picture])
     if nets:
@@ -146,7 +146,7 @@ def plot_model(path: Path, model: ModelFile) -> list[str]:
 
 
 def _control_net(control: Array) -> list[Array]:
-    """Lines along all directions of a grid of control points."""
+    """Return lines along all directions of a grid of control points."""
     lines: list[Array] = []
     for axis in range(control.ndim - 1):
         rows = np.moveaxis(control, axis, -2)
@@ -168,7 +168,9 @@ def _node_marks(sid: SID) -> dict[str, Array]:
 
 
 def _shape_title(sid: SID, k: int) -> str:
-    """Number, frequency of this coordinate alone, and label of a shape function."""
+    """Return number, frequency (of this coordinate alone) and label of a shape
+    function.
+    """
     with np.errstate(all="ignore"):
         square = sid.Ke.m0[k, k] / sid.Me.m0[k, k]
         hertz = np.sqrt(square) / (2 * np.pi)

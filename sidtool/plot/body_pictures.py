@@ -26,20 +26,20 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Out of the plane by less than this share of its extent a body is flat.
+#: Out-of-plane extent, relative to the size, below which a body is flat.
 _PLANE_TOLERANCE = 1e-6
-#: Heights of a title and of what a picture has beside it [inch].
+#: Heights of a title and of the margin of a picture [inch].
 _TITLE, _MARGIN = 0.25, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class BodyPicture:
-    """One pair of axes: a surface, coloured by values or plainly, and marks on it.
+    """One picture: a surface, coloured by values or uniformly, and marks on it.
 
     Attributes
     ----------
     marks : points with names
-    groups : points with a colour, by what the legend calls them
+    groups : points with a colour, by their text in the legend
     """
 
     title: str
@@ -86,13 +86,13 @@ def _common_window(pictures: Sequence[BodyPicture]) -> tuple[Array, Array]:
 
 
 def _picture_grid(count: int) -> tuple[int, int, float]:
-    """Rows, columns, and the width of one picture [inch]."""
+    """Return rows, columns, and the width of one picture [inch]."""
     columns = 1 if count == 1 else 2 if count < 7 else 3
     return -(-count // columns), columns, (8.0 if columns < 3 else 11.0) / columns
 
 
 def _is_plate(pictures: Sequence[BodyPicture], extent: float) -> bool:
-    """Check for plane bodies, which are drawn from above, whatever their thickness."""
+    """Return whether a body is plane; plane bodies are drawn from above."""
     first = pictures[0].positions
     same = all(
         len(p.positions) == len(first)
@@ -172,7 +172,7 @@ def _draw_solid_page(
 
 
 def _place_text(page: Figure, x: float, y: float, text: str) -> None:
-    """Write a text at a position of the page [inch]."""
+    """Write a text at a position on the page [inch]."""
     width, height = page.get_size_inches()
     page.text(x / width, y / height, text, fontsize="small", va="top")
 
@@ -209,7 +209,7 @@ def _draw_flat(axes: Any, picture: BodyPicture) -> None:
 
 
 def _outline_edges(positions: Array, triangles: Indices) -> Array:
-    """Edges of the upper side of a plane body, from above."""
+    """Return the edges of the upper side of a plane body, from above."""
     top = positions[triangles][..., 2].min(axis=1) >= positions[:, 2].max() - 1e-12
     rim = border_edges(triangles[top] if top.any() else triangles)
     return positions[rim][..., :2]

@@ -31,21 +31,21 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Curves in one pair of axes at most, each in a colour of its own.
+#: Largest number of curves in one pair of axes, each with its own colour.
 MOST_CURVES = len(COLOURS)
-#: Points of a curve that are drawn at most: eight to a column of a hundred to the inch.
+#: Largest number of drawn points of a curve: eight per pixel column at 100 per inch.
 MOST_POINTS = 6000
 #: Opacity of bands.
 _BAND_OPACITY = 0.3
-#: Heights [inch]: of what a page has beside its axes, and between two of them.
+#: Heights [inch]: margin of a page, and gap between two pairs of axes.
 _MARGIN_HEIGHT, _AXES_GAP = 0.6, 0.35
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A name for the legend and its values over common times.
+    """A curve: its name in the legend and its values over common times.
 
-    error : estimated, in the unit of the values; 0 where none is known
+    error : estimated error in the unit of the values; 0 if it is not known
     """
 
     name: str
@@ -68,7 +68,7 @@ def make_curves(
     errors: Mapping[str, float],
     prefix: str = "",
 ) -> list[Curve]:
-    """Curves without a common prefix of their names."""
+    """Return curves with names without their common prefix."""
     return [
         Curve(name.removeprefix(prefix), columns[name], errors.get(name, 0.0))
         for name in names
@@ -89,12 +89,12 @@ def legend_labels(curves: Sequence[Curve]) -> list[str]:
 def stacked_axes(
     labels: Sequence[Sequence[str]], width: float, row: float
 ) -> tuple[Figure, list[Any]]:
-    """A page with axes below each other.
+    """Return a page with axes below each other.
 
     Parameters
     ----------
-    labels : of the legend of each
-    width, row : of the page, and the height of one row without its legend [inch]
+    labels : labels of the legend of each pair of axes
+    width, row : width of the page, and height of one row without its legend [inch]
     """
     legends = LEGEND_ROW_HEIGHT * sum(legend_rows(part, width) for part in labels)
     height = row * len(labels) + legends + _MARGIN_HEIGHT
@@ -103,7 +103,9 @@ def stacked_axes(
 
 
 def group_outputs(names: Sequence[str]) -> list[list[str]]:
-    """Names that share axes: numbered ones of one owner, such as rod.q1, rod.q2."""
+    """Group names that share axes: numbered ones of one owner, such as rod.q1,
+    rod.q2.
+    """
     groups: dict[tuple[str, int], list[str]] = {}
     for name in names:
         stem = re.sub(r"\d+$", "", name)
@@ -124,9 +126,9 @@ def axis_label(names: Sequence[str], unit_of: Callable[[str], str]) -> str:
 def draw_axes(
     axes: Any, t: Array, curves: Sequence[Curve], label: str, height: float = 1.2
 ) -> None:
-    """Curves over time, with the estimated error of each as a band around it.
+    """Draw curves over time, with the estimated error of each as a band around it.
 
-    height : of the axes, for their label [inch]
+    height : height of the axes, for their label [inch]
     """
     for curve in curves:
         rows = extremes(curve.values)
@@ -145,10 +147,9 @@ def draw_axes(
 
 
 def extremes(values: Array) -> NDArray[np.intp]:
-    """Places of the values that a picture of the curve shows, growing.
-
-    All of up to `MOST_POINTS`; of more, the first, the least, the greatest and the last
-    of each of so many parts that a line through these covers the same pixels.
+    """Return increasing indices of the values that a picture of the curve needs. These
+    are all values up to `MOST_POINTS`. For longer curves they are the first, least,
+    greatest and last value of each part; a line through them covers the same pixels.
     """
     parts = MOST_POINTS // 4
     if len(values) <= MOST_POINTS:
@@ -170,7 +171,7 @@ def draw_curves(
     unit_of: Callable[[str], str],
     size: tuple[float, float],
 ) -> tuple[Figure, list[Any]]:
-    """A page of outputs over time, and its axes, one for each group.
+    """Draw a page of outputs over time; return it and its axes, one for each group.
 
     size : width of the page and height of a row [inch]
     """
@@ -187,8 +188,9 @@ def draw_curves_svg(
     errors: Mapping[str, float],
     unit_of: Callable[[str], str],
 ) -> tuple[str, float, float]:
-    """All outputs below each other as SVG, and where the axes begin and end across
-    it, as shares of its width."""
+    """Return all outputs below each other as SVG, and the left and right ends of the
+    axes as fractions of its width.
+    """
     with figure_style():
         groups = group_outputs(list(columns))
         page, rows = draw_curves(t, groups, columns, errors, unit_of, (5.2, 1.4))
@@ -207,7 +209,7 @@ _LINES = ("-", "--", ":", "-.")
 def plot_motions(
     path: Path, results: Mapping[str, Result], outputs: Mapping[str, str]
 ) -> None:
-    """Draw each output of all runs over time, and below it how they differ.
+    """Draw each output of all runs over time, and their differences below it.
 
     Parameters
     ----------

@@ -30,16 +30,15 @@ from sidtool.formats.storage.atomic import atomic_path
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Pixels to the inch.
+#: Pixels per inch.
 PIXELS_PER_INCH = 100
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 class NotebookFigure(Figure):
-    """A figure of its own canvas, without global state of pyplot; notebooks show it.
-
-    Control characters in its texts are question marks: fonts have none, and a picture
-    in XML may hold none.
+    """A figure with its own canvas, without global state of pyplot; notebooks show it.
+    Control characters in its texts become question marks: fonts lack them, and XML does
+    not allow them.
 
     size : width and height [inch]
     """
@@ -63,7 +62,7 @@ class NotebookFigure(Figure):
 
 
 class PowersOfTen(LogFormatterSciNotation):
-    """Numbers at a logarithmic axis as text, not as mathematics."""
+    """Tick labels of a logarithmic axis as text, not as mathematics."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         text = super().__call__(x, pos).replace(r"\times", "×")
@@ -71,7 +70,8 @@ class PowersOfTen(LogFormatterSciNotation):
         return re.sub(r"\$|\\math\w+|[{}]", "", text)
 
 
-#: Okabe and Ito's colours, told apart by everyone: blue, orange, green, ...
+#: Okabe and Ito's colours, distinguishable with colour blindness: blue, orange, green,
+#: ... ...
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _STYLE: dict[Any, Any] = {
     "axes.formatter.useoffset": False,
@@ -124,7 +124,7 @@ def save_figure(page: Figure, path: Path) -> None:
 def figure_style() -> Iterator[None]:
     """Apply the style of sidtool to figures made inside the context.
 
-    No text is read as mathematics. A character that the fonts lack is a box.
+    No text is parsed as mathematics. Characters that the fonts lack become boxes.
     """
     import matplotlib
 
@@ -137,7 +137,7 @@ def figure_style() -> Iterator[None]:
 def new_figure(
     rows: int, columns: int, size: tuple[float, float]
 ) -> tuple[Figure, Any]:
-    """A page and the axes on it."""
+    """Return a page and its axes."""
 
     page = NotebookFigure(size)
     return page, page.subplots(rows, columns, sharex="col")
@@ -157,12 +157,11 @@ def _colour_cycle() -> Any:
     return cycler(color=COLOURS)
 
 
-#: Points to the inch; a row of a legend [inch].
+#: Points per inch; height of a row of a legend [inch].
 POINTS_PER_INCH, LEGEND_ROW_HEIGHT = 72.0, 0.19
-#: What a legend takes for a line beside each text, and to the next [font sizes].
+#: Width of the line sample in a legend, and gap to the next entry [font sizes].
 _HANDLE_WIDTH, _ENTRY_GAP = 2.8, 2.0
-#: Of the width of a page, what labels of the axis at the left take, and the power of
-#: ten above the axis [inch].
+#: Width of the labels at the left axis, and of the power of ten above it [inch].
 _LEFT_MARGIN = 1.5
 
 
@@ -180,7 +179,7 @@ def text_width(text: str, size: float | None = None) -> float:
 
 
 def legend_columns(labels: Sequence[str], room: float) -> int:
-    """Columns of a legend that fit into a width [inch]."""
+    """Return the number of columns of a legend that fit into a width [inch]."""
     if not labels:
         return 1
     size = matplotlib.rcParams["font.size"] / POINTS_PER_INCH
@@ -189,14 +188,13 @@ def legend_columns(labels: Sequence[str], room: float) -> int:
 
 
 def legend_rows(labels: Sequence[str], page_width: float) -> int:
-    """Rows of the legend that `draw_legend` draws on such a page."""
+    """Return the number of rows of the legend that `draw_legend` draws."""
     return -(-len(labels) // legend_columns(labels, page_width - _LEFT_MARGIN))
 
 
 def draw_legend(axes: Any) -> None:
-    """A legend above the axes, where no curve runs, in rows from left to right.
-
-    The axes are as wide as their page.
+    """Draw a legend above the axes, in rows from left to right. The axes are as wide as
+    their page.
     """
     handles, labels = axes.get_legend_handles_labels()
     columns = legend_columns(labels, axes.figure.get_figwidth() - _LEFT_MARGIN)
@@ -218,7 +216,7 @@ def order_by_rows(
 
 
 def wrap_text(text: str, room: float) -> str:
-    """A sentence in lines of a width [inch], ended between words."""
+    """Wrap a sentence to a width [inch] between words."""
     lines: list[str] = []
     for word in text.split():
         if lines and text_width(f"{lines[-1]} {word}") <= room:
@@ -229,7 +227,7 @@ def wrap_text(text: str, room: float) -> str:
 
 
 def wrap_label(label: str, room: float) -> str:
-    """A label in lines of a width [inch], ended after dots, after `_`, before units."""
+    """Wrap a label to a width [inch] after dots, after `_`, or before units."""
     lines = [""]
     for piece in re.findall(r"[^._\[]*[._]|[^._\[]+|\[.*", label):
         longer = lines[-1] + piece
@@ -243,16 +241,16 @@ def wrap_label(label: str, room: float) -> str:
 
 Array = NDArray[np.float64]
 
-#: Height of a line in sizes of its letters; from a point to its name [pt].
+#: Line height in font sizes; distance from a point to its name [pt].
 _LINE, _NAME_DISTANCE = 1.25, 3.0
-#: Letters as they are drawn are up to so much larger than their outlines.
+#: Safety factor: drawn letters are larger than their outlines.
 _LETTER_MARGIN = 1.15
-#: Of a name beside its point, tried in this order.
+#: Positions of a name next to its point, in the order of trial.
 _SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
 
 
 def place_names(axes: Any, places: Mapping[str, Array], room: BboxBase) -> list[str]:
-    """Write names beside their points without overlaps.
+    """Write names next to their points without overlaps.
 
     Parameters
     ----------
@@ -298,7 +296,9 @@ def place_names(axes: Any, places: Mapping[str, Array], room: BboxBase) -> list[
 def _free_box(
     dot: Array, extent: Array, off: float, taken: list[Bbox], room: BboxBase
 ) -> Bbox | None:
-    """Return a box of this extent beside a point that overlaps no other, or None."""
+    """Return a box of this extent next to a point that overlaps no other box,
+    or None.
+    """
     for side in np.array(_SIDES, float):
         middle = dot + side * (extent / 2 + off)
         box = Bbox(np.array([middle - extent / 2, middle + extent / 2]))
@@ -309,7 +309,7 @@ def _free_box(
 
 
 def text_boxes(part: Any, but: Text | None = None) -> list[Bbox]:
-    """Boxes of all words of a page, or of a part of it, but one."""
+    """Return the boxes of all texts of a page, or a part of it, except one."""
     beyond = {label for axis in part.findobj(Axis) for label in _ticks_outside(axis)}
     return [
         text.get_window_extent()
@@ -323,7 +323,7 @@ def _is_visible_text(text: Text) -> bool:
 
 
 def _ticks_outside(axis: Axis) -> list[Text]:
-    """Numbers at ticks beyond the ends of an axis, which are not drawn."""
+    """Yield tick labels beyond the ends of an axis, which are not drawn."""
     low, high = sorted(axis.get_view_interval())
     ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
     return [tick.label1 for tick in ticks if not low <= tick.get_loc() <= high]

@@ -20,11 +20,11 @@ from .figure import (
 )
 
 _MARKS = "osD^v"
-#: Width of the lines of a label, of which a title may need several [inch].
+#: Width of the lines of a label [inch].
 _LABEL = 3.0
-#: Axes that span less are labelled between powers of ten, or at even distances.
+#: Axes with a smaller ratio have labels between powers of ten, or at even distances.
 MAX_DECADE_SPAN, MAX_EVEN_SPAN = 100.0, 5.0
-#: Costs of a study that are drawn, and how they are called.
+#: Drawn costs of a study and their labels.
 _COSTS = {
     "seconds": "wall time [s]",
     "size": "elastic coordinates",
@@ -39,8 +39,8 @@ def plot_precision(
 
     Parameters
     ----------
-    points : name of a method -> its pairs (error, seconds), in the order of the line
-    label : what the error is of
+    points : pairs (error, seconds) by method, in the order of the line
+    label : quantity of the error
     """
     with saved_figure(path, size=(5.0, 3.6)) as axes:
         for number, (method, pairs) in enumerate(points.items()):
@@ -57,8 +57,8 @@ def plot_precision(
 
 
 def plot_study(path: Path | None, content: StudyFile) -> Any:
-    """Work against precision, a line per integrator; or error over time and size, with
-    the Pareto fronts, where more than integrators vary; the figure.
+    """Draw a study: a work-precision diagram with a line per integrator, or error over
+    time and size with Pareto fronts if more than integrators vary. Return the figure.
 
     Raises
     ------
@@ -142,8 +142,9 @@ def draw_front(panel: Any, points: list[tuple[float, float, bool]]) -> None:
 
 
 def _label_decades(axes: Any) -> None:
-    """Numbers at 1, 2 and 5 of each decade where there are few, else at powers of ten:
-    those at every minor tick run into each other."""
+    """Label 1, 2 and 5 of each decade if there are few, else powers of ten: labels at
+    every minor tick would overlap.
+    """
     from matplotlib.ticker import (
         LogLocator,
         MaxNLocator,

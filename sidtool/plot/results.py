@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Points of a curve at least, and pairs of axes at most.
+#: Smallest number of points of a curve, and largest number of pairs of axes.
 _MIN_POINTS, _MAX_AXES = 2000, 12
-#: Width of a page, height of a row [inch], and letters in a line of its title.
+#: Width of a page, height of a row [inch], letters per line of a title.
 _WIDTH, _ROW, _LETTERS = 7.5, 1.55, 90
 #: Uncertainty between output times that gets a note.
 _NOTED_UNCERTAINTY = 0.005
-#: What outputs differ by, relative to their range, where every other output time is
-#: left out, that output times do not follow; such outputs named at most.
+#: Relative change of an output when every other output time is skipped, above which the
+#: output times do not resolve it; largest number of such outputs in a note.
 _UNRESOLVED_CHANGE, _MAX_NAMED_OUTPUTS = 0.3, 4
 ENERGIES = ("energy.kinetic", "energy.elastic", "energy.potential")
 RESIDUALS = ("constraint.position", "constraint.velocity")
@@ -79,7 +79,7 @@ def plot_result(
 def draw_result(
     result: Result, kind: str = "outputs", names: str | Iterable[str] | None = None
 ) -> tuple[Figure, list[str]]:
-    """Return the figure, and notes on what was omitted, or is uncertain."""
+    """Return the figure, and notes on omissions and uncertainties."""
     if len(result.t) < 2:
         raise InputError(
             f"holds {len(result.t)} output times", expected="at least two for a curve"
@@ -123,7 +123,9 @@ def _requested_outputs(result: Result, names: str | Iterable[str] | None) -> lis
 def _dense_outputs(
     result: Result, names: list[str]
 ) -> tuple[Array, dict[str, Array], list[str]]:
-    """Outputs at many times; recorded ones that cannot be evaluated where they are."""
+    """Return outputs at many times; outputs that cannot be evaluated keep their
+    recorded times.
+    """
     if "analysis" in result.settings:
         return result.t, outputs(result, names), []
     if len(result.t) > _MIN_POINTS:
@@ -153,7 +155,7 @@ def _dense_outputs(
 
 
 def _alternates(values: Array) -> bool:
-    """Whether lines between every other value miss the values between these."""
+    """Return whether lines between every other value miss the intermediate values."""
     middle = 0.5 * (values[:-2:2] + values[2::2])
     off = np.abs(values[1:-1:2] - middle).max()
     return bool(off > _UNRESOLVED_CHANGE * np.ptp(values))
@@ -193,7 +195,9 @@ def _unresolved_note(names: list[str]) -> list[str]:
 
 
 def _energy_curves(result: Result) -> tuple[Figure, list[str]]:
-    """Kinetic, elastic and potential energy and their sum; what is recorded besides."""
+    """Return kinetic, elastic and potential energy, their sum, and other recorded
+    energies.
+    """
     more = [n for n in result.names if n.startswith("energy.") and n not in ENERGIES]
     t, columns, notes = _dense_outputs(result, [*ENERGIES, *more])
     total = np.sum([columns[name] for name in ENERGIES], axis=0)
@@ -212,8 +216,9 @@ def _energy_curves(result: Result) -> tuple[Figure, list[str]]:
 
 
 def _spectra(result: Result, names: list[str]) -> tuple[Figure, list[str]]:
-    """Amplitudes of a Hann window over the whole run, up to half the rate of output
-    times."""
+    """Return amplitudes with a Hann window over the whole run, up to half the sampling
+    rate.
+    """
     count = max(8, len(result.t))
     t = np.linspace(result.t[0], result.t[-1], count)
     columns = outputs_at(result, names, t)

@@ -14,10 +14,10 @@ from .figure import legend_columns, legend_rows, saved_figure, use_log_scale, wr
 
 #: Size of a page without legend, height of a panel, and of a row of the legend [inch].
 _WIDTH, _PANEL, _ROW = 5.5, 2.2, 0.19
-#: More lines than these have colours, but no legend.
+#: Largest number of lines with a legend.
 MOST_LINES = 24
-#: Ratio of the largest to the least value, equal steps in the logarithm, above which
-#: an axis is logarithmic.
+#: Ratio of the largest to the least value of a geometric sequence above which an axis
+#: is logarithmic.
 _LOGARITHMIC = 20.0
 
 
@@ -34,11 +34,11 @@ def plot_sweep(
 
     Parameters
     ----------
-    path : picture to write, None for none
+    path : file of the figure, or None
     table : columns (n,) by name
     axes, measures : names of columns
-    header : titles of columns, with units
-    succeeded : (n,) whether the run gave numbers
+    header : titles of columns with units
+    succeeded : (n,) True if the run gave numbers
 
     Raises
     ------

@@ -22,7 +22,7 @@ from .body_fields import Given, find_fields, fitting_scale
 from .html_player import player_page
 from .motion import SampledMotion, sample_motion
 
-#: Outputs drawn beside the motion unless they are named, and at most.
+#: Number of outputs drawn next to the motion: default and largest.
 _DEFAULT_OUTPUTS, _MAX_OUTPUTS = 12, 40
 
 
@@ -32,7 +32,7 @@ class AnimationData:
 
     Attributes
     ----------
-    notes : notes on what was omitted, or what bodies are drawn from
+    notes : notes on omissions, and on the source of drawn bodies
     """
 
     motion: SampledMotion
@@ -48,7 +48,7 @@ def animation_data(
     Parameters
     ----------
     fields : full fields of flexible bodies, or their files, by body
-    folder : where the files of the scene may be, beside the working folder
+    folder : folder of the files of the scene, searched before the working folder
 
     Raises
     ------
@@ -79,14 +79,15 @@ def animate(
 
     Parameters
     ----------
-    outputs : drawn beside the motion of a page; default the first that were recorded
+    outputs : outputs drawn next to the motion of a page; default the first recorded
+        ones
     colour : "" for a colour by body, "displacement" or "stress"
     scale : magnification of deformations; by default one that makes them visible
     fields, folder : see `animation_data`
 
     Returns
     -------
-    notes on what was drawn from what, and what was omitted
+    notes on the source of drawn bodies and on omissions
 
     Raises
     ------
@@ -123,7 +124,7 @@ def animate(
 def _output_columns(
     result: Result, t: Array, names: str | Iterable[str] | None
 ) -> tuple[dict[str, Array], list[str]]:
-    """Outputs at the times of the pictures."""
+    """Return outputs at the times of the pictures."""
     notes = []
     if names is None:
         wanted = list(result.names)

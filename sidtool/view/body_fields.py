@@ -29,10 +29,10 @@ Given = Mapping[str, Field | str | os.PathLike[str]]
 def find_fields(
     scene: SceneFile, sids: Mapping[str, SID], given: Given, folders: list[Path]
 ) -> tuple[dict[str, Field], list[str]]:
-    """Fields by body, and sentences about those that were found but do not fit.
+    """Return fields by body, and notes on files that were found but do not fit.
 
     given : fields, or files with one, by body
-    folders : where paths of the scene may begin
+    folders : folders of relative paths of the scene
 
     Raises
     ------
@@ -96,7 +96,7 @@ def _field_files(
                 break
 
 
-#: Values that are looked at for a range: more times are left out, evenly.
+#: Largest number of values for a range; with more, times are skipped evenly.
 _MAX_VALUES = 200_000_000
 _PREFIXES: tuple[tuple[str, float], ...] = (
     ("G", 1e9),
@@ -108,13 +108,13 @@ _PREFIXES: tuple[tuple[str, float], ...] = (
     ("n", 1e-9),
 )
 
-#: Deformations below this part of the mechanism are none.
+#: Deformations below this fraction of the size of the mechanism are zero.
 _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
 class ColourRange:
-    """Colours reach from 0 to `most` [SI], which is most / per in the unit."""
+    """Range of a colour scale: 0 to `most` [SI], which is most / per in the unit."""
 
     title: str
     unit: str
@@ -125,7 +125,7 @@ class ColourRange:
 def colour_ranges(
     motion: SampledMotion, bodies: Sequence[BodySurface]
 ) -> dict[str, ColourRange]:
-    """The largest elastic displacement and von Mises stress of all bodies."""
+    """Return the ranges of elastic displacement and von Mises stress of all bodies."""
     ranges = {}
     moved = max((_largest_values(motion, body, False) for body in bodies), default=0.0)
     if moved > 0:
@@ -165,7 +165,7 @@ def _largest_values(motion: SampledMotion, body: BodySurface, stress: bool) -> f
 
 
 def _prefixed_unit(size: float, unit: str) -> tuple[str, float]:
-    """A unit with a prefix in which the size is a handy number."""
+    """Return a unit with a prefix that suits a size."""
     for prefix, per in _PREFIXES:
         if size >= per:
             return prefix + unit, per
@@ -187,7 +187,7 @@ def fitting_scale(motion: SampledMotion, bodies: Sequence[BodySurface]) -> float
     return float(max(step * power for step in (1, 2, 5) if step * power <= wanted))
 
 
-#: Times between output times that are looked at, and stresses that are at a time.
+#: Number of intermediate times between output times; stresses per batch.
 _INTERMEDIATE_TIMES, _STRESSES_PER_BATCH = 4, 20_000_000
 
 

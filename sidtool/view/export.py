@@ -34,7 +34,7 @@ from .links import Anchor, Link
 from .motion import sample_motion
 
 Indices = NDArray[np.int64]
-#: Kinds of elements -> numbers of VTK, which orders their nodes alike.
+#: Cell types of VTK by element kind; the order of nodes is the same.
 VTK_CELLS = {
     "line2": 3,
     "tri3": 5,
@@ -72,8 +72,9 @@ class ExportBody:
     source: str
 
     def at(self, k: int) -> dict[str, Array]:
-        """Points and what is known at them at time k; in inertial axes but stresses,
-        which are in those of the body and NaN where they are not known."""
+        """Return points and point data at time k in inertial axes. Stresses are in body
+        axes, and NaN if they are not known.
+        """
         R, q = self.frame.R[k], self.q[k]
         moved = self.shapes @ q
         local = self.positions + moved
@@ -95,7 +96,7 @@ class ExportBody:
 class Line:
     """A spring, damper, actuator or rod: a line between two markers.
 
-    ends : parts of one point each, which move as the bodies of the markers
+    ends : parts with one point each, which move with the bodies of the markers
     """
 
     name: str
@@ -105,7 +106,7 @@ class Line:
 
     @property
     def positions(self) -> Array:
-        """(2, 3), each in the frame of its own body."""
+        """Return positions (2, 3), each in the frame of its own body."""
         return np.concatenate([end.positions for end in self.ends])
 
     def at(self, k: int) -> dict[str, Array]:
@@ -137,7 +138,7 @@ class ExportMesh:
         return sum(len(part.positions) for part in self.parts)
 
     def steps(self) -> Iterator[dict[str, Array]]:
-        """`ExportBody.at` of all bodies together, time by time."""
+        """Yield the data of `ExportBody.at` for all bodies together, time by time."""
         for k in iterate_with_progress(range(len(self.t)), "writing times"):
             parts = [part.at(k) for part in self.parts]
             yield {name: np.concatenate([f[name] for f in parts]) for name in parts[0]}
@@ -146,9 +147,9 @@ class ExportMesh:
 def export_mesh(
     result: Result, fields: Given | None = None, folder: Path | None = None
 ) -> ExportMesh:
-    """The bodies of a result: flexible ones by all cells of their full field where it
-    is known, else as they are drawn; and springs, dampers, actuators and rods between
-    markers as lines.
+    """Return the bodies of a result: flexible ones by all cells of their full field if
+    it is known, else as they are drawn. Springs, dampers, actuators and rods between
+    markers are lines.
 
     Raises
     ------
@@ -195,14 +196,16 @@ def export_mesh(
 
 
 def _line(link: Link, bodies: Mapping[str, ExportBody], count: int) -> Line:
-    """A link between the points that its ends are fixed to, at `count` times."""
+    """Return a link between the points to which its ends are fixed, at `count`
+    times.
+    """
     a, b = (_point(end, bodies.get(end.body), count) for end in link.ends)
     cells = {"line2": np.array([[0, 1]], np.int64)}
     return Line(link.name, (a, b), cells, f"a line, the {link.kind}")
 
 
 def _point(end: Anchor, body: ExportBody | None, count: int) -> ExportBody:
-    """A point of a body, or of the ground."""
+    """Return a point of a body, or of the ground, as a part."""
     if body is None:
         zero, no_shapes = np.zeros((count, 3)), np.zeros((count, 0))
         turns = np.tile(np.eye(3), (count, 1, 1))
@@ -250,13 +253,13 @@ def _join_cells(
     )
 
 
-#: Data at points, and their components.
+#: Point data and their number of components.
 POINT_DATA = {"displacement": 3, "velocity": 3, "stress": 6, "von_mises": 1}
 _KINDS = {"f": "Float32", "i": "Int64", "u": "UInt8"}
 
 
 def write_export(path: Path, mesh: ExportMesh) -> None:
-    """Write the format of the ending, .vtkhdf or .pvd.
+    """Write a file in the format of its ending, .vtkhdf or .pvd.
 
     Raises
     ------
@@ -308,9 +311,7 @@ def _create_rows(
 
 
 def _write_steps(root: h5py.Group, t: Array, n: int) -> None:
-    """Write where the parts of each time begin: points follow each other,
-    cells stay.
-    """
+    """Write the offsets of each time: points are appended, cells do not change."""
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = len(t)
     steps["Values"] = t
@@ -325,10 +326,9 @@ def _write_steps(root: h5py.Group, t: Array, n: int) -> None:
 
 
 def write_pvd(path: Path, mesh: ExportMesh) -> None:
-    """Write one VTU for each time into a folder beside it, and the PVD.
-
-    An earlier motion stays until all files of the new one are written. While they are
-    moved into place there is no PVD, so that none names files of two motions.
+    """Write one VTU per time into a folder next to the PVD, and the PVD. Files of an
+    earlier motion are kept until all new ones are written. While they are moved into
+    place there is no PVD, so it never names files of two motions.
     """
     folder = path.with_suffix("")
     entries = []

@@ -26,14 +26,14 @@ from .body_fields import ColourRange, colour_ranges
 from .links import COLOURS as LINK_COLOURS
 from .motion import SampledMotion
 
-#: Pictures, pictures a second, and triangles of a picture at most.
+#: Largest number of pictures, pictures per second, triangles of a picture.
 _MAX_PICTURES, _FRAME_RATE, _MAX_TRIANGLES = 100, 20, 7000
 _SIZE, _DPI = (6.4, 4.4), 100
-#: Parts of the page: around bodies, where the title begins, up to where a legend goes.
+#: Fractions of the page: margin around bodies, start of the title, end of the legend.
 _MARGIN, _TITLE, _LEGEND = 0.04, 0.91, 0.2
 #: Margin around the visible part of single pictures [pixels].
 _CROP_MARGIN = 12
-#: Part of a colour that does not depend on where a triangle looks.
+#: Fraction of a colour that does not depend on the direction of a triangle.
 _AMBIENT_LIGHT = 0.55
 
 
@@ -91,9 +91,8 @@ def snapshots(
     rows: Sequence[int],
     scale: float,
 ) -> list[bytes]:
-    """Return pictures (PNG) of some rows of a motion, bodies in their colours.
-
-    They have one window, as large as what is visible in any of them.
+    """Return pictures (PNG) of some rows of a motion, with bodies in their colours. All
+    have the same window, cropped to the visible part of all pictures.
     """
     with figure_style():
         stage = Stage(motion, bodies, _decimated_bodies(bodies), None, "", scale)
@@ -123,7 +122,7 @@ def _png_bytes(picture: Any) -> bytes:
 
 
 def _decimated_bodies(bodies: Sequence[BodySurface]) -> list[Any]:
-    """Triangles of each body, not more than a picture shows."""
+    """Return the triangles of each body, decimated to the limit of a picture."""
     total = sum(len(body.triangles) for body in bodies)
     return [
         decimate(
@@ -148,7 +147,7 @@ def _film_writer(path: Path) -> Any:
 
 
 class Stage:
-    """A picture of a mechanism that is drawn anew for each time."""
+    """A figure of a mechanism that is redrawn for each time."""
 
     def __init__(
         self,
@@ -169,14 +168,14 @@ class Stage:
         stage = self.page.add_axes((0, 0, 1, 0.94), projection="3d")
         self.axes = cast(Any, stage)
         self.faces = Poly3DCollection([np.zeros((3, 3))], linewidths=0)
-        self.faces.set_clip_on(False)  # axes are a square in the middle of the page
+        self.faces.set_clip_on(False)  # the axes are a square in the middle of the page
         self.axes.add_collection3d(self.faces)
         self._place()
         if colour_range is not None:
             self._legend(colour_range)
 
     def fit(self, rows: Sequence[int]) -> None:
-        """A window that shows all bodies at these times, and the legend below."""
+        """Fit the window to all bodies at these times, with the legend below."""
         low, high = np.full(2, np.inf), np.full(2, -np.inf)
         for row in rows:
             points = np.concatenate([part.reshape(-1, 3) for part in self._faces(row)])
@@ -193,13 +192,13 @@ class Stage:
         unit = np.eye(3) * self.motion.size
         sight = self._pixels(np.concatenate([np.zeros((1, 3)), unit]))
         across = np.linalg.pinv((sight[1:] - sight[0]).T / self.motion.size)
-        # the pixel that stays where it is when the axes are magnified
+        # the pixel that does not move when the axes are magnified
         fixed = self._pixels(self.motion.centre[None])[0]
         aim = (low + high) / 2 - (middle - fixed) / zoom
         self._centre_view(self.motion.centre + across @ (aim - fixed), zoom)
 
     def _centre_view(self, centre: Array, zoom: float) -> None:
-        """A place that is shown in the middle of the axes."""
+        """Show a position in the middle of the axes."""
         half = 0.55 * self.motion.size
         for which, middle in zip("xyz", centre, strict=True):
             self.axes.set(**{f"{which}lim": (middle - half, middle + half)})
@@ -214,7 +213,7 @@ class Stage:
         return np.asarray(self.axes.transData.transform(np.column_stack([x, y])))
 
     def _place(self) -> None:
-        """The direction of sight."""
+        """Set the viewing direction."""
         axes, motion = self.axes, self.motion
         self._centre_view(motion.centre, 1.0)
         axes.set_proj_type("ortho")
@@ -250,14 +249,14 @@ class Stage:
         ).set_label(f"{colour_range.title} [{colour_range.unit}]")
 
     def say(self, bodies: Sequence[BodySurface]) -> None:
-        """Below the picture, which bodies are sketches."""
+        """Write below the picture which bodies are sketches."""
         unknown = ", ".join(body.name for body in bodies if body.sketched)
         if unknown:
             text = textwrap.shorten(f"surface not known: {unknown}", 90)
             self.page.text(0.02, 0.01, text, fontsize="small", color="0.4")
 
     def show(self, row: int) -> None:
-        """Draws one time."""
+        """Draw one time."""
         from matplotlib.colors import to_rgb
 
         corners = self._faces(row)
@@ -272,8 +271,9 @@ class Stage:
         self.page.suptitle(f"t = {self.motion.t[row]:.4g} s", fontsize="medium")
 
     def _faces(self, row: int) -> list[Array]:
-        """Corners of the triangles of each body, then of each link, at one time,
-        (n, 3, 3) [m]."""
+        """Return the corners (n, 3, 3) [m] of the triangles of each body, then of each
+        link, at one time.
+        """
         corners = []
         for body, triangles in zip(self.bodies, self.triangles, strict=True):
             moved = body.shapes @ self.motion.elastic[body.name][row]
@@ -288,7 +288,9 @@ class Stage:
         ]
 
     def picture(self, row: int) -> Any:
-        """One time without its title, (height, width, 4) from 0 to 255."""
+        """Return a picture of one time without its title, (height, width, 4) from 0 to
+        255.
+        """
         self.show(row)
         self.page.suptitle("")
         self.page.canvas.draw()
@@ -320,7 +322,9 @@ class Stage:
 
 
 def vertical_axis(scene: SceneFile) -> Array:
-    """Against gravity; without it y of planar scenes and z of others."""
+    """Return the vertical axis: against gravity; without gravity y of planar scenes and
+    z of others.
+    """
     gravity = as_3d(scene.gravity)
     size = float(np.linalg.norm(gravity))
     if size > 0:
@@ -335,7 +339,7 @@ def _perpendicular_axis(scene: SceneFile, axis: int) -> bool:
 
 
 def view_directions(scene: SceneFile) -> dict[str, Array]:
-    """From where to look, by name: unit vectors from the mechanism to the eye."""
+    """Return viewing directions by name: unit vectors from the mechanism to the eye."""
     up = vertical_axis(scene)
     if scene.dimension == "planar":
         front = np.array([0.0, 0.0, 1.0])

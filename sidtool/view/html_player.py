@@ -35,17 +35,16 @@ from .links import COLOURS as LINK_COLOURS
 from .links import Link
 from .motion import SampledMotion
 
-#: Triangles in all beyond which bodies are thinned, and of the picture that plays
-#: where a browser is slow.
+#: Total number of triangles above which bodies are decimated; number for slow browsers.
 MOST_TRIANGLES, FEW_TRIANGLES = 250_000, 20_000
 #: Time between two pictures beyond which a browser counts as slow [ms].
 SLOW_FRAME_TIME = 60
-#: Speeds to choose from.
+#: Selectable playback speeds.
 PLAYBACK_SPEEDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.5, 1, 2, 5, 10, 30)
-#: Playing time that the speed at the beginning aims at [s].
+#: Range of the playing time for the initial speed [s].
 _MIN_PLAYING_TIME, _MAX_PLAYING_TIME = 3.0, 90.0
 _BODY_COLOURS = COLOURS[:6]
-#: What plays the motion, in the order of the page.
+#: Scripts of the page, in order.
 _SCRIPT_FILES = ("body.js", "camera.js", "player.js")
 
 
@@ -65,11 +64,11 @@ def player_page(
 
     Parameters
     ----------
-    columns : outputs at the times of the motion, drawn beside it
-    errors : estimated errors of some of these: bands around their curves
+    columns : outputs at the times of the motion, drawn next to it
+    errors : estimated errors of some outputs, drawn as bands around their curves
     colour : initial colouring: "", "displacement" or "stress"
     scale : initial magnification of deformations
-    notes : notes for its head
+    notes : notes at the top of the page
 
     Raises
     ------
@@ -196,7 +195,7 @@ def _link_data(link: Link) -> dict[str, Any]:
 
 
 def _quaternions(turns: Array) -> Array:
-    """(nt, 4) x, y, z, w; neighbours on one side, so that none turns the long way."""
+    """Return quaternions (nt, 4) x, y, z, w with continuous signs for interpolation."""
     quaternions = Rotation.from_matrix(turns).as_quat()
     signs = np.where(
         np.einsum("ta,ta->t", quaternions[1:], quaternions[:-1]) < 0, -1.0, 1.0
@@ -206,7 +205,9 @@ def _quaternions(turns: Array) -> Array:
 
 
 def _quantise_shapes(shapes: Array) -> tuple[str, list[float]]:
-    """(n, c, nq) as shares of the largest entry of each mode in 16 bits."""
+    """Return shapes (n, c, nq) as 16-bit fractions of the largest entry of each
+    mode.
+    """
     sizes = np.abs(shapes).max(axis=(0, 1), initial=0.0)
     safe = np.where(sizes > 0, sizes, 1.0)
     shares = np.round(np.moveaxis(shapes / safe, 2, 0) * 32767)
@@ -236,7 +237,7 @@ def _colour_palette() -> str:
 
 
 def _playback_speed(duration: float) -> float:
-    """1 where that plays neither too short nor too long."""
+    """Return the playback speed nearest to 1 with a suitable playing time."""
     if _MIN_PLAYING_TIME <= duration <= _MAX_PLAYING_TIME or duration <= 0:
         return 1
     wanted = duration / (
@@ -261,7 +262,7 @@ PACKAGE = "jupyter_threejs_sage"
 
 
 def three_js() -> str:
-    """The newest three.js of the package, as one script.
+    """Return the newest three.js of the package as one script.
 
     Raises
     ------

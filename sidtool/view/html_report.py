@@ -62,10 +62,10 @@ figcaption { font-size: 9pt; color: #444; }
 def write_report(
     path: Path, result: Result, fields: Mapping[str, Any], folder: Path
 ) -> list[str]:
-    """Write the page; sentences on what it could not show.
+    """Write the page; return notes on parts that could not be shown.
 
     fields : full fields of flexible bodies, or their files, by body
-    folder : where files of the scene may be
+    folder : folder of the files of the scene
 
     Raises
     ------
@@ -107,7 +107,7 @@ def write_report(
 def _snapshots(
     result: Result, fields: Mapping[str, Any], folder: Path, notes: list[str]
 ) -> Iterator[str]:
-    """The mechanism at the start, in the middle and at the end."""
+    """Draw the mechanism at the start, in the middle and at the end."""
     try:
         animation = animation_data(result, fields, folder)
     except InputError as error:
@@ -153,7 +153,7 @@ def _event_section(result: Result) -> Iterator[str]:
 
 
 def _output_section(result: Result, remarks: list[str]) -> Iterator[str]:
-    """A table of ranges with units, and curves."""
+    """Return a table of ranges with units, and curves."""
     if not result.names or not len(result.t):
         return
     rows, unit = [], units_in(result)

@@ -1,7 +1,6 @@
-"""Springs, dampers, actuators and rods between two markers, as they are drawn.
-
-Each is a mesh along x from 0 to 1, which is stretched to the distance of its ends and
-turned into their direction.
+"""Drawings of springs, dampers, actuators and rods between two markers. Each is a mesh
+along x from 0 to 1, which is scaled to the distance of its ends and rotated to their
+direction.
 """
 
 from __future__ import annotations
@@ -30,11 +29,12 @@ Indices = NDArray[np.int64]
 #: The axis of the meshes.
 X = np.array([1.0, 0.0, 0.0])
 
-#: Radius of coils, of a cylinder and of a rod, as parts of the mechanism; half the
-#: thickness of a wire, and how many coils of how many straight pieces a spring has.
+#: Radii of coils, cylinder and rod, as fractions of the mechanism; half the thickness
+#: of a wire; number of coils of a spring, and of straight pieces per coil.
 _COIL, _CYLINDER, _ROD, _WIRE = 0.02, 0.012, 0.005, 0.003
 _COILS, _PIECES = 8, 12
-#: Part of the length at each end of a spring that is straight, and of a cylinder.
+#: Fraction of the length of a spring that is straight at each end; fraction of a
+#: cylinder.
 _STRAIGHT, _OUTER = 0.12, 0.55
 
 
@@ -68,7 +68,7 @@ class Anchor:
     shapes: Array
 
     def path(self, motion: BodyMotion, scale: float) -> Array:
-        """(nt, 3) with deformations `scale` times as large [m]."""
+        """Return the path (nt, 3) [m] with deformations magnified by `scale`."""
         if not self.body:
             return np.tile(self.position, (len(motion.t), 1))
         local = self.position + scale * motion.elastic[self.body] @ self.shapes.T
@@ -94,7 +94,7 @@ class Link:
     triangles: Indices
 
     def corners(self, motion: BodyMotion, row: int, scale: float) -> Array:
-        """Corners of its triangles at one time, (m, 3, 3) [m]."""
+        """Return the corners (m, 3, 3) [m] of its triangles at one time."""
         a, b = (end.path(motion, scale)[row] for end in self.ends)
         length = float(np.linalg.norm(b - a))
         along = (b - a) / length if length else X
@@ -125,7 +125,7 @@ def scene_links(system: System, size: float) -> tuple[Link, ...]:
 
 
 def _linked_markers(scene: SceneFile) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Name, kind and markers of each."""
+    """Yield name, kind and markers of each link."""
     links = []
     for name, joint in scene.joints.items():
         if joint.type == "distance":
@@ -158,7 +158,7 @@ def _rod_mesh(size: float) -> tuple[Array, Indices]:
 
 
 def _cylinder_mesh(size: float) -> tuple[Array, Indices]:
-    """A wide part that a thin one leaves."""
+    """Return the mesh of a piston rod in a cylinder."""
     line = np.zeros((4, 3))
     line[:, 0] = [0.0, _OUTER, _OUTER, 1.0]
     wide, thin = _CYLINDER * size, _ROD * size
@@ -182,7 +182,7 @@ _MESHES = {
     "actuator": _cylinder_mesh,
     "spring": _spring_mesh,
 }
-#: Their colours.
+#: Colours by kind of link.
 COLOURS = {
     "rod": "#555555",
     "damper": "#777777",

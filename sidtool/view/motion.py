@@ -21,9 +21,9 @@ from sidtool.solver.system.system import GROUND_NAME, System
 from ..field.shapes import shape_mesh
 from .links import BodyMotion, Link, scene_links
 
-#: Rotation between two pictures above which more are put between [rad].
+#: Rotation between two pictures above which pictures are inserted [rad].
 MAX_ROTATION = 0.15
-#: Pictures at most: more are left out, evenly.
+#: Largest number of pictures; with more, times are skipped evenly.
 MAX_TIMES = 6000
 
 
@@ -31,7 +31,7 @@ MAX_TIMES = 6000
 class SampledJoint:
     """A joint, at its first marker.
 
-    body : the ground has none
+    body : name of the body, empty for the ground
     position : (3,) in the body frame, or in space [m]
     shapes : (3, nq)
     """
@@ -69,11 +69,11 @@ def sample_motion(
     times: Array | None = None,
     folders: Sequence[Path] = (Path("."),),
 ) -> SampledMotion:
-    """The motion of a result, between its output times interpolated where bodies turn
-    fast, see `Replay.outputs`.
+    """Return the motion of a result; between output times it is interpolated if bodies
+    rotate fast, see `Replay.outputs`.
 
-    times : default those that a film needs
-    folders : where paths of files of shapes may begin
+    times : default suitable times for a film
+    folders : folders of relative paths of shape files
 
     Raises
     ------
@@ -114,7 +114,7 @@ def sample_motion(
 
 
 def _shape_points(scene: SceneFile, folders: Sequence[Path]) -> dict[str, Array]:
-    """Points of the shapes of rigid bodies, in the body frame."""
+    """Return the points of the shapes of rigid bodies, in the body frame."""
     shapes = {n: getattr(body, "shape", None) for n, body in scene.bodies.items()}
     return {
         name: shape_mesh(shape, folders, f"bodies.{name}.shape")[0]
@@ -129,7 +129,7 @@ def _scene_extent(
     turns: Mapping[str, Array],
     shapes: Mapping[str, Array],
 ) -> tuple[Array, Array]:
-    """The box around all nodes and shapes, undeformed, at some hundred times."""
+    """Return the box around all undeformed nodes and shapes at some hundred times."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for data in system.bodies:
         points = np.array([node.position for node in data.sid.nodes]).reshape(-1, 3)
@@ -146,13 +146,13 @@ def _scene_extent(
 
 
 def _corners(points: Array) -> Array:
-    """Of the box around points, (8, 3)."""
+    """Return the corners (8, 3) of the box around points."""
     low, high = points.min(axis=0), points.max(axis=0)
     return np.array([np.where(pick, high, low) for pick in np.ndindex(2, 2, 2)])
 
 
 def _picture_times(again: Replay, most: int) -> tuple[Array, tuple[str, ...]]:
-    """Output times, with others between them where bodies turn far, or fewer."""
+    """Return output times, with more where bodies rotate far, or fewer."""
     t, samples = again.t, again.samples()
     if len(t) < 2:
         return t, ()
