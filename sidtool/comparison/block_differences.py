@@ -1,9 +1,9 @@
 """Rows of a comparison, and every block of two SIDs in the basis of the reference.
 
 The elastic coordinates of one are those of the other times a matrix T: natural modes of
-both, normalised to unit mass, differ by signs, and where frequencies are close by a
-rotation, which the shape functions at the nodes and the couplings to the rigid motion
-tell (orthogonal Procrustes problem).
+both, normalised to unit mass, differ by signs, and for close frequencies by a rotation.
+It follows from the shape functions at the nodes and the couplings to the rigid motion
+(orthogonal Procrustes problem).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class ComparisonRow:
     quantity : which one
     value, reference : number of the SID and of the reference
     deviation : relative; its basis depends on the group
-    tolerance : accepted magnitude of the deviation; None: shown only
+    tolerance : accepted magnitude of the deviation; None if the row is only printed
     source : source of the reference
     """
 
@@ -78,7 +78,7 @@ class Comparison:
         return tuple(row for row in self.rows if row.group.startswith(start))
 
 
-#: Entries below this share of what a block could hold are rounding.
+#: Entries below this fraction of the natural size of a block are rounding.
 _ROUNDING_SHARE = 1e-9
 #: Natural modes this close in frequency may mix.
 _CLOSE_FREQUENCIES = 1e-3
@@ -196,7 +196,9 @@ def _mode_signature(sid: SID, nodes: list[int]) -> Array:
 
 
 def _stack_nodes(sid: SID, name: str, nodes: list[int]) -> Taylor | None:
-    """The entries of several nodes as one expansion; None where one has none."""
+    """Return the entries of several nodes as one expansion; None if one has no
+    entry.
+    """
     entries = [getattr(sid.nodes[i], name) for i in nodes]
     if not entries or any(entry is None for entry in entries):
         return None

@@ -26,7 +26,8 @@ from ..validate.identity import max_magnitude
 from .block_differences import Comparison, ComparisonRow, block_rows
 
 _MAX_MARKERS = 4
-# Deflections below this share of the largest say nothing in a relative comparison.
+# Deflections below this fraction of the largest are negligible in a relative
+# comparison.
 _NEGLIGIBLE_SHARE = 1e-9
 # Modes this close in frequency may mix; they are compared as one subspace.
 _CLOSE_FREQUENCY_RATIO = 1e-3
@@ -238,13 +239,13 @@ def _shapes_with_rotations(first: ModalBody, second: ModalBody) -> tuple[Array, 
 
 
 def _moves_nodes(shapes: Array) -> NDArray[np.bool_]:
-    """Which modes move a node at all."""
+    """Return a mask of the modes that move a node."""
     sizes = np.linalg.norm(shapes, axis=0)
     return np.asarray(sizes > _NEGLIGIBLE_SHARE * sizes.max(initial=0.0))
 
 
 def _best_partner(assurance: Array, distance: Array) -> int:
-    """The most alike mode; among equals the one nearest in frequency."""
+    """Return the mode with the largest MAC; of equal ones the nearest in frequency."""
     alike = assurance >= assurance.max() - _EQUAL_ASSURANCE
     return int(np.where(alike, distance, np.inf).argmin())
 

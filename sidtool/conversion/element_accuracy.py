@@ -1,8 +1,8 @@
 """Error of linear elements: frequencies of the same mesh with better elements.
 
-Linear elements without internal modes bend too stiffly: by a factor where one of them
-spans a thickness, by per cents where several do. How much is measured on the free body,
-so that it does not depend on what holds it.
+Linear elements without internal modes bend too stiffly: by a factor if one element
+spans a thickness, by some per cent if several do. The error is measured on the free
+body, so that it does not depend on the supports.
 """
 
 from __future__ import annotations
@@ -30,18 +30,20 @@ Array = NDArray[np.float64]
 
 #: Number of compared frequencies, and the difference that gets a note.
 _COMPARED_FREQUENCIES, _NOTED_DIFFERENCE = 3, 0.01
-#: The same for elements of another program.
+#: Number of compared frequencies for elements of another program.
 _COMPARED_FREQUENCIES_OF_PROGRAM = 6
-#: Degrees of freedom of the better mesh above which comparing would dominate the time,
-#: and below which its eigenvectors are computed outright.
+#: Degrees of freedom of the better mesh above which the comparison would take too long,
+#: and below which its eigenvectors are computed directly.
 _LARGEST_MESH, _DIRECT_SOLUTION_SIZE = 150_000, 2_000
-#: Iterations leave less than a hundredth of the difference.
+#: After so many iterations the error is less than a hundredth of the difference.
 _ITERATIONS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class _BetterElements:
-    """The same mesh with better elements, and how to carry displacements over."""
+    """The same mesh with better elements, and the interpolation of
+    displacements to it.
+    """
 
     mesh: SolidMesh
     between: sp.csr_matrix
@@ -49,7 +51,7 @@ class _BetterElements:
 
 
 def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
-    """A sentence on linear elements that make this body too stiff or too soft."""
+    """Return a note on linear elements that make a body too stiff or too soft."""
     if body.alternative is not None:
         return _compare_frequencies(body, body.alternative)
     if body.solids is None or not body.solids.kinds_with_locking:
@@ -74,7 +76,7 @@ def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
 def _difference_note(
     kinds: str, own: Array, other: Array, better: str
 ) -> tuple[str, ...]:
-    """A sentence on frequencies [Hz] that differ from those with better elements."""
+    """Return a note on frequencies [Hz] that differ from those with better elements."""
     difference = own / other - 1
     if np.abs(difference).max() <= _NOTED_DIFFERENCE:
         return ()
@@ -95,7 +97,7 @@ def _difference_note(
 def _compare_frequencies(
     body: FiniteElementModel, other: ElementAlternative
 ) -> tuple[str, ...]:
-    """How the elements of another program differ from better ones of its own."""
+    """Compare the elements of another program with better ones of that program."""
     what = f"{other.own} elements of CalculiX"
     try:
         if other.size > _LARGEST_MESH:
@@ -149,7 +151,8 @@ def _frequencies(
 ) -> tuple[Array, Array]:
     """The lowest ones of the free body, and of the free body of better elements [Hz].
 
-    The latter by a few steps from the modes of the body, which are bounds from above.
+    The latter follow from a few iterations that start at the modes of the body; they
+    are upper bounds.
     """
     tied, positions = body.equations, body.positions
     own = _free_space(body.stiffness, body.field_mass, positions, tied)
@@ -160,7 +163,9 @@ def _frequencies(
         return to_hertz(values), to_hertz(other.modes(_COMPARED_FREQUENCIES)[0])
     between = sp.csr_matrix(sp.kron(better.between, sp.eye_array(body.dimension)))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # That so few do not converge.
+        warnings.simplefilter(
+            "ignore", UserWarning
+        )  # so few iterations do not converge
         squares, _ = lobpcg(
             stiffness,
             between @ modes,
@@ -180,7 +185,7 @@ def _free_space(
     positions: Array,
     tied: Equations | None = None,
 ) -> AdmissibleSpace:
-    """All displacements of a mesh."""
+    """Return the space of all displacements of a mesh."""
     model = FiniteElementModel(
         positions, None, stiffness, {}, (), full_mass=mass, equations=tied
     )
@@ -191,7 +196,9 @@ def _free_space(
 def _two_level_solver(
     stiffness: sp.csr_matrix, between: sp.csr_matrix, coarse: AdmissibleSpace
 ) -> LinearOperator:
-    """Solutions on the body's own elements, and node by node on the better ones."""
+    """Return a preconditioner: solve on the elements of the body, and node by node on
+    the better ones.
+    """
     d = coarse.places.shape[1]
     nodes = stiffness.shape[0] // d
     blocks = stiffness.tobsr((d, d))

@@ -8,10 +8,10 @@ there the motion is the screw exp(sum_l xi_l q_l), whose inverse is that of -xi:
     Phi1'_kl = Phi1_kl - theta_k x phi_l - theta_l x phi_k
                + (theta_k x xi_l + theta_l x xi_k) / 2
 
-Every block is changed by what these fields change in its integral (theory, section
-4), so that going there and back is the identity. Ke and De belong to the elastic
-coordinates, which are the same ones in every frame, and so do not change; that De was
-perhaps alpha Me + beta Ke with the old Me does not matter.
+Every block is changed by what these fields change in its integral (theory, section 4),
+so that going there and back is the identity. Ke and De belong to the elastic
+coordinates, which are the same in every frame, so they do not change, even if De was
+computed as alpha Me + beta Ke with the old Me.
 
 Source: R. Schwertassek, O. Wallrapp, A. Shabana, "Flexible multibody simulation and
 choice of shape functions", Nonlinear Dynamics 20, 1999.
@@ -54,7 +54,7 @@ from ..mesh.quadratic_fields import LEVI_CIVITA
 from ..validate import check
 from .rotary_inertia import CENTRIFUGAL_PRODUCTS
 
-#: Replaces "Hz" in a label with a frequency of another frame.
+#: Replacement of "Hz" in labels with a frequency of another frame.
 _FORMER_HERTZ = "hertz in another frame"
 
 
@@ -166,7 +166,7 @@ def change_frame(sid: SID, frame: str) -> SID:
 
 
 def frame_change(sid: SID, frame: str) -> FrameChange:
-    """The motion of a frame that is given in words; see `change_frame`."""
+    """Return the motion of a frame that is given as text; see `change_frame`."""
     kind, _, text = frame.partition(":")
     names = [name.strip() for name in text.split(",") if name.strip()]
     counts = {"tangent": (1,), "chord": (2,), "buckens": (0, 1)}

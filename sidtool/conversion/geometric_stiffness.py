@@ -59,11 +59,11 @@ def add_geometric_stiffening(
     basis: ReducedBasis,
     settings: Stiffening,
 ) -> SID:
-    """The SID with the geometric stiffening that the settings ask for.
+    """Return the SID with the geometric stiffening of the settings.
 
     Raises
     ------
-    InputError : the body came without elements, so that no stress is known.
+    InputError : the body has no elements, so its stress is not known.
     """
     loads = _InertiaLoads(body, frame)
     marked = stiffening_markers(body, settings)

@@ -12,13 +12,13 @@ from .quadrature import QuadraturePart
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Polynomials, by dimension, that the values of an element are fitted by, from the
-#: richest to the constant: products of coordinates.
+#: Terms of the polynomials that are fitted to the values of an element, by dimension,
+#: from the most terms to the constant.
 _TERMS = {
     2: ("1 x y xy", "1 x y", "1"),
     3: ("1 x y z xy yz zx", "1 x y z", "1"),
 }
-#: Least part of the largest singular value that a fit keeps.
+#: Relative cut-off of singular values of a fit.
 _SINGULAR_VALUE_TOLERANCE = 1e-9
 
 
@@ -77,7 +77,7 @@ class NodalAverages:
 
 
 def _terms(points: int, dimension: int) -> list[str]:
-    """The richest polynomial that so many points determine."""
+    """Return the polynomial with most terms that the points determine."""
     choices = [text.split() for text in _TERMS[dimension]]
     return next(terms for terms in choices if len(terms) <= points)
 

@@ -52,12 +52,12 @@ class InitialStress:
 def check_prestress(
     body: FiniteElementModel, settings: Stiffening, frame: FrameSettings
 ) -> None:
-    """Whether the loads of a prestress fit the body, before anything is solved.
+    """Check before any solution that the loads of a prestress fit the body.
 
     Raises
     ------
-    InputError : numbers do not fit the dimension, or nothing holds the loads of a
-        prestress.
+    InputError : numbers do not fit the dimension, or the loads of a prestress are not
+        supported.
     """
     if settings.prestress is not None:
         prestress = _with_reactions(body, settings.prestress, frame)
@@ -211,8 +211,9 @@ def _marker_loads(
     settings: Prestress,
     names: set[str] | None = None,
 ) -> tuple[Array, Array]:
-    """Loads (ndof, 1) on markers, all or those of some names, and what rows are short
-    of in stiffness."""
+    """Return loads (ndof, 1) on all or some markers, and the stiffness that their rows
+    lack.
+    """
     loads, excess = np.zeros((body.ndof, 1)), np.zeros((shapes.shape[1],) * 2)
     for kind, given in (("forces", settings.forces), ("moments", settings.moments)):
         for name, values in given.items():

@@ -23,7 +23,7 @@ _PROGRESS_TEXT = "going through the elements"
 
 @dataclass(frozen=True, eq=False)
 class QuadraturePart:
-    """Some quadrature points of a body, flat.
+    """Quadrature points of a body in flat arrays.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class QuadraturePart:
     continuum: int = 0
 
     def only(self, row: int) -> QuadraturePart:
-        """One of the points, without holding on to the others."""
+        """Return one point without references to the arrays of the others."""
         cut = [row]
         chosen, amplitudes = self.element, self.amplitudes
         if chosen is not None and amplitudes is not None:

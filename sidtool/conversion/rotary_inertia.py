@@ -76,14 +76,14 @@ def blocks_of_full_mass(
 
     Source: eq. (9), with Gr and Ge by the identities I10 and I8. Exact for solids, and
     for rigid bodies on nodes, which turn with them by a finite rotation. Lumped beams
-    are such bodies, and not quite beams: what a half element has of inertia by its
-    length turns too, where the line of a beam would bend. Of a rod of 6, 12 and 24
-    lumped Timoshenko elements the entries of Oe m1 in bending have errors of 0.36, 0.11
-    and 0.03 of the largest one, those in torsion do not. A consistent matrix of beams
-    has rotary inertia in displacements as well: 36 / (30 h) rho I beside 156 h / 420
-    rho A. What of an entry is which decides how it turns with the section, and a matrix
-    has their sum only; of Oe m1 in torsion that part is missing, which
-    `imported_matrices` notes.
+    consist of such bodies and differ from beams: the inertia of a half element along
+    its length rotates rigidly, whereas the axis of a beam bends. Of a rod of 6, 12 and
+    24 lumped Timoshenko elements the entries of Oe m1 in bending have errors of 0.36,
+    0.11 and 0.03 of the largest one, those in torsion do not. A consistent matrix of
+    beams has rotary inertia in displacements as well: 36 / (30 h) rho I beside 156 h /
+    420 rho A. Only the second part rotates with the section, but a matrix holds the
+    sum. Therefore this part is missing in Oe m1 of torsion; `imported_matrices` notes
+    this.
     """
     nq = shapes.shape[1]
     rigid = body.rigid_body_modes(origin)
@@ -152,8 +152,10 @@ def _rotary_blocks(
 
     Parameters
     ----------
-    inertia : (3, 3); inertia1 : (nq, 3, 3) its derivatives
-    cr : (nq, 3); cr1 : (nq, nq, 3) [l, i, a], antisymmetric in l, i
+    inertia : (3, 3)
+    inertia1 : (nq, 3, 3) its derivatives
+    cr : (nq, 3)
+    cr1 : (nq, nq, 3) [l, i, a], antisymmetric in l, i
     oe1 : (nq, nq, 3, 3) [l, i], symmetric in the axes
     """
     return {

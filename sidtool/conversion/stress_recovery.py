@@ -30,14 +30,15 @@ from .nodal_averages import NodalAverages
 from .prestress import InitialStress
 from .quadrature import QuadraturePart, quadrature_parts
 
-#: Random states of equal energy that the peak points are chosen from.
+#: Number of random states of equal energy for the choice of peak points.
 _RANDOM_STATES = 400
-#: Points are added until they have this part of the peak in every state, and at most
-#: so many.
+#: Points are added up to this fraction of the peak in every state, or this number of
+#: points.
 _PEAK_SHARE, _MAX_PEAK_POINTS = 0.99, 100
-#: Points that are looked at together, in all states.
+#: Number of points that are evaluated together, in all states.
 _POINTS_PER_BATCH = 2_000
-#: Slopes are taken this far inside a patch, where degenerate edges have some.
+#: Distance from the edges of a patch at which slopes are evaluated; they do not exist
+#: on degenerate edges.
 _DISTANCE_FROM_EDGES = 1e-7
 _MARKERS_ONLY = (
     "peak_points = 0: peak_von_mises is the largest stress of the markers, not that of "
@@ -57,7 +58,7 @@ def add_stress_recovery(
     settings: StressRecovery,
     initial: InitialStress | None = None,
 ) -> SID:
-    """The SID with sigma rows at its markers, and with nodes for the peak.
+    """Return the SID with sigma rows at its markers and nodes for the peak stress.
 
     sigma holds xx, yy, zz, xy, yz, xz: m0 the prestress, m1 per elastic coordinate.
     The settings have passed `check_stress`.
@@ -121,7 +122,7 @@ def check_stress(body: FiniteElementModel, settings: StressRecovery) -> list[str
 
 
 def _check_numbers(body: FiniteElementModel, settings: StressRecovery) -> None:
-    """Raises node numbers of peak points that markers have."""
+    """Refuse node numbers of peak points that markers already have."""
     first = settings.first_node
     count = _MAX_PEAK_POINTS if settings.peak_points is None else settings.peak_points
     for marker in body.markers:
@@ -181,14 +182,13 @@ def peak_points(
 ) -> list[StressPoint]:
     """Points among which the largest von Mises stress is, for any state.
 
-    They are quadrature points, nodes of meshes, and points of patches on the borders
-    of their knot spans: at the surface bending has its largest stress. That of nodes
-    is continued from quadrature points; see `NodalAverages`.
-
-    Tried are every shape function alone and random states in which every shape
-    function has the same strain energy on average. Points are taken one by one, each
-    where the peak of the state that is worst served so far is: `count` of them, or
-    until the points have 99 % of the peak in every state, at most 100.
+    Candidates are quadrature points, nodes of meshes, and points of patches on the
+    borders of their knot spans, because bending stress is largest at the surface.
+    Stress at nodes is extrapolated from quadrature points; see `NodalAverages`. The
+    examined states are every shape function alone, and random states in which every
+    shape function has the same mean strain energy. Points are added one by one, each at
+    the peak of the state that the points represent worst: `count` of them, or until the
+    points have 99 % of the peak in every state, at most 100.
 
     Raises
     ------
@@ -227,7 +227,9 @@ class _SamplePoints:
 def _sample_points(
     body: FiniteElementModel, shapes: Array, initial: InitialStress | None
 ) -> Iterator[_SamplePoints]:
-    """The quadrature points, then the nodes of a mesh or the borders of knot spans."""
+    """Yield the quadrature points, then the nodes of a mesh or the borders of knot
+    spans.
+    """
     mesh = None
     if not body.patches:
         mesh = body.drawn if body.solids is None else body.solids.mesh

@@ -37,7 +37,7 @@ Solve = Callable[[Array], Array]
 
 #: Up to this size LAPACK is faster than a factorisation and Lanczos.
 _DENSE_SIZE = 300
-#: The lowest eigenvalue in units of its rounding error that still counts as known.
+#: Smallest ratio of the lowest eigenvalue to its rounding error.
 _MIN_RESOLUTION = 100.0
 #: Eigenvalues that differ by less, relative to their size, are those of one frequency.
 SAME_FREQUENCY = 1e-8
@@ -72,10 +72,10 @@ def equal_frequencies(
 def rotation_to_axes(groups: list[Indices], shapes: Array, directions: Array) -> Array:
     """(n, n) the rotation of modes of one frequency to those along the axes.
 
-    Any combination of such modes is a mode, and which ones a solver finds is decided by
-    rounding. Of the two bending modes of a square bar, this gives the one in y and the
-    one in z. Where the axes do not distinguish the modes, as those of a square plate,
-    all but the first vanish at the place of the largest motion, and so on.
+    Any combination of such modes is a mode, and rounding decides which ones a solver
+    finds. Of the two bending modes of a square bar, this gives the one in y and the one
+    in z. Where the axes do not distinguish the modes, as those of a square plate, all
+    but the first vanish at the place of the largest motion, and so on.
 
     Parameters
     ----------
@@ -137,14 +137,14 @@ def lowest_eigenpairs(
 
     Parameters
     ----------
-    stiffness, mass : (n, n); mass positive definite, stiffness semidefinite shift :
-    negative for a singular stiffness, see `free_body_shift` [1/s^2] constraints : (k,
-    n) independent conditions ``constraints @ v = 0`` rigid : (n, r) known vectors of
-    the eigenvalue 0 that meet the constraints places : (n, d) position of each unknown,
-    see `symmetric_factors` static : responses to loads (n, k) that meet the constraints
-    and hold no rigid motion,
-        loads that would accelerate being balanced by inertia; by default K - shift M is
-        factored, which constraints do not allow
+    stiffness, mass : (n, n); mass positive definite, stiffness semidefinite
+    shift : negative for a singular stiffness, see `free_body_shift` [1/s^2]
+    constraints : (k, n) independent conditions ``constraints @ v = 0``
+    rigid : (n, r) known vectors of the eigenvalue 0 that meet the constraints
+    places : (n, d) position of each unknown, see `symmetric_factors`
+    static : function that returns responses to loads (n, k); they meet the constraints
+        and contain no rigid motion (loads are balanced by inertia). By default
+        K - shift M is factored, which is not possible with constraints
 
     Returns
     -------
@@ -199,9 +199,9 @@ def _check_resolution(stiffness: sp.csr_matrix, value: float, vector: Array) -> 
 def _dense_space(pencil: Pencil, count: int) -> Array:
     """(n, count) vectors that span the lowest eigenvectors, by LAPACK.
 
-    The mass over the shifted stiffness, whose largest eigenvalues are sought: the other
-    way round the lowest ones drown in the rounding of the largest, and a mass that is
-    singular to printed digits would not do.
+    The mass over the shifted stiffness, whose largest eigenvalues are sought:
+    conversely the lowest ones would be lost in the rounding of the largest, and a mass
+    matrix that is singular to printed digits could not be used.
     """
     mass, shifted = pencil.mass.toarray(), pencil.shifted.toarray()
     basis = None

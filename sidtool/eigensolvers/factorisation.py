@@ -165,7 +165,7 @@ class _Pardiso:
         return self._solver.solve(self._upper, load)
 
 
-#: Name -> module that must be there, factorisation; the first that is there is used.
+#: Name -> required module, factorisation; the first available one is the default.
 ENGINES: dict[str, tuple[str, Callable[[sp.csr_matrix], Factors]]] = {
     "cholmod": ("sksparse.cholmod", _Cholmod),
     "pardiso": ("pypardiso", _Pardiso),
@@ -174,7 +174,7 @@ ENGINES: dict[str, tuple[str, Callable[[sp.csr_matrix], Factors]]] = {
 }
 
 
-#: Parts of so few points are not cut.
+#: Parts with at most this number of points are not divided.
 _MIN_PART_SIZE = 3
 #: Digits of base 3 that an integer of 64 bits holds.
 _MOST_CUTS = 39

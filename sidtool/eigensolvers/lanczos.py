@@ -23,7 +23,7 @@ BLOCK_SIZE = 2
 FREE_BLOCK_SIZE = 3
 #: Residual of a Ritz pair relative to its value.
 _TOLERANCE = 1e-12
-#: A direction is nothing new if this share of its square is left.
+#: A direction is dependent if this fraction of its squared norm is left.
 _NEW_DIRECTION_TOLERANCE = 1e-24
 #: Negative values beside the largest one that are no rounding.
 _NEGATIVE_TOLERANCE = 1e-9
@@ -51,9 +51,9 @@ def dominant_vectors(
     ----------
     operator : (n, b) -> (n, b) ``A^-1 M x`` from ``M x``; with M self-adjoint in the
         metric of M
-    mass : (n, n) M, positive definite where the operator leads
+    mass : (n, n) M, positive definite on the range of the operator
     rigid : (n, r) eigenvectors that are known
-    block : how many vectors start, unless rigid ones do
+    block : number of starting vectors, unless rigid ones are given
 
     Raises
     ------
@@ -91,14 +91,14 @@ class _KrylovSpace:
         self._next, self._momenta = self._first(rigid)
 
     def extend(self) -> None:
-        """Take up the next block and apply the operator to it.
+        """Add the next block and apply the operator to it.
 
         Raises
         ------
         RuntimeError : the space is as large as it may be, or the operator is singular.
         """
         first, last = self._size, self._size + self._next.shape[1]
-        if first == last:  # One answer drowns all others.
+        if first == last:  # one response dominates all others
             raise RuntimeError(_MECHANISM_TEXT)
         if last > self._limit:
             raise RuntimeError("the eigenvectors do not converge")
@@ -134,7 +134,9 @@ class _KrylovSpace:
         return self._vectors[:, : self._size] @ mixing
 
     def _has_found_more(self, values: Array) -> bool:
-        """Whether the last random directions found more where the space had ended."""
+        """Return whether random directions found more eigenvectors after the space was
+        exhausted.
+        """
         before, self._converged_values = self._converged_values, values
         return not before.size or not np.allclose(before, values, rtol=1e-9)
 

@@ -44,11 +44,11 @@ class PartnerFailed(Exception):
 
 
 def check_slepc() -> None:
-    """Whether slepc4py and a parallel solver are there.
+    """Check that slepc4py and a parallel solver are installed.
 
     Raises
     ------
-    InputError : they are not.
+    InputError : one of them is missing.
     """
     petsc, _ = _import_slepc()
     _solver_name(petsc)
@@ -88,7 +88,7 @@ def _solver_name(petsc: Any) -> str:
 
 
 class Processes:
-    """The processes of one run, which meet before they compute together."""
+    """The processes of one run, which synchronise before common computations."""
 
     def __init__(self) -> None:
         petsc, _ = _import_slepc()
@@ -97,7 +97,7 @@ class Processes:
         self.size = int(petsc.COMM_WORLD.getSize())
 
     def synchronise(self, failed: bool = False) -> int | None:
-        """Wait for all; the lowest rank that failed, None if none did."""
+        """Wait for all processes; return the lowest rank that failed, or None."""
         own = float(self.rank if failed else self.size)
         vector = self._petsc.Vec().createMPI((1, None))
         vector.set(own)
@@ -110,7 +110,7 @@ class Processes:
 
         Raises
         ------
-        PartnerFailed : one will not come.
+        PartnerFailed : another process has failed.
         """
         if self.synchronise() is not None:
             raise PartnerFailed
@@ -140,12 +140,12 @@ def slepc_eigenvectors(pencil: Pencil, count: int) -> Array:
     """(n, count) vectors of the lowest eigenvalues, by Krylov-Schur.
 
     Shift and invert with a direct solver; constraints enter with Lagrange multipliers.
-    The same vectors come to every process.
+    Every process gets the same vectors.
 
     Raises
     ------
     RuntimeError : the iteration does not converge, or the matrix is singular.
-    PartnerFailed : another process failed before it came here.
+    PartnerFailed : another process failed before this point.
     """
     petsc, slepc = _import_slepc()
     processes = Processes()
@@ -189,7 +189,7 @@ def slepc_eigenvectors(pencil: Pencil, count: int) -> Array:
 
 
 class PetscFactors:
-    """Factors that are spread over the processes; see `factors.Factors`."""
+    """Factors that are distributed over the processes; see `factorisation.Factors`."""
 
     def __init__(self, matrix: sp.csr_matrix) -> None:
         self._petsc, _ = _import_slepc()
@@ -314,7 +314,7 @@ def _notify_listener(text: str) -> None:
 
 
 class ProgressCounter:
-    """Reports from time to time how often something was done."""
+    """Counter that reports its count at intervals."""
 
     def __init__(self, text: str, expected: float) -> None:
         """`text` with a place ``{}`` for the count; about how often it will be done."""

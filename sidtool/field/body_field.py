@@ -28,7 +28,7 @@ def body_field(
 ) -> Field:
     """Mesh, surface, shape functions and stresses of a body, in its body frame.
 
-    sid : what became of it
+    sid : SID of the body
     initial : the stress of the undeformed body
     """
     sampled = sample_body(body)
@@ -57,7 +57,7 @@ def body_field(
 def sample_body(body: FiniteElementModel) -> SampledPoints:
     """Return the points of a body and the rows of their motion.
 
-    A body that came as matrices has points and no surface.
+    A body from matrices has points and no surface.
     """
     if body.patches:
         parts = zip(body.patches, body.continua, strict=True)

@@ -19,7 +19,7 @@ from .surface import convex_hull, inertia_box, node_bars, plate_surface
 
 Indices = NDArray[np.int64]
 
-#: What pictures say of a flexible body of which nodes alone are known.
+#: Text in pictures of flexible bodies whose nodes only are known.
 _UNKNOWN_SURFACE_TEXT = "(its surface is not known)"
 _BARS_TEXT = f"joined to their neighbours {_UNKNOWN_SURFACE_TEXT}"
 
@@ -35,7 +35,7 @@ class BodySurface:
     shapes : (n, 3, nq) displacement per elastic coordinate
     stress : (n, 6, nq) per elastic coordinate [Pa], or None
     initial_stress : (n, 6) [Pa]
-    source : what the picture was made from, in words
+    source : text on the source of the surface
     """
 
     name: str
@@ -53,7 +53,7 @@ class BodySurface:
 
     @property
     def sketched(self) -> bool:
-        """The surface of a flexible body is not known."""
+        """Whether the surface of a flexible body is not known."""
         return self.source.endswith(_UNKNOWN_SURFACE_TEXT)
 
 
@@ -64,11 +64,11 @@ def body_surfaces(
     size: float,
     folders: Sequence[Path] = (Path("."),),
 ) -> list[BodySurface]:
-    """All bodies but the ground.
+    """Return the surfaces of all bodies except the ground.
 
     fields : of flexible bodies, as far as they are known
     size : of the mechanism, by which sketches are scaled [m]
-    folders : where paths of files of shapes may begin
+    folders : folders of relative paths of shape files
 
     Raises
     ------
@@ -117,7 +117,7 @@ def surface_of_field(name: str, content: Field, elastic: bool = True) -> BodySur
 
 
 def _bars_of_points(name: str, content: Field) -> BodySurface:
-    """A body that came as matrices: bars between its nodes."""
+    """Return bars between the nodes of a body from matrices."""
     size = float(np.ptp(content.positions, axis=0).max())
     turns = np.zeros_like(content.shapes)
     lines = node_bars(content.positions, content.shapes, turns, 0.01 * size)
@@ -149,7 +149,7 @@ def surface_of_sid(name: str, sid: SID, width: float) -> BodySurface:
 
 
 def _shaped(name: str, shape: Shape, folders: Sequence[Path]) -> BodySurface:
-    """A rigid body of which the scene says the shape."""
+    """Return the surface of a rigid body with a shape in the scene."""
     place = f"bodies.{name}.shape"
     positions, triangles = shape_mesh(shape, folders, place)
     no_shapes = np.zeros((len(positions), 3, 0))

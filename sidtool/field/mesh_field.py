@@ -153,7 +153,7 @@ def _stress_at_nodes(body: FiniteElementModel, mesh: Mesh, fields: Array) -> Arr
     return means.values().reshape(-1, 6, k)
 
 
-#: Points of one patch at most.
+#: Largest number of points of one patch.
 _MAX_POINTS = 200_000
 #: Slopes are taken this far inside the patch, where degenerate edges have some.
 _DISTANCE_FROM_BORDER = 1e-7

@@ -18,7 +18,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class SampledPoints:
-    """Points with what they do for given degrees of freedom.
+    """Points of a body and their motion for given degrees of freedom.
 
     Attributes
     ----------

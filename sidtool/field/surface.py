@@ -40,7 +40,7 @@ def plate_surface(
     sides = np.concatenate(
         [np.column_stack([a, b, b + n]), np.column_stack([a, b + n, a + n])]
     )
-    # Lower side first: its triangles look down, the upper ones up.
+    # lower side first: its triangles face down, the upper ones up
     return PictureSurface(
         np.concatenate([positions - shift, positions + shift]),
         np.concatenate([triangles[:, ::-1], triangles + n, sides]),
@@ -97,12 +97,12 @@ Parts = tuple[Array, Indices, Array]
 
 #: Pieces of a line between two points of a body that bends.
 _PIECES_PER_BAR = 16
-#: More points than these are joined in their order: a tree of all would take long.
+#: More points than this are joined in their order: a spanning tree would take too long.
 _MAX_TREE_POINTS = 2000
-#: Points that are looked at for the neighbours of each, and of a distance what counts
-#: as equal.
+#: Number of candidates for the neighbours of a point; relative tolerance for equal
+#: distances.
 _CANDIDATE_NEIGHBOURS, _EQUAL_DISTANCE_TOLERANCE = 32, 1e-9
-#: Of points that fill a volume the least spread to the largest; see `hull`.
+#: Smallest ratio of the spreads of points that fill a volume; see `convex_hull`.
 _MIN_SPREAD_RATIO, _MIN_CURVATURE_RATIO = 0.01, 0.01
 
 

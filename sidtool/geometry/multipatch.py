@@ -75,7 +75,7 @@ class DirectionMap:
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """How patches hang together.
+    """Connectivity of patches.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ def largest_extent(patches: Mapping[str, NurbsPatch]) -> float:
 def find_topology(
     patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9
 ) -> Topology:
-    """How the patches of a file hang together.
+    """Find the connectivity of the patches of a file.
 
     Parameters
     ----------

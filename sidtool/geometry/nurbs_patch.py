@@ -285,7 +285,7 @@ def k_refined_knots(knots: Array, degree: int, target_degree: int, spans: int) -
 
 
 def check_degree(degree: int, target_degree: int, place: str) -> None:
-    """Whether a degree is at least that of the geometry.
+    """Check that a degree is at least that of the geometry.
 
     Raises
     ------
@@ -302,7 +302,7 @@ def check_degree(degree: int, target_degree: int, place: str) -> None:
 def check_holds(
     knots: Array, degree: int, target: Array, target_degree: int, place: str
 ) -> None:
-    """Whether the splines on `target` hold those on `knots`.
+    """Check that the splines on `target` contain those on `knots`.
 
     Raises
     ------

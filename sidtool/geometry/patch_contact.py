@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 _SAMPLES_PER_DIRECTION = {2: 65, 3: 13}
 #: Distance at which a point is on a side, or inside a patch, relative to the part.
 _CONTACT_TOLERANCE = 1e-6
-#: Sides with common corners that are nearer than this to each other, relative to their
-#: size, were meant to be the same.
+#: Sides with common corners and a smaller distance, relative to their size, are
+#: reported as intended to be equal.
 _NEARLY_EQUAL_TOLERANCE = 0.02
 
 
@@ -128,7 +128,7 @@ def grid_numbers(
 
 
 def check_overlaps(patches: Mapping[str, NurbsPatch]) -> None:
-    """Whether every point belongs to one patch.
+    """Check that patches do not overlap.
 
     Raises
     ------
@@ -160,11 +160,11 @@ def check_overlaps(patches: Mapping[str, NurbsPatch]) -> None:
 
 
 def check_connected(numbering: CommonNumbering, ties: list[WeakTie]) -> None:
-    """Whether all patches hang together.
+    """Check that all patches are connected.
 
     Raises
     ------
-    InputError : names one that does not.
+    InputError : a patch is not connected; the error names it.
     """
     names = list(numbering.numbers)
     pairs = [

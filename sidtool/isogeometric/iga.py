@@ -35,8 +35,8 @@ from ..geometry.patch_evaluation import map_grid
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Gauss points per knot span at most, for weights that differ very much; to how much
-#: their integrals are right; and on how many lines across this is looked at.
+#: Largest number of Gauss points per knot span, for very different weights; relative
+#: tolerance of their integrals; number of lines on which they are checked.
 _MAX_GAUSS_POINTS, _RATIONAL_TOLERANCE, _CHECKED_LINES = 64, 1e-10, 7
 #: Entries of the largest array of one batch of knot spans, its strains.
 _BATCH_ENTRIES = 1_000_000
@@ -84,7 +84,7 @@ def patch_matrices(
 
 
 def refine_for_model(model: ModelFile, exact: NurbsPatch) -> NurbsPatch:
-    """A patch refined as the model asks.
+    """Return a patch refined according to the model.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def refine_for_model(model: ModelFile, exact: NurbsPatch) -> NurbsPatch:
 
 
 def target_knots(settings: IgaDiscretisation, exact: NurbsPatch) -> tuple[Array, ...]:
-    """The knot vectors on [0, 1] that a discretisation asks for.
+    """Return the knot vectors on [0, 1] of a discretisation.
 
     Raises
     ------

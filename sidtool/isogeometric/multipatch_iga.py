@@ -99,7 +99,7 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
 
 @dataclass(frozen=True, eq=False)
 class _JoinedPatches:
-    """Patches as given, refined, and how they hang together."""
+    """Original patches, refined patches, and their connectivity."""
 
     exact: Mapping[str, NurbsPatch]
     fine: Mapping[str, NurbsPatch]

@@ -1,8 +1,9 @@
 """Weak tie of sides that do not match: the mortar method with a penalty.
 
 The jump of the displacements across the tie, projected on the functions of the slave
-side, is held by springs that are stiff beside the elements. Functions of the slave side
-only: springs at every point would lock, because the two sides share few displacements.
+side, is penalised by springs that are stiff compared with the elements. Functions of
+the slave side only: springs at every point would lock, because the two sides share few
+displacements.
 
 Source: C. Bernardi, Y. Maday, A. T. Patera, "A new nonconforming approach to domain
 decomposition: the mortar element method", 1994.

@@ -41,11 +41,12 @@ class AdmissibleSpace:
     stiffness, mass : (n, n)
     constraints : (k, n) further conditions, of fixed or interface markers
     rigid : (n, r) the rigid motions that are admissible
-    stopped : (n, s) those that only the constraints stop
+    constrained_rigid_motions : (n, s) the rigid motions that only the constraints
+        prevent
     shift : a negative number below which K - shift M is positive definite [1/s^2]
-    places : (n, d) where each y is, for the order of the unknowns
-    directions : (ndof,) of the model
-    factors : of the stiffness, for this space and all with further constraints
+    places : (n, d) position of each y, for the elimination order
+    directions : (ndof,) directions of the degrees of freedom of the model
+    factors : factors of the stiffness, shared with spaces with further constraints
     """
 
     transform: sp.csr_matrix
@@ -68,10 +69,9 @@ class AdmissibleSpace:
         return self.transform @ y
 
     def acts(self, loads: Array) -> NDArray[np.bool_]:
-        """(n,) whether loads (ndof, n) do more than press on what holds the body.
-
-        The answer to a load that acts on supports alone, or is zero but for rounding,
-        is rounding itself.
+        """Return a mask (n,) of loads (ndof, n) that do not act on supports only. The
+        response to a load on supports alone, or to a load of rounding size, is
+        rounding.
         """
         rest = self.loads(loads)
         possible = np.linalg.norm(abs(self.transform).T @ np.abs(loads), axis=0)
@@ -81,7 +81,7 @@ class AdmissibleSpace:
         return np.linalg.norm(rest, axis=0) > _NO_MOTION * possible
 
     def with_constraints(self, rows: Array) -> AdmissibleSpace:
-        """The same space with further conditions ``rows @ u = 0``, rows (k, ndof)."""
+        """Return the space with further conditions ``rows @ u = 0``, rows (k, ndof)."""
         more = np.asarray((self.transform.T @ rows.T).T)
         constraints = np.vstack([self.constraints, more])
         largest = (np.abs(more) @ np.abs(self.rigid)).max(axis=0, initial=0.0)
@@ -104,11 +104,11 @@ class AdmissibleSpace:
 
         Parameters
         ----------
-        soon : how many will be requested later; they are computed together
+        soon : number of modes that will be requested later; they are computed together
 
         Raises
         ------
-        InputError : there are fewer.
+        InputError : the space has fewer modes.
         """
         skipped = self.rigid.shape[1]
         available = self.stiffness.shape[0] - len(self.constraints) - skipped
@@ -136,8 +136,8 @@ class AdmissibleSpace:
     def _lowest_modes(self, count: int, all_of_them: bool) -> tuple[Array, Array, int]:
         """Eigenvalues, displacements, and how many modes form whole groups.
 
-        The last group of equal frequencies may go on: such modes could be turned to
-        others by those that are not known.
+        The last group of equal frequencies may be incomplete: its modes could be
+        combined with modes that are not known.
         """
         skipped = self.rigid.shape[1]
         values, vectors = lowest_eigenpairs(
@@ -176,7 +176,7 @@ class AdmissibleSpace:
 class PinnedFactors:
     """Factors of K with springs against its rigid motions, computed on first use.
 
-    There are as many springs as rigid motions, so that balanced loads do not strain
+    The number of springs equals that of rigid motions, so balanced loads do not strain
     them.
     """
 
@@ -197,9 +197,9 @@ class PinnedFactors:
 
 
 class _StaticSolver:
-    """Static answers of a space from the factors A of its body alone.
+    """Static responses of a space from the factors A of its body without constraints.
 
-    With constraints C, their multipliers l and the rigid motions R that they stop,
+    With constraints C, their multipliers l and the rigid motions R that they prevent,
     ``u = A^-1 (f - C^T l) + R a`` solves ``K u + C^T l = f`` where the constraints
     balance the loads, ``R^T (f - C^T l) = 0``: nothing then pulls at the springs in A.
     """
@@ -240,15 +240,15 @@ class _StaticSolver:
 def constrained_space(
     model: FiniteElementModel, frame: Frame, fixed: tuple[str, ...] = ()
 ) -> AdmissibleSpace:
-    """The displacements that frame, rigid ties and fixed places leave.
+    """Return the space of displacements allowed by frame, rigid ties and supports.
 
     Parameters
     ----------
-    fixed : edges, node sets and markers that do not move
+    fixed : edges, node sets and markers that are fixed
 
     Raises
     ------
-    InputError : nothing is left, or a rigid piece is held in part.
+    InputError : no displacement is left, or a rigid piece is fixed in part.
     """
     known = {marker.name for marker in model.markers}
     held = clamped_dofs(model, frame, fixed)
@@ -285,9 +285,8 @@ def constrained_space(
 def _free_coordinates(
     model: FiniteElementModel, held: NDArray[np.bool_]
 ) -> sp.csr_matrix:
-    """Free degrees of freedom one to one, rigid pieces by their rigid motions.
-
-    Less those that the equations of the body give.
+    """Return the transformation: free degrees of freedom one to one, rigid pieces by
+    their rigid motions, without dependent unknowns of the equations of the body.
     """
     free = ~held
     columns = []
@@ -320,7 +319,9 @@ def _free_coordinates(
 
 
 def _coordinate_positions(model: FiniteElementModel, transform: sp.csr_matrix) -> Array:
-    """(n, d) where each y is: at its node, or amid the nodes that it moves."""
+    """Return positions (n, d) of each y: of its node, or the mean of the nodes that it
+    moves.
+    """
     there = model.table >= 0
     nodes = np.broadcast_to(np.arange(len(model.table))[:, None], there.shape)
     positions = np.zeros((model.ndof, model.dimension))
@@ -339,11 +340,11 @@ def _coordinates_of(transform: sp.csr_matrix, displacements: Array) -> Array:
 def _null_and_range(rows: Array, largest: Array) -> tuple[Array, Array]:
     """Columns that the rows (k, n) annihilate, and columns for the rest of the space.
 
-    Each set is orthonormal but for a scale of every unknown.
+    Each set is orthonormal after a scaling of the unknowns.
 
     Parameters
     ----------
-    largest : (n,) how large the columns could be; far less of it is rounding
+    largest : (n,) possible size of the columns; values far below are rounding
     """
     n = rows.shape[1]
     sizes = np.abs(rows).max(axis=0, initial=0.0)
@@ -360,7 +361,7 @@ def _null_and_range(rows: Array, largest: Array) -> tuple[Array, Array]:
 
 
 def independent_rows(rows: Array) -> Array:
-    """Unit rows less those that follow from the ones before."""
+    """Return normalised rows without those that depend on previous rows."""
     selected: list[Array] = []
     basis = np.zeros((0, rows.shape[1]))
     for row in rows:
@@ -377,7 +378,9 @@ def independent_rows(rows: Array) -> Array:
 
 
 def _support_mask(rigid: Array) -> Array:
-    """(n,) ones at degrees of freedom that hold every rigid motion, zeros elsewhere."""
+    """Return (n,) ones at degrees of freedom that support every rigid motion, zeros
+    elsewhere.
+    """
     rest = rigid / np.abs(rigid).max(axis=0)
     pins = np.zeros(len(rigid))
     for _ in range(rigid.shape[1]):

@@ -77,7 +77,9 @@ class BasisErrors:
 
 
 def has_moment_loads(marker: MarkerRows, settings: ReductionSettings) -> bool:
-    """Whether moments are loads: as chosen, or where a marker has its own rotation."""
+    """Return whether moments are loads: by the settings, or if a marker has its own
+    rotation.
+    """
     return bool(getattr(settings, "rotations", marker.gradient is None))
 
 
@@ -88,7 +90,7 @@ def full_model_reference(
     settings: ReductionSettings,
     count: int,
 ) -> FullModelReference:
-    """The first `count` frequencies, and the compliance at some markers."""
+    """Return the first `count` frequencies, and the compliance at some markers."""
     pairs = [(marker, has_moment_loads(marker, settings)) for marker in markers]
     rows = [motion_rows(body, marker, rotations=turn) for marker, turn in pairs]
     names = [motion_names(body, marker, rotations=turn) for marker, turn in pairs]
@@ -108,7 +110,7 @@ def measure_basis_errors(
     basis: ReducedBasis,
     full: FullModelReference,
 ) -> BasisErrors:
-    """The errors of a basis; rigid motions that are free are known.
+    """Return the errors of a basis; free rigid motions are known.
 
     Raises
     ------
@@ -136,13 +138,13 @@ def measure_basis_errors(
 
 #: The error above which other methods are tried.
 _POOR_ERROR = 0.01
-#: Errors below this are alike: the fewer shape functions, the better.
+#: Errors below this are equal; then fewer shape functions are better.
 _EQUAL_ERROR = 1e-6
-#: Per cents that rounding may be.
+#: Errors in per cent below this may be rounding.
 _ROUNDING = 1e-4
-#: Entries of the loads at markers above which nothing is measured.
+#: Number of entries of the loads at markers above which no error is measured.
 _MAX_LOAD_ENTRIES = 50_000_000
-#: The same for markers that are not among the interfaces.
+#: The same limit for markers that are not interfaces.
 _LARGEST_BESIDE = 5_000_000
 _UNKNOWN: SixComponents = (None,) * 6
 _TITLES = {
@@ -158,9 +160,9 @@ class BasisQuality:
 
     Attributes
     ----------
-    text : a sentence poor : whether compliance at markers, or frequencies that the
-    basis should represent,
-        have errors of per cents
+    text : a note on the errors
+    poor : True if the compliance at markers, or frequencies that the basis should
+        represent, have errors of at least one per cent
     carried : shares of the compliance at all markers, for its SID
     """
 
@@ -172,10 +174,8 @@ class BasisQuality:
 def assess_basis(
     body: FiniteElementModel, frame: Frame, basis: ReducedBasis, model: ModelFile
 ) -> BasisQuality | None:
-    """How good a basis is.
-
-    None where nothing can be measured: the method solved no equations, or the markers
-    are too many.
+    """Assess a basis. Return None if nothing can be measured: the method solved no
+    equations, or there are too many markers.
     """
     settings, space = model.reduction, basis.space
     if space is None:
@@ -208,7 +208,7 @@ def held_marker_note(
     """Note on what modes of the free body lack if a joint fixes the marker of their
     frame.
 
-    None if they lack nothing, or the frame is clamped or of another kind.
+    Return None if nothing is missing, or if the frame is clamped or of another kind.
     """
     if basis.space is None or frame.rows is None or model.frame.type != "tangent":
         return None
@@ -237,7 +237,7 @@ def _loaded_markers(
     settings: ReductionSettings,
     all_markers: bool = False,
 ) -> list[MarkerRows]:
-    """The interfaces, or all markers that can move."""
+    """Return the interfaces, or all markers that can move."""
     held = clamped_dofs(body, frame, settings.fixed_names)
     chosen = settings.interface_names
     if all_markers or not chosen:
@@ -258,7 +258,7 @@ def _compliance_shares(
     own: BasisErrors,
     settings: ReductionSettings,
 ) -> ComplianceShares:
-    """The measured shares, those at the other markers and under its own inertia."""
+    """Return the measured shares, those at other markers, and under inertia loads."""
     rows: dict[str, list[float | None]] = {}
     parts, known = (
         [own],
@@ -343,7 +343,8 @@ def _suggested_methods(
     settings: ReductionSettings,
     worst: float,
 ) -> str:
-    """The best of some other methods, measured; `worst` is what the chosen one has.
+    """Return the best of some other methods by measured errors; `worst` is the error of
+    the selected method.
 
     Those with fewer shape functions come first, so that the first without an error is
     the best.
@@ -351,7 +352,9 @@ def _suggested_methods(
     candidates = []
     for other in _other_methods(settings, markers, len(full.frequencies)):
         basis = REDUCTIONS[other.method](body, frame, other, space)
-        with suppress(np.linalg.LinAlgError):  # shapes that rounding makes dependent
+        with suppress(
+            np.linalg.LinAlgError
+        ):  # rounding makes shape functions dependent
             found = measure_basis_errors(body, space, basis, full)
             if found.worst < worst:
                 candidates.append((found, other))
@@ -374,8 +377,9 @@ def _suggested_methods(
 def _other_methods(
     settings: ReductionSettings, markers: list[MarkerRows], count: int
 ) -> Iterator[AttachmentReduction | HertingReduction | CraigBamptonReduction]:
-    """Other methods, with modes for as many frequencies as are compared; the same
-    method where it has fewer modes."""
+    """Yield other methods with enough modes for the compared frequencies, including the
+    same method if it has fewer modes.
+    """
     if not markers:
         return
     own = getattr(settings, "modes", 0)

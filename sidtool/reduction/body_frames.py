@@ -18,8 +18,8 @@ from ..elements.finite_element_model import FiniteElementModel, Indices, MarkerR
 
 Array = NDArray[np.float64]
 
-#: A set of conditions fixes a frame if no rigid motion meets it; relative size of the
-#: smallest singular value that counts.
+#: Conditions fix a frame if no rigid motion satisfies them: smallest relative singular
+#: value that counts as non-zero.
 _SINGULARITY_TOLERANCE = 1e-10
 
 
@@ -32,9 +32,9 @@ class Frame:
     origin : (3,) in the axes of the model [m]
     held : (ndof,) the degrees of freedom that vanish in this frame
     rows : (3 or 6, ndof) conditions ``rows @ u = 0`` that define the frame of a body
-        that is not held; None if `held` does, or if there is no condition
-    supports : whether these conditions also support the body where its shape functions
-        are sought
+        that is not clamped; None if `held` defines it, or if there is no condition
+    supports : whether these conditions also support the body in the computation of
+        shape functions
     """
 
     origin: Array
@@ -43,7 +43,7 @@ class Frame:
     supports: bool = False
 
     def without_rigid_motion(self, model: FiniteElementModel, shapes: Array) -> Array:
-        """Shape functions (ndof, n) less the rigid motion that the frame takes over."""
+        """Return shape functions (ndof, n) without the rigid motion of the frame."""
         if self.rows is None:
             return shapes
         rigid = model.rigid_body_modes(self.origin)
@@ -52,7 +52,7 @@ class Frame:
 
 
 def tangent_frame(model: FiniteElementModel, settings: TangentFrame) -> Frame:
-    """The frame of a marker, where nothing moves or turns.
+    """Return the frame of a marker, whose displacement and rotation vanish.
 
     Raises
     ------
@@ -74,9 +74,8 @@ def tangent_frame(model: FiniteElementModel, settings: TangentFrame) -> Frame:
 
 
 def chord_frame(model: FiniteElementModel, settings: ChordFrame) -> Frame:
-    """Return the frame on one marker that keeps the direction to another.
-
-    Shape functions are those of the body on these supports, as a rod between two pins.
+    """Return the frame at one marker whose axis points to another marker. Shape
+    functions are those of the body on these supports, like a rod between two pins.
 
     Raises
     ------
@@ -116,7 +115,9 @@ def perpendicular_directions(direction: Array, dimension: int) -> Array:
 
 
 def buckens_frame(model: FiniteElementModel, settings: BuckensFrame) -> Frame:
-    """Mean axes: shape functions carry no linear and no angular momentum."""
+    """Return the mean-axis frame: shape functions have no linear and no angular
+    momentum.
+    """
     mass, centre = mass_and_centre(model)
     origin = centre
     if settings.marker is not None:
@@ -173,7 +174,7 @@ def set_nodes(model: FiniteElementModel, name: str, place: str) -> Indices:
 
     Raises
     ------
-    InputError : there is none of this name, or it is empty.
+    InputError : there is no set of this name, or it is empty.
     """
     if name not in model.node_sets:
         raise InputError(

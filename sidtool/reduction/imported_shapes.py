@@ -1,4 +1,4 @@
-"""Shape functions that the user supplies in a file."""
+"""Shape functions from a file of the user."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def user_shapes(
     frame: Frame,
     settings: UserReduction,
 ) -> ReducedBasis:
-    """The columns of a matrix, made independent and orthonormal.
+    """Return the columns of a matrix as an orthonormal basis.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def user_shapes(
 
 
 def read_matrix(path: Path, name: str | None = None) -> Array:
-    """A dense array from .npy, .npz, .mtx or HDF5.
+    """Read a dense array from .npy, .npz, .mtx or HDF5.
 
     Parameters
     ----------

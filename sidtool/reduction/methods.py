@@ -2,7 +2,7 @@
 
 A reduction method takes a body, its frame and the settings, and reduces the body to a
 `ReducedBasis`, whose `reconstruct` returns the displacement of the whole body. The
-space of the body as frame and `fix` hold it may be passed, with its factors.
+space of the body with the supports of frame and `fix` may be passed, with its factors.
 
 Source of the rational Krylov vectors: J. Fehr, P. Eberhard, "Simulation process of
 flexible multibody systems with non-modal model order reduction techniques", Multibody
@@ -51,9 +51,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: Frequencies of the full mesh by which a basis is judged after the reduction.
+#: Number of frequencies of the full mesh that a basis is compared with.
 COMPARED_FREQUENCIES = 10
-#: Components of a field below this part of the size of the body are rounding.
+#: Components of a field below this fraction of the size of the body are rounding.
 _ROUNDING = 1e-12
 
 
@@ -165,8 +165,8 @@ def krylov_reduction(
 ) -> ReducedBasis:
     """Rational Krylov vectors that match the transfer functions between markers.
 
-    See `krylov_vectors`. Of a body that its frame accelerates, the answers to uniform
-    accelerations are matched as well.
+    See `krylov_vectors`. For a body that is accelerated with its frame, responses to
+    uniform accelerations are matched, too.
     """
     space = space or constrained_space(model, frame, settings.fixed_names)
     rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
@@ -201,7 +201,9 @@ def _constraint_modes(
     outer: AdmissibleSpace,
     settings: CraigBamptonReduction | HertingReduction,
 ) -> tuple[AdmissibleSpace, ShapeFamily]:
-    """The space with fixed interfaces, and static answers to unit motions of these."""
+    """Return the space with fixed interfaces, and static responses to their unit
+    motions.
+    """
     rows, _ = _interface_rows(model, settings.interfaces, settings.rotations)
     inner = outer.with_constraints(rows)
     count, before = len(inner.constraints), len(outer.constraints)
@@ -213,7 +215,7 @@ def _constraint_modes(
 def _inertia_relief(
     model: FiniteElementModel, frame: Frame, space: AdmissibleSpace
 ) -> ShapeFamily:
-    """Static answers to uniform accelerations; none of a body that is free."""
+    """Return static responses to uniform accelerations; none for a free body."""
     loads = np.zeros((model.ndof, 0))
     if not space.rigid.shape[1]:
         rigid = model.rigid_body_modes(frame.origin)
@@ -222,9 +224,9 @@ def _inertia_relief(
 
 
 def _without_rounding(model: FiniteElementModel, fields: Array) -> Array:
-    """Fields (ndof, n) linear in the place, zero where they are so but for rounding.
-
-    A thin bar along x has coordinates y of 1e-17 m, whose answers look like others.
+    """Return fields (ndof, n) that are linear in position, with rounding set to zero. A
+    thin bar along x has coordinates y of 1e-17 m; responses to them would look like
+    others.
     """
     size = np.ptp(model.positions, axis=0).max()
     return np.where(np.abs(fields) > _ROUNDING * size, fields, 0.0)
@@ -233,7 +235,9 @@ def _without_rounding(model: FiniteElementModel, fields: Array) -> Array:
 def _static_answers(
     space: AdmissibleSpace, loads: Array, kind: str, names: tuple[str, ...] = ()
 ) -> ShapeFamily:
-    """Static answers to loads (ndof, n), less those to loads that supports take."""
+    """Return static responses to loads (ndof, n), without loads that act on supports
+    only.
+    """
     felt = space.acts(loads)
     names = tuple(name for name, there in zip(names, felt, strict=False) if there)
     return ShapeFamily(kind, space.static(loads[:, felt]), names)

@@ -19,7 +19,7 @@ _GROWTH = {
 
 
 def point_markers(body: FiniteElementModel, held: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Markers that are one point of a plane body or a solid, and can move.
+    """Return the markers at single points of a plane body or a solid that can move.
 
     held : (ndof,) degrees of freedom that are clamped in the frame
     """
@@ -35,7 +35,7 @@ def point_markers(body: FiniteElementModel, held: NDArray[np.bool_]) -> tuple[st
 def point_marker_note(
     body: FiniteElementModel, held: NDArray[np.bool_]
 ) -> tuple[str, ...]:
-    """A sentence on markers whose compliance does not converge."""
+    """Return a note on markers whose compliance does not converge."""
     names = point_markers(body, held)
     if not names:
         return ()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: A candidate is dependent if less than this share of it is new.
+#: A candidate is dependent if a smaller fraction of it is independent of the others.
 DEPENDENCE_TOLERANCE = 1e-8
 
 
@@ -51,8 +51,8 @@ class ReducedBasis:
     shapes : (ndof, nq)
     stiffness : (nq, nq) shapes^T K shapes
     labels : nq texts for the SID
-    shares : kind of candidate -> (nq,) its share of each shape function's kinetic
-        energy; the shares of one shape function add up to 1
+    shares : kind of candidate -> (nq,) its share of the kinetic energy of each shape
+        function; the shares of one shape function add up to 1
     report : notes on omitted candidates
     space : admissible space of the reduction, with its factors, or None
     """
@@ -65,7 +65,7 @@ class ReducedBasis:
     space: AdmissibleSpace | None = None
 
     def reconstruct(self, q: ArrayLike) -> Array:
-        """The displacement of every degree of freedom, (ndof,), for q (nq,)."""
+        """Return the displacement of every degree of freedom, (ndof,), for q (nq,)."""
         return self.shapes @ np.asarray(q, float)
 
     @property
@@ -80,11 +80,10 @@ def orthonormal_basis(
     families: Sequence[ShapeFamily],
     title: str,
 ) -> ReducedBasis:
-    """The space of all candidates in the frame, in its natural modes.
-
-    The rigid motion that the frame takes over is removed, then what is linearly
-    dependent; the Ritz vectors of stiffness and mass in the rest make Me the identity
-    and Ke diagonal, however close to each other the candidates were.
+    """Return the natural modes of the space of all candidates in the frame. The rigid
+    motion of the frame is removed first, then linearly dependent candidates. The Ritz
+    vectors of stiffness and mass in the remaining space make Me the identity and Ke
+    diagonal, however close to each other the candidates were.
 
     Raises
     ------
@@ -128,7 +127,7 @@ def to_hertz(eigenvalues: Array) -> Array:
 
 
 def orient_shapes(shapes: Array, model: FiniteElementModel) -> Array:
-    """The same shape functions with signs that do not depend on the solver.
+    """Return the shape functions with signs that do not depend on the solver.
 
     A shape function is positive in the largest component of its displacement at the
     last marker of the model file at which it moves; if it moves at none, and nodes
@@ -143,7 +142,7 @@ def orient_shapes(shapes: Array, model: FiniteElementModel) -> Array:
 def _shape_sign(shape: Array, model: FiniteElementModel) -> float:
     visible = EQUAL * np.abs(shape).max()
     rows = [marker.displacement for marker in reversed(model.markers)]
-    if (model.table[:, 3:] >= 0).any():  # elsewhere they are gradients of a mesh
+    if (model.table[:, 3:] >= 0).any():  # otherwise rotations are gradients of a mesh
         rows += [marker.rotation for marker in model.markers]
     components = (row @ shape for row in rows)
     motion = next((m for m in components if np.abs(m).max() > visible), shape)
@@ -166,7 +165,7 @@ def _orthonormalise(
 
     Parameters
     ----------
-    sizes : (n,) what the new part of each column is measured by
+    sizes : (n,) reference size for the independent part of each column
     """
     count = shapes.shape[1]
     basis, momenta = np.zeros((len(shapes), count)), np.zeros((len(shapes), count))

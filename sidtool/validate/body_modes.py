@@ -181,7 +181,7 @@ class ModalBody:
 
     @property
     def has_stiffness(self) -> bool:
-        """True when no elastic mode is free of stiffness."""
+        """Return whether every elastic mode has stiffness."""
         return bool(self.squares[0] > _ZERO * self.squares[-1])
 
     def flexibility(self, loads: Sequence[int] | slice = slice(None)) -> Array:

@@ -82,9 +82,9 @@ def _printed_decimals(text: str) -> int:
 
 #: The mass lies to one side if its centre is further from the origin than its spread.
 _ONE_SIDED_MASS = 1.2
-#: Stiffening by rotation below this share of Me is none.
+#: Stiffening by rotation below this fraction of Me is negligible.
 _MIN_STIFFENING = 0.05
-#: Correlation at which a sign is wrong, and where only the nodes speak.
+#: Correlation below which a sign is wrong; the same if only nodes are available.
 WRONG_SIGN_CORRELATION, _NODE_SIGN_CORRELATION = -0.5, -0.9
 _MIN_NODES = 3
 
@@ -124,12 +124,16 @@ def sign_correlation(sid: SID) -> dict[str, float]:
 
 
 def _surely_wrong(correlations: dict[str, float], nq: int) -> bool:
-    """A few nodes are no mean of the body: with Ct m1 right they must be far off."""
+    """Return whether the signs are wrong. A few nodes do not represent the body: if Ct
+    m1 is right, their correlation must be more negative.
+    """
     return nq >= _MIN_NODES and correlations.get("phi", 0.0) < _NODE_SIGN_CORRELATION
 
 
 def _direction_to_mass(sid: SID) -> Array | None:
-    """(3,) from the origin to the centre of mass; None if mass lies to all sides."""
+    """Return the direction (3,) from the origin to the centre of mass; None if the mass
+    surrounds the origin.
+    """
     if not sid.mass > 0.0:
         return None
     centre = sid.mdCM.m0[:, 0] / sid.mass

@@ -8,7 +8,7 @@ import numpy as np
 
 from sidtool.formats.base.sid import SID, Array
 
-#: Prints of more digits than these are as good as exact; see the registered bounds.
+#: More digits than this count as exact; see the registered bounds.
 _EXACT_DIGITS = 12
 _MOST_DECIMALS = 12
 #: Largest number of examined numbers, and the least one that is sufficient.
@@ -34,7 +34,7 @@ class Rounding:
 
 
 def rounding_of(sid: SID) -> Rounding:
-    """The print that the numbers of a SID show."""
+    """Return the rounding that the numbers of a SID show."""
     numbers = _sampled_numbers(sid)
     if len(numbers) < _MIN_NUMBERS:
         return Rounding()
@@ -51,7 +51,9 @@ def rounding_of(sid: SID) -> Rounding:
 
 
 def _least_decimals(numbers: Array, scale: Array, places: range) -> int | None:
-    """Decimals that nearly all scaled numbers end in, and most of them need."""
+    """Return the number of decimals that nearly all scaled numbers have, and most of
+    them need.
+    """
     for place in places:
         fits = _ends_at_decimal(numbers * scale, place)
         if fits.mean() >= _PRINTED_SHARE:
@@ -61,14 +63,16 @@ def _least_decimals(numbers: Array, scale: Array, places: range) -> int | None:
 
 
 def _ends_at_decimal(scaled: Array, place: int) -> Array:
-    """Which numbers have no digits behind this decimal, but for their binary form."""
+    """Return which numbers have no digits after this decimal, except for binary
+    rounding.
+    """
     raised = scaled * 10.0**place
     gap = np.abs(raised - np.rint(raised))
     return np.asarray(gap <= 1e-14 * np.abs(raised) + 1e-300)
 
 
 def _sampled_numbers(sid: SID) -> Array:
-    """Numbers of all blocks and nodes that are not zero, thinned out evenly."""
+    """Return non-zero numbers of all blocks and nodes, sampled evenly."""
     entries = [sid.J, sid.mdCM, sid.Ct, sid.Cr, sid.Gr, sid.Ge, sid.Oe, sid.Me, sid.Ke]
     step = max(1, len(sid.nodes) // 200)
     entries += [t for node in sid.nodes[::step] for t in (node.origin, node.phi)]

@@ -19,8 +19,7 @@ from .content_identities import corrected_orientation
 from .frequencies import WRONG_SIGN_CORRELATION, sign_correlation
 from .identity import max_magnitude, modal_blocks, transpose_modes
 
-# Entries that agree to the 12 digits of a file, their own and those of what they follow
-# from, stay as they are.
+# Entries that agree with their source to the 12 digits of a file are not changed.
 _SAME = 2e-11
 
 
@@ -44,15 +43,15 @@ class Change:
 
 
 def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
-    """Rebuild what follows from other blocks of the same SID.
+    """Rebuild blocks that follow from other blocks of the same SID.
 
     Gr_l = J1_l - (Cr0_l)~ (I6, I10); Ge_l = Cr1_l - Cr1_l^T (I7, I8); the first-order
     columns xy, yz, xz of Oe become the mean over their two mode indices (I11); Cr m1
     loses a symmetric part that is no stiffening (I9). Empty mdCM m1, Ct m0, J m1 and Oe
     m0 are filled from their counterpart (I4 to I6), origin m1 from phi (I2). AP is set
     to the rotation that follows from AP m1 and psi (I3, I18). Ct m1 and phi m1 take the
-    sign of the centrifugal stiffening (I20). All other blocks are taken as they are. A
-    consistent SID comes back unchanged.
+    sign of the centrifugal stiffening (I20). All other blocks are assumed correct. A
+    consistent SID is returned unchanged.
 
     Returns
     -------
@@ -78,7 +77,9 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
 
 
 def _repair_node(node: Node, nq: int) -> tuple[Node, tuple[Change, ...]]:
-    """Orientations that are none, and positions that do not follow phi."""
+    """Repair orientations that are no rotations, and positions that do not
+    follow phi.
+    """
     changes: tuple[Change, ...] = ()
     corrected = corrected_orientation(node, nq)
     if corrected is not None:
@@ -96,7 +97,7 @@ def _repair_node(node: Node, nq: int) -> tuple[Node, tuple[Change, ...]]:
 
 
 def _fill_empty_blocks(sid: SID) -> tuple[SID, tuple[Change, ...]]:
-    """Empty blocks that are the same integral as others; see I4, I5 and I6."""
+    """Fill empty blocks that are the same integral as others; see I4, I5 and I6."""
     nq = sid.nq
     modes, static = modal_blocks(sid), sid.mdCM.first_order(nq)
     six = sid.J.first_order(nq)[:, :, 0]
@@ -116,7 +117,7 @@ def _fill_empty_blocks(sid: SID) -> tuple[SID, tuple[Change, ...]]:
 
 
 def _correct_signs(sid: SID) -> tuple[SID, tuple[Change, ...]]:
-    """Ct m1 and phi m1 that stiffen where Oe m1 softens; see I20."""
+    """Correct the signs of Ct m1 and phi m1 if they contradict Oe m1; see I20."""
     why = "Ct m1 and phi m1 have the sign of Oe m1"
     wrong = {
         name
@@ -139,7 +140,7 @@ def _correct_signs(sid: SID) -> tuple[SID, tuple[Change, ...]]:
 
 
 def _rebuild_symmetries(sid: SID) -> tuple[SID, tuple[Change, ...]]:
-    """Gr, Ge and the symmetries over the modes of Oe m1 and Cr m1."""
+    """Rebuild Gr, Ge and the symmetries over the modes of Oe m1 and Cr m1."""
     modes = modal_blocks(sid)
     Cr1 = modes.Cr1
     if not (has_second_order_field(sid) or stiffens_by_turning(sid)):
@@ -180,7 +181,7 @@ def _with_blocks(
 def _changed_entries(
     place: str, before: Taylor, after: Taylor, nq: int, why: str
 ) -> tuple[Change, ...]:
-    """The entries in which two expansions differ."""
+    """Yield the entries in which two expansions differ."""
     _, first = _replacement(place, before.m0, after.m0, why, 0.0)
     _, linear = _replacement(
         place, before.first_order(nq), after.first_order(nq), why, 0.0

@@ -25,10 +25,10 @@ _DENSITY = (3.5, 0.6)
 _CUBE_DENSITY = (1.5, 1.2)
 _SIZE = (-0.3, 0.9)
 _SPEED = (1.7, 1.0)
-# Systems that few SIDs are in need more evidence.
+# Rarely used systems need more evidence.
 _RARE_SYSTEMS = {"cm-g-s": 2.0, "in-lbf-s": 2.0, "ft-lbf-s": 10.0}
-# Squared spreads by which the best system must lead to be called certain, and beyond
-# which nothing is ordinary.
+# Difference of squared spreads above which the best system is certain, and limit of
+# ordinary values.
 _CERTAIN_LEAD = 4.0
 _STRANGE_MISFIT = 25.0
 # Labels follow from Ke and Me to their digits; a factor this far off is another unit.
@@ -51,7 +51,7 @@ class UnitGuess:
     Attributes
     ----------
     candidates : best first; empty if the SID holds nothing to judge by
-    certain : does the best one clearly lead?
+    certain : True if the best one is clearly ahead
     warnings : texts for the user: not SI, or contradictory
     """
 
@@ -83,7 +83,7 @@ class _Evidence:
 
 
 def guess_units(sid: SID) -> UnitGuess:
-    """Which unit system the numbers of this SID are in, most likely.
+    """Return the most likely unit systems of a SID.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _candidate_of(system: UnitSystem, evidence: _Evidence) -> UnitCandidate:
 
 
 def _frequency_misfit(system: UnitSystem, ratio: float | None) -> float:
-    """Labels in Hz over frequencies per unit of time must be one over that unit."""
+    """Return the misfit of labels in Hz and frequencies per unit of time."""
     if ratio is None:
         return 0.0
     return 4.0 * float(np.log10(ratio * system.time)) ** 2
