@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,8 +11,8 @@ from numpy.typing import ArrayLike
 EQUAL = 1e-6
 
 
-def first_largest(values: ArrayLike, axis: int | None = None) -> np.intp:
-    """Index of the first value that is the largest but for rounding.
+def first_largest(values: ArrayLike, axis: int | None = None) -> Any:
+    """Return the index of the first value that is the largest up to rounding.
 
     Symmetric bodies have equal values at several places. Which one `argmax` returns
     is decided by rounding, and so by the processor.
@@ -18,7 +20,7 @@ def first_largest(values: ArrayLike, axis: int | None = None) -> np.intp:
     Parameters
     ----------
     values : not negative, at least one
-    axis : see `numpy.argmax`
+    axis : with an axis, the result is an array of indices, see `numpy.argmax`
     """
     sizes = np.asarray(values, float)
     largest = sizes.max(axis=axis, keepdims=True)

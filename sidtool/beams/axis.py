@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import BeamGeometry
 
 from .profiles import Profile, profile
 
-Array = NDArray[np.float64]
 #: Sines of angles below this count as zero.
 _PARALLEL_TOLERANCE = 1e-9
 #: Pieces of every span of a spline, and Gauss points of each, for its length.

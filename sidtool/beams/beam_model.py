@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.beams import BeamGeometry, GeneralSection, RectangularSection
 from sidtool.formats.model.discretisation import BeamDiscretisation
@@ -72,7 +73,6 @@ def _area(geometry: BeamGeometry) -> Profile:
     return side_profile(geometry, "height") * side_profile(geometry, "width")
 
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 #: Positions of markers this near to the axis, relative to its length, are on it: a
 #: spline follows a curve only so well.

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import BeamGeometry, GeneralSection
 
 from .profiles import Profile, profile
 
-Array = NDArray[np.float64]
 #: Sections are smaller than this [m].
 LARGEST_SECTION = 1e9
 #: Gauss points per direction of a rectangle, and terms of its warping.

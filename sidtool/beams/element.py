@@ -15,15 +15,14 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
 
 from .axis import Axis, AxisFrames
 from .cross_section import Section
 
-Array = NDArray[np.float64]
 _X, _W = np.polynomial.legendre.leggauss(4)
 #: Gauss points in [0, 1] and their weights.
 GAUSS_POINTS, GAUSS_WEIGHTS = (_X + 1) / 2, _W / 2

@@ -6,13 +6,13 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
 
 from ..elements.material_points import BeamMaterial, InertiaPoints
 from .axis import AxisFrames
 from .element import GAUSS_POINTS, GAUSS_WEIGHTS, BeamElement, ElementRows
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

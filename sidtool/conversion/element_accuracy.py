@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, lobpcg
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import ElementAlternative, FiniteElementModel
@@ -25,8 +25,6 @@ from ..mesh.connections import Equations
 from ..reduction.admissible_space import AdmissibleSpace, constrained_space
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import to_hertz
-
-Array = NDArray[np.float64]
 
 #: Number of compared frequencies, and the difference that gets a note.
 _COMPARED_FREQUENCIES, _NOTED_DIFFERENCE = 3, 0.01

@@ -32,9 +32,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sidtool.formats.base.sid import SID, Node, Taylor
+from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.model.reduction import Stiffening
 
 from ..discretisation.marker_couplings import (
@@ -48,8 +47,6 @@ from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
 from .quadrature import quadrature_parts
 from .rotary_inertia import CENTRIFUGAL_PRODUCTS, centrifugal_loads
-
-Array = NDArray[np.float64]
 
 
 def add_geometric_stiffening(

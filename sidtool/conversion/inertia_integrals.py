@@ -6,15 +6,12 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from sidtool.formats.base.sid import J_INDICES, OE_INDICES, Taylor, axis_major
+from sidtool.formats.base.sid import J_INDICES, OE_INDICES, Array, Taylor, axis_major
 
 from ..elements.finite_element_model import FiniteElementModel
 from ..mesh.quadratic_fields import LEVI_CIVITA
 from .rotary_inertia import blocks_of_full_mass, with_rotary_inertia
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
+
 from ..elements.finite_element_model import FiniteElementModel
 from ..mesh.mesh import Mesh
 from .quadrature import QuadraturePart
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Terms of the polynomials that are fitted to the values of an element, by dimension,

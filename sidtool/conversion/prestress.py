@@ -6,9 +6,9 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.reduction import FrameSettings, Prestress, Stiffening
 
 from ..discretisation.marker_couplings import second_order_rows
@@ -24,8 +24,6 @@ from .geometric_stiffness import (
     quadrature_parts,
     stiffening_markers,
 )
-
-Array = NDArray[np.float64]
 
 #: Loads are in balance if their resultant is below this share of them.
 _BALANCE_TOLERANCE = 1e-6

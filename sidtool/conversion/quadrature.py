@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import report_stage
+from sidtool.formats.base.taylor import Array
 
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.material_points import Continuum
 from ..elements.solid_elements import ElementBatch, internal_amplitudes
-
-Array = NDArray[np.float64]
 
 _PROGRESS_TEXT = "going through the elements"
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sidtool.formats.base.sid import J_INDICES, OE_INDICES, Taylor, axis_major
+from sidtool.formats.base.sid import J_INDICES, OE_INDICES, Array, Taylor, axis_major
 from sidtool.formats.sid_mass import skew
 
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.material_points import InertiaPoints
 from ..mesh.quadratic_fields import LEVI_CIVITA
-
-Array = NDArray[np.float64]
 
 #: (6, 3, 3) coefficients W of the products of omega in omega~ omega~, in Oe's order.
 CENTRIFUGAL_PRODUCTS = np.zeros((6, 3, 3))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
 
 from ..beams.axis import AxisFrames, straight_axis
@@ -25,7 +26,6 @@ from ..elements.finite_element_model import BeamOutline
 from ..mesh.connections import RawBar, SectionProfile
 from ..mesh.unit_systems import UnitSystem
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
 
 from ..beams.element import translate_motion
@@ -18,7 +19,6 @@ from ..mesh.connections import NamedSets
 from ..mesh.imported_mesh import ImportedMesh
 from ..mesh.mesh import Mesh
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Nodes on one line, by the ratio of their second moments.

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
@@ -46,7 +47,6 @@ from .structure_elements import (
     together,
 )
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Pieces of a bar in pictures at most, and of all bars, as far as each has one.

@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.geometry import MeshGeometry
 
@@ -54,7 +55,6 @@ from ..mesh.mesh import Mesh
 from ..mesh.quadratic_fields import softest_deformation
 from ..mesh.unit_systems import UnitSystem
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Rows of the internal modes of one element C3D8I: three functions, three directions.

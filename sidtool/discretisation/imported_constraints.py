@@ -19,7 +19,6 @@ from ..mesh.imported_mesh import ImportedMesh, RawCoupling, RawMass
 from ..mesh.mesh import Mesh
 from ..mesh.unit_systems import UnitSystem
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

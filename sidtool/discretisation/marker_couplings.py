@@ -44,9 +44,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.reduction import Tie
 
@@ -62,8 +62,6 @@ from ..elements.material_points import InertiaPoints
 from ..geometry.cylinder_fit import Cylinder, fitted_cylinder
 from ..mesh.connections import Coupling, PointMass
 from ..mesh.quadratic_fields import LEVI_CIVITA
-
-Array = NDArray[np.float64]
 
 #: Nodes determine no rotation if its share in the fit is below this.
 _ROTATION_TOLERANCE = 1e-12

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sidtool.formats.base.taylor import Array
 
 _A = 1 / np.sqrt(3)
 #: Kind -> points and weights of the quadrature.

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..beams.element import translate_motion
 from ..elements.finite_element_model import BeamOutline
@@ -22,7 +23,6 @@ from ..mesh.unit_systems import UnitSystem
 from .bar_nodes import BarNodes
 from .shell_elements import ShellBatch, ShellLaws, shell_batch
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Elements without area, of the square of their size; springs whose force turns a

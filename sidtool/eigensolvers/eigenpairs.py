@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import first_largest
+from sidtool.formats.base.taylor import Array
 
 from ..mesh.mesh import Indices
 from ..mesh.quadratic_fields import softest_deformation
@@ -32,7 +32,6 @@ __all__ = [
     "symmetric_factors",
 ]
 
-Array = NDArray[np.float64]
 Solve = Callable[[Array], Array]
 
 #: Up to this size LAPACK is faster than a factorisation and Lanczos.

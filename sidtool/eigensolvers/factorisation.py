@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from .slepc import PetscFactors, check_slepc, notify, requested_engine
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sidtool.formats.base.taylor import Array
 
 #: Symmetry of a held body makes pairs of equal eigenvalues, of a free one triples.
 BLOCK_SIZE = 2

@@ -22,14 +22,12 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import report_stage
+from sidtool.formats.base.taylor import Array
 
 from .lanczos import Pencil
-
-Array = NDArray[np.float64]
 
 #: Relative residual of the eigenpairs, before the Rayleigh-Ritz step.
 _TOLERANCE = 1e-12

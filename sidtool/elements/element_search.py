@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
+
 from ..mesh.mesh import Mesh
 from ..mesh.reference_elements import reference_element
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 PairFilter = Callable[[Indices, Indices], NDArray[np.bool_]]
 

@@ -10,12 +10,13 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
+
 from ..geometry.bspline import LocalBasis, gauss_points, local_basis
 from ..geometry.nurbs_patch import NurbsPatch, side_nodes
 from ..mesh.quadrature_rules import quadrature_rule
 from ..mesh.reference_elements import reference_element
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: (dimension of the space, nodes of a face) -> what the face is.

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
 
 from ..mesh.connections import Coupling, Equations, PointMass
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from ..mesh.mesh import Mesh
     from .solid_mesh import SolidMesh
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -15,6 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
+
 from ..mesh.materials import ElasticMaterial, laws_of_material
 from ..mesh.mesh import ElementBlock, Mesh
 from ..mesh.reference_elements import reference_element
@@ -28,7 +30,6 @@ from .solid_elements import (
 )
 from .solid_matrices import element_batches, has_internal_modes
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _Entries = tuple[Array, Indices, Indices]
 

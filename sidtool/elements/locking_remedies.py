@@ -34,13 +34,12 @@ from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from sidtool.formats.base.taylor import Array
 
 from ..mesh.quadrature_rules import prism_rule, quadrature_rule
 from ..mesh.reference_elements import ReferenceElement, reference_element
 from .solid_elements import ElementBatch, mapped_batch
-
-Array = NDArray[np.float64]
 
 #: Fewer points, exact to degree 2 (in the triangle of a prism), as of Abaqus' and
 #: CalculiX' C3D10 and C3D15: what strains of quadratic elements need.

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import NodeMarker
 
 from ..geometry.nurbs_patch import NurbsPatch, PointBasis, point_basis
@@ -17,7 +18,6 @@ from ..geometry.patch_evaluation import locate
 from .finite_element_model import MarkerRows
 from .material_points import half_curl
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

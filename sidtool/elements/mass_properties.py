@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..geometry.nurbs_patch import NurbsPatch
 from ..geometry.patch_evaluation import patch_moments
@@ -17,8 +17,6 @@ from ..mesh.mesh import Mesh
 from ..mesh.quadrature_rules import quadrature_rule
 from ..mesh.reference_elements import element_edges, element_faces, reference_element
 from .finite_element_model import FiniteElementModel, GeometryMass
-
-Array = NDArray[np.float64]
 
 #: Degree of the rule on faces: that of x^2 n on faces with bowed edges.
 _DEGREE = 7

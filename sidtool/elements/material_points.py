@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+
+from sidtool.formats.base.taylor import Array
 
 from ..mesh.materials import AnisotropicMaterial, ElasticMaterial, laws_of_material
 from ..mesh.quadratic_fields import LEVI_CIVITA
 from .solid_elements import ElementBatch, elasticity
-
-Array = NDArray[np.float64]
 
 #: Rows of a stress: xx, yy, zz, xy, yz, xz.
 VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..mesh.mesh import ElementBlock, Mesh
 from ..mesh.reference_elements import element_edges, element_faces, reference_element
 from .element_search import ElementFinder
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _NO_INDICES = np.zeros(0, np.int64)

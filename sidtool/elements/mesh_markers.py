@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile, NodeMarker
 
 from ..mesh.mesh import ElementBlock, Mesh
@@ -20,7 +21,6 @@ from .material_points import Continuum, half_curl
 from .solid_elements import ElementBatch, internal_amplitudes
 from .solid_matrices import element_batches
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _ITERATIONS = 30

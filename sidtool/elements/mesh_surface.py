@@ -9,6 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
+
 from ..mesh.mesh import ElementBlock, Mesh
 from ..mesh.quadrature_rules import quadrature_rule
 from ..mesh.reference_elements import (
@@ -19,7 +21,6 @@ from ..mesh.reference_elements import (
 )
 from .faces import Surface, area_elements, products_of_normals
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Degree to which the quadrature of N_i N_j is exact: quadratic, on curved faces.

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..mesh.connections import Equations, RawTie
 from ..mesh.mesh import Mesh
@@ -42,7 +43,6 @@ from .faces import (
     simplex_quadrature,
 )
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Nodes are tied if this share of their mean square lies on the master.

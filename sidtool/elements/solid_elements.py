@@ -10,10 +10,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..mesh.materials import AnisotropicMaterial, CylindricalMaterial, ElasticMaterial
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Entries of element matrices that are scattered into a sparse matrix at a time.

@@ -7,11 +7,10 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..mesh.materials import AnisotropicMaterial, ElasticMaterial, laws_of_material
 from ..mesh.mesh import ElementBlock, Mesh
@@ -24,8 +23,6 @@ from .locking_remedies import (
 from .locking_remedies import with_incompatible_modes as with_modes
 from .material_points import Continuum, make_continuum
 from .solid_elements import ElementBatch, assemble_body, elasticity, mapped_batch
-
-Array = NDArray[np.float64]
 
 #: Entries of the largest array of one batch of elements, which fits the cache.
 _BATCH_ENTRIES = 200_000

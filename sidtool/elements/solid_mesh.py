@@ -16,8 +16,6 @@ from .internal_inertia import InternalInertia, internal_inertia
 from .locking_remedies import KINDS_WITH_INCOMPATIBLE_MODES
 from .solid_matrices import has_internal_modes, mesh_matrices
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class SolidMesh:

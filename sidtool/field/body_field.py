@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import SID
 from sidtool.formats.field import Field, field_of
@@ -15,8 +14,6 @@ from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
 from .mesh_field import mesh_field, patch_field
 from .sampled_points import SampledPoints, beam_field, concatenate_points
-
-Array = NDArray[np.float64]
 
 
 def body_field(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
+
 from ..conversion.nodal_averages import NodalAverages
 from ..conversion.quadrature import quadrature_parts
 from ..elements.finite_element_model import FiniteElementModel
@@ -21,7 +23,6 @@ from ..mesh.mesh import ElementBlock, Mesh
 from ..mesh.reference_elements import element_edges, element_faces
 from .sampled_points import SampledPoints
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

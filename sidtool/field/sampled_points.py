@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
 
 from ..elements.finite_element_model import BeamOutline
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

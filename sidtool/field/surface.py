@@ -10,11 +10,10 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import ConvexHull, KDTree
 from scipy.spatial.distance import cdist
 
-from sidtool.formats.base.sid import SID, symmetric_3x3
+from sidtool.formats.base.sid import SID, Array, symmetric_3x3
 
 from .sampled_points import CORNERS, tube
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -12,7 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from sidtool.formats.base.taylor import Array
+
 Indices = NDArray[np.int64]
 
 

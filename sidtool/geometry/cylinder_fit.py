@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-
-Array = NDArray[np.float64]
+from sidtool.formats.base.taylor import Array
 
 #: Points of a cylinder lie this close to it, of its radius.
 _CYLINDER_TOLERANCE = 1e-2

@@ -18,10 +18,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from .nurbs_patch import NurbsPatch
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 SIDE_NAMES = {

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
 from .bspline import (
@@ -21,7 +22,6 @@ from .bspline import (
     open_uniform_knots,
 )
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Smallest weight beside the largest.

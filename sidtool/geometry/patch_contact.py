@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from .multipatch import (
     CommonNumbering,
@@ -26,8 +26,6 @@ from .multipatch import (
 )
 from .nurbs_patch import NurbsPatch, evaluate_grid, scattered_basis
 from .patch_evaluation import may_be_inside, nearest_parameters
-
-Array = NDArray[np.float64]
 
 #: Points per direction at which sides and patches are compared, by the dimension.
 _SAMPLES_PER_DIRECTION = {2: 65, 3: 13}

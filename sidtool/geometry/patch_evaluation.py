@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from .bspline import gauss_points, local_basis
 from .nurbs_patch import NurbsPatch, evaluate_grid, evaluate_points, scattered_basis
-
-Array = NDArray[np.float64]
 
 _GRID = 33
 _ITERATIONS = 50

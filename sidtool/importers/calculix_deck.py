@@ -6,17 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..mesh.imported_mesh import ONLY_NODES, IncludedFiles, read_lines
 from ..mesh.refusals import RefusalCollector
 from .abaqus.deck import Namespace
 from .abaqus.element_types import POINTS
 from .abaqus.input_file import read_deck
-
-Array = NDArray[np.float64]
 
 #: Supports, which the frame of the model file says instead, and point masses, which
 #: are added to the matrices: CalculiX would hang them on shells and beams by equations.

@@ -20,12 +20,12 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.storage.operating_system import processors
 
 from ..mesh.mesh import ElementBlock
 from .calculix_deck import centre_nodes, without_layers
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Steps without supports and loads: what writes matrices, and what writes the mesh.

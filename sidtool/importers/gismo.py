@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.checks import check_knots
 from sidtool.formats.storage.unreadable import unreadable_error
 
@@ -133,9 +133,6 @@ def _parse_integer(text: str | None, place: str) -> int:
         raise InputError(
             f"found {text!r}", place=place, expected="an integer"
         ) from None
-
-
-Array = NDArray[np.float64]
 
 
 def make_patch(

@@ -22,6 +22,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.storage.hdf5_files import check_own_data, check_size
 
 from ..mesh.imported_mesh import (
@@ -37,7 +38,6 @@ from .mesh_files import MESH_READERS, read_mesh
 #: What the names of arrays with node sets begin with.
 _SET = "set."
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: A row beyond it is a damaged number.

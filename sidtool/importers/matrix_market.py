@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..mesh.imported_mesh import number_table, parse_integers, read_lines
-
-Array = NDArray[np.float64]
 
 _HEADER = "%%MatrixMarket matrix, coordinate or array, real or integer, general or "
 _SYMMETRIES = ("general", "symmetric")

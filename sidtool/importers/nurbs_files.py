@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.toml.reading import read_data
@@ -32,8 +31,6 @@ from .gismo import (
     required_entry,
     to_grid,
 )
-
-Array = NDArray[np.float64]
 
 
 def read_patches(path: str | Path) -> dict[str, NurbsPatch]:

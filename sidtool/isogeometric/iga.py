@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import IgaDiscretisation, ModelFile
 from sidtool.formats.model.checks import check_knots
 
@@ -32,7 +33,6 @@ from ..geometry.nurbs_patch import (
 )
 from ..geometry.patch_evaluation import map_grid
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Largest number of Gauss points per knot span, for very different weights; relative

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import IgaDiscretisation, ModelFile, NodeMarker
 from sidtool.formats.model.geometry import (
     NurbsGeometry,
@@ -49,7 +50,6 @@ from .iga import (
 )
 from .patch_mortar import tie_stiffness
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: The patch of a model that is one, in messages: geometry.left and so on.

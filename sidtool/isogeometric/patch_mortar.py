@@ -16,15 +16,14 @@ from functools import reduce
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+
+from sidtool.formats.base.taylor import Array
 
 from ..geometry.bspline import gauss_points
 from ..geometry.multipatch import CommonNumbering, Side, side_net
 from ..geometry.nurbs_patch import NurbsPatch, scattered_basis
 from ..geometry.patch_contact import WeakTie
 from ..geometry.patch_evaluation import nearest_parameters
-
-Array = NDArray[np.float64]
 
 #: Stiffness of the springs beside that of an element at the tie.
 _PENALTY_RATIO = 1e4

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import Material, ModelFile, Q4Discretisation
 from sidtool.formats.model.discretisation import SolidDiscretisation
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
@@ -43,7 +44,6 @@ from ..geometry.patch_contact import grid_numbers
 from ..mesh.mesh import ElementBlock, Mesh, check_mesh
 from ..mesh.reference_elements import edge_nodes
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 Vector = tuple[float, float, float]
 #: Places along a bar from 0 to 1 and values there, linear between them.
@@ -108,7 +109,6 @@ class RawTie:
     place: str
 
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

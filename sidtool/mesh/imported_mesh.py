@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.storage.unreadable import unreadable_error
 
 from .collapsed_elements import collapse_element
@@ -32,7 +33,6 @@ from .reference_elements import reference_element
 #: Labels are held in 64 bits.
 _MAX_LABEL = 2**63 - 1
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Among ignored words: only the nodes of a file are requested.

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from sidtool.formats.base.taylor import Array
 
 from .connections import Vector
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

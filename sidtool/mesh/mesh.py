@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from .reference_elements import reference_element
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -17,9 +17,9 @@ from itertools import permutations
 from math import factorial, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sidtool.formats.base.taylor import Array
+
 Rule = tuple[Array, Array]
 
 _SQUARED = sqrt(38 - 44 * sqrt(2 / 5))

@@ -11,9 +11,10 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
+
 from .quadrature_rules import quadrature_rule
 
-Array = NDArray[np.float64]
 Exponents = tuple[int, ...]
 
 _SQUARE = ((0, 1), (1, 2), (2, 3), (3, 0))

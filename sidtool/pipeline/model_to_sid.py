@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sidtool.formats.base.compliance_shares import ComplianceShares
 from sidtool.formats.base.errors import warn_caller
 from sidtool.formats.base.progress import NamedStages, count_within, report_stage
-from sidtool.formats.base.sid import SID, Node, Taylor
+from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.plausibility import body_warnings, material_warnings
@@ -38,7 +38,6 @@ from ..reduction.point_loads import point_marker_note
 
 __all__ = ["finite_element_model", "sid_from_model"]
 
-Array = NDArray[np.float64]
 
 #: Prefix that distinguishes notes from the names of stages.
 NOTE_PREFIX = "note: "

@@ -20,6 +20,7 @@ from sidtool.formats.base.sid import (
     block_shape,
     symmetric_3x3,
 )
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import NodeMarker, RayleighDamping
 from sidtool.formats.sid_mass import skew
 from sidtool.validate import check
@@ -34,7 +35,6 @@ from .model_to_sid import assembled_sid
 
 __all__ = ["sid_from_blocks", "sid_from_shapes"]
 
-Array = NDArray[np.float64]
 #: A block: its value at q = 0, or that and its derivatives (nq, rows, columns) by q.
 Block = ArrayLike | Taylor | tuple[ArrayLike, ArrayLike]
 

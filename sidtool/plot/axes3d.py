@@ -8,14 +8,14 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 from mpl_toolkits.mplot3d.proj3d import proj_transform
-from numpy.typing import NDArray
+
+from sidtool.formats.base.taylor import Array
 
 from .figure import text_boxes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 #: Viewing direction [degree].
 _ELEVATION, _AZIMUTH = 30.0, -60.0

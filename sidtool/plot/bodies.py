@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import SID
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.field import Field, mismatch_text
 from sidtool.formats.model import ModelFile
 
@@ -19,8 +18,6 @@ from ..field.body_surfaces import BodySurface, surface_of_field, surface_of_sid
 from ..field.surface import decimate
 from .body_pictures import BodyPicture, draw_bodies
 from .figure import figure_style, save_figure
-
-Array = NDArray[np.float64]
 
 #: Largest displacement in a picture, as a share of the body's length.
 _EXAGGERATION = 0.09

@@ -10,6 +10,8 @@ import numpy as np
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
+
 from ..field.surface import border_edges
 from .axes3d import BodyAxes
 from .figure import (
@@ -23,7 +25,6 @@ from .figure import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Out-of-plane extent, relative to the size, below which a body is flat.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.result import Result
 
 from .figure import (
@@ -29,7 +30,6 @@ from .figure import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 #: Largest number of curves in one pair of axes, each with its own colour.
 MOST_CURVES = len(COLOURS)

@@ -21,9 +21,9 @@ from matplotlib.text import Text
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import LogFormatterSciNotation
 from matplotlib.transforms import Bbox, BboxBase
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import printable
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.storage.atomic import atomic_path
 
@@ -238,8 +238,6 @@ def wrap_label(label: str, room: float) -> str:
             lines[-1] = longer
     return "\n".join(lines)
 
-
-Array = NDArray[np.float64]
 
 #: Line height in font sizes; distance from a point to its name [pt].
 _LINE, _NAME_DISTANCE = 1.25, 3.0

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.result import Result, units_in
 from sidtool.formats.scene import expand_names
 from sidtool.solver.simulation.replay import scene_of
@@ -30,7 +30,6 @@ from .figure import draw_legend, figure_style, save_figure, use_log_scale, wrap_
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 #: Smallest number of points of a curve, and largest number of pairs of axes.
 _MIN_POINTS, _MAX_AXES = 2000, 12

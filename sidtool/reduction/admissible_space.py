@@ -12,6 +12,7 @@ from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import first_largest
+from sidtool.formats.base.taylor import Array
 
 from ..eigensolvers.eigenpairs import (
     equal_frequencies,
@@ -25,8 +26,6 @@ from ..eigensolvers.lanczos import FREE_BLOCK_SIZE
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
 from .body_frames import Frame, clamped_dofs, motion_rows
-
-Array = NDArray[np.float64]
 
 _NO_MOTION = 1e-9
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from sidtool.formats.base.compliance_shares import (
     DIRECTIONS,
@@ -22,6 +21,7 @@ from sidtool.formats.base.compliance_shares import (
     SixComponents,
 )
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.reduction import (
     AttachmentReduction,
@@ -36,8 +36,6 @@ from .admissible_space import AdmissibleSpace
 from .body_frames import Frame, clamped_dofs, motion_names, motion_rows
 from .methods import COMPARED_FREQUENCIES, REDUCTIONS
 from .reduced_basis import ReducedBasis, to_hertz
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import first_largest
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.reduction import BuckensFrame, ChordFrame, TangentFrame
 
 from ..elements.finite_element_model import FiniteElementModel, Indices, MarkerRows
-
-Array = NDArray[np.float64]
 
 #: Conditions fix a frame if no rigid motion satisfies them: smallest relative singular
 #: value that counts as non-zero.

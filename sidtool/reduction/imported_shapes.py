@@ -8,17 +8,15 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.reduction import UserReduction
 from sidtool.formats.storage.hdf5_files import check_own_data, check_size
 
 from ..elements.finite_element_model import FiniteElementModel
 from .body_frames import Frame, clamped_dofs
 from .reduced_basis import ReducedBasis, ShapeFamily, orthonormal_basis
-
-Array = NDArray[np.float64]
 
 
 def user_shapes(

@@ -17,10 +17,10 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.reduction import (
     AttachmentReduction,
     CraigBamptonReduction,
@@ -49,7 +49,6 @@ __all__ = [
     "orient_shapes",
 ]
 
-Array = NDArray[np.float64]
 
 #: Number of frequencies of the full mesh that a basis is compared with.
 COMPARED_FREQUENCIES = 10

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import EQUAL, first_largest
+from sidtool.formats.base.taylor import Array
 
 from ..eigensolvers.eigenpairs import equal_frequencies, rotation_to_axes
 from ..elements.finite_element_model import FiniteElementModel
@@ -20,7 +21,6 @@ from .body_frames import Frame
 if TYPE_CHECKING:
     from .admissible_space import AdmissibleSpace
 
-Array = NDArray[np.float64]
 
 #: A candidate is dependent if a smaller fraction of it is independent of the others.
 DEPENDENCE_TOLERANCE = 1e-8

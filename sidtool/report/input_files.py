@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import Material, ModelFile, NodeMarker
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 from sidtool.formats.model.reduction import BuckensFrame
@@ -155,8 +155,6 @@ def _marker_position_text(marker: NodeMarker) -> str:
 def _join_values(values: tuple[float | None, ...]) -> str:
     return ", ".join("" if value is None else f"{value:.6g}" for value in values)
 
-
-Array = NDArray[np.float64]
 
 #: Number of elastic frequencies in the description.
 _FREQUENCIES = 10

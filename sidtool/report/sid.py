@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.compliance_shares import DIRECTIONS
-from sidtool.formats.base.sid import SID
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.base.stress import stress_nodes
 from sidtool.formats.dead_nodes import dead_nodes, motion_scale
 from sidtool.formats.geometric_stiffening import has_stiffening
@@ -162,9 +161,6 @@ def _node_note(node: Any, sid: SID, dead: tuple[str, ...]) -> str:
     if node.id in dead:
         return "no shape function moves it"
     return "rests in the frame" if sid.nq and is_at_rest(node, sid) else ""
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ...mesh.imported_mesh import MOST_MEMBERS, parse_integers
 from .element_types import ElementType
 from .keywords import Block
-
-Array = NDArray[np.float64]
 
 #: A node or element of an assembly by its instance ("" for the assembly's own).
 Member = tuple[str, int]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ...mesh.connections import RawEquation, RawTie
 from ...mesh.imported_mesh import (
@@ -21,7 +21,6 @@ from .deck import CouplingDefinition, Deck, Namespace, resolve_name
 from .keywords import Block
 from .surfaces import resolve_nodes, surface_faces
 
-Array = NDArray[np.float64]
 Rows = list[tuple[list[str], str]]
 
 _PER_TERM = 3

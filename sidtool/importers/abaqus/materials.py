@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import Material
 
 from ...mesh.imported_mesh import parse_numbers
@@ -21,8 +21,6 @@ from ...mesh.materials import (
 from .deck import Deck, Section, duplicate_error
 from .instances import place_nodes
 from .keywords import BY_CALCULIX, Block
-
-Array = NDArray[np.float64]
 
 #: How many constants the types of *ELASTIC have.
 _COUNTS = {

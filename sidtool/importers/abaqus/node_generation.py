@@ -6,17 +6,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ...mesh.imported_mesh import MOST_MEMBERS, parse_integers, parse_numbers
 from .deck import Deck, duplicate_error, extend_set, members_of, parse_range
 from .instances import place_nodes
 from .keywords import Block
 from .surfaces import check_no_system
-
-Array = NDArray[np.float64]
 
 #: Part of a radius by which the nodes of an arc may miss their circle.
 _ARC_TOLERANCE = 1e-3

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ...mesh.imported_mesh import parse_integers, parse_numbers
 from ...mesh.refusals import RefusalCollector
@@ -86,9 +86,6 @@ class ArchiveContent:
             raise InputError("ends inside a block", expected="the rest of the block")
         self.at += 1
         return self.lines[self.at - 1]
-
-
-Array = NDArray[np.float64]
 
 
 def axes_of(angles: tuple[float, ...]) -> Array:

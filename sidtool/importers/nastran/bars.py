@@ -6,15 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ...mesh.connections import BarSection, RawBar, Vector
 from .cards import Card, is_real
 from .content import BarProperty, BulkData, duplicate_error
-
-Array = NDArray[np.float64]
 
 #: Whether the y axis, and the offsets of both ends, are in directions of the nodes.
 _GLOBAL = ("", "GGG", "BGG")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ...mesh.connections import BarSection
 from ...mesh.imported_mesh import RawCoupling, RawMass
@@ -23,8 +24,6 @@ from ...mesh.reference_elements import edge_nodes, reference_element, shape_of
 from ...mesh.refusals import RefusalCollector
 from .cards import Card, parse_member_groups
 from .coordinate_systems import CoordinateSystem, CoordinateSystems
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 
@@ -14,8 +13,6 @@ from ...mesh.imported_shells import RawShell, ShellSection
 from .cards import Card, is_real, real_number
 from .content import BulkData, PlaneLaw, Property, duplicate_error
 from .properties import corner_thicknesses, new_name
-
-Array = NDArray[np.float64]
 
 #: Transverse shear of what has none by its card, as a multiple of the shear in plane.
 _UNSHEARED = 100.0

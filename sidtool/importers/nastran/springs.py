@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ...mesh.imported_shells import RawSpring
 from .cards import Card, is_real
 from .content import BulkData, duplicate_error
-
-Array = NDArray[np.float64]
 
 #: Entries of PBUSH besides K that change neither mass nor stiffness.
 _IDLE = ("B", "GE", "RCV", "T", "ALPHA", "TREF", "COINL")
