@@ -61,7 +61,7 @@ def oracle(runs: Runs, reference: Reference) -> Choice:
 
     def use(choice: Choice) -> float:
         errors = runs.difference(reference.choice, choice, reference.setting)
-        return reference.use(errors)
+        return reference.used_share(errors)
 
     choice = reference.choice
     while candidates := shape_function_candidates(choice):

@@ -79,7 +79,9 @@ def error_bounds(
     if not known_norms or tight is None:
         return {}
     pairs = zip(
-        runs.names, runs.between((chosen, tight), (chosen, loose_run)), strict=True
+        runs.names,
+        runs.max_differences((chosen, tight), (chosen, loose_run)),
+        strict=True,
     )
     integration = {name: float(error) for name, error in pairs}
     bounds: dict[str, float] = {}
@@ -372,7 +374,7 @@ class ElasticEquations:
             np.sqrt(np.maximum(ratios, 1.0)) * np.exp(most * np.diff(t) / 2)
         )
 
-    def holds(self) -> bool:
+    def is_applicable(self) -> bool:
         """Return whether the equations are linear, K is positive, and damping is not
         negative.
         """
@@ -440,4 +442,4 @@ def make_elastic_equations(system: System) -> ElasticEquations | None:
     equations = ElasticEquations(
         system, mechanics, mechanics.mass, tuple(names), columns, nodes
     )
-    return equations if equations.holds() else None
+    return equations if equations.is_applicable() else None

@@ -36,10 +36,10 @@ def error_budget(
     seen_by : text on how the errors of the reference are known
     """
     lines = _BudgetLines(runs, reference, chosen)
-    whole, setting = chosen.choice, chosen.found.setting
+    whole, setting = chosen.choice, chosen.accepted_run.setting
     shapes = with_all_shapes(whole, reference.choice)
     terms = with_all_terms(whole, reference.choice)
-    integration_error = runs.between(
+    integration_error = runs.max_differences(
         (whole, runs.attempt(whole, setting)),
         (whole, runs.attempt(whole, reference.setting)),
     )
@@ -52,8 +52,8 @@ def error_budget(
     return (
         *(meshes if reference.meshes.any() else ()),
         *(lines.plane() if whole.flat else ()),
-        lines.switched("shape functions", _shapes_text(whole, reference), shapes),
-        lines.switched("terms", _terms_text(whole, reference), terms),
+        lines.choice_line("shape functions", _shapes_text(whole, reference), shapes),
+        lines.choice_line("terms", _terms_text(whole, reference), terms),
         lines.line(
             "integration", method, integration_error + reference.resolution, tight
         ),
@@ -73,19 +73,19 @@ class _BudgetLines:
         """Return the line of the planar reduction: finest planar against spatial
         model.
         """
-        space, setting = self.reference.choice, self.chosen.found.setting
+        space, setting = self.reference.choice, self.chosen.accepted_run.setting
         plane = replace(space, flat=True)
         errors = self.runs.difference(plane, space, self.reference.setting)
         seconds = self.runs.seconds(space, setting)
         text = "planar, for spatial"
         return (self.line("space", text, errors + self.reference.resolution, seconds),)
 
-    def switched(self, part: str, text: str, finer: Choice) -> BudgetLine:
+    def choice_line(self, part: str, text: str, finer: Choice) -> BudgetLine:
         """Return the line of the choices that `finer` replaces by the finest ones."""
-        setting, choice = self.chosen.found.setting, self.chosen.choice
+        setting, choice = self.chosen.accepted_run.setting, self.chosen.choice
         if finer == choice:
             nothing = np.zeros(len(self.runs.names))
-            return self.line(part, text, nothing, self.chosen.found.seconds)
+            return self.line(part, text, nothing, self.chosen.accepted_run.seconds)
         errors = self.runs.difference(choice, finer, self.reference.setting)
         seconds = self.runs.seconds(finer, setting)
         return self.line(part, text, errors + self.reference.resolution, seconds)
@@ -98,7 +98,7 @@ class _BudgetLines:
             part=part,
             choice=text,
             errors={n: float(e) for n, e, a in pairs if np.isfinite(a)},
-            seconds=self.chosen.found.seconds,
+            seconds=self.chosen.accepted_run.seconds,
             finest=None if finest is None or not np.isfinite(finest) else finest,
         )
 

@@ -133,7 +133,7 @@ def select_frames(
         n for n in _frame_dependent_outputs(runs) if parse_output(n).owner in better
     ]
     use, affected = (
-        reference.use(errors),
+        reference.used_share(errors),
         _most_affected_output(errors, runs, reference),
     )
     if better and not (fixed or pinned) and MIN_CHANGE_SHARE < use <= MAX_CHANGE_SHARE:
@@ -154,7 +154,9 @@ def select_frames(
     )
     words = " and ".join(f"{o.words} of {n}" for n, o in others.items())
     means = f" and what {pinned[0]} means" if pinned else ""
-    remedy = _suggested_remedy(others) if reference.use(searched.theory) > 1.0 else ""
+    remedy = (
+        _suggested_remedy(others) if reference.used_share(searched.theory) > 1.0 else ""
+    )
     return _neglect_notes(
         searched, f"their own; {words} would change {affected}{means}{remedy}{more}"
     )
@@ -174,7 +176,7 @@ def _neglect_notes(selection: FrameSelection, text: str) -> FrameSelection:
 
 def _most_affected_output(errors: Array, runs: Runs, reference: Reference) -> str:
     """Return the output with the largest error, as text."""
-    row = reference.worst(errors)
+    row = reference.worst_output(errors)
     amount = f"{errors[row]:.1e} {reference.units[row]}".rstrip()
     return f"{amount} in {runs.names[row]}"
 

@@ -77,12 +77,12 @@ def largest_sufficient_tolerance(
     do not decrease, for example of oscillations below the tolerance, need much smaller
     tolerances.
     """
-    target = share - reference.use(reference.difference_uncertainty)
+    target = share - reference.used_share(reference.difference_uncertainty)
     fits, fails, last = 0.0, np.inf, np.inf
     rtol = float(np.clip(_tightest_request(reference), TIGHTEST_RTOL, LOOSEST_RTOL))
     for _ in range(MAX_RUNS):
         setting = Setting(integrator, rtol)
-        use = reference.use(_errors(runs, reference, choice, setting))
+        use = reference.used_share(_errors(runs, reference, choice, setting))
         if use <= target:
             fits = rtol
             if use >= SUFFICIENT_SHARE * share or rtol >= LOOSEST_RTOL:
@@ -109,7 +109,7 @@ def _errors(
     runs: Runs, reference: Reference, choice: Choice, setting: Setting
 ) -> Array:
     result = runs.attempt(choice, setting)
-    return runs.between((choice, result), (reference.choice, reference.result))
+    return runs.max_differences((choice, result), (reference.choice, reference.result))
 
 
 def _integrators(reference: Reference, choice: Choice) -> list[str]:

@@ -76,13 +76,13 @@ def select_in_initial_interval(
     OutsideTheory : a body leaves the range of its SID.
     """
     ends = _interval_ends(runs)
-    first = runs.until(ends[0]) if ends else runs
+    first = runs.shortened_to(ends[0]) if ends else runs
     if not ends or not _is_long(first, runs, whole, request):
         return None
     part = _reference_or_none(lambda: _initial_interval(first, whole, request, meshes))
     while part is None and len(ends) > 1:  # nothing may move initially
         ends = ends[1:]
-        first = runs.until(ends[0])
+        first = runs.shortened_to(ends[0])
         part = _reference_or_none(
             lambda first=first: _initial_interval(first, whole, request, meshes)
         )  # type: ignore[misc]
@@ -103,7 +103,7 @@ def _select_in_shortest_interval(
     first = _select_for_share(runs, part, part.reference, REQUEST_SHARE)
     if first is None:
         return None
-    result = runs.attempt(first.choice, first.found.setting)
+    result = runs.attempt(first.choice, first.accepted_run.setting)
     if result is None:
         return None
     judged = np.isfinite(part.reference.allowed)
@@ -115,7 +115,7 @@ def _select_in_shortest_interval(
         return _verify_selection(runs, part, request, first)
     whole, meshes = part.reference.choice, part.reference.meshes
     longer = _reference_or_none(
-        lambda: _initial_interval(runs.until(end), whole, request, meshes)
+        lambda: _initial_interval(runs.shortened_to(end), whole, request, meshes)
     )
     if longer is None:
         return None
@@ -209,7 +209,7 @@ def _initial_interval(
     check_validity(reference.result)
     reference, digits = with_rounding_error(part, reference)
     frames = select_frames(part, reference, request, fixed=True)
-    if reference.use(reference.digits) > MAX_DIGITS_SHARE:
+    if reference.used_share(reference.digits) > MAX_DIGITS_SHARE:
         return None
     return InitialInterval(part, reference, frames.theory, (*digits, *frames.sentences))
 
@@ -226,7 +226,7 @@ def _with_error_share(
     part: InitialInterval, reference: Reference, share: float
 ) -> Reference:
     """Return the reference with a share of the remaining allowed error."""
-    open_ = reference.use(reference.difference_uncertainty)
+    open_ = reference.used_share(reference.difference_uncertainty)
     if reference is part.reference:
         open_ += REFERENCE_SAFETY * REFERENCE_SHARE  # uncertainty of the full reference
     allowed = share * (FULL_SHARE - open_) / FULL_SHARE * reference.allowed
@@ -249,15 +249,15 @@ def _verify_selection(
         if selected is None:
             return None
         sharp = reference_setting(
-            selected.found.setting, part, runs, request, reference
+            selected.accepted_run.setting, part, runs, request, reference
         )
         if sharp is None or not _shows_finest_model(runs, sharp, part):
             return None
         check_validity(sharp.result)
         verified_reference, chosen = verify_full_interval(runs, sharp, selected)
         use, open_ = (
-            verified_reference.use(chosen.errors),
-            sharp.use(sharp.difference_uncertainty),
+            verified_reference.used_share(chosen.errors),
+            sharp.used_share(sharp.difference_uncertainty),
         )
         if use <= 1.0:
             return VerifiedChoice(
@@ -277,13 +277,15 @@ def _verify_selection(
 
 def _with_full_tolerance(runs: Runs, selected: SelectedModel) -> SelectedModel:
     """Return the selection with a tolerance for the full interval."""
-    setting = selected.found.setting
+    setting = selected.accepted_run.setting
     if not any(getattr(j, "friction", None) for j in runs.scene.joints.values()):
         return selected
     careful = Setting(
         setting.integrator, max(FRICTION_RTOL_RATIO * setting.rtol, TIGHTEST_RTOL)
     )
-    return replace(selected, found=replace(selected.found, setting=careful))
+    return replace(
+        selected, accepted_run=replace(selected.accepted_run, setting=careful)
+    )
 
 
 def _shows_finest_model(
@@ -309,14 +311,17 @@ def _budget_lines(
     lines = error_budget(
         part.runs, part.reference, selected, part.theory, TIGHTER_RUN_TEXT
     )
-    slower = chosen.found.seconds / part.runs.seconds(
-        selected.choice, selected.found.setting
+    slower = chosen.accepted_run.seconds / part.runs.seconds(
+        selected.choice, selected.accepted_run.setting
     )
     known_errors = {"reference": reference.uncertainty, "all together": chosen.errors}
     result = []
     for line in lines:
         finest = None if line.finest is None else slower * line.finest
-        changes: dict[str, object] = {"seconds": chosen.found.seconds, "finest": finest}
+        changes: dict[str, object] = {
+            "seconds": chosen.accepted_run.seconds,
+            "finest": finest,
+        }
         if line.part in known_errors:
             pairs = zip(
                 part.runs.names, known_errors[line.part], reference.allowed, strict=True

@@ -116,7 +116,7 @@ class InitialInterval:
     def errors(self, setting: Setting) -> Array:
         """Return the errors (n,) in this interval of a full run of the finest model."""
         choice, best = self.reference.choice, self.reference.result
-        one = self.runs.begun(choice, setting).result
+        one = self.runs.run_initial_interval(choice, setting).result
         if one is None:
             return np.full(len(self.runs.names), np.inf)
         rows = slice(len(best.t))
@@ -168,7 +168,7 @@ def _tighten_setting(part: InitialInterval, setting: Setting) -> Setting | None:
     stays.
     """
     while setting.rtol >= MIN_COMPARISON_RTOL:
-        if part.reference.use(part.errors(setting)) <= REFERENCE_SHARE:
+        if part.reference.used_share(part.errors(setting)) <= REFERENCE_SHARE:
             return setting
         setting = Setting(setting.integrator, REFERENCE_RTOL_RATIO * setting.rtol)
     return None
@@ -195,7 +195,7 @@ def full_reference(
     )
     return (
         reference
-        if reference.use(reference.uncertainty) <= MAX_UNCERTAINTY_SHARE
+        if reference.used_share(reference.uncertainty) <= MAX_UNCERTAINTY_SHARE
         else None
     )
 
@@ -206,15 +206,15 @@ def verify_full_interval(
     """Run the selected model to the end; errors include the uncertainty of its
     reference.
     """
-    choice, setting = selected.choice, selected.found.setting
+    choice, setting = selected.choice, selected.accepted_run.setting
     one = runs.attempt(choice, setting)
-    errors = runs.between((choice, one), (reference.choice, reference.result))
+    errors = runs.max_differences((choice, one), (reference.choice, reference.result))
     there = AcceptedRun(setting, errors, runs.seconds(choice, setting))
     verified_reference = replace(
         reference, uncertainty=reference.uncertainty + OWN_ERROR_SHARE * errors
     )
     return verified_reference, replace(
-        selected, found=there, errors=estimate_errors(errors, verified_reference)
+        selected, accepted_run=there, errors=estimate_errors(errors, verified_reference)
     )
 
 
@@ -285,7 +285,7 @@ def _reference_and_accepted_run(
         verified_reference, full_model = verify_full_interval(
             runs, reference, full_model
         )
-        use = verified_reference.use(full_model.errors)
+        use = verified_reference.used_share(full_model.errors)
         if use <= FULL_SHARE:
             return reference, full_model
         stuck = use > STAGNATION_RATIO * last
@@ -315,7 +315,7 @@ def _with_fewer_shapes(
     functions.
     """
     best = verify_full_interval(runs, reference, full_model)
-    setting, fits, fails = full_model.found.setting, 0.0, 1.0
+    setting, fits, fails = full_model.accepted_run.setting, 0.0, 1.0
     for _ in range(MAX_TRIALS):
         share = 0.5 * (fits + fails)
         choice = _without_low_energy_shapes(reference, share)
@@ -324,11 +324,11 @@ def _with_fewer_shapes(
             fails = share
             continue
         verified_reference, chosen = verify_full_interval(runs, reference, reduced)
-        if verified_reference.use(chosen.errors) > FULL_SHARE:
+        if verified_reference.used_share(chosen.errors) > FULL_SHARE:
             fails = share
             continue
         fits = share
-        if chosen.found.seconds < best[1].found.seconds:
+        if chosen.accepted_run.seconds < best[1].accepted_run.seconds:
             best = verified_reference, chosen
     return best
 
@@ -355,7 +355,7 @@ def _budget_of_few_runs(
     """Build the budget: loose runs show the omissions, a tight one their integration
     error.
     """
-    alike = replace(reference, setting=chosen.found.setting)
+    alike = replace(reference, setting=chosen.accepted_run.setting)
     lines = error_budget(runs, alike, chosen, theory, TIGHTER_RUN_TEXT)
     pairs = zip(runs.names, full_model.errors, reference.allowed, strict=True)
     known_errors = {

@@ -117,7 +117,7 @@ def refine_bodies(
     with count_within(EqualStages(EXPECTED_CHANGES * len(sources))) as search.steps:
         for name in sources:
             search.refine_body(name)
-    if sources and search.use(search.errors) > MAX_STIFFENING_EFFECT:
+    if sources and search.used_share(search.errors) > MAX_STIFFENING_EFFECT:
         cause = search.largest[1]
         helps = (
             "a larger error, models with finer meshes and more modes, or loads that "
@@ -216,12 +216,12 @@ class _Search:
             runs = [self._runs_of(state) for state in (stiffened, stiff)]
         except InputError:
             return
-        found = [
+        runs_of_choice = [
             (choice, r.attempt(choice, self.reference.setting))
             for r in runs
             for choice in [finest_model(self.scene, r.sids)]
         ]
-        change, result = runs[1].between(*found), found[1][1]
+        change, result = runs[1].max_differences(*runs_of_choice), runs_of_choice[1][1]
         if result is None or not np.isfinite(change).all():
             return
         for name in unstiffened:
@@ -272,7 +272,7 @@ class _Search:
         if not nodes:
             return Refinement()
         change = self._change(name, Refinement(static=nodes))
-        matters = self.use(change) > MESH_ERROR_SHARE
+        matters = self.used_share(change) > MESH_ERROR_SHARE
         if not matters:
             self.state[name] = Refinement()
         loaded = ", ".join(loaded_nodes(self.scene, name))
@@ -313,7 +313,7 @@ class _Search:
             count = min(2 * (fineness.modes or own), most)
             fineness = replace(fineness, modes=count)
             left = self._change(name, fineness)
-            if self.use(left) <= MESH_ERROR_SHARE or count == most:
+            if self.used_share(left) <= MESH_ERROR_SHARE or count == most:
                 break
         return left, fineness
 
@@ -332,7 +332,7 @@ class _Search:
         if self.slow[self._worst_output(left)]:
             sentence += ", as changes hardly get smaller"
             points = source.point_markers(loaded_nodes(self.scene, name).values())
-            if points and self.use(left) > MESH_ERROR_SHARE:
+            if points and self.used_share(left) > MESH_ERROR_SHARE:
                 listed = ", ".join(points)
                 sentence += f"; {POINT_LOAD_TEXT}, as joints and forces do at {listed}"
                 self.points[sentence] = f"{listed} of {name}"
@@ -348,7 +348,7 @@ class _Search:
             fineness = replace(fineness, level=level)
             changes.insert(0, self._change(name, fineness))
             left = np.asarray(mesh_error_estimate(changes))
-            if self.use(left) <= MESH_ERROR_SHARE:
+            if self.used_share(left) <= MESH_ERROR_SHARE:
                 break
         self.slow = convergence_ratios(*changes[:2]) == MAX_CONVERGENCE_RATIO
         return left, fineness
@@ -360,7 +360,7 @@ class _Search:
         errors.
         """
         left, refinement = finer(name, fineness)
-        if self.use(left) <= MESH_ERROR_SHARE or not self._needs_tighter_runs():
+        if self.used_share(left) <= MESH_ERROR_SHARE or not self._needs_tighter_runs():
             return left, refinement
         self.state[name] = fineness
         return finer(name, fineness)
@@ -379,7 +379,7 @@ class _Search:
         """Record a step of the search and its remaining errors (n,)."""
         self.sentences.append(sentence)
         self.errors += left
-        self.largest = max(self.largest, (self.use(left), sentence))
+        self.largest = max(self.largest, (self.used_share(left), sentence))
 
     def _change(self, name: str, fineness: Refinement) -> Array:
         """Return the changes (n,) by a finer body, which is used from then on."""
@@ -396,7 +396,7 @@ class _Search:
                 runs.append(
                     (whole, runs_of_model.attempt(whole, self.reference.setting))
                 )
-        change = after.between(*runs)
+        change = after.max_differences(*runs)
         for row, output in enumerate(self.request.names):
             if np.isfinite(change[row]) and is_incomparable(
                 output, before.sids, after.sids
@@ -405,13 +405,13 @@ class _Search:
                 change[row] = 0.0
         return change
 
-    def use(self, errors: Array) -> float:
+    def used_share(self, errors: Array) -> float:
         assert self.reference is not None
-        return self.reference.use(errors)
+        return self.reference.used_share(errors)
 
     def _worst_output(self, errors: Array) -> int:
         assert self.reference is not None
-        return self.reference.worst(errors)
+        return self.reference.worst_output(errors)
 
     def _largest_change_text(self, errors: Array) -> str:
         """Return a text on the largest error and its output."""

@@ -241,7 +241,7 @@ def _search_model(
         notes=reference.result.notes,
     )
     runs, choice = selected.runs, chosen.choice
-    setting = chosen.found.setting
+    setting = chosen.accepted_run.setting
     model = scene_of_choice(runs.scene, runs.sids, choice, setting)
     as_asked = model.outputs.record == tuple(filter(choice.has_output, runs.names))
     ran = runs.attempt(choice, setting) if as_asked else None
@@ -260,7 +260,9 @@ def _select_by_full_runs(
     runs, reference = frames.runs, frames.reference
     chosen = select_model(runs, reference)
     runs.begin("errors")
-    proven = error_bounds(runs, reference.choice, chosen.choice, chosen.found.setting)
+    proven = error_bounds(
+        runs, reference.choice, chosen.choice, chosen.accepted_run.setting
+    )
     lines = error_budget(runs, reference, chosen, frames.theory)
     sentences = (*digits, *frames.sentences)
     return VerifiedChoice(

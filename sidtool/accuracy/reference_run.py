@@ -82,7 +82,7 @@ class Reference:
     digits: Array
     frames: Array
 
-    def worst(self, errors: Array) -> int:
+    def worst_output(self, errors: Array) -> int:
         """Return the index of the output with the largest share of its allowed
         error.
         """
@@ -106,7 +106,7 @@ class Reference:
         """Return the uncertainty (n,) of a difference to the reference."""
         return self.uncertainty + self.meshes + self.digits + self.frames
 
-    def use(self, errors: Array) -> float:
+    def used_share(self, errors: Array) -> float:
         """Return the largest ratio of an error to the allowed error."""
         counts = np.isfinite(self.allowed)
         return float((errors[counts] / self.allowed[counts]).max())
@@ -136,12 +136,12 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
         )
         reference = reference_of_two_runs(runs, choice, request, setting, tighter)
         reference = _with_initial_error(runs, reference, start)
-        use = reference.use(reference.uncertainty)
+        use = reference.used_share(reference.uncertainty)
         if use <= UNCERTAINTY_SHARE:
             return _at_sufficient_tolerance(runs, reference, first)
         if rtol <= MIN_COMPARISON_RTOL:
             reference = _without_rounding(reference, request)
-            if reference.use(reference.uncertainty) <= UNCERTAINTY_SHARE:
+            if reference.used_share(reference.uncertainty) <= UNCERTAINTY_SHARE:
                 return reference
             raise _is_unpredictable(request, reference)
         rtol = max(
@@ -185,10 +185,10 @@ def _at_sufficient_tolerance(
     while rtol > reference.setting.rtol / MAX_RTOL_CHANGE:
         setting = Setting(MEASURING_INTEGRATOR, rtol)
         run = reference.choice, runs.tight_run(reference.choice, setting)
-        blur = REFERENCE_SAFETY * runs.between(
+        blur = REFERENCE_SAFETY * runs.max_differences(
             run, (reference.choice, reference.result)
         )
-        use = reference.use(blur)
+        use = reference.used_share(blur)
         if use <= UNCERTAINTY_SHARE:
             return replace(reference, setting=setting, comparison_uncertainty=blur)
         rtol = _next_tolerance(rtol, AIMED_SHARE_OF_MODELS * UNCERTAINTY_SHARE / use)
@@ -201,7 +201,7 @@ def _tight_first_rows(runs: Runs, choice: Choice) -> tuple[Array, Array] | None:
     if time.output_step is None:
         return None
     rows = np.ceil(START_FRACTION * (time.end - time.start) / time.output_step)
-    part = runs.until(min(time.end, float(time.start + rows * time.output_step)))
+    part = runs.shortened_to(min(time.end, float(time.start + rows * time.output_step)))
     result = part.attempt(choice, Setting(CHECKING_INTEGRATOR, MIN_COMPARISON_RTOL))
     return None if result is None else (result.t, part.columns(choice, result))
 
@@ -231,7 +231,7 @@ def reference_of_two_runs(
     """
     coarse, fine = runs.tight_run(choice, setting), runs.tight_run(choice, tighter)
     reference = reference_of_one_run(runs, choice, request, tighter)
-    between = REFERENCE_SAFETY * runs.between((choice, coarse), (choice, fine))
+    between = REFERENCE_SAFETY * runs.max_differences((choice, coarse), (choice, fine))
     return replace(
         reference, setting=setting, uncertainty=between + reference.uncertainty
     )

@@ -40,7 +40,7 @@ def decision_list(
 def _decision(
     request: Request, reference: Reference, choice: Choice, one: MeasuredReduction
 ) -> Decision:
-    row = reference.worst(one.errors)
+    row = reference.worst_output(one.errors)
     name = request.names[row]
     runs = bool(np.isfinite(one.errors[row]))
     effect = float(max(one.errors[row], reference.resolution[row])) if runs else 0.0

@@ -74,7 +74,7 @@ class SelectedModel:
     """
 
     choice: Choice
-    found: AcceptedRun
+    accepted_run: AcceptedRun
     measured: tuple[MeasuredReduction, ...]
     errors: Array
 
@@ -135,7 +135,7 @@ class _Search:
             or self._leaves_plane()
         ):
             return
-        if self.alone(candidate) <= PLANE_SHARE:
+        if self.share_of_candidate(candidate) <= PLANE_SHARE:
             self.base = self.base.without(candidate)
 
     def _leaves_plane(self) -> bool:
@@ -157,12 +157,14 @@ class _Search:
             if is_out_of_plane(name) and name not in self.reference.left_out
         )
 
-    def use(self, choice: Choice) -> float:
+    def used_share(self, choice: Choice) -> float:
         """Return the share of the allowed error that a model uses."""
         finest, setting = self.reference.choice, self.reference.setting
-        return self.reference.use(self.runs.difference(finest, choice, setting))
+        return self.reference.used_share(self.runs.difference(finest, choice, setting))
 
-    def alone(self, candidate: Candidate, of: Choice | None = None) -> float:
+    def share_of_candidate(
+        self, candidate: Candidate, of: Choice | None = None
+    ) -> float:
         """Return the share of the allowed error that one simplification uses alone.
 
         The result is stored in `measured`.
@@ -174,10 +176,10 @@ class _Search:
         whole = of or self.base
         less = whole.without(candidate)
         errors = self._missing_output_errors(whole, less)
-        if self.reference.use(errors) <= MODEL_SHARE:
+        if self.reference.used_share(errors) <= MODEL_SHARE:
             errors = self.runs.difference(whole, less, self.reference.setting)
         self.measured.append(MeasuredReduction(candidate, errors))
-        return self.reference.use(errors)
+        return self.reference.used_share(errors)
 
     def _missing_output_errors(self, whole: Choice, less: Choice) -> Array:
         """Return errors (n,) of outputs that a model does not have; they are zero
@@ -203,17 +205,17 @@ class _Search:
         """
         whole, choice = choice, self._without_groups(choice)
         base = None if choice == whole else choice
-        costs = {c: self.alone(c, base) for c in shapes_of(choice)}
+        costs = {c: self.share_of_candidate(c, base) for c in shapes_of(choice)}
         order = sorted(
             (c for c in costs if costs[c] <= SHAPE_SHARE), key=costs.__getitem__
         )
-        sums = accumulate((costs[c] for c in order), initial=self.use(choice))
+        sums = accumulate((costs[c] for c in order), initial=self.used_share(choice))
         guess = sum(total <= SHAPE_SHARE for total in sums) - 1
         count = self._largest_removable_group(choice, order, max(guess, 0))
         choice = choice.without(*order[:count])
         for candidate in order[count + 1 : count + 1 + MAX_LATER_TRIALS]:
             less = choice.without(candidate)
-            choice = less if self.use(less) <= SHAPE_SHARE else choice
+            choice = less if self.used_share(less) <= SHAPE_SHARE else choice
         return choice
 
     def _without_groups(self, choice: Choice) -> Choice:
@@ -225,10 +227,10 @@ class _Search:
                 numbers = tuple(sorted(waiting[:count]))
                 group = Candidate(name, SHAPES, numbers=numbers)
                 less = choice.without(group)
-                if self.use(less) > GROUP_SHARE:
+                if self.used_share(less) > GROUP_SHARE:
                     count //= 2
                     continue
-                self.alone(group, choice)
+                self.share_of_candidate(group, choice)
                 choice, waiting = less, waiting[count:]
                 count = len(waiting) // 2
         return choice
@@ -254,7 +256,7 @@ class _Search:
         while fails - fits > 1:
             if not 0 < count < fails:
                 count = (fits + fails) // 2
-            if self.use(choice.without(*order[:count])) <= SHAPE_SHARE:
+            if self.used_share(choice.without(*order[:count])) <= SHAPE_SHARE:
                 fits, count = count, count + 1
             else:
                 fails, count = count, count - 1
@@ -282,11 +284,11 @@ class _Search:
         """Omit candidates that use at most `single` alone and at most `whole`
         together.
         """
-        costs = {c: self.alone(c) for c in candidates}
+        costs = {c: self.share_of_candidate(c) for c in candidates}
         for candidate in sorted(costs, key=costs.__getitem__):
             if costs[candidate] > single:
                 break
             less = choice.without(candidate)
-            if self.use(less) <= whole:
+            if self.used_share(less) <= whole:
                 choice = less
         return choice

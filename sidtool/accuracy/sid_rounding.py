@@ -130,10 +130,10 @@ def with_rounding_error(
     if not np.isfinite(open_).all():
         text = "the scene does not run with others that are printed alike"
         return reference, (f"{formats_text}: not judged, as {text}",)
-    row = reference.worst(open_)
+    row = reference.worst_output(open_)
     largest_text = f"{open_[row]:.1e} {reference.units[row]}".rstrip()
     name = runs.names[row]
-    if reference.use(open_) > MAX_ROUNDING_SHARE:
+    if reference.used_share(open_) > MAX_ROUNDING_SHARE:
         raise InputError(
             f"{formats_text} tell {name} to {largest_text} only, where "
             f"{reference.allowed[row]:.1e} may be wrong",
@@ -168,7 +168,7 @@ def _is_rounding_negligible(
     changes = most * (
         MOTION_MAGNIFICATION * reference.variation + POSITION_MAGNIFICATION * sizes
     )
-    return reference.use(changes) <= NEGLIGIBLE_SHARE
+    return reference.used_share(changes) <= NEGLIGIBLE_SHARE
 
 
 def _printed_numbers(sid: SID) -> Iterator[Array]:

@@ -52,7 +52,7 @@ class StopRequest:
             return ""
         return f"ended by {signal_name(self.number)}"
 
-    def take(self, number: int, frame: FrameType | None) -> None:
+    def handle_request(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal: the first one sets the request; for the second one the
         previous handler applies.
         """
@@ -80,7 +80,7 @@ def stop_on_signals(
         before = signal_handler(number)
         if callable(before) or before is DEFAULT:
             stop.before[number] = before
-            handle_signal(number, stop.take)
+            handle_signal(number, stop.handle_request)
     try:
         yield stop
     finally:

@@ -88,7 +88,7 @@ def sweep(
     with locate_errors(content), workers(jobs, dask, keep, stop, progress) as doing:
         record = [m.output for m in measures if m.output != TIME]
         designs = Designs(content, given, list(dict.fromkeys(record)))
-        result = _Sweep(designs, points, measures, doing, programs).whole(
+        result = _Sweep(designs, points, measures, doing, programs).run_all(
             title or content.title
         )
     for text in dict.fromkeys(text for p in result.points for text in p.warnings):
@@ -109,9 +109,9 @@ class _Sweep:
         self.doing, self.programs = doing, programs
         self.points: dict[int, SweepPoint] = {}
         self.names: dict[str, None] = {}
-        self.made: dict[str, ConversionOutcome] = {}
+        self.conversions: dict[str, ConversionOutcome] = {}
 
-    def whole(self, title: str) -> Sweep:
+    def run_all(self, title: str) -> Sweep:
         """Run all points and return the sweep.
 
         Raises
@@ -119,7 +119,7 @@ class _Sweep:
         InputError : no point can be set up.
         """
         designs = self._set_up()
-        self.made = self.doing.convert(models_of_designs(list(designs.values())))
+        self.conversions = self.doing.convert(models_of_designs(list(designs.values())))
         self._run(designs)
         points = tuple(self.points[row] for row in range(len(self.values)))
         if all(point.message for point in points):
@@ -192,7 +192,7 @@ class _Sweep:
         """
         model_sids: dict[str, SID] = {}
         for name, model in design.models.items():
-            converted = self.made[model_digest(model)]
+            converted = self.conversions[model_digest(model)]
             if converted.sid is None:
                 raise InputError(converted.message, place=f"bodies.{name}.model")
             model_sids[name] = converted.sid

@@ -51,7 +51,7 @@ class Axis:
     parameters : fractions (n,) -> (n,) of the curve, the argument of the next three
     place : (n, 3) positions
     tangents : (n, 3) unit tangents, (n, 3) their changes per length
-    carried : (n, 3) the y axis before the twist
+    transported_y : (n, 3) the y axis before the twist
     twist : angle over the fraction [rad]
     """
 
@@ -60,7 +60,7 @@ class Axis:
     parameters: Callable[[Array], Array]
     place: Callable[[Array], Array]
     tangents: Callable[[Array], tuple[Array, Array]]
-    carried: Callable[[Array], Array]
+    transported_y: Callable[[Array], Array]
     twist: Profile
 
     def at(self, fractions: Array) -> AxisFrames:
@@ -70,7 +70,7 @@ class Axis:
         tangent, change = self.tangents(parameters)
         angle = self.twist(fractions)
         rate = self.twist.derivative()(fractions) / self.length
-        y = self.carried(parameters)
+        y = self.transported_y(parameters)
         if not self.twist.is_zero:
             across = np.sin(angle)[:, None] * np.cross(tangent, y)
             y = np.cos(angle)[:, None] * y + across
@@ -194,12 +194,12 @@ def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Ax
         dense_output=True,
     ).sol
 
-    def carried(parameter: Array) -> Array:
+    def transported_y(parameter: Array) -> Array:
         tangent, y = bent(parameter)[0], run_along(parameter).T
         y = y - (y * tangent).sum(axis=1, keepdims=True) * tangent
         return np.asarray(y / np.linalg.norm(y, axis=1, keepdims=True))
 
-    return Axis(length, False, parameters, spline, bent, carried, twist)
+    return Axis(length, False, parameters, spline, bent, transported_y, twist)
 
 
 def _refine_knots(knots: Array) -> Array:

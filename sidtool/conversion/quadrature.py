@@ -55,7 +55,7 @@ class QuadraturePart:
     per_element: int = 1
     continuum: int = 0
 
-    def only(self, row: int) -> QuadraturePart:
+    def single_point(self, row: int) -> QuadraturePart:
         """Return one point without references to the arrays of the others."""
         cut = [row]
         chosen, amplitudes = self.element, self.amplitudes

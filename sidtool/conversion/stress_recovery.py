@@ -114,11 +114,11 @@ def check_stress(body: FiniteElementModel, settings: StressRecovery) -> list[str
             place="stress",
             expected="a marker at a point of the material, or peak_points",
         )
-    found = [_MARKERS_ONLY] if settings.peak_points == 0 else []
+    notes = [_MARKERS_ONLY] if settings.peak_points == 0 else []
     if settings.markers is not None:
-        return found
+        return notes
     silent = [marker.name for marker in body.markers if marker.gradient is None]
-    return [*found, *([_NO_STRESS_TEXT.format(", ".join(silent))] if silent else [])]
+    return [*notes, *([_NO_STRESS_TEXT.format(", ".join(silent))] if silent else [])]
 
 
 def _check_numbers(body: FiniteElementModel, settings: StressRecovery) -> None:
@@ -232,7 +232,7 @@ def _sample_points(
     """
     mesh = None
     if not body.patches:
-        mesh = body.drawn if body.solids is None else body.solids.mesh
+        mesh = body.drawing_mesh if body.solids is None else body.solids.mesh
     fields, nq = shapes, shapes.shape[1]
     if initial is not None:
         fields = np.hstack([shapes, initial.displacement])
@@ -261,7 +261,7 @@ def _samples_of_part(
     values = _stress_and_rotation(part, gradients, initial)
 
     def point(row: int) -> StressPoint:
-        one = part.only(row)
+        one = part.single_point(row)
         place = one.values[0] @ body.positions[one.nodes[0]]
         return _stress_point(place, one.displacements(fields)[0], values[row], nq)
 
@@ -340,17 +340,17 @@ def _peak_points_of_states(
 ) -> tuple[Array, list[StressPoint]]:
     """The peak of every state, and the points that have one of these, each once."""
     best = np.full(states.shape[1], -1.0)
-    found: dict[int, tuple[tuple[int, int], StressPoint]] = {}
+    points_by_state: dict[int, tuple[tuple[int, int], StressPoint]] = {}
     for number, sample in enumerate(samples):
         mises = _von_mises_stress(sample.sigma, states)
         rows = first_largest(mises, axis=0)
-        better = np.flatnonzero(mises.max(axis=0) > (1.0 + EQUAL) * best)
-        points = {int(row): sample.point(int(row)) for row in set(rows[better])}
-        for state in better:
+        improved = np.flatnonzero(mises.max(axis=0) > (1.0 + EQUAL) * best)
+        points = {int(row): sample.point(int(row)) for row in set(rows[improved])}
+        for state in improved:
             row = int(rows[state])
             best[state] = mises[row, state]
-            found[int(state)] = ((number, row), points[row])
-    places = dict(found[state] for state in sorted(found))
+            points_by_state[int(state)] = ((number, row), points[row])
+    places = dict(points_by_state[state] for state in sorted(points_by_state))
     return best, list(places.values())
 
 

@@ -39,12 +39,12 @@ from ..mesh.unit_systems import UnitSystem
 from .bar_elements import BarElement, bar_outline, extra_masses, make_bar_element
 from .bar_nodes import BarNodes, bar_nodes, nearest_node, node_sets
 from .structure_elements import (
+    merge_particles,
     node_motion,
     shell_matrices,
     shell_outlines,
     solid_matrices,
     spring_matrix,
-    together,
 )
 
 Indices = NDArray[np.int64]
@@ -137,7 +137,7 @@ def bars_model(
         stiffness=stiffness,
         node_sets=node_sets(nodes, used, imported.undefined),
         markers=_bar_markers(model, imported.bars, nodes, ndof),
-        inertia_points=together(inertia),
+        inertia_points=merge_particles(inertia),
         dof_table=nodes.table[used],
         beam_material=points.material() if alone and imported.bars else None,
         outlines=tuple(outlines),
@@ -194,7 +194,9 @@ def _without_idle(
     if imported.masses:
         points = [*points, particles.points()]
     stiff = (total + _assemble_bars(parts, ndof)).diagonal()
-    heavy = together(points).mass_matrix().diagonal() if points else np.zeros(ndof)
+    heavy = (
+        merge_particles(points).mass_matrix().diagonal() if points else np.zeros(ndof)
+    )
     turning = nodes.table[:, 3:]
     idle = (stiff <= 0) & (heavy <= 0)
     idle &= np.isin(np.arange(ndof), turning[turning >= 0])

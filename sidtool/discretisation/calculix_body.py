@@ -143,7 +143,7 @@ def calculix_model(
     return replace(
         discretised,
         markers=_deck_markers(model, solids, deck),
-        drawn=solids,
+        drawing_mesh=solids,
         alternative=alternative,
         notes=(*discretised.notes, *_quadratic_notes(taken)),
     )

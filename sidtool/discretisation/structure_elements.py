@@ -320,7 +320,7 @@ def solid_matrices(
     return motion.by_dofs(total), points
 
 
-def together(points: list[InertiaPoints]) -> InertiaPoints:
+def merge_particles(points: list[InertiaPoints]) -> InertiaPoints:
     """Particles of several kinds of elements."""
     return InertiaPoints(
         np.concatenate([p.positions for p in points]),

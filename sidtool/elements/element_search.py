@@ -74,7 +74,7 @@ class ElementFinder:
                 point[start : start + _PAIRS_PER_BATCH],
                 element[start : start + _PAIRS_PER_BATCH],
             )
-            near = self._affine[block].near(points[i], row, slack)
+            near = self._affine[block].may_contain(points[i], row, slack)
             i, row = i[near], row[near]
             is_wanted = is_requested(i, row)
             i, row = i[is_wanted], row[is_wanted]
@@ -121,7 +121,9 @@ class _AffineMaps:
         off += close * np.linalg.norm(self._inverses, axis=(1, 2))
         self._margins = np.where(flat, np.inf, _NONLINEARITY_BOUND * off)
 
-    def near(self, points: Array, rows: Indices, slack: float) -> NDArray[np.bool_]:
+    def may_contain(
+        self, points: Array, rows: Indices, slack: float
+    ) -> NDArray[np.bool_]:
         """Whether points (k, d) may lie in elements (k,); False if they cannot."""
         arms = points - self._middle[rows]
         where = self._centre + (self._inverses[rows] @ arms[..., None])[..., 0]

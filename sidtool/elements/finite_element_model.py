@@ -166,8 +166,8 @@ class FiniteElementModel:
     geometry_mass : mass and centre of the geometry by a rule of its own
     solids : the elements, if the body is a mesh of solid ones
     alternative : the same body with better elements, if another program discretises it
-    drawn : a mesh whose nodes are the first rows of `positions`, if pictures need one
-        beside `solids`
+    drawing_mesh : a mesh for pictures whose nodes are the first rows of `positions`,
+        if they need one besides `solids`
     patches : NURBS patches with the nodes that their control points are
     outlines : of a beam, or of bars
     notes : sentences on what the model file does not say and the body has
@@ -194,7 +194,7 @@ class FiniteElementModel:
     geometry_mass: Callable[[], GeometryMass] | None = None
     solids: SolidMesh | None = None
     alternative: ElementAlternative | None = None
-    drawn: Mesh | None = None
+    drawing_mesh: Mesh | None = None
     patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
     outlines: tuple[BeamOutline, ...] = ()
     notes: tuple[str, ...] = ()

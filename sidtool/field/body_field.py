@@ -61,7 +61,7 @@ def sample_body(body: FiniteElementModel) -> SampledPoints:
         return concatenate_points(
             patch_field(body, *p, continuum) for p, continuum in parts
         )
-    mesh = body.drawn if body.solids is None else body.solids.mesh
+    mesh = body.drawing_mesh if body.solids is None else body.solids.mesh
     if mesh is not None:
         return mesh_field(body, mesh)
     if body.outlines:

@@ -52,7 +52,7 @@ class BodySurface:
         return self.shapes.shape[2]
 
     @property
-    def sketched(self) -> bool:
+    def is_sketched(self) -> bool:
         """Whether the surface of a flexible body is not known."""
         return self.source.endswith(_UNKNOWN_SURFACE_TEXT)
 

@@ -122,7 +122,7 @@ class Runs:
         """
         again = self.with_other_sids(others, self.names)
         one, other = self.attempt(choice, setting), again.attempt(choice, setting)
-        return self.between((choice, one), (choice, other))
+        return self.max_differences((choice, one), (choice, other))
 
     def with_other_sids(
         self,
@@ -138,7 +138,7 @@ class Runs:
         again.parts, again._steps = self.parts, self._steps
         return again
 
-    def until(self, end: float) -> Runs:
+    def shortened_to(self, end: float) -> Runs:
         """Return runs of the same search that end earlier."""
         scene = self.scene
         time = scene.time.model_copy(update={"end": end})
@@ -210,9 +210,9 @@ class Runs:
 
     def cost(self, choice: Choice, setting: Setting) -> float:
         """Return the solve time of these runs as a share of that [s] of a full run."""
-        return self.begun(choice, setting).seconds
+        return self.run_initial_interval(choice, setting).seconds
 
-    def begun(self, choice: Choice, setting: Setting) -> PartialRun:
+    def run_initial_interval(self, choice: Choice, setting: Setting) -> PartialRun:
         """Return the initial interval of a full run; only this interval is computed.
         Tolerances of steps depend on the length of a run; those of the full run are
         used.
@@ -249,9 +249,9 @@ class Runs:
         integration.
         """
         a, b = self.attempt(one, setting), self.attempt(other, setting)
-        return self.between((one, a), (other, b))
+        return self.max_differences((one, a), (other, b))
 
-    def between(
+    def max_differences(
         self, one: tuple[Choice, Result | None], other: tuple[Choice, Result | None]
     ) -> Array:
         """Return the largest differences (n,) over time; infinite if a run failed."""

@@ -137,7 +137,7 @@ class BodyAxes:
         x, y, _ = proj_transform(*np.reshape(points, (-1, 3)).T, axes.get_proj())
         return np.column_stack([x, y])
 
-    def room(self, page: Figure, x: float, y: float) -> Bbox:
+    def occupied_box(self, page: Figure, x: float, y: float) -> Bbox:
         """Return the part of a page that a picture occupies [pixels]."""
         corners = np.array([[x, y], [x + self.width, y + self.height]])
         return Bbox(corners * page.dpi)

@@ -75,7 +75,7 @@ def _plot_shapes(
         pictures.append(
             BodyPicture(name, place, faces, moved / size, rest=body.positions)
         )
-    heading = f"drawn from {body.source}" if body.sketched else ""
+    heading = f"drawn from {body.source}" if body.is_sketched else ""
     notes = ([heading] if heading else []) + _write_pictures(path, pictures, heading)
     if len(names) > _MAX_SHAPES:
         notes.append(

@@ -168,7 +168,7 @@ def _draw_solid_page(
     for axes, picture, corner in zip(every, pictures, corners, strict=True):
         projected = shape.project(axes, list(picture.marks.values()))
         places = dict(zip(picture.marks, projected, strict=True))
-        left += place_names(axes, places, shape.room(page, *corner))
+        left += place_names(axes, places, shape.occupied_box(page, *corner))
     return page, left
 
 

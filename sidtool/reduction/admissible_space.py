@@ -67,7 +67,7 @@ class AdmissibleSpace:
         """y as displacements of the model, (ndof, n)."""
         return self.transform @ y
 
-    def acts(self, loads: Array) -> NDArray[np.bool_]:
+    def effective_loads(self, loads: Array) -> NDArray[np.bool_]:
         """Return a mask (n,) of loads (ndof, n) that do not act on supports only. The
         response to a load on supports alone, or to a load of rounding size, is
         rounding.
@@ -354,9 +354,9 @@ def _null_and_range(rows: Array, largest: Array) -> tuple[Array, Array]:
         return np.eye(n), np.zeros((n, 0))
     gram = (rows * scale).T @ (rows * scale)
     values, vectors = np.linalg.eigh(gram)
-    still = values <= _NO_MOTION**1.5 * max(values[-1], 1e-300)
+    is_null = values <= _NO_MOTION**1.5 * max(values[-1], 1e-300)
     vectors = scale[:, None] * vectors
-    return vectors[:, still], vectors[:, ~still]
+    return vectors[:, is_null], vectors[:, ~is_null]
 
 
 def independent_rows(rows: Array) -> Array:

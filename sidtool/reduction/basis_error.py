@@ -95,10 +95,13 @@ def full_model_reference(
     loads = np.vstack([np.zeros((0, body.ndof)), *rows])
     compliances = np.einsum("ij,ji->i", loads, space.static(loads.T))
     flat = np.array([name for group in names for name in group], object)
-    felt = space.acts(loads.T) & (compliances > 0)
+    effective = space.effective_loads(loads.T) & (compliances > 0)
     squares, _ = space.modes(min(COMPARED_FREQUENCIES, count))
     return FullModelReference(
-        to_hertz(squares), tuple(flat[felt]), loads[felt], compliances[felt]
+        to_hertz(squares),
+        tuple(flat[effective]),
+        loads[effective],
+        compliances[effective],
     )
 
 
@@ -123,10 +126,10 @@ def measure_basis_errors(
     squares, vectors = scipy.linalg.eigh(stiffness, mass)
     motions = full.rows @ (shapes @ vectors)
     compliances = (motions**2 / squares).sum(axis=1)
-    found = to_hertz(squares)[: len(full.frequencies)]
-    known = full.frequencies[: len(found)]
+    frequencies = to_hertz(squares)[: len(full.frequencies)]
+    known = full.frequencies[: len(frequencies)]
     return BasisErrors(
-        found / known - 1,
+        frequencies / known - 1,
         1 - compliances / full.compliances,
         full.names,
         known,
@@ -184,14 +187,18 @@ def assess_basis(
     try:
         full = full_model_reference(body, space, markers, settings, len(basis.labels))
         own = measure_basis_errors(body, space, basis, full)
-        carried = _compliance_shares(body, frame, space, basis, own, settings)
+        shares_of_compliance = _compliance_shares(
+            body, frame, space, basis, own, settings
+        )
         text = _error_text(own)
         if own.worst <= _POOR_ERROR:
-            return BasisQuality(text, carried=carried)
+            return BasisQuality(text, carried=shares_of_compliance)
         better = _suggested_methods(
             body, frame, space, full, markers, settings, own.worst
         )
-        return BasisQuality(f"{text}; {better}", _is_poor(own, settings), carried)
+        return BasisQuality(
+            f"{text}; {better}", _is_poor(own, settings), shares_of_compliance
+        )
     except InputError as error:
         return BasisQuality(f"its errors cannot be measured: {error.problem}")
     except np.linalg.LinAlgError:
@@ -273,9 +280,9 @@ def _compliance_shares(
             row = rows.setdefault(str(body.marker(marker).node), list(_UNKNOWN))
             row[DIRECTIONS.index(way)] = min(max(1.0 - error, 0.0), 1.0)
     free = bool(space.rigid.shape[1])
-    lost = () if free else _missing_inertia_shares(body, frame, space, basis)
+    missing = () if free else _missing_inertia_shares(body, frame, space, basis)
     return ComplianceShares(
-        free, {name: tuple(row) for name, row in rows.items()}, lost
+        free, {name: tuple(row) for name, row in rows.items()}, missing
     )
 
 
@@ -301,8 +308,8 @@ def _is_poor(errors: BasisErrors, settings: ReductionSettings) -> bool:
     functions are remainders. Without a number of modes the lower half counts.
     """
     count = getattr(settings, "modes", None) or (errors.count + 1) // 2
-    meant = np.concatenate([errors.frequencies[:count], errors.compliances])
-    return float(np.abs(meant).max(initial=0.0)) > _POOR_ERROR
+    relevant = np.concatenate([errors.frequencies[:count], errors.compliances])
+    return float(np.abs(relevant).max(initial=0.0)) > _POOR_ERROR
 
 
 def _error_text(errors: BasisErrors) -> str:

@@ -175,13 +175,13 @@ def krylov_reduction(
         loads.append(model.mass @ _without_rounding(model, rigid))
         names += tuple(f"acceleration {i + 1}" for i in range(loads[1].shape[1]))
     columns = np.hstack(loads)
-    felt = space.acts(columns)
-    names = tuple(name for name, there in zip(names, felt, strict=True) if there)
+    effective = space.effective_loads(columns)
+    names = tuple(name for name, there in zip(names, effective, strict=True) if there)
     families = [
         ShapeFamily(
             f"at {f:g} Hz", shapes, tuple(f"{n} at {f:g} Hz" for n in names) * m
         )
-        for f, shapes, m in krylov_vectors(space, columns[:, felt], settings)
+        for f, shapes, m in krylov_vectors(space, columns[:, effective], settings)
     ]
     return replace(orthonormal_basis(model, frame, families, "Krylov"), space=space)
 
@@ -237,9 +237,9 @@ def _static_answers(
     """Return static responses to loads (ndof, n), without loads that act on supports
     only.
     """
-    felt = space.acts(loads)
-    names = tuple(name for name, there in zip(names, felt, strict=False) if there)
-    return ShapeFamily(kind, space.static(loads[:, felt]), names)
+    effective = space.effective_loads(loads)
+    names = tuple(name for name, there in zip(names, effective, strict=False) if there)
+    return ShapeFamily(kind, space.static(loads[:, effective]), names)
 
 
 Reduction = Callable[..., ReducedBasis]

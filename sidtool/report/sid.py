@@ -218,7 +218,7 @@ def frame_kind_of(sid: SID) -> str:
     """Return the kind of body frame, judged by the couplings and the nodes."""
     if sid.nq == 0:
         return "rigid body"
-    kind, nodes = _framekind_of_shape(sid)
+    kind, nodes = _node_frame_kind(sid)
     return {
         "free": "mean axes (Buckens): no coupling to the rigid motion",
         "held": f"tangent frame, fixed to node {nodes} at its origin",
@@ -232,10 +232,10 @@ def boundary_kind(sid: SID) -> str:
     """Return the boundary condition of the modes: "held", "chord", "free" or
     "other".
     """
-    return _framekind_of_shape(sid)[0].split()[0]
+    return _node_frame_kind(sid)[0].split()[0]
 
 
-def _framekind_of_shape(sid: SID) -> tuple[str, str]:
+def _node_frame_kind(sid: SID) -> tuple[str, str]:
     scale = np.sqrt(sid.mass * np.abs(np.diag(sid.Me.m0)).max()) or 1.0
     size = max((np.abs(node.position).max() for node in sid.nodes), default=0.0) or 1.0
     if (
@@ -243,12 +243,14 @@ def _framekind_of_shape(sid: SID) -> tuple[str, str]:
         and np.abs(sid.Cr.m0).max() <= 1e-6 * scale * size
     ):
         return "free", ""
-    still = [node for node in sid.nodes if is_at_rest(node, sid)]
+    fixed_nodes = [node for node in sid.nodes if is_at_rest(node, sid)]
     turning = [
-        node for node in still if node.psi.m0.any() and not _is_unrotated(node, sid)
+        node
+        for node in fixed_nodes
+        if node.psi.m0.any() and not _is_unrotated(node, sid)
     ]
-    held = [node for node in still if node not in turning]
-    at_origin = [n for n in still if np.abs(n.position).max() <= 1e-9 * size]
+    held = [node for node in fixed_nodes if node not in turning]
+    at_origin = [n for n in fixed_nodes if np.abs(n.position).max() <= 1e-9 * size]
     silent = not any(node.psi.m0.any() for node in sid.nodes)
     if at_origin and (at_origin[0] in turning or silent):
         end = _chord_end(sid, at_origin[0])

@@ -31,7 +31,7 @@ def check_base_runs(plan: StudyPlan, names: Sequence[str], run_of: RunOf) -> Non
     if not set(plan.varied) - {"integrator"}:
         return
     problems: list[InputError] = []
-    for variant in (Variant(), *plan.richest()[:1]):
+    for variant in (Variant(), *plan.finest_variants()[:1]):
         try:
             task, _ = run_of(variant, tight_settings(plan.settings)[0], names)
             check_validity(_run_base(task))
@@ -83,7 +83,7 @@ def best_reference(
     references: list[Reference] = []
     problems: list[InputError] = []
     for model in range(plan.bodies.models):
-        variants = [v for v in plan.richest() if v.model == model]
+        variants = [v for v in plan.finest_variants() if v.model == model]
         try:
             references.append(
                 _reference_of_variants(plan, variants, names, run_of, tight_runs)

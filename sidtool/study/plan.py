@@ -67,7 +67,7 @@ class StudyPlan:
                 label_of[name] = "own" if value is None else str(value)
         return {name: label_of[name] for name in self.varied if name in label_of}
 
-    def richest(self) -> list[Variant]:
+    def finest_variants(self) -> list[Variant]:
         """Return the finest variants of each model, those with all terms first."""
         variants = [replace(self.base, model=k) for k in range(self.bodies.models)]
         for name in ("mesh", "modes"):

@@ -217,7 +217,7 @@ class _StudyRun:
     doing: Workers
     outputs: Sequence[str]
     programs: Programs
-    made: dict[str, ConversionOutcome] = field(default_factory=dict)
+    conversions: dict[str, ConversionOutcome] = field(default_factory=dict)
 
     def whole(self) -> Study:
         sids = {**self.plan.bodies.sids, **self._sids(Variant())}
@@ -225,7 +225,7 @@ class _StudyRun:
         plan = self.plan = replace(self.plan, bodies=bodies)
         names, dropped = self._names()
         check_base_runs(plan, names, self.run_of)
-        self.made |= self.doing.convert(self._models())
+        self.conversions |= self.doing.convert(self._models())
         reference = best_reference(plan, names, self.run_of, self._tight)
         points = self._points(names, reference)
         return Study(
@@ -241,20 +241,22 @@ class _StudyRun:
         """Return the models that are not converted yet, by digest."""
         model_of: dict[str, ModelFile] = {}
         variants = dict.fromkeys(v for v, _ in self.plan.points)
-        for variant in (Variant(), *variants, *self.plan.richest()):
+        for variant in (Variant(), *variants, *self.plan.finest_variants()):
             try:
                 models = self.plan.bodies.to_convert(variant)
             except InputError:
                 continue
             model_of |= {model_digest(model): model for model in models.values()}
-        return {key: model for key, model in model_of.items() if key not in self.made}
+        return {
+            key: model for key, model in model_of.items() if key not in self.conversions
+        }
 
     def _sid(self, model: ModelFile) -> SID:
         """Return the SID of a model; convert it if only the reference needs it."""
         key = model_digest(model)
-        if key not in self.made:
-            self.made |= self.doing.convert({key: model})
-        conversion = self.made[key]
+        if key not in self.conversions:
+            self.conversions |= self.doing.convert({key: model})
+        conversion = self.conversions[key]
         if conversion.sid is None:
             raise InputError(conversion.message)
         return conversion.sid
@@ -315,7 +317,7 @@ class _StudyRun:
         """
         models = self.plan.bodies.to_convert(variant).values()
         conversions = {
-            model_digest(m): self.made[model_digest(m)] for m in models
+            model_digest(m): self.conversions[model_digest(m)] for m in models
         }.values()
         return sum(m.dofs for m in conversions), sum(m.seconds for m in conversions)
 

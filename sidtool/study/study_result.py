@@ -217,11 +217,11 @@ def one_factor_points(result: Study) -> list[Point]:
     """Return the points that differ from the first one (the scene) in one choice."""
     base = result.points[0]
 
-    def away(point: Point) -> int:
+    def number_of_changes(point: Point) -> int:
         different = sum(base.choices[k] != v for k, v in point.choices.items())
         return different + (point.setting != base.setting)
 
-    return [point for point in result.points if away(point) <= 1]
+    return [point for point in result.points if number_of_changes(point) <= 1]
 
 
 def study_table(points: Iterable[Point], axes: Sequence[str]) -> str:

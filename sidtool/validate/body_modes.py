@@ -167,7 +167,7 @@ class ModalBody:
     turns : (3 n, nq) rotations of the nodes times the radius of gyration of the body;
         zero for nodes without rotations
     damping : (nq, nq) De in the modes
-    carried : (3 n, r) displacements at the nodes by the free rigid coordinates;
+    rigid_shapes : (3 n, r) displacements at the nodes by the free rigid coordinates;
         r = 0 for a held body
     rigid : (r, r) mass matrix of these coordinates
     """
@@ -176,7 +176,7 @@ class ModalBody:
     shapes: Array
     turns: Array
     damping: Array
-    carried: Array
+    rigid_shapes: Array
     rigid: Array
 
     @property
@@ -212,7 +212,7 @@ class ModalBody:
 
     @cached_property
     def _columns(self) -> Array:
-        return np.hstack([self.shapes, self.carried])
+        return np.hstack([self.shapes, self.rigid_shapes])
 
     @cached_property
     def _gram(self) -> Array:

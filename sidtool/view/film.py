@@ -69,7 +69,7 @@ def write_film(
         chosen = np.round(rows).astype(int).tolist()
         stage = Stage(motion, bodies, parts, ranges.get(colour), colour, scale)
         stage.fit(chosen)
-        stage.say(bodies)
+        stage.write_sketch_note(bodies)
         whole = Path(folder) / path.name
         with writer.saving(stage.page, str(whole), _DPI):
             for row in iterate_with_progress(chosen, "drawing pictures"):
@@ -248,9 +248,9 @@ class Stage:
             ScalarMappable(scale, "viridis"), cax=bar, orientation="horizontal"
         ).set_label(f"{colour_range.title} [{colour_range.unit}]")
 
-    def say(self, bodies: Sequence[BodySurface]) -> None:
+    def write_sketch_note(self, bodies: Sequence[BodySurface]) -> None:
         """Write below the picture which bodies are sketches."""
-        unknown = ", ".join(body.name for body in bodies if body.sketched)
+        unknown = ", ".join(body.name for body in bodies if body.is_sketched)
         if unknown:
             text = textwrap.shorten(f"surface not known: {unknown}", 90)
             self.page.text(0.02, 0.01, text, fontsize="small", color="0.4")

@@ -158,7 +158,7 @@ def _body_data(
         "positions": _pack_numbers(body.positions[used], "<f4"),
         "triangles": _pack_numbers(rows, "<u4"),
         "coarse": None,
-        "sketched": body.sketched,
+        "sketched": body.is_sketched,
         "shapes": shapes,
         "shape_sizes": sizes,
         "stress": None,

@@ -125,7 +125,7 @@ def _snapshots(
         yield f"<figcaption>t = {animation.motion.t[row]:.6g} s</figcaption></figure>"
     yield "</div>"
     for body in animation.bodies:
-        if body.sketched:
+        if body.is_sketched:
             yield f"<p>{escape(body.name)} is drawn from {escape(body.source)}.</p>"
     if scale != 1:
         yield f"<p>Deformations are drawn {scale:g} times as large.</p>"

@@ -26,18 +26,21 @@ _MOMENTS = 6
 
 def read_coupling(deck: Deck, block: Block) -> None:
     """*COUPLING, *RIGID BODY, *KINEMATIC COUPLING."""
-    deck.holds.append(CouplingDefinition(block, deck.scope))
+    deck.coupling_definitions.append(CouplingDefinition(block, deck.scope))
 
 
 def read_coupling_kind(deck: Deck, block: Block) -> None:
     """*KINEMATIC or *DISTRIBUTING behind its *COUPLING."""
-    if not deck.holds or deck.holds[-1].block.keyword != "COUPLING":
+    if (
+        not deck.coupling_definitions
+        or deck.coupling_definitions[-1].block.keyword != "COUPLING"
+    ):
         raise InputError(
             f"*{block.keyword} stands alone",
             place=block.place,
             expected="a *COUPLING right before it",
         )
-    deck.holds[-1].kind = block
+    deck.coupling_definitions[-1].kind = block
 
 
 def read_mass(deck: Deck, block: Block) -> None:
@@ -61,7 +64,7 @@ def couplings_of(deck: Deck, body: Namespace, instance: str) -> list[RawCoupling
     """
     couplings = []
     used = {n for e in body.elements.values() for n in e.nodes} if deck.chosen else None
-    for i, definition in enumerate(deck.holds, start=1):
+    for i, definition in enumerate(deck.coupling_definitions, start=1):
         try:
             coupling = _make_coupling(deck, definition, body, instance, i)
             if used is not None and used.isdisjoint(coupling.nodes):

@@ -99,7 +99,7 @@ class Deck:
     kinds : elasticity types of anisotropic materials
     orientations : by name, those of a part after its name and a point
     unsorted : node sets that keep their order, by names alike
-    holds, masses : couplings of nodes, and point masses
+    coupling_definitions, masses : couplings of nodes, and point masses
     equations, ties : equations between displacements with their axes, tied surfaces
     system : the current *SYSTEM: origin and axes, (4, 3)
     density : density of materials without *DENSITY
@@ -120,7 +120,7 @@ class Deck:
     kinds: dict[str, str] = field(default_factory=dict)
     orientations: dict[str, Block] = field(default_factory=dict)
     unsorted: set[str] = field(default_factory=set)
-    holds: list[CouplingDefinition] = field(default_factory=list)
+    coupling_definitions: list[CouplingDefinition] = field(default_factory=list)
     masses: list[CouplingDefinition] = field(default_factory=list)
     equations: list[CouplingDefinition] = field(default_factory=list)
     ties: list[CouplingDefinition] = field(default_factory=list)

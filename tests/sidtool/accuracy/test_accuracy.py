@@ -370,7 +370,7 @@ def test_the_worst_output_is_one_that_counts() -> None:
         *(nothing, allowed, nothing, nothing, (), ("", "", "")),
         *(nothing, nothing, nothing, nothing),
     )
-    assert reference.worst(np.array([np.inf, np.inf, 1.0])) == 1
+    assert reference.worst_output(np.array([np.inf, np.inf, 1.0])) == 1
 
 
 @pytest.mark.parametrize("wanted", [1e-1, 1e-5])
@@ -412,7 +412,7 @@ def test_conserved_outputs_need_no_tighter_runs() -> None:
     )
     assert both.left_out == tuple(momenta)
     assert both.setting.rtol == pytest.approx(alone.setting.rtol, rel=0.5)
-    assert both.use(both.comparison_uncertainty) <= UNCERTAINTY_SHARE
+    assert both.used_share(both.comparison_uncertainty) <= UNCERTAINTY_SHARE
 
 
 def test_shape_functions_of_requested_coordinates_are_retained_without_a_run() -> None:

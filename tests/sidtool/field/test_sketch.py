@@ -96,5 +96,5 @@ def test_pictures_note_an_unknown_surface(
     every = [text.get_text() for text in pages[1].texts] + [pages[1].get_suptitle()]
     assert notes[0] in every
     drawn = surface_of_sid("body", sid, 0.01)
-    assert drawn.sketched
+    assert drawn.is_sketched
     assert isinstance(sid, sidtool.SID)
