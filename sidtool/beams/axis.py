@@ -22,7 +22,7 @@ _PIECES, _POINTS = 8, 8
 
 @dataclass(frozen=True, eq=False)
 class AxisFrames:
-    """Places of an axis.
+    """Frames at positions of an axis.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ from .integration_points import (
 )
 from .profiles import Profile, profile
 
-#: Degree of the area up to which elements of any length have the exact moments.
+#: Degree of the area profile up to which mass and moments are exact.
 EXACT_AREA_DEGREE = 6
 #: Gauss points of a panel of an axis, and the least number of panels.
 _POINTS, _PANELS = 16, 32
@@ -163,7 +163,7 @@ def _element_ends(geometry: BeamGeometry, axis: Axis, elements: int) -> Array:
 def _outline(
     beam: BeamProperties, elements: list[BeamElement], ndof: int
 ) -> BeamOutline:
-    """In pieces so short that its waves are drawn as they bend."""
+    """Return the outline in segments that resolve the bending waves."""
     pieces = -(-_SECTIONS // len(elements))
     shares = np.arange(pieces) / pieces
     starts = [e.first + shares * (e.last - e.first) for e in elements]

@@ -29,7 +29,7 @@ from ..mesh.unit_systems import UnitSystem
 Indices = NDArray[np.int64]
 
 
-#: Stiffness of pinned directions below this share of each other is none.
+#: Relative stiffness below which a pinned direction has none.
 _PIN_STIFFNESS_TOLERANCE = 1e-11
 
 
@@ -58,7 +58,7 @@ class BarElement(BeamElement):
 
 @dataclass(frozen=True, eq=False)
 class RodElement(BarElement):
-    """A bar that resists stretch and twist alone and stays straight."""
+    """A rod: a bar that resists stretch and twist only and stays straight."""
 
     def rows_at(self, places: Array, frames: AxisFrames) -> tuple[ElementRows, ...]:
         return tuple(map(self._rows, places.tolist(), frames.axes[:, 0]))
@@ -101,7 +101,7 @@ def make_bar_element(
 
     Raises
     ------
-    InputError : it has no length, or its y axis lies along it.
+    InputError : the bar has no length, or its y axis is parallel to it.
     """
     stress = units.mass / units.length / units.time**2
     size = float(np.linalg.norm(places[1] - places[0]))
@@ -195,7 +195,7 @@ def bar_section(bar: RawBar, length: float) -> Callable[[float], Section]:
 
 
 def evaluate_profile(profile: SectionProfile, fraction: float) -> float:
-    """The value of a course, 0 of an empty one."""
+    """Return the value of a profile, 0 for an empty one."""
     if not profile:
         return 0.0
     places, values = zip(*profile, strict=True)

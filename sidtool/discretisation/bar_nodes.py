@@ -23,7 +23,8 @@ Indices = NDArray[np.int64]
 
 #: Nodes on one line, by the ratio of their second moments.
 _ON_LINE = 1e-10
-#: A place of a marker this near to a node, of the body's size, is the node.
+#: Distance of a marker from a node, relative to the size of the body, below which it is
+#: the node.
 _AT_NODE = 1e-6
 
 
@@ -81,11 +82,11 @@ class BarNodes:
 
 
 def bar_nodes(imported: ImportedMesh, mesh: Mesh) -> BarNodes:
-    """The nodes of bars and of rigid couplings.
+    """Return the nodes of bars and of rigid couplings.
 
     Raises
     ------
-    InputError : rigid couplings hold a node twice, or the bars fall apart.
+    InputError : a node belongs to two rigid couplings, or the bars are not connected.
     """
     row = {int(label): i for i, label in enumerate(mesh.labels)}
     owner = _reference_nodes(imported, row)
@@ -122,7 +123,7 @@ def bar_nodes(imported: ImportedMesh, mesh: Mesh) -> BarNodes:
 
 
 def _members(imported: ImportedMesh) -> list[tuple[tuple[int, ...], bool]]:
-    """The nodes of every element, and whether it resists that they turn."""
+    """Return the nodes of every element, and whether it resists their rotation."""
     labels = imported.mesh.labels
     members: list[tuple[tuple[int, ...], bool]] = [
         (bar.nodes, bar.y_axis is not None) for bar in imported.bars
@@ -139,7 +140,7 @@ def _members(imported: ImportedMesh) -> list[tuple[tuple[int, ...], bool]]:
 def _means(
     imported: ImportedMesh, mesh: Mesh, row: Mapping[int, int], held: set[int]
 ) -> dict[int, Mean]:
-    """Reference nodes that have the mean motion of others.
+    """Return reference nodes that have the mean motion of others.
 
     Raises
     ------
@@ -212,11 +213,11 @@ def _mean_motion(places: Array, weights: Array, where: Array) -> Array | None:
 def _dependent_nodes(
     imported: ImportedMesh, owner: Mapping[int, int], used: set[int]
 ) -> dict[int, tuple[int, tuple[int, ...]]]:
-    """Nodes of bars that follow a reference node in some directions.
+    """Return nodes of bars that depend on a reference node in some directions.
 
     Raises
     ------
-    InputError : a node is held twice, or nodes follow each other in a ring.
+    InputError : a node is constrained twice, or nodes depend on each other in a loop.
     """
     result: dict[int, tuple[int, tuple[int, ...]]] = {}
     for coupling in imported.couplings:

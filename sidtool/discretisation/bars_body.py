@@ -49,13 +49,13 @@ from .structure_elements import (
 
 Indices = NDArray[np.int64]
 
-#: Pieces of a bar in pictures at most, and of all bars, as far as each has one.
+#: Largest number of segments of a bar in pictures, and of all bars together.
 _PIECES, _SECTIONS = 8, 1000
 #: Shells in pictures at most.
 _PLATES = 20_000
-#: A deformation of an eigenvalue below this share of the largest takes no energy.
+#: Relative eigenvalue below which a deformation has no energy.
 _MECHANISM_TOLERANCE = 1e-13
-#: Where the eigenvalues of the body are sought from, of the largest.
+#: Shift of the eigenvalue search, relative to the largest eigenvalue.
 _EIGENVALUE_SHIFT = 1e-9
 #: Stiffness below this share of that without pins is none.
 _FREE_STIFFNESS_TOLERANCE = 1e-12
@@ -86,7 +86,8 @@ def bars_model(
     units: UnitSystem,
     materials: Mapping[str | None, ElasticMaterial] | None = None,
 ) -> FiniteElementModel:
-    """The body of bars, shells, springs and solids whose nodes turn.
+    """Return the body of bars, shells, springs and solids with rotational degrees of
+    freedom.
 
     Parameters
     ----------
@@ -94,8 +95,8 @@ def bars_model(
 
     Raises
     ------
-    InputError : the bars fall apart or move without deforming, a marker is at no node,
-        or the model file asks for what only other elements have.
+    InputError : the bars are not connected or form a mechanism, a marker is at no node,
+        or the model file requests features of other elements.
     """
     _check_choices(model, imported)
     alone = not (imported.shells or imported.mesh.blocks)
@@ -181,7 +182,7 @@ def _without_idle(
     units: UnitSystem,
     materials: Mapping[str | None, ElasticMaterial],
 ) -> tuple[BarNodes, list[str]]:
-    """Nodes without the rotations that nothing resists and that move no mass."""
+    """Return nodes without rotations that have neither stiffness nor mass."""
     if not (imported.springs or imported.couplings):
         return nodes, []
     ndof = int(nodes.table.max()) + 1
@@ -209,11 +210,11 @@ def _without_idle(
 
 
 def _check_sections(imported: ImportedMesh, model: ModelFile) -> None:
-    """Whether the materials of shells are complete.
+    """Check that the materials of shells are complete.
 
     Raises
     ------
-    InputError : one is not, or [material] would replace layers.
+    InputError : a material is not complete, or [material] would replace layers.
     """
     if imported.shells and model.material is not None:
         raise InputError(
@@ -444,7 +445,9 @@ def _assemble_bars(parts: list[tuple[Array, Indices]], ndof: int) -> sp.csr_matr
 def _beam_direction(
     bars: tuple[RawBar, ...], nodes: BarNodes, label: int
 ) -> Array | None:
-    """The direction of the beam whose cross-section a node is, if there is one."""
+    """Return the direction of the beam whose cross-section contains a node, if there is
+    one.
+    """
     arms = [
         nodes.place(bar.nodes[1]) - nodes.place(bar.nodes[0])
         for bar in bars
@@ -497,7 +500,9 @@ def _bar_limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[str]:
 
 
 def _check_mechanism(body: FiniteElementModel) -> None:
-    """Whether only rigid motion takes no energy, and all of it has inertia."""
+    """Check that only rigid motions have no energy, and that all of them have
+    inertia.
+    """
     count = min(7, body.ndof)
     k, m = body.stiffness, body.mass
     heavy = m.diagonal() > 0
@@ -516,7 +521,9 @@ def _check_mechanism(body: FiniteElementModel) -> None:
     largest = float((k.diagonal()[heavy] / m.diagonal()[heavy]).max())
     shift = _EIGENVALUE_SHIFT * largest
     try:
-        if body.ndof <= 600:  # the other way round, as massless motions have m = 0
+        if (
+            body.ndof <= 600
+        ):  # with exchanged matrices, because massless motions have m = 0
             raised = (k + shift * m).toarray()
             first = body.ndof - count
             inverse = scipy.linalg.eigh(

@@ -59,14 +59,14 @@ Indices = NDArray[np.int64]
 
 #: Rows of the internal modes of one element C3D8I: three functions, three directions.
 _INTERNAL_ROWS_PER_ELEMENT = 9
-#: Places have six digits.
+#: Printed positions have six digits.
 _PRINTED_PRECISION = 5e-6
-#: A node with a smaller share in the motion of a marker has none.
+#: Smaller shares of a node in the motion of a marker are zero.
 _NO_SHARE = 1e-9
 
 
 class DependentNodes(InputError):
-    """Constraints make nodes of CalculiX' mesh depend on others."""
+    """Raised if constraints make nodes of CalculiX' mesh depend on others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class _ExpandedMesh:
     Attributes
     ----------
     labels : (n,) of the deck's nodes
-    internal : (n,) which are internal modes
+    internal : (n,) mask of internal modes
     """
 
     mesh: Mesh
@@ -159,7 +159,7 @@ def _quadratic_notes(deck: QuadraticDeck) -> list[str]:
 def _quadratic_alternative(
     deck: QuadraticDeck, path: Path, units: UnitSystem
 ) -> ElementAlternative | None:
-    """The same deck with quadratic elements, if it has linear ones."""
+    """Return the deck with quadratic elements, if it has linear ones."""
     better = quadratic_deck(deck.lines, deck.names)
     if not better.replaced:
         return None
@@ -216,7 +216,7 @@ def _expanded_mesh(result: CalculixResult, names: DeckNames) -> _ExpandedMesh:
 
 
 def _point_masses(names: DeckNames, labels: Indices, size: int) -> sp.csr_matrix:
-    """Masses at nodes, which move by the mean of the nodes that were made of them.
+    """Return masses at nodes; they move with the mean of the expanded nodes.
 
     Raises
     ------
@@ -419,7 +419,7 @@ def _checked_body(
 def _deck_mesh(
     body: _ExpandedMesh, positions: Array, names: DeckNames, units: UnitSystem
 ) -> Mesh:
-    """The nodes of the deck, each amid the nodes that were made of it."""
+    """Return the nodes of the deck, each at the mean of its expanded nodes."""
     labels = np.array(list(names.nodes), np.int64)
     places = np.array(list(names.nodes.values())) * units.length
     row = {int(label): i for i, label in enumerate(labels)}
@@ -460,14 +460,14 @@ def _without_rounding_shares(marker: MarkerRows) -> MarkerRows:
 #: What is left of deformations, unless they may come from the last digits of the
 #: stiffness, as below this share of the largest eigenvalue.
 _RESIDUAL_SHARE, _STIFFNESS_DIGITS = 1e-3, 1e-7
-#: Rounds go on until that eigenvalue stays within this share.
+#: Iterations stop when that eigenvalue changes by less than this fraction.
 _CONVERGENCE_TOLERANCE, _MAX_ITERATIONS = 0.01, 8
 
 
 def refine_positions(
     positions: Array, stiffness: sp.csr_matrix, mass: sp.csr_matrix
 ) -> Array:
-    """(n, 3) positions whose rotations the stiffness does not resist.
+    """Return positions (n, 3) for which the stiffness does not resist rigid rotations.
 
     A rotation about an axis is a displacement field that the positions give. Rounded
     positions deform the body; of the fields near them, those of the least energy are

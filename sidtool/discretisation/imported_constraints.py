@@ -1,4 +1,6 @@
-"""Couplings, point masses, equations and ties of a mesh file as those of a body."""
+"""Convert couplings, point masses, equations and ties of a mesh file to those of a
+body.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ Indices = NDArray[np.int64]
 def body_couplings(
     imported: ImportedMesh, whole: Mesh, mesh: Mesh, model: ModelFile
 ) -> tuple[Coupling, ...]:
-    """The couplings of a file by the nodes of its elements.
+    """Return the couplings of a file in terms of the nodes of its elements.
 
     Rigid ones with one reference node are one piece. A reference node that elements
     use belongs to its rigid piece.
@@ -37,9 +39,8 @@ def body_couplings(
 
     Raises
     ------
-    InputError : a coupling holds no node of the body, one that the file does not
-        define or that is a reference node of another, or the mean motion of nodes
-        without elements.
+    InputError : a coupling has no node of the body, an undefined node, a reference node
+        of another coupling, or the mean motion of nodes without elements.
     """
     row = {int(label): i for i, label in enumerate(mesh.labels)}
     place = {int(label): i for i, label in enumerate(whole.labels)}
@@ -139,8 +140,8 @@ def body_masses(
 
     Raises
     ------
-    InputError : a mass is at a node that neither elements nor couplings hold, or has
-        inertia at a node that does not turn.
+    InputError : a mass is at a node without elements and couplings, or has inertia at a
+        node without rotation.
     """
     row = {int(label): i for i, label in enumerate(mesh.labels)}
     held = {c.reference: c.name for c in reversed(imported.couplings)}
@@ -182,17 +183,15 @@ def _check_point_mass(mass: RawMass, coupled: bool, on_element: bool) -> None:
         )
 
 
-#: What equations may leave of a rigid motion, of coefficients and the body's size.
+#: Tolerance of equations for rigid motions, relative to coefficients and size.
 _RIGID_MOTION_TOLERANCE = 1e-7
 
 
 def body_equations(
     imported: ImportedMesh, whole: Mesh, mesh: Mesh, length: float
 ) -> tuple[Equations | None, list[str]]:
-    """The equations between the displacements of a body, and sentences on them.
-
-    Nodes that no element uses have displacements, too, which follow from those that the
-    equations give them.
+    """Return the equations between the displacements of a body, and notes on them.
+    Displacements of nodes without elements follow from the equations.
 
     Parameters
     ----------
@@ -222,7 +221,7 @@ def body_equations(
 def nodes_in_equations(
     equations: Equations | None, mesh: Mesh, ties: Sequence[RawTie]
 ) -> Indices:
-    """The nodes that equations hold, and those of the surfaces of ties."""
+    """Return the nodes in equations, and those of the surfaces of ties."""
     if equations is None:
         return np.zeros(0, np.int64)
     labels = {n for tie in ties for n in tie.slave_nodes}
@@ -232,7 +231,7 @@ def nodes_in_equations(
 
 
 def nodes_of_equations(equations: Equations | None, dimension: int) -> list[Indices]:
-    """The nodes that each equation holds together."""
+    """Return the nodes that each equation connects."""
     if equations is None:
         return []
     parts = np.split(equations.matrix.indices, equations.matrix.indptr[1:-1])

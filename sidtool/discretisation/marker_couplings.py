@@ -8,11 +8,11 @@ spreads as a uniform traction. Nodes that span nothing have equal weights. The r
 the first order of that fit; `second_order_rows` is the second, for geometric
 stiffening.
 
-The rows D and H of a marker give its displacement t = D u and its small rotation
-theta = H u. The motion of a marker in a finite displacement u is the rigid motion after
-whose removal the rows see nothing: of a tie the one that fits its nodes best, of a
-gradient the rotation of its polar decomposition. Around the marker, r from its place,
-what is left once that motion is taken back is, to second order,
+The rows D and H of a marker give its displacement t = D u and its small rotation theta
+= H u. The motion of a marker in a finite displacement u is the rigid motion after whose
+removal the rows vanish: for a tie the best fit to its nodes, for a gradient the
+rotation of its polar decomposition. At the distance r from the marker the displacement
+without that motion is, to second order,
 
     u - t - theta x r - theta x (u - t) + theta x (theta x r) / 2
 
@@ -20,17 +20,17 @@ and D and H of it vanish. With first-order t and theta in products,
 
     t = D u - D f,    theta = H u - H f,    f = theta x (u - t - theta x r / 2)
 
-A load of the rows alone does the work of D u and H u and so too much by that of f. Of a
+A load on the rows does the work of D u and H u, which is too much by that of f. Of a
 marker at one point D f = 0, and H f is a product of strain and rotation. Of a tie both
-hold products of two rotations: in a plane D f at a distance from the tie's centroid,
-in space H f as well.
+hold products of two rotations: in a plane D f at a distance from the tie's centroid, in
+space H f as well.
 
 The points of a cross-section of a beam have f = theta x (theta x r) / 2. A bending
 moment does its work along the beam and a torsional one across it, in equal parts along
 both axes of the section, so that H f = (e . theta) theta x e / 2 with the tangent e.
 
-Nodes of a rigid tie go the second-order way f of their piece, on which the forces that
-hold the piece together do work.
+Nodes of a rigid tie have the second-order displacement f of their piece; the forces
+that hold the piece together do work on it.
 
 Source: the fit to nodes is that of B. K. P. Horn, H. M. Hilden, S. Negahdaripour,
 "Closed-form solution of absolute orientation using orthonormal matrices", J. Opt. Soc.
@@ -199,7 +199,9 @@ def _fit_cylinder(body: FiniteElementModel, held: _TiedNodes) -> Cylinder:
 def _tie_notes(
     body: FiniteElementModel, name: str, tie: Tie, held: _TiedNodes, place: _TiePosition
 ) -> Iterator[str]:
-    """How far a marker is from the mean of its nodes, and what bears nothing."""
+    """Return notes on the distance of a marker from its nodes, and on nodes without
+    load.
+    """
     own = body.positions[held.nodes]
     size, count = float(np.ptp(own, axis=0).max()), len(own)
     mean = np.pad(own.mean(axis=0), (0, 3 - body.dimension))
@@ -258,7 +260,7 @@ def _nodes_of_tie(body: FiniteElementModel, tie: Tie, place: str) -> Indices:
 def _weighted_rows(
     body: FiniteElementModel, name: str, node: int, held: _TiedNodes
 ) -> MarkerRows:
-    """The rows of the motion of the centre of what is held."""
+    """Return the rows of the motion of the centre of the coupled nodes."""
     d = body.dimension
     dofs = body.table[held.nodes, :d].ravel()
     dofs = dofs[dofs >= 0]
@@ -393,7 +395,8 @@ def _second_order_rows_of_section(tangent: Array, turn: Array) -> Array:
 def second_order_work_of_ties(
     body: FiniteElementModel, forces: Array, shapes: Array
 ) -> Array:
-    """Work that forces do on the second-order way of the nodes of all rigid ties.
+    """Return the work of forces on second-order displacements of nodes of all rigid
+    ties.
 
     Parameters
     ----------
@@ -418,7 +421,8 @@ def _second_order_work(
     shapes: Array,
     forces: Array,
 ) -> Array:
-    """(n, nq, nq) work of forces (ndof, n) at some nodes on the way f, twice.
+    """Return (n, nq, nq), twice the work of forces (ndof, n) on the displacements f of
+    nodes.
 
     A force times theta x a is theta times the moment of the force on the arm a.
     """

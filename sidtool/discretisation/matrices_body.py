@@ -44,12 +44,12 @@ _SECTIONS = (
 def imported_matrices_model(model: ModelFile) -> FiniteElementModel:
     """The body of a model file whose geometry is a set of matrices.
 
-    A marker must sit on a node; on nodes without rotation of their own it has none
-    (tie it to a node set to get one).
+    A marker must be at a node. At nodes without rotational degrees of freedom it has no
+    rotation (tie it to a node set to get one).
 
     Raises
     ------
-    InputError : names the file and what is wrong with it.
+    InputError : the file is not valid; the error names the file and the reason.
     """
     geometry = model.geometry
     assert isinstance(geometry, MatricesGeometry)
@@ -72,11 +72,11 @@ def imported_matrices_model(model: ModelFile) -> FiniteElementModel:
 def matrices_body(
     data: ImportedMatrices, named: Mapping[str, NodeMarker], expected_mass: float | None
 ) -> FiniteElementModel:
-    """A body with markers, whose matrices are checked.
+    """Return a body with markers, after checks of its matrices.
 
     Raises
     ------
-    InputError : they are not those of a free body, or a marker is at no node.
+    InputError : the matrices are not those of a free body, or a marker is at no node.
     """
     table, rows = _dof_table(data)
     k = complete_symmetric(data.stiffness, "stiffness")
@@ -131,7 +131,9 @@ def matrices_body(
 
 
 def _is_consistent(mass: sp.csr_matrix, table: Indices) -> bool:
-    """Whether rotations of nodes have a share in the motion between them."""
+    """Return whether rotations of nodes contribute to the displacements between
+    nodes.
+    """
     node, turns = np.zeros((2, mass.shape[0]), np.int64)
     for column, dofs in enumerate(table.T):
         there = np.flatnonzero(dofs >= 0)

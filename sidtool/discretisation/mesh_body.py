@@ -38,7 +38,8 @@ from .imported_constraints import (
     nodes_of_equations,
 )
 
-#: No solid is as heavy [kg/m^3] or as stiff [Pa]: such a material has other units.
+#: Upper limits of density [kg/m^3] and stiffness [Pa] of solids; larger values indicate
+#: other units.
 _MAX_DENSITY, _MAX_STIFFNESS = 1e5, 1e13
 Materials = Mapping[str | None, ElasticMaterial]
 
@@ -52,7 +53,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
 
     Raises
     ------
-    InputError : names the file and what is wrong in it.
+    InputError : the file is not valid; the error names the file and the reason.
     """
     geometry, settings = model.geometry, model.discretisation
     assert isinstance(geometry, MeshGeometry)
@@ -158,7 +159,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
 
 
 def file_density(model: ModelFile, units: UnitSystem) -> float | None:
-    """The density that completes materials of the file, in its units.
+    """Return the density that completes materials of the file, in its units.
 
     Raises
     ------
@@ -283,7 +284,9 @@ def _check_thickness(mesh: Mesh) -> None:
 def _import_notes(
     model: ModelFile, imported: ImportedMesh, own: Mapping[str, ElasticMaterial]
 ) -> Iterator[str]:
-    """Note what the model file replaces in the mesh file, and what it takes from it."""
+    """Yield notes on what the model file replaces in the mesh file, and what it
+    uses.
+    """
     blocks, geometry, settings = (
         imported.mesh.blocks,
         model.geometry,

@@ -17,7 +17,7 @@ from .mesh_body import imported_mesh_model
 
 Discretiser = Callable[[ModelFile], FiniteElementModel]
 
-#: One line adds a frontend.
+#: Discretisations by geometry and discretisation type; one line adds one.
 DISCRETISERS: dict[tuple[str, str], Discretiser] = {
     ("nurbs", "q4"): q4_model,
     ("nurbs", "iga"): iga_model,
@@ -38,7 +38,7 @@ def finite_element_model(model: ModelFile) -> FiniteElementModel:
 
     Raises
     ------
-    InputError : names the key that is wrong.
+    InputError : the model is not valid; the error names the key.
     """
     body = DISCRETISERS[model.geometry.type, model.discretisation.type](model)
     return markers_as_nodes(add_rigid_couplings(add_couplings(body), model), model)

@@ -25,10 +25,10 @@ from .shell_elements import ShellBatch, ShellLaws, shell_batch
 
 Indices = NDArray[np.int64]
 
-#: Elements without area, of the square of their size; springs whose force turns a
-#: rigid body, by the distance of their nodes times the size.
+#: Relative area below which elements have none; relative moment above which the force
+#: of a spring rotates a rigid body.
 _FLAT, _TURNING = 1e-9, 1e-6
-#: Elements of a batch.
+#: Number of elements of a batch.
 _AT_ONCE = 4000
 
 
@@ -73,7 +73,7 @@ def _batches(
 
     Raises
     ------
-    InputError : one has no area or no axis.
+    InputError : an element has no area or no axis.
     """
     stress = units.mass / units.length / units.time**2
     density = units.mass / units.length**3
@@ -190,7 +190,7 @@ def shell_matrices(
 def shell_outlines(
     shells: tuple[RawShell, ...], nodes: BarNodes, motion: NodeMotion, length: float
 ) -> Iterator[BeamOutline]:
-    """Every shell as a plate between two of its edges, for pictures."""
+    """Return every shell as a plate between two of its edges, for pictures."""
     for shell in shells:
         rows = np.array([nodes.row[n] for n in shell.nodes])
         ends = ((0, 1), (3, 2)) if len(rows) == 4 else ((0, 1), (2, 2))
@@ -269,7 +269,7 @@ def spring_matrix(
 
 
 def _check_free(spring: RawSpring, ways: list[Array], nodes: BarNodes) -> None:
-    """Whether a spring of components has no force in rigid motion."""
+    """Check that a spring of components has no force in rigid motion."""
     first, last = (nodes.place(n) for n in spring.nodes if n is not None)
     rigid = ways[0] - ways[1] @ translate_motion(last - first)
     size = np.ptp(nodes.mesh.positions, axis=0).max()
@@ -321,7 +321,7 @@ def solid_matrices(
 
 
 def merge_particles(points: list[InertiaPoints]) -> InertiaPoints:
-    """Particles of several kinds of elements."""
+    """Merge the particles of several kinds of elements."""
     return InertiaPoints(
         np.concatenate([p.positions for p in points]),
         np.concatenate([p.masses for p in points]),

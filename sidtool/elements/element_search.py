@@ -16,17 +16,17 @@ Indices = NDArray[np.int64]
 PairFilter = Callable[[Indices, Indices], NDArray[np.bool_]]
 
 _ITERATIONS = 12
-#: A point is in an element if it is found there but for this share of its radius.
+#: Tolerance of the search, relative to the radius of an element.
 _INSIDE_TOLERANCE = 1e-6
-#: A bound for how much further an element is from affine than its nodes are, in any
-#: parameter or sum of them.
+#: Bound for the deviation of an element from an affine map, relative to that of its
+#: nodes.
 _NONLINEARITY_BOUND = 30.0
-#: Pairs of points and elements that are looked at together.
+#: Number of pairs of points and elements that are examined together.
 _PAIRS_PER_BATCH = 200_000
 
 
 class ElementFinder:
-    """Finds elements that hold given points."""
+    """Search for the elements that contain given points."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
@@ -97,9 +97,8 @@ class ElementFinder:
 
 
 class _AffineMaps:
-    """The affine maps that touch elements of a kind at their centres.
-
-    A point of an element is as far from them as its nodes are, but for a factor.
+    """Affine maps that are tangent to elements of a kind at their centres. The
+    deviation of a point of an element is bounded by that of its nodes times a factor.
     """
 
     def __init__(self, kind: str, nodes: Array, close: Array) -> None:
@@ -131,7 +130,9 @@ class _AffineMaps:
 
 
 def _invert_maps(kind: str, nodes: Array, points: Array) -> tuple[Array, Array]:
-    """Parameters (k, d) of points (k, d) in elements (k, m, d), and what is missed."""
+    """Return parameters (k, d) of points (k, d) in elements (k, m, d), and the residual
+    distance.
+    """
     element = reference_element(kind)
     where = np.tile(element.nodes.mean(axis=0), (len(points), 1))
     values, gradients = element.at(where[:1])

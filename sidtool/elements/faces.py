@@ -19,7 +19,7 @@ from ..mesh.reference_elements import reference_element
 
 Indices = NDArray[np.int64]
 
-#: (dimension of the space, nodes of a face) -> what the face is.
+#: (dimension of the space, nodes of a face) -> kind of face.
 FACE_KINDS = {
     (2, 2): "line2",
     (2, 3): "line3",
@@ -29,7 +29,7 @@ FACE_KINDS = {
     (3, 8): "quad8",
 }
 _NEWTON_STEPS = 12
-#: Faces that are tried for the one that is nearest to a point.
+#: Number of candidate faces for the face nearest to a point.
 _CANDIDATE_FACES = 4
 
 
@@ -41,7 +41,7 @@ class FaceGroup:
     ----------
     kind : one of `FACE_KINDS`
     nodes : (k, m) rows of the positions
-    points : (k, m, d) where these are
+    points : (k, m, d) positions of the nodes
     """
 
     kind: str
@@ -55,7 +55,7 @@ class FaceGroup:
 
     @property
     def radii(self) -> Array:
-        """(k,) how far from its middle a face reaches."""
+        """Return the radii (k,) of faces about their centres."""
         arms = self.points - self.points.mean(axis=1, keepdims=True)
         radii: Array = np.linalg.norm(arms, axis=2).max(axis=1)
         return radii
@@ -73,7 +73,7 @@ class FaceGroup:
 
         Parameters
         ----------
-        inside : whether they must be on the face; otherwise the face is extended
+        inside : True if the points must be on the face; otherwise the face is extended
         """
         centre = face_centre(self.kind)
         parameters = np.tile(centre, (len(rows), 1))
@@ -161,7 +161,7 @@ def _face_samples(kind: str) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A curve or surface on which the shape functions of some nodes live.
+    """A curve or surface with the shape functions of some nodes.
 
     Attributes
     ----------
@@ -272,7 +272,7 @@ Polygon = list[tuple[float, float]]
 
 #: Degree to which integrals over a common part are exact where faces are flat.
 _DEGREE = 5
-#: Common parts of a smaller share of the face are rounding.
+#: Smaller common parts, relative to the face, are rounding.
 _MIN_AREA_SHARE = 1e-9
 #: Half-planes u a + v b + c >= 0 that bound a face.
 _SQUARE_BOUNDS = ((1, 0, 0), (-1, 0, 1), (0, 1, 0), (0, -1, 1))

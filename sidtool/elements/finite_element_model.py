@@ -70,13 +70,13 @@ class MarkerRows:
 
 
 def fixed_marker(name: str, node: int, position: Array, ndof: int) -> MarkerRows:
-    """A marker at a place that no part of the body holds yet."""
+    """Return a marker at a position without connection to the body."""
     rows = sp.csr_matrix((3, ndof))
     return MarkerRows(name, node, np.pad(position, (0, 3 - position.size)), rows, rows)
 
 
 def offset_marker(marker: MarkerRows, position: Array) -> MarkerRows:
-    """A marker at another place that moves as a rigid arm of this one."""
+    """Return a marker at another position that moves as a rigid arm of this one."""
     place = np.pad(position, (0, 3 - position.size))
     turn = sp.csr_matrix(-skew((place - marker.position)[None])[0]) @ marker.rotation
     nodal = marker.nodal
@@ -90,7 +90,7 @@ def offset_marker(marker: MarkerRows, position: Array) -> MarkerRows:
 
 @dataclass(frozen=True, eq=False)
 class BeamOutline:
-    """The cross-sections of a beam, or of a bar, one after another, for pictures.
+    """The successive cross-sections of a beam or bar, for pictures.
 
     places : (n, 3) [m]
     axes : (n, 2, 3) unit vectors y and z of every section
@@ -110,14 +110,15 @@ def _no_alternative(_: tuple[str, ...]) -> Surface | None:
 
 @dataclass(frozen=True, eq=False)
 class ElementAlternative:
-    """Better elements on the same mesh, to judge those that a body has.
+    """Better elements on the same mesh, for comparison with those of a body.
 
     Attributes
     ----------
     own, better : names of the elements
     size : degrees of freedom with the better ones, at most
-    remedy : how to have the better ones
-    discretise : makes the body of them, without markers; raises InputError
+    remedy : text on how to use the better elements
+    discretise : function that returns the body with them, without markers; raises
+        InputError
     """
 
     own: str
@@ -147,30 +148,30 @@ class FiniteElementModel:
     node_sets : name -> node numbers; the edges and faces among them
     markers : in the order of the model file
     full_mass : (ndof, ndof) sparse, symmetric
-    internal_inertia : displacements inside elements that follow the nodes, whose field
+    internal_inertia : displacements inside elements that depend on the nodes; the field
         then has more functions than nodes
     inertia_points : particles with rotary inertia: lumped masses, quadrature points of
         beams
     dof_table : (n, 6) number of the degree of freedom that is the displacement along
         x, y, z and the rotation about x, y, z of every node; -1 where there is none
-    internal : (n,) which rows of `positions` are no places but functions that vanish
-        in rigid motion: the internal modes of elements, near whose middle they stand
+    internal : (n,) mask of rows of `positions` that are no points but internal modes of
+        elements, which vanish in rigid motion; their position is the element centre
     rigid_sets : name of a marker or a piece -> nodes that move as one rigid piece
     pieces : rigid pieces that are no markers of the model file
-    couplings, point_masses : what the file of the body says beside its elements
-    equations : that all displacements meet
-    continua : the material of solid elements, for stresses
+    couplings, point_masses : couplings and point masses of the file of the body
+    equations : equations that all displacements satisfy
+    continua : materials of solid elements, for stresses
     beam_material : the material of beam elements, for stress resultants
-    surface : what named edges, faces or node sets span together; None if their nodes
-        lie apart
-    geometry_mass : mass and centre of the geometry by a rule of its own
+    surface : function that returns the surface of named edges, faces or node sets; None
+        if their nodes have no common surface
+    geometry_mass : mass and centre of the geometry by an independent quadrature
     solids : the elements, if the body is a mesh of solid ones
     alternative : the same body with better elements, if another program discretises it
     drawing_mesh : a mesh for pictures whose nodes are the first rows of `positions`,
         if they need one besides `solids`
     patches : NURBS patches with the nodes that their control points are
     outlines : of a beam, or of bars
-    notes : sentences on what the model file does not say and the body has
+    notes : notes on properties of the body that are not in the model file
     """
 
     positions: Array

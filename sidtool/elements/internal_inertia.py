@@ -1,9 +1,9 @@
-"""Inertia of incompatible modes, which follow the nodes as in the static problem.
+"""Inertia of incompatible modes, whose amplitudes depend on the nodes as in statics.
 
 The field of an element is N u + b a with a = -Kaa^-1 Kau u, and inertia is that of this
-field (R. J. Guyan, AIAA J. 3, 1965, with the internal modes as what is condensed).
-Uniform strains and rigid motions leave a at zero, so that mass, centre and moments of
-inertia are those of the nodal functions.
+field (R. J. Guyan, AIAA J. 3, 1965; the internal modes are condensed). Uniform strains
+and rigid motions leave a at zero, so that mass, centre and moments of inertia are those
+of the nodal functions.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class InternalInertia:
     amplitudes : (k d, d n) sparse; a by function and component = amplitudes @ u
     mixed : (n, k) sparse, integral of rho N_i b_j dV [kg]
     own : (k, k) sparse, integral of rho b_i b_j dV [kg]
-    added : (d n, d n) sparse, what they add to the mass matrix [kg]
+    added : (d n, d n) sparse, their contribution to the mass matrix [kg]
     """
 
     amplitudes: sp.csr_matrix

@@ -49,8 +49,8 @@ _REDUCED_RULES = {"tet10": quadrature_rule("tet", 2), "wedge15": prism_rule(2, 4
 def extrapolation(kind: str, where: Array, *, relieved: bool) -> Array | None:
     """(g,) weights of the stiffness' points for the strain at a reference point.
 
-    Strains at these points are better than those elsewhere in the element. None for
-    elements whose strains are as good anywhere.
+    Strains at these points are more accurate than elsewhere in the element. The result
+    is None for elements whose strains are equally accurate everywhere.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def _linear_fields(kind: str, points: Array) -> Array:
 def with_reduced_integration(
     batch: ElementBatch, positions: Array, element: ReferenceElement
 ) -> ElementBatch:
-    """A batch of the stiffness at fewer points, of the elements that lock less then."""
+    """Return a batch with reduced integration, for elements that lock less with it."""
     kind = element.name
     if kind not in _REDUCED_RULES:
         return batch
@@ -108,9 +108,9 @@ def _gradient_integrals(measures: Array, gradients: Array) -> Array:
     return np.asarray(np.einsum("eg,egmd->emd", measures, gradients), float)
 
 
-#: Elements that have incompatible modes where the model asks for them: the cube's.
+#: Elements with optional incompatible modes.
 KINDS_WITH_INCOMPATIBLE_MODES = ("quad4", "hex8")
-#: Elements that always have them.
+#: Elements that always have incompatible modes.
 KINDS_ALWAYS_INCOMPATIBLE = ("wedge6",)
 
 
@@ -138,9 +138,9 @@ def with_incompatible_modes(
 def internal_values(kind: str, points: Array) -> Array:
     """(g, k) the functions that are displacements, at reference points (g, d).
 
-    They are zero at all nodes. Those that twist cubes count by their strains alone: as
-    displacements, of which mass and markers are made, they would change frequencies of
-    coarse parts by 5e-4.
+    They are zero at all nodes. Modes that twist cubes contribute strains only. As
+    displacements in mass and markers they would change frequencies of coarse parts by
+    5e-4.
     """
     if kind not in KINDS_ALWAYS_INCOMPATIBLE:
         return points * (1 - points)
@@ -170,7 +170,7 @@ def internal_slopes(
 ) -> Array:
     """(ne, g, k, d) gradients of the internal modes in space [1/m].
 
-    They come less their mean over the element, so that uniform stress does no work on
+    Their mean over the element is subtracted, so that uniform stress does no work on
     them and the patch test is passed.
 
     Parameters

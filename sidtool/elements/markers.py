@@ -24,7 +24,7 @@ Indices = NDArray[np.int64]
 def markers_with_position(
     markers: Mapping[str, NodeMarker],
 ) -> Iterator[tuple[str, NodeMarker]]:
-    """The markers that are places of the body; a tie places the others."""
+    """Return the markers with a position on the body; ties define the others."""
     for name, marker in markers.items():
         own = (marker.edge, marker.parameters, marker.mesh_node)
         if any(way is not None for way in own) or (
@@ -35,7 +35,7 @@ def markers_with_position(
 
 @contextmanager
 def name_marker_in_errors(name: str) -> Iterator[None]:
-    """Errors inside name this marker."""
+    """Name a marker in errors that are raised inside the context."""
     try:
         yield
     except InputError as error:
@@ -69,7 +69,7 @@ def marker_parameters(
 
 
 def check_length(values: tuple[float, ...], count: int, place: str) -> None:
-    """Whether a marker gives as many numbers as the body has directions."""
+    """Check that a marker has as many coordinates as the body has directions."""
     if len(values) != count:
         raise InputError(
             f"has {len(values)} numbers", place=place, expected=f"{count} of them"

@@ -81,8 +81,8 @@ def _area_normals(tangents: Array) -> Array:
     return np.asarray(np.cross(tangents[0], tangents[1]), float)
 
 
-#: Differences of mass, and of the centre relative to the size, that are refused where
-#: the discretisation is exact, and noted where it samples the geometry.
+#: Differences of mass, and of the centre relative to the size, above which exact
+#: discretisations are refused and sampled ones get a note.
 _EXACT_TOLERANCE, _NOTED_DIFFERENCE = 1e-6, 1e-3
 
 
@@ -99,7 +99,7 @@ def patch_mass(
 
 
 def geometry_mass_notes(body: FiniteElementModel) -> tuple[str, ...]:
-    """Sentences on how far mass and centre are from those of the geometry.
+    """Return notes on the deviation of mass and centre from those of the geometry.
 
     Raises
     ------

@@ -31,8 +31,9 @@ class Continuum:
     thickness : of a plane body [m]; 1 in space
     transverse : stress zz of a plane body per unit of xx + yy: Poisson's ratio in
         plane strain, 0 in plane stress
-    internal_modes : whether the elements have displacements of their own
-    laws_at : (..., 6, 6) the laws at places (..., 3) of a material whose axes turn
+    internal_modes : True if the elements have internal modes
+    laws_at : function that returns laws (..., 6, 6) at positions (..., 3) of a material
+        with varying axes
     """
 
     batches: Callable[[], Iterable[ElementBatch]]
@@ -130,7 +131,7 @@ def stress_rows(
 
 @dataclass(frozen=True, eq=False)
 class InertiaPoints:
-    """Rigid particles that the degrees of freedom carry along.
+    """Rigid particles that move with the degrees of freedom.
 
     Attributes
     ----------

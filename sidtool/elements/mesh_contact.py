@@ -24,11 +24,12 @@ from .element_search import ElementFinder
 Indices = NDArray[np.int64]
 
 _NO_INDICES = np.zeros(0, np.int64)
-#: How far samples of a face lie inside its element, of the way to the centre.
+#: Depth of samples of a face inside its element, as a fraction of the way to the
+#: centre.
 _SAMPLE_DEPTH = 0.05
-#: How far samples lie from the centre of a face towards its corners.
+#: Positions of samples between the centre of a face and its corners.
 _SAMPLE_POSITIONS = (0.0, 0.8)
-#: How far outside an element a node on its face may seem to be, in its parameters.
+#: Tolerance in parameters for nodes on the face of an element.
 _CONTACT_TOLERANCE = 1e-5
 
 
@@ -50,11 +51,11 @@ class _Faces:
 
 
 def check_contact(mesh: Mesh, place: str, held: Indices = _NO_INDICES) -> None:
-    """Whether elements touch each other only in whole faces, edges and nodes.
+    """Check that elements touch each other only in whole faces, edges and nodes.
 
     Parameters
     ----------
-    held : nodes that equations hold, which may lie on elements
+    held : nodes in equations, which may lie on elements
 
     Raises
     ------
@@ -159,7 +160,7 @@ def _face_sides(mesh: Mesh, part: _Faces, keys: Indices) -> Array:
 def _check_overlap(
     mesh: Mesh, outer: list[_Faces], finder: ElementFinder, place: str
 ) -> None:
-    """No point just inside a free face lies in another element."""
+    """Check that no point just inside a free face lies in another element."""
     for part in outer:
         points, owners = _points_inside_faces(mesh, part)
         for block in range(len(mesh.blocks)):
@@ -204,7 +205,9 @@ def _check_hanging(
     place: str,
     held: Indices,
 ) -> None:
-    """No node of a free face lies on another element without being its node."""
+    """Check that no node of a free face lies on another element without belonging to
+    it.
+    """
     nodes = np.unique(
         np.concatenate([_all_nodes(mesh, part).ravel() for part in outer])
     )
@@ -228,7 +231,9 @@ def _is_hanging(
     i: Indices,
     row: Indices,
 ) -> NDArray[np.bool_]:
-    """Whether a node is none of an element, and none of these is at its place."""
+    """Return whether a node does not belong to an element and coincides with none of
+    its nodes.
+    """
     own, node = block.nodes[row], nodes[i]
     other = (own != node[:, None]).all(axis=1)
     gaps = mesh.positions[own[other]] - mesh.positions[node[other]][:, None]
@@ -282,7 +287,7 @@ def check_conforming(mesh: Mesh, place: str, straight: Indices | None = None) ->
 
     Raises
     ------
-    InputError : they do.
+    InputError : the mesh does not conform.
     """
     if len({block.kind for block in mesh.blocks}) < 2:
         return
@@ -291,7 +296,7 @@ def check_conforming(mesh: Mesh, place: str, straight: Indices | None = None) ->
 
 
 def _check_edges(mesh: Mesh, place: str, straight: Indices) -> None:
-    """All elements at an edge agree on its node in the middle."""
+    """Check that all elements at an edge have the same mid-side node."""
     rows = []
     for block in mesh.blocks:
         for a, b, middle in element_edges(block.kind):
@@ -311,7 +316,7 @@ def _check_edges(mesh: Mesh, place: str, straight: Indices) -> None:
 
 
 def _check_faces(mesh: Mesh, place: str) -> None:
-    """No triangular face has three corners of a quadrilateral one."""
+    """Check that no triangular face has three corners of a quadrilateral one."""
     squares = np.concatenate([*_triangular_faces(mesh, 4), np.zeros((0, 4), np.int64)])
     triangles = np.concatenate(
         [*_triangular_faces(mesh, 3), np.zeros((0, 3), np.int64)]

@@ -28,7 +28,7 @@ _ITERATIONS = 30
 _PARAMETER_TOLERANCE = 1e-6
 
 
-#: Elements that are tried for the point of the mesh that is nearest to another.
+#: Number of candidate elements for the nearest point of the mesh.
 _CANDIDATE_ELEMENTS = 48
 
 #: Number of a block, row of an element in it, point in the reference element.
@@ -40,7 +40,7 @@ def position_of(mesh: Mesh, marker: NodeMarker) -> Array:
 
     Raises
     ------
-    InputError : it is given by parameters or a side, or by an unknown node.
+    InputError : the marker is given by parameters or a side, or by an unknown node.
     """
     if marker.mesh_node is not None:
         return mesh.positions[_row_of_node(mesh, marker.mesh_node)]
@@ -62,7 +62,7 @@ def _row_of_node(mesh: Mesh, label: int) -> int:
 
 
 class MeshPoints:
-    """Finds the elements of a mesh around given points."""
+    """Search for the elements of a mesh around given points."""
 
     def __init__(self, mesh: Mesh, continua: tuple[Continuum, ...] = ()) -> None:
         """`continua` are the materials of the blocks, for their internal modes."""
@@ -220,7 +220,7 @@ class MeshPoints:
     def _strain_gradient(
         self, number: int, row: int, where: Array, plain: sp.csr_matrix
     ) -> sp.csr_matrix:
-        """(9, ndof) gradient that the stiffness of one element sees."""
+        """Return the gradient (9, ndof) of the stiffness of one element."""
         block, relieved = self.mesh.blocks[number], self._has_incompatible_modes(number)
         shares = extrapolation(block.kind, where, relieved=relieved)
         if shares is None:
@@ -306,10 +306,9 @@ def _sparse_rows(rows: Array, nodes: Indices, ndof: int) -> sp.csr_matrix:
 
 
 def markers_as_nodes(body: FiniteElementModel, model: ModelFile) -> FiniteElementModel:
-    """The body whose markers inside clamped or rigid faces move as these do.
-
-    The internal modes of an element do not vanish between nodes that are at rest, where
-    the body is: a marker there would move in the frame that it carries.
+    """Return the body whose markers inside clamped or rigid faces move with these
+    faces. The internal modes of an element do not vanish between fixed nodes: a marker
+    there would move in the frame that it defines.
     """
     if all(marker.nodal is None for marker in body.markers):
         return body

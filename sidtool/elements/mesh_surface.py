@@ -1,4 +1,4 @@
-"""Faces of a mesh that a set of nodes spans."""
+"""Faces of a mesh whose nodes belong to a set."""
 
 from __future__ import annotations
 
@@ -63,8 +63,9 @@ def named_surface(
 def mesh_surface(mesh: Mesh, nodes: Indices) -> Surface | None:
     """The outer faces all of whose nodes are in a set; in the plane the outer edges.
 
-    A set that spans none is taken inside the body, and then along edges: the first of
-    these that holds more than half of the nodes. None if the nodes lie apart.
+    If there are none, inner faces and then edges are used: the first of these that
+    contains more than half of the nodes. The result is None if there is no such
+    surface.
     """
     nodes = np.unique(nodes)
     member = np.zeros(len(mesh.positions), bool)
@@ -84,7 +85,7 @@ def _pieces_in_set(
 ) -> Iterator[_FacePieces]:
     """Faces, or edges, whose corners are in the set, with its nodes in their middle.
 
-    A face of which some middle nodes are not in the set counts by its corners.
+    A face with mid-side nodes outside the set is determined by its corners.
     """
     for block in mesh.blocks:
         middles = {
@@ -107,7 +108,7 @@ def _pieces_in_set(
 
 
 def _count_once(pieces: list[_FacePieces], outer: bool) -> Iterator[_FacePieces]:
-    """Every piece that elements share once, or only those of one element."""
+    """Return shared pieces once, or only the pieces of a single element."""
     keys = [np.full((len(p.rows), 4), -1) for p in pieces]
     for key, piece in zip(keys, pieces, strict=True):
         key[:, : piece.corners] = piece.nodes[:, : piece.corners]

@@ -6,9 +6,9 @@ of the slave,
     integral of N_s (u_s - u_m) dA = 0,
 
 which is solved for the nodes of the slave. Where both meshes match they move as one;
-elsewhere a uniform stress passes. The master's displacement at a point beside it is
-that of its surface with the rotation of the surface, so that the body can still rotate
-rigidly where the surfaces have a gap.
+elsewhere a uniform stress passes. At a point off the master its displacement includes
+the rotation of the surface, so that the body can rotate rigidly if the surfaces have a
+gap.
 
 Dependent unknowns are eliminated by Gaussian elimination row by row, for equations
 each of which holds few unknowns.
@@ -47,7 +47,7 @@ Indices = NDArray[np.int64]
 
 #: Nodes are tied if this share of their mean square lies on the master.
 _MIN_COVERED_SHARE = 0.02
-#: How far apart surfaces may be where the file does not say it, of a face's size.
+#: Default distance of tied surfaces, relative to the size of a face.
 _DEFAULT_TIE_DISTANCE = 0.05
 #: Shares of nodes below this are rounding.
 _SHARE_ROUNDING = 1e-11
@@ -58,7 +58,7 @@ class _TieSide:
 
     Raises
     ------
-    InputError : a face is none of an element here.
+    InputError : a face belongs to no element.
     """
 
     def __init__(self, mesh: Mesh, faces: Iterable[tuple[int, ...]], tie: RawTie):
@@ -84,9 +84,8 @@ class _TieSide:
 def tie_equations(
     mesh: Mesh, ties: Sequence[RawTie], length: float
 ) -> tuple[Equations | None, list[str]]:
-    """The equations of all ties, and what they hold in words.
-
-    A node is the slave of the first tie that holds it.
+    """Return the equations of all ties, and notes on them. A node is the slave of the
+    first tie that contains it.
 
     Parameters
     ----------
@@ -95,7 +94,7 @@ def tie_equations(
 
     Raises
     ------
-    InputError : a tie holds nothing.
+    InputError : a tie has no nodes.
     """
     notes: list[str] = []
     matrices, dependent = [], []
@@ -163,7 +162,7 @@ def _search_distance(master: _TieSide, tie: RawTie, length: float) -> float:
 def _nodewise_tie(
     mesh: Mesh, nodes: Indices, master: _TieSide, reach: float, free: NDArray[np.bool_]
 ) -> tuple[Indices, sp.csr_matrix, float]:
-    """Every node on the point of the master that is nearest to it."""
+    """Tie every node to the nearest point of the master."""
     nodes = nodes[free[nodes]]
     group, row, parameters = nearest_faces(master.groups, mesh.positions[nodes])
     master_rows = _master_rows(
@@ -311,21 +310,21 @@ def _master_rows(
 
 Row = dict[int, float]
 
-#: What is left of a coefficient below this share of the largest is rounding.
+#: Coefficients below this fraction of the largest are rounding.
 _ROUNDING_OF_ELIMINATION = 1e-11
-#: The preferred unknown is taken if its coefficient has this share of the largest.
+#: The preferred unknown is used if its coefficient has this fraction of the largest.
 _PIVOT_SHARE = 0.1
 
 
 def dependent_unknowns(
     matrix: sp.csr_matrix, preferred: Indices, first: Collection[int] = ()
 ) -> dict[int, tuple[int, Row]]:
-    """The unknowns that rows (k, n) of ``matrix @ u = 0`` give, by the others.
+    """Return the unknowns that follow from rows (k, n) of ``matrix @ u = 0``.
 
     Parameters
     ----------
-    preferred : (k,) the unknown that each row gives if it can; -1 for none
-    first : unknowns that are given before all others
+    preferred : (k,) preferred dependent unknown of each row; -1 for none
+    first : unknowns that are eliminated before all others
 
     Returns
     -------
@@ -363,7 +362,7 @@ def _choose_pivot(row: Row, preferred: int, first: Collection[int]) -> int:
 def _substitute_known(
     row: Row, dependent: dict[int, tuple[int, Row]], small: float
 ) -> Row:
-    """The row with every unknown that is found already by the others."""
+    """Return the row after substitution of the dependent unknowns."""
     known = [c for c in row if c in dependent]
     while known:
         for column in known:

@@ -30,10 +30,11 @@ class ElementBatch:
     values : (ne or 1, ng, m) shape functions
     gradients : (ne, ng, m, d) of the shape functions in space [1/m]
     measures : (ne, ng) quadrature weight times Jacobian determinant [m^d]
-    internal : (ne, ng, k, d) gradients of displacements that belong to no node
-    directions : (ne, d k, r) the amplitudes that these may have
-    inner : (ng, d) the first of these displacements; the others only strain
-    laws : (ne, ng, 6, 6) elasticity matrices [Pa] of a material whose axes turn
+    internal : (ne, ng, k, d) gradients of the internal modes
+    directions : (ne, d k, r) their admissible amplitudes
+    inner : (ng, d) values of the first internal modes; the others contribute strains
+        only
+    laws : (ne, ng, 6, 6) elasticity matrices [Pa] of a material with varying axes
     """
 
     nodes: Indices
@@ -160,7 +161,7 @@ def elasticity(material: ElasticMaterial, state: str) -> Array:
     InputError : the material of plane strain is not isotropic, or its axes turn in a
         plane.
 
-    Of a solid whose axes turn there is none for all points; they have `laws_at`.
+    A solid with varying axes has no common matrix; it has `laws_at`.
     """
     if isinstance(material, AnisotropicMaterial):
         turning = isinstance(material, CylindricalMaterial)
@@ -263,7 +264,7 @@ def _elasticity_tensor(law: Array, d: int) -> Array:
 
 def element_mass(batch: ElementBatch, density: float) -> Array:
     """(ne, m, m) integral of density N_i N_j."""
-    values = np.ascontiguousarray(batch.values)  # other strides keep BLAS away
+    values = np.ascontiguousarray(batch.values)  # BLAS needs contiguous arrays
     weighted = values * (batch.measures * density)[..., None]
     return np.asarray(np.swapaxes(values, 1, 2) @ weighted)
 
@@ -285,8 +286,8 @@ def assemble_body(
     density : mass per volume [kg/m^3], of a plane body per area [kg/m^2]
     law : elasticity matrix [Pa], of a plane body times thickness [N/m]
     dimension : d
-    mass_batches : the same elements at the quadrature points of the mass, if these
-        are others
+    mass_batches : the same elements at the quadrature points of the mass, if they
+        differ
     """
     d = dimension
     masses, stiffnesses = MatrixSum(count, 1), MatrixSum(count, d)

@@ -46,9 +46,9 @@ def mesh_matrices(
     ----------
     materials : by the names in the blocks of the mesh
     state : "plane_stress", "plane_strain" or "solid"
-    thickness : of plane elements whose block does not say it [m]
+    thickness : of plane elements whose block has no thickness [m]
     incompatible_modes : whether quad4 and hex8 get the internal modes of Taylor,
-        Beresford & Wilson (1976), where their block does not say it; what these add
+        Beresford & Wilson (1976), unless their block specifies it; their contribution
         to the mass is `internal_inertia`
     same_points : whether the mass is integrated at the points of stresses, which is
         cheaper, and exact where edges are straight and the Jacobian is constant
@@ -103,7 +103,7 @@ def mesh_continua(
 
 
 def has_internal_modes(block: ElementBlock, otherwise: bool) -> bool:
-    """Whether the elements of a block get internal modes."""
+    """Return whether the elements of a block have internal modes."""
     if block.kind not in KINDS_WITH_INCOMPATIBLE_MODES:
         return block.kind in KINDS_ALWAYS_INCOMPATIBLE
     return (block.formulation or _FORMULATIONS[otherwise]) == _FORMULATIONS[True]
@@ -112,11 +112,11 @@ def has_internal_modes(block: ElementBlock, otherwise: bool) -> bool:
 def check_volumetric_locking(
     kind: str, material: ElasticMaterial, state: str, relieved: bool
 ) -> None:
-    """Whether elements of this kind can deform at constant volume.
+    """Check that elements of this kind can deform at constant volume.
 
     Raises
     ------
-    InputError : the material is nearly incompressible, and they cannot.
+    InputError : the material is nearly incompressible, and the elements cannot.
     """
     if isinstance(material, AnisotropicMaterial):
         return
@@ -146,8 +146,8 @@ def element_batches(
     ----------
     integral : "stiffness", "stress" or "mass"; stresses come at all points that exact
         integrals of the stiffness need
-    relieved : whether they get internal modes
-    laws : of a material whose axes turn, see `laws_of_material`
+    relieved : True if the elements have internal modes
+    laws : of a material with varying axes, see `laws_of_material`
     """
     element = reference_element(block.kind, integral)
     size = element.gradients.size * 3 * (mesh.dimension + 1)

@@ -29,9 +29,8 @@ class SolidMesh:
 
     @property
     def kinds_with_locking(self) -> tuple[str, ...]:
-        """The linear elements that bend too stiffly.
-
-        Prisms are among them: their internal modes help along their axis only.
+        """Return the linear elements that bend too stiffly. These include prisms, whose
+        internal modes help along their axis only.
         """
         plain = (
             block.kind
@@ -71,7 +70,7 @@ class SolidMesh:
 
 
 def with_internal_modes(solids: SolidMesh) -> SolidMesh:
-    """The same mesh with the internal modes of all elements that have some."""
+    """Return the mesh with the internal modes of all elements that can have them."""
     blocks = tuple(
         replace(block, formulation="incompatible_modes") for block in solids.mesh.blocks
     )
@@ -79,7 +78,7 @@ def with_internal_modes(solids: SolidMesh) -> SolidMesh:
 
 
 def to_quadratic(solids: SolidMesh) -> tuple[SolidMesh, sp.csr_matrix]:
-    """The same mesh with nodes in the middle of straight edges of linear elements.
+    """Return the mesh with mid-side nodes on straight edges of linear elements.
 
     Returns
     -------

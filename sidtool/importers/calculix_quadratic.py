@@ -5,10 +5,9 @@ free square plate of 10 by 10 elements, a hundredth as thick as it is wide, S3 a
 give 1.2 to 4.4 times the exact frequencies. S6 and S8R on the same mesh, with a node in
 the middle of every edge, give 0.996 to 1.02 times.
 
-C3D20R has motions without energy that its neighbours suppress, unless it stands in a
-column or a strip of one element. There, and of solids, elements are integrated
-in full, which costs up to 3 % on square elements and up to 11 % on distorted ones of
-t/L = 1/500.
+C3D20R has motions without energy that its neighbours suppress, unless it is in a column
+or a strip of one element. There, and of solids, elements are integrated in full, which
+costs up to 3 % on square elements and up to 11 % on distorted ones of t/L = 1/500.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ _PATTERNS = {
 
 
 def collapse_element(kind: str, nodes: Sequence[int]) -> tuple[str, list[int]]:
-    """The element whose coinciding nodes are one; others as they are.
+    """Return the element with coinciding nodes merged; others are unchanged.
 
     A hexahedron may repeat them at any of its edges and faces.
     """

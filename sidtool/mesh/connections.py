@@ -89,14 +89,14 @@ class RawEquation:
 
 @dataclass(frozen=True)
 class RawTie:
-    """A surface that is held on another.
+    """A surface that is tied to another one.
 
     Attributes
     ----------
     slave, master : faces by the labels of their nodes: corners, then the middles of the
         edges from the first corner on
-    slave_nodes : labels of nodes that are held one by one, where the slave is no
-        surface of faces
+    slave_nodes : labels of nodes that are tied one by one, if the slave is no surface
+        of faces
     tolerance : how far apart they may be, in the unit of the file; None for a share of
         the size of the faces
     """
@@ -156,12 +156,12 @@ class PointMass:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Equations that no rigid motion of the body breaks.
+    """Equations that all rigid motions of the body satisfy.
 
     Attributes
     ----------
     matrix : (k, ndof) sparse; ``matrix @ u = 0``
-    dependent : (k,) the degree of freedom that each gives if it can
+    dependent : (k,) preferred dependent degree of freedom of each equation
     """
 
     matrix: sp.csr_matrix
@@ -169,11 +169,11 @@ class Equations:
 
 
 class NamedSets(dict[str, NDArray[np.int64]]):
-    """Node sets by name; only a set that exists and is complete can be looked up.
+    """Node sets by name; access to a missing or incomplete set is refused.
 
     Attributes
     ----------
-    undefined : set -> its members that the file does not define, in words
+    undefined : set -> its members that the file does not define, as text
     """
 
     def __init__(

@@ -1,8 +1,8 @@
-"""Content of a mesh file, whatever program wrote it, and the files that it includes.
+"""Content of a mesh file of any program, and the files that it includes.
 
-Circles and long chains of included files are refused. A foreign deck may include any
-file of the reader. Text of such a file is not quoted in messages, which others may
-see; its keywords and numbers are.
+Circular and long chains of included files are refused. A deck from others may include
+any file of its reader, so messages do not quote the text of included files, only
+keywords and numbers.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Indices = NDArray[np.int64]
 
 #: Among ignored words: only the nodes of a file are requested.
 ONLY_NODES = "EVERYTHING"
-#: A range of more members is a damaged number.
+#: A range with more members is refused as a damaged number.
 MOST_MEMBERS = 5_000_000
 
 
@@ -52,8 +52,8 @@ class RawCoupling:
     reference : label of the reference node, None where the file has none
     turns : whether nodes that turn by themselves turn with the rigid piece
     directions : 1 to 6, in which the nodes of a rigid piece follow it
-    by_area : whether a node weighs in the mean by its share of the surface
-    weights : of the nodes in the mean; none where these weigh alike
+    by_area : True if the weight of a node is its share of the surface
+    weights : weights of the nodes in the mean; empty for equal weights
     """
 
     name: str
@@ -85,7 +85,7 @@ class RawMass:
     inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
 
     def scaled(self, factor: float) -> RawMass:
-        """The same place with mass and inertia times a factor."""
+        """Return the mass with mass and inertia times a factor."""
         xx, yy, zz, xy, yz, zx = (factor * value for value in self.inertia)
         inertia = (xx, yy, zz, xy, yz, zx)
         return replace(self, mass=factor * self.mass, inertia=inertia)
@@ -126,7 +126,7 @@ class ImportedMesh:
 
     @property
     def is_structure(self) -> bool:
-        """Whether it has elements whose nodes turn."""
+        """Whether it has elements with rotational degrees of freedom."""
         return bool(self.bars or self.shells or self.springs)
 
 
@@ -171,7 +171,7 @@ def read_lines(path: str | Path) -> list[str]:
 
 
 def _check_regular(path: Path) -> None:
-    """A pipe or a device may never end."""
+    """Refuse pipes and devices, which may never end."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise InputError(
             "is a pipe or a device", source=path, expected="a regular file"
@@ -291,7 +291,7 @@ def _members_of_sets(
 def find_undefined_members(
     known: Container[int], sets: Mapping[str, Iterable[int]], what: str = "node"
 ) -> dict[str, str]:
-    """The first member of each set that the file does not define, in words.
+    """Return the first undefined member of each set as text.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ def find_undefined_members(
 
 
 def undefined_notes(undefined: Mapping[str, str]) -> list[str]:
-    """A sentence on sets that cannot be used, if there are some."""
+    """Yield a note on sets that cannot be used, if there are some."""
     if not undefined:
         return []
     listed = ", ".join(f"{name} ({member})" for name, member in undefined.items())
@@ -322,7 +322,7 @@ def _check_finite(positions: Array, labels: Indices) -> None:
         )
 
 
-#: What is behind the name of a keyword that the user had left out.
+#: Suffix of the name of a keyword that the user ignores.
 LEFT_OUT = " (left out by geometry.ignore)"
 
 
@@ -389,7 +389,7 @@ def _check_nodes(element: RawElement, row: Mapping[int, int]) -> None:
 def check_defined(
     label: int, nodes: Iterable[int], known: Container[int], place: str
 ) -> None:
-    """Whether an element names defined nodes alone.
+    """Check that an element names defined nodes only.
 
     Raises
     ------
@@ -468,28 +468,28 @@ def number_table(rows: Sequence[tuple[str, Sequence[str]]], width: int) -> Array
     return np.array(read).reshape(-1, width)
 
 
-#: Lines of INCLUDE that one deck may follow; ten files that name each other ten
-#: times would be ten thousand million.
+#: Largest number of INCLUDE lines of a deck: ten files that include each other ten
+#: times would give 10^10.
 MAX_INCLUDES = 1000
-#: A line that takes in a file, of `.inp` and of `.bdf`.
+#: Pattern of a line that includes a file, in `.inp` and `.bdf`.
 _TAKES_IN = re.compile(
     r"\s*\*.*\bINPUT\s*=\s*(?P<inp>[^,]+)|\s*INCLUDE\s+(?P<bdf>\S.*)", re.IGNORECASE
 )
-#: Lines that are of a deck by their form: the keyword is what they begin with.
+#: Patterns of lines of a deck that begin with a keyword.
 _KEYWORD = re.compile(r"\s*\*[A-Z][A-Z -]*(?=,|$)", re.IGNORECASE)
 _CARD = re.compile(r"[A-Z][A-Z0-9]{0,7}\*?(?=(?: *,| ) *[-+.0-9])", re.IGNORECASE)
 _QUOTED_OR_WORD = re.compile(r"'[^'\n]*'|\"[^\"\n]*\"|[^\s,;='\"()\[\]]+")
 _WORD = re.compile(r"[^\s,;='\"()\[\]]+")
 _NUMBER = re.compile(r"[-+.0-9][-+.0-9deDE]*")
-#: Words of messages, which have no quotes there.
+#: Pattern of words of messages that are never hidden.
 _PLAIN = re.compile(r"[a-z]+|\*?[A-Za-z]?")
-#: Characters that are enough to know a word by, of which messages show the beginning.
+#: Minimum length of a word that identifies included text.
 MIN_WORD_LENGTH = 6
 
 
 @dataclass
 class IncludedFiles:
-    """The files that are open, and how many have been taken in."""
+    """The stack of open files, and the number of included files."""
 
     open: list[Path] = field(default_factory=list)
     count: int = 0
@@ -499,7 +499,7 @@ class IncludedFiles:
 
         Raises
         ------
-        InputError : it takes in itself, or there are too many.
+        InputError : the file includes itself, or there are too many files.
         """
         name = file.resolve()
         if name in self.open:
@@ -517,13 +517,13 @@ class IncludedFiles:
 
 
 def located_line(number: int, file: str) -> str:
-    """The place of a line, with the file if it is one that the deck takes in."""
+    """Return the location of a line, with the name of an included file."""
     return f"{file}, line {number}" if file else f"line {number}"
 
 
 @contextmanager
 def hide_included_text(path: Path) -> Iterator[None]:
-    """Let errors of a deck quote no text of the files that it takes in."""
+    """Remove text of included files from errors that are raised inside the context."""
     try:
         yield
     except InputError as error:
@@ -541,7 +541,7 @@ def hide_included_text(path: Path) -> Iterator[None]:
 
 
 def _deck_files(path: Path) -> list[Path]:
-    """A deck and all files that it takes in, as far as they can be read."""
+    """Return a deck and all readable files that it includes."""
     files, waiting = [path], [path]
     while waiting and len(files) < MAX_INCLUDES:
         file = waiting.pop()

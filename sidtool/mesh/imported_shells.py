@@ -1,4 +1,4 @@
-"""What a mesh file says of shells with nodes that turn, and of springs."""
+"""Shells with rotational degrees of freedom, and springs of a mesh file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ShellSection:
     shear : (2, 2) of the transverse shear forces, xz and yz
     masses : (3,) integral of rho, rho z and rho z^2 through the thickness
     thickness : for pictures
-    flexural : whether it resists bending; a membrane turns no node
+    flexural : True if it resists bending; a membrane has no moments at nodes
     complete : whether its materials have E, nu and a density
     """
 
@@ -35,7 +35,8 @@ class ShellSection:
     complete: bool = True
 
     def shifted(self, offset: float) -> ShellSection:
-        """The same layers, their reference surface moved by -offset along the normal.
+        """Return the section with its reference surface moved by -offset along the
+        normal.
 
         Parameters
         ----------
@@ -82,8 +83,8 @@ class RawShell:
     kind : tri3 or quad4
     nodes : labels of its nodes
     section : its stiffness and mass per area
-    axis : a direction whose projection on the element is the material axis x; None
-        where the angle counts
+    axis : direction whose projection on the element is the material axis x; None if the
+        angle defines it
     angle : of the material axis x from the first edge [rad]
     """
 

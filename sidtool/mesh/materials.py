@@ -16,7 +16,7 @@ from sidtool.formats.model import Material
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 #: Rows of a law in the plane x y, and the others.
 _IN_PLANE, _OUT_OF_PLANE = (0, 1, 3), (2, 4, 5)
-#: The smallest stiffness of a strain beside the largest that is not rounding.
+#: Smallest stiffness of a strain relative to the largest that is not rounding.
 _DEFINITE_TOLERANCE = 1e-9
 
 
@@ -64,7 +64,8 @@ class AnisotropicMaterial:
 
 @dataclass(frozen=True, eq=False)
 class CylindricalMaterial(AnisotropicMaterial):
-    """One whose axes are the radius, the circumference and the axis of a cylinder.
+    """A material whose axes are the radius, the circumference and the axis of a
+    cylinder.
 
     Attributes
     ----------
@@ -80,7 +81,7 @@ class CylindricalMaterial(AnisotropicMaterial):
 
         Raises
         ------
-        InputError : one lies on the axis.
+        InputError : a position lies on the axis.
         """
         arms = places - self.start
         radial = arms - (arms @ self.axis)[..., None] * self.axis
@@ -103,7 +104,7 @@ class CylindricalMaterial(AnisotropicMaterial):
 
 
 def laws_of_material(material: ElasticMaterial) -> Callable[[Array], Array] | None:
-    """The laws at places of a material whose axes are not the same everywhere."""
+    """Return the laws at positions of a material with varying axes, else None."""
     return material.laws_at if isinstance(material, CylindricalMaterial) else None
 
 
@@ -129,7 +130,7 @@ def orthotropic_law(values: ArrayLike) -> Array:
 
     Raises
     ------
-    InputError : a modulus is not above zero.
+    InputError : a modulus is not positive.
     """
     e1, e2, e3, nu12, nu13, nu23, g12, g13, g23 = np.asarray(values, float)
     if min(e1, e2, e3, g12, g13, g23) <= 0:
@@ -150,11 +151,11 @@ def orthotropic_law(values: ArrayLike) -> Array:
 
 
 def check_positive_definite(law: Array) -> None:
-    """Whether every strain takes energy.
+    """Check that every strain has positive energy.
 
     Raises
     ------
-    InputError : one does not.
+    InputError : a strain has no positive energy.
     """
     sizes = np.sqrt(np.maximum(np.diag(law), 1e-300))
     values = np.linalg.eigvalsh(law / np.outer(sizes, sizes))

@@ -28,8 +28,8 @@ class ElementBlock:
     nodes : (ne, m) rows of the mesh's positions
     labels : (ne,) element numbers in the file they came from
     material : name of their material, if the mesh names materials
-    thickness : of plane elements, if the mesh says it, in its unit of length
-    formulation : "full_integration" or "incompatible_modes", if the mesh says it
+    thickness : of plane elements in the unit of length of the mesh, if it is specified
+    formulation : "full_integration" or "incompatible_modes", if it is specified
     """
 
     kind: str
@@ -101,7 +101,7 @@ def check_mesh(
 
 
 def counter_clockwise(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
-    """A plane mesh whose clockwise elements are counted the other way round.
+    """Return a plane mesh with clockwise elements reversed.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def _check_distinct(block: ElementBlock, place: str) -> None:
 
 
 def _check_once(mesh: Mesh, place: str) -> None:
-    """No two elements of a kind have the same nodes: their mass would count twice."""
+    """Check that no two elements of a kind have the same nodes."""
     for kind in dict.fromkeys(block.kind for block in mesh.blocks):
         same = [block for block in mesh.blocks if block.kind == kind]
         rows = np.sort(np.concatenate([block.nodes for block in same]), axis=1)
@@ -192,7 +192,7 @@ def _check_shape(mesh: Mesh, block: ElementBlock, place: str) -> None:
         lengths = np.linalg.norm(jacobians, axis=2).prod(axis=2)
         ratio = determinants / np.maximum(lengths, np.finfo(float).tiny)
         folded = (ratio[:, :inner] <= 1e-10).any(axis=1)
-        if block.kind != "tet10":  # taken as by Abaqus and CalculiX
+        if block.kind != "tet10":  # as in Abaqus and CalculiX
             folded |= (ratio[:, inner:] < -1e-6).any(axis=1)
         bad = np.flatnonzero(folded)
         if bad.size:

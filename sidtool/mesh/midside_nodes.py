@@ -17,11 +17,11 @@ Point = tuple[float, float, float]
 
 
 class MidsideNodes:
-    """Nodes that are put midway, and the equations that hold them.
+    """Inserted mid-side nodes, and the equations that define their motion.
 
     Attributes
     ----------
-    nodes : label -> place of all nodes, with those that are added
+    nodes : label -> position of all nodes, including added ones
     added : their labels by the corners at their sides
     equations : three (or two) for every added node
     """
@@ -30,7 +30,7 @@ class MidsideNodes:
         self.nodes = dict(nodes)
         self.added: dict[tuple[int, int], int] = {}
         self.equations: list[RawEquation] = []
-        self._next = min(0, *nodes, 0) - 1  # no label that a file gives
+        self._next = min(0, *nodes, 0) - 1  # labels that no file can have
 
     def completed(
         self, kind: str, nodes: Sequence[int], place: str

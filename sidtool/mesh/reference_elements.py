@@ -111,7 +111,7 @@ _DEFINITIONS: dict[str, tuple[int, int, int]] = {
     "pyramid13": (2, 5, 9),
 }
 ELEMENT_KINDS = tuple(_DEFINITIONS)
-#: Linear elements that do not bend at constant volume.
+#: Linear elements that cannot bend at constant volume.
 LINEAR_KINDS = tuple(kind for kind, (order, _, _) in _DEFINITIONS.items() if order == 1)
 
 
@@ -127,7 +127,7 @@ class ReferenceElement:
 
     Attributes
     ----------
-    nodes : (m, d) where the nodes are
+    nodes : (m, d) positions of the nodes
     corners : number of corner nodes, the first ones
     points, weights : (g, d), (g,) of the quadrature
     values, gradients : (g, m), (g, m, d) at those points
@@ -165,7 +165,7 @@ class ReferenceElement:
         return np.max(beyond, axis=0)
 
     def clamped(self, point: Array) -> Array:
-        """A reference point of the element near one outside."""
+        """Return a reference point of the element near an outside one."""
         shape, inside = shape_of(self.name), np.clip(point, 0, 1)
         if shape in ("tri", "tet"):
             return inside / max(1.0, inside.sum())
@@ -271,6 +271,8 @@ def _power_products(kind: str, points: Array) -> tuple[Array, list[Array]]:
 
 
 def _raise_powers(base: Array, exponents: NDArray[np.int64]) -> Array:
-    """(g, m); each power is raised once, which is what takes the time."""
+    """Return powers (g, m); each power is computed once, because that takes most of the
+    time.
+    """
     distinct, place = np.unique(exponents, return_inverse=True)
     return np.column_stack([base ** float(e) for e in distinct])[:, place]

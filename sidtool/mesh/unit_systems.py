@@ -157,7 +157,7 @@ def rescale(
     sigma : meaning of the optional entry sigma of nodes, which the format does not
         define
 
-    The elastic coordinates keep their numbers. The labels are texts and stay.
+    The elastic coordinates keep their numbers. Labels are not changed.
 
     Raises
     ------
@@ -218,11 +218,11 @@ _MAX_MAGNITUDE = 1e100
 
 
 def check_magnitudes(sid: SID) -> None:
-    """Every number must be finite and below 1e100 in magnitude.
+    """Check that every number is finite and below 1e100 in magnitude.
 
     Raises
     ------
-    InputError : names the block or the node whose entry is not.
+    InputError : an entry is not; the error names its block or node.
     """
     entries: list[tuple[str, Taylor | None]] = [
         (f"block {name}", block) for name, block in sid.blocks.items()
