@@ -16,14 +16,14 @@ from .abaqus.deck import Namespace
 from .abaqus.element_types import POINTS
 from .abaqus.input_file import read_deck
 
-#: Supports, which the frame of the model file says instead, and point masses, which
-#: are added to the matrices: CalculiX would hang them on shells and beams by equations.
+#: Supports, which the frame of the model file replaces, and point masses, which are
+#: added to the matrices: CalculiX would couple them to shells and beams by equations.
 _LEFT_OUT = ("BOUNDARY", "BOUNDARYF", "MASS", "ROTARYINERTIA")
 #: Numbers of an element in its first line.
 _PER_LINE = 12
 #: Characters of a number that CalculiX reads.
 _MAX_NUMBER_LENGTH = 20
-#: What CalculiX does not know, and what is written for it instead.
+#: Generation that CalculiX does not have, and its replacement.
 _GENERATION = ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY")
 _NAMING = ("NODE", "SYSTEM", "ELEMENT", "NSET", "ELSET", *_GENERATION)
 #: What ends the keywords of a material.
@@ -33,7 +33,7 @@ _AFTER_MATERIALS = (
     *("AMPLITUDE", "BEAMGENERALSECTION", "EQUATION", "MPC", "TRANSFORM", "TIE"),
     *("NODALTHICKNESS", "NORMAL", "RIGIDBODY", "COUPLING", "PHYSICALCONSTANTS"),
 )
-#: What makes a deck more than one free, linear body.
+#: Keywords with which a deck is not one free, linear body.
 _REFUSED = {
     "CONTACTPAIR": "one body without contact",
     "CYCLICSYMMETRYMODEL": "a mesh of the whole body",
@@ -108,7 +108,9 @@ def _explicit_lines(body: Namespace) -> Iterator[str]:
 
 
 def _is_generation(text: str) -> bool:
-    """Whether a line makes nodes or elements in a way that CalculiX does not know."""
+    """Return whether a line generates nodes or elements in a way that CalculiX does not
+    have.
+    """
     if not text.startswith("*"):
         return False
     turned = "SYSTEM=" in "".join(text.upper().split())
@@ -129,7 +131,7 @@ def _keyword_of(text: str) -> str:
 
 
 def _shorten_line(text: str) -> str:
-    """A data line whose numbers fit: CalculiX cuts what is longer."""
+    """Return a data line with shortened numbers: CalculiX truncates long ones."""
     words = text.split(",")
     if all(len(word.strip()) <= _MAX_NUMBER_LENGTH for word in words):
         return text
@@ -190,10 +192,9 @@ def _data_lines(lines: list[str], keyword: str) -> Iterator[tuple[int, str]]:
 
 
 def without_layers(lines: list[str]) -> list[str]:
-    """The deck with the layers of composite shells as one.
-
-    What is written of composites is a mesh of their layers; that of one layer has the
-    nodes that the matrices have.
+    """Return the deck with the layers of composite shells merged to one. CalculiX
+    writes the mesh of the layers of composites; the mesh of one layer has the nodes of
+    the matrices.
     """
     result: list[str] = []
     layers: list[list[str]] = []

@@ -1,8 +1,8 @@
 """CalculiX as an engine: matrices and expanded mesh of a deck's free body.
 
-CalculiX makes solids of shells and beams. It writes the matrices of what no constraint
-makes depend on the rest (``*FREQUENCY, SOLVER=MATRIXSTORAGE``: .sti, .mas, .dof), and
-the solids with their nodes to six digits (.frd).
+CalculiX makes solids of shells and beams. It writes the matrices of the independent
+degrees of freedom (``*FREQUENCY, SOLVER=MATRIXSTORAGE``: .sti, .mas, .dof), and the
+solids with their nodes to six digits (.frd).
 """
 
 from __future__ import annotations

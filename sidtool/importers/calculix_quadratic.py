@@ -44,7 +44,7 @@ _QUADRATIC = {
 _SHELLS = ("S3", "S4")
 #: Reduced integration and full one.
 _REDUCED, _FULL = "S8R", "S8"
-#: Letters behind the number of nodes.
+#: Suffixes after the number of nodes.
 _SUFFIXES = "RI"
 #: Numbers of an element in one line.
 _PER_LINE = 12
@@ -182,7 +182,7 @@ def _midside_node(
     places: dict[int, tuple[float, float, float]],
     free: Iterator[int],
 ) -> int:
-    """The node in the middle of an edge, which is made once."""
+    """Return the mid-side node of an edge, which is created once."""
     ends = frozenset(nodes[i] for i in edge)
     if ends not in middles:
         a, b = (places[nodes[i]] for i in edge)

@@ -55,7 +55,7 @@ _TYPES: dict[int, tuple[int, int, str | None, tuple[int, ...] | None]] = {
 
 
 _READ = ("MeshFormat", "PhysicalNames", "Entities", "Nodes", "Elements")
-#: Results, and how the mesh came to be.
+#: Sections with results and meshing data, which have no effect.
 _WITHOUT_EFFECT = (
     "Comments",
     "ElementData",
@@ -82,11 +82,11 @@ class _SectionLines:
         )
 
     def end(self) -> None:
-        """Nothing may be left behind what was announced.
+        """Check that the section has no surplus lines.
 
         Raises
         ------
-        InputError : there is.
+        InputError : there are surplus lines.
         """
         left = next(self._lines, None)
         if left is not None:
@@ -135,7 +135,7 @@ def read_msh(
 
     Raises
     ------
-    InputError : names file, line and expectation.
+    InputError : the file is not valid; the error names file, line and expectation.
     """
     try:
         file = Path(path)

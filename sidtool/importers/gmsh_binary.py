@@ -1,6 +1,6 @@
 """Binary Gmsh meshes (.msh 2.2 and 4.1) as the lines of their text form.
 
-Source: Gmsh reference manual, "MSH file format". Sections stand between $NAME and
+Source: Gmsh reference manual, "MSH file format". Sections are enclosed by $NAME and
 $EndNAME; integers have 4 bytes, sizes and tags of version 4.1 have 8.
 """
 
@@ -37,7 +37,7 @@ _NODES = {
     19: 13,
 }
 _HEAD = b"$MeshFormat"
-#: Bytes in which a mesh says its format.
+#: Number of bytes that contain the format of a mesh.
 _HEADER_BYTES = 200
 
 
@@ -49,7 +49,7 @@ class _SectionBytes:
         self._name, self._data, self._at = name, data, 0
 
     def numbers(self, kind: str, count: int) -> list[int] | list[float]:
-        """So many numbers of a kind as i4, u8 or f8.
+        """Read numbers of a kind such as i4, u8 or f8.
 
         Raises
         ------

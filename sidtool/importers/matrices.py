@@ -35,12 +35,12 @@ from ..mesh.imported_mesh import (
 from .matrix_market import is_matrix_market, read_matrix_market
 from .mesh_files import MESH_READERS, read_mesh
 
-#: What the names of arrays with node sets begin with.
+#: Prefix of the names of arrays with node sets.
 _SET = "set."
 
 Indices = NDArray[np.int64]
 
-#: A row beyond it is a damaged number.
+#: Larger row numbers are refused as damaged.
 _MOST_ROWS = 100_000_000
 
 
@@ -72,7 +72,7 @@ def read_matrices(
 
     Raises
     ------
-    InputError : names file and line.
+    InputError : the file is not valid; the error names file and line.
     """
     labels, positions, sets = read_nodes(nodes)
     k, k_dofs = _read_matrix(stiffness)
@@ -146,7 +146,7 @@ def read_nodes(path: str) -> tuple[Indices, Array, dict[str, Indices]]:
 
     Raises
     ------
-    InputError : names file and line.
+    InputError : the file is not valid; the error names file and line.
     """
     if Path(path).suffix.lower() in MESH_READERS:
         mesh = read_mesh(path, [ONLY_NODES]).mesh

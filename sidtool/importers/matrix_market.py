@@ -30,7 +30,7 @@ def read_matrix_market(path: str) -> sp.csr_matrix:
 
     Raises
     ------
-    InputError : names file and line.
+    InputError : the file is not valid; the error names file and line.
     """
     try:
         return _parse_matrix(read_lines(path))
@@ -119,17 +119,17 @@ _SYMMETRY_TOLERANCE = 1e-8
 #: Force of a unit rigid motion relative to the forces inside the elements. Text files
 #: of six digits are worse than rounding.
 _RIGID_FORCE_TOLERANCE = 1e-5
-#: What counts as zero: printed digits, and mass matrices integrated with few points,
-#: as CalculiX's of tetrahedra, which are singular.
+#: Relative tolerance for zero: printed digits, and singular mass matrices with few
+#: integration points, as CalculiX's of tetrahedra.
 _ZERO_TOLERANCE = 1e-5
-#: The most that rounding may change the energy of bending by, as a bound; the change
-#: itself is some ten times smaller.
+#: Largest relative change of the bending energy by rounding, as a bound; the actual
+#: change is about ten times smaller.
 _MAX_ENERGY_CHANGE = 0.1
 _MOTIONS = ("x", "y", "z", "rotation about x", "rotation about y", "rotation about z")
 
 
 def complete_symmetric(matrix: sp.csr_matrix, name: str) -> sp.csr_matrix:
-    """The whole matrix; one that has only one triangle is completed.
+    """Return the full matrix; a matrix with one triangle only is completed.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def _negative_pivots(matrix: sp.csr_matrix) -> bool:
 
 
 def check_rigid_motion(stiffness: sp.csr_matrix, rigid: Array) -> None:
-    """Whether the stiffness leaves rigid motion free.
+    """Check that rigid motions have no stiffness.
 
     Parameters
     ----------
@@ -203,8 +203,8 @@ def check_rigid_motion(stiffness: sp.csr_matrix, rigid: Array) -> None:
 
     Raises
     ------
-    InputError : it does not: the body is held, or the nodes are not where the matrix
-        was made.
+    InputError : they have stiffness: the body is supported, or the positions of nodes
+        differ from those of the matrix.
     """
     sizes = abs(stiffness) @ np.abs(rigid)
     forces = np.abs(stiffness @ rigid).max(axis=0) / sizes.max(axis=0)
@@ -227,7 +227,8 @@ def check_rigid_motion(stiffness: sp.csr_matrix, rigid: Array) -> None:
 def balance_stiffness(
     stiffness: sp.csr_matrix, table: NDArray[np.int64]
 ) -> sp.csr_matrix:
-    """The stiffness with the balance of forces that printing has rounded away.
+    """Return the stiffness after restoring the balance of forces, which was lost by
+    printing.
 
     A free body that is displaced feels no force: the blocks of a row of nodes add up
     to zero. The block of every node with itself is set so that they do, which changes
@@ -267,7 +268,7 @@ def check_digits(
 
     Raises
     ------
-    InputError : they do not.
+    InputError : they do not resolve it.
     """
     sizes = abs(stiffness)
     ones = np.ones(len(vector))

@@ -90,7 +90,7 @@ def extract_part(imported: ImportedMesh, name: str) -> ImportedMesh:
 
     Raises
     ------
-    InputError : there is no such part, or an equation holds it to the rest.
+    InputError : there is no such part, or an equation connects it to the rest.
     """
     parts = {key.upper(): set(labels) for key, labels in imported.parts.items()}
     if not parts.get(name.upper()):
@@ -195,7 +195,7 @@ def read_deck_names(path: Path, ignored: frozenset[str] = frozenset()) -> DeckNa
 
     Raises
     ------
-    InputError : names file, line and expectation.
+    InputError : the file is not valid; the error names file, line and expectation.
     """
     deck = read_deck(path, ignored | {ONLY_NODES})
     body = deck.assembly

@@ -1,6 +1,6 @@
 """Files of one or several NURBS patches.
 
-Three formats, told by the ending and the content:
+Three formats, distinguished by ending and content:
 
 - Our own, TOML or JSON: ``format = "sidtool patches"``, ``version = 1`` and one table
   ``[patches.NAME]`` per patch with the keys degrees, knots, control_points and weights
@@ -38,7 +38,7 @@ def read_patches(path: str | Path) -> dict[str, NurbsPatch]:
 
     Raises
     ------
-    InputError : names the file and the patch.
+    InputError : the file is not valid; the error names file and patch.
     """
     path = Path(path)
     try:
@@ -121,7 +121,7 @@ def _from_geomdl(shape: Mapping[str, Any]) -> dict[str, NurbsPatch]:
 
 
 def _check_keys(item: Any, letters: str, place: str) -> None:
-    """Nothing but the patch itself and how it is drawn.
+    """Check that a table has only keys of the patch and of its display.
 
     Raises
     ------

@@ -79,7 +79,7 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
 
     Raises
     ------
-    InputError : names the file, the patch or the key that is wrong.
+    InputError : the model is not valid; the error names file, patch or key.
     """
     geometry = model.geometry
     assert isinstance(geometry, PatchesGeometry)

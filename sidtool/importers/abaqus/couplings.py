@@ -18,7 +18,7 @@ from .keywords import Block
 from .surfaces import defined_elements, resolve_nodes, surface_nodes
 
 _DISPLACEMENTS = {1, 2, 3}
-#: Sets of nodes of *RIGID BODY; those of a solid do not turn by themselves.
+#: Parameters with node sets of *RIGID BODY; nodes of solids have no rotation.
 _OF_NODES = ("NSET", "TIE NSET", "PIN NSET")
 #: Numbers of *ROTARY INERTIA: I11, I22, I33, I12, I13, I23.
 _MOMENTS = 6
@@ -30,7 +30,7 @@ def read_coupling(deck: Deck, block: Block) -> None:
 
 
 def read_coupling_kind(deck: Deck, block: Block) -> None:
-    """*KINEMATIC or *DISTRIBUTING behind its *COUPLING."""
+    """Read *KINEMATIC or *DISTRIBUTING after its *COUPLING."""
     if (
         not deck.coupling_definitions
         or deck.coupling_definitions[-1].block.keyword != "COUPLING"
@@ -48,7 +48,7 @@ def read_mass(deck: Deck, block: Block) -> None:
 
 
 def reference_labels(deck: Deck, body: Namespace) -> dict[int, int]:
-    """The numbers here of the nodes of the assembly, where the body is a part."""
+    """Return the numbers of the nodes of the assembly, if the body is a part."""
     if body is deck.assembly:
         return {}
     last = max(body.nodes, default=0)
@@ -60,7 +60,7 @@ def couplings_of(deck: Deck, body: Namespace, instance: str) -> list[RawCoupling
 
     Raises
     ------
-    InputError : a set is unknown, or a coupling holds some directions only.
+    InputError : a set is unknown, or a coupling constrains some directions only.
     """
     couplings = []
     used = {n for e in body.elements.values() for n in e.nodes} if deck.chosen else None
@@ -183,7 +183,9 @@ def _rigid_body_coupling(
 
 
 def _check_directions(name: str, rows: list[tuple[list[str], str]], place: str) -> None:
-    """Lines of first and last direction; none is all."""
+    """Check the lines of first and last direction; without lines all are
+    constrained.
+    """
     held: set[int] = set()
     for words, where in rows:
         given = [int(x) for x in parse_numbers([w for w in words[:2] if w], where)]
@@ -204,7 +206,9 @@ def labels_named(
     instance: str,
     word: str,
 ) -> list[int]:
-    """The numbers here of a node or a set of a coupling, those of the assembly too."""
+    """Return the numbers of a node or a set of a coupling, including those of the
+    assembly.
+    """
     own = reference_labels(deck, body)
     if definition.scope is body or not own or "." in word:
         return resolve_nodes(deck, definition.scope, instance, word)
@@ -233,7 +237,7 @@ def _reference_label(
     instance: str,
     word: str,
 ) -> int:
-    """The number here of a reference node."""
+    """Return the number of a reference node."""
     labels = labels_named(deck, definition, body, instance, word)
     if len(labels) != 1:
         raise InputError(

@@ -29,7 +29,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Section:
-    """A *SOLID SECTION, of an instance where several make the body."""
+    """A *SOLID SECTION, with its instance if several form the body."""
 
     elset: str
     material: str
@@ -75,7 +75,9 @@ class Namespace:
 
 @dataclass
 class CouplingDefinition:
-    """A coupling or a mass as it is in its file, and the block that states its kind."""
+    """A coupling or a mass as written in its file, and the block that defines
+    its kind.
+    """
 
     block: Block
     scope: Namespace
@@ -88,7 +90,7 @@ class Deck:
 
     Attributes
     ----------
-    assembly : also what a flat file defines
+    assembly : content of the assembly, or of a flat file
     parts, instances : by name; an instance names its part
     placement : of instances: translation, and two points and an angle of rotation
     names_only : whether CalculiX discretises the deck
@@ -98,7 +100,7 @@ class Deck:
     materials : name -> keyword -> rows of numbers
     kinds : elasticity types of anisotropic materials
     orientations : by name, those of a part after its name and a point
-    unsorted : node sets that keep their order, by names alike
+    unsorted : names of node sets that keep their order
     coupling_definitions, masses : couplings of nodes, and point masses
     equations, ties : equations between displacements with their axes, tied surfaces
     system : the current *SYSTEM: origin and axes, (4, 3)

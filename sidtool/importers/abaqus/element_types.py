@@ -29,11 +29,11 @@ _KINDS = {
     "CPE6": "tri6",
     "CPE8": "quad8",
 }
-#: Letters behind the number of nodes.
+#: Suffixes after the number of nodes.
 _SUFFIXES = "IRHMTSEPLV"
 #: Types of point masses and of their inertia.
 POINTS = ("MASS", "ROTARYI")
-#: Types of lines, of triangles and quadrilaterals, as pre-processors leave them behind.
+#: Types of lines, triangles and quadrilaterals that pre-processors leave in a deck.
 _LOWER = {
     **dict.fromkeys(POINTS, (0, 1)),
     **dict.fromkeys(("T2D2", "T3D2", "B21", "B31", "B31R", "SPRINGA"), (1, 2)),
@@ -108,7 +108,7 @@ def _replaced_properties(
     return notes
 
 
-#: What elements are that make no elastic body, and what to do.
+#: Description of elements without an elastic body, and a remedy.
 _FOREIGN = (
     (r"D$", "belongs to networks of fluids", "the elastic body alone"),
     (r"FC?3D", "is one of fluids", "the elastic body alone"),
@@ -124,11 +124,11 @@ _FOREIGN = (
 def unsupported_element_text(
     name: str, place: str, *, by_calculix: bool = False
 ) -> InputError:
-    """That an element type is no part of a body here, and why.
+    """Return a text that an element type is not supported, and the reason.
 
     Parameters
     ----------
-    by_calculix : whether it was to discretise the deck
+    by_calculix : True if CalculiX should discretise the deck
     """
     for pattern, what, instead in _FOREIGN:
         if re.match(pattern, name):
@@ -149,7 +149,7 @@ def calculix_type(kind: str) -> str:
 
     Raises
     ------
-    InputError : it has none.
+    InputError : there is no such element.
     """
     known_type = _IN_CALCULIX.get(kind)
     if known_type is None:

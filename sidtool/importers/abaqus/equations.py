@@ -33,7 +33,7 @@ def read_equation(deck: Deck, block: Block) -> None:
 
 
 class TransformedAxes:
-    """The axes that *TRANSFORM gives nodes, in which equations count directions."""
+    """Axes of nodes by *TRANSFORM, which define the directions of equations."""
 
     def __init__(
         self, deck: Deck, body: Namespace, instance: str, positions: Container[int]
@@ -281,7 +281,7 @@ def _multi_point_constraints(
                 yield from _multi_point_equations(kind.upper(), nodes, places, place)
 
 
-#: How many nodes the types of *MPC that are read join.
+#: Number of nodes of the supported types of *MPC.
 _NODES = {"TIE": 2, "PIN": 2, "LINK": 2, "BEAM": 2, "LINEAR": 3}
 
 
@@ -313,7 +313,7 @@ _IGNORABLE = 'geometry.ignore = ["TIE"] leaves it out'
 
 
 def read_tie(deck: Deck, block: Block) -> None:
-    """Store a tie by its words, since surfaces may be defined later."""
+    """Store the words of a tie, because surfaces may be defined later."""
     deck.ties.append(CouplingDefinition(block, deck.scope))
 
 
@@ -394,7 +394,7 @@ def _tie_side(
 def _body_nodes(
     deck: Deck, body: Namespace, nodes: Iterable[int], word: str, place: str
 ) -> tuple[int, ...]:
-    """The nodes of the body among these; those of the assembly are none.
+    """Return the nodes of the body among these, without those of the assembly.
 
     Raises
     ------

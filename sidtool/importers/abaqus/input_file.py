@@ -1,9 +1,9 @@
 """Abaqus and CalculiX input files (.inp): nodes, elements, sets, materials.
 
-Read are *NODE, *ELEMENT, what generates them, *NSET, *ELSET, *MATERIAL with *ELASTIC
-and *DENSITY, *ORIENTATION, *SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS,
-*TIE, *EQUATION, *MPC, *INCLUDE and every *PART with its *INSTANCE. What else a deck may
-hold, and which keywords are refused, is defined in `keywords`.
+This module reads *NODE, *ELEMENT, their generation, *NSET, *ELSET, *MATERIAL with
+*ELASTIC and *DENSITY, *ORIENTATION, *SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY,
+*MASS, *TIE, *EQUATION, *MPC, *INCLUDE and every *PART with its *INSTANCE. The effect of
+all other keywords is defined in `keywords`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def read_inp(
 
     Raises
     ------
-    InputError : names file, line and expectation.
+    InputError : the file is not valid; the error names file, line and expectation.
     """
     from .mesh import mesh_of
 
@@ -112,7 +112,7 @@ _REMARKS = {
 
 
 def _skip_keyword(deck: Deck, block: Block) -> None:
-    """A keyword that only opens or closes something."""
+    """Skip a keyword that only opens or closes a block."""
 
 
 def _read_part(deck: Deck, block: Block) -> None:
@@ -192,7 +192,7 @@ def _read_elements(deck: Deck, block: Block) -> None:
 def _element_records(
     deck: Deck, block: Block, kind: ElementType, given: str
 ) -> list[tuple[list[str], str]]:
-    """The words of every element, which may go over several lines."""
+    """Yield the words of every element, which may extend over several lines."""
     records: list[tuple[list[str], str]] = []
     further = {len(words) - 1 for words, _ in block.rows}
     if kind.count > 1 and min(further, default=0) > kind.count:

@@ -18,8 +18,8 @@ _Places = dict[int, tuple[float, float, float]]
 def merge_instances(deck: Deck, part: str | None) -> Deck:
     """Return the deck with one instance at most, and only the selected elements.
 
-    Several instances become one flat body: their sets and surfaces are named
-    INSTANCE.SET, and numbers that two of them use are shifted, with a note.
+    Several instances are merged to one flat body. Their sets and surfaces are named
+    INSTANCE.SET, and numbers that occur twice are shifted, with a note.
 
     Parameters
     ----------
@@ -91,7 +91,8 @@ def merge_instances(deck: Deck, part: str | None) -> Deck:
 
 
 def place_nodes(nodes: _Places, placement: list[list[float]]) -> _Places:
-    """The nodes of a part where its instance has them: moved, then turned.
+    """Return the nodes of a part in the position of its instance: translated, then
+    rotated.
 
     The second line of an instance holds two points of the axis, placed already, and
     the angle in degrees.
@@ -101,7 +102,9 @@ def place_nodes(nodes: _Places, placement: list[list[float]]) -> _Places:
         return nodes
     places = np.array(list(nodes.values())) + lines[0][:3]
     if len(lines) > 1 and lines[1][6]:
-        from scipy.spatial.transform import Rotation  # a quarter of a second
+        from scipy.spatial.transform import (
+            Rotation,
+        )  # the import takes a quarter of a second
 
         a, b = np.array(lines[1][:3]), np.array(lines[1][3:6])
         turn = np.radians(lines[1][6]) * (b - a) / np.linalg.norm(b - a)

@@ -41,15 +41,15 @@ def read_blocks(
 ) -> list[Block]:
     """All blocks of a file and of the files that it includes, in order.
 
-    An included file may go on with the data lines of the block that includes it.
+    An included file may continue the data lines of the block that includes it.
 
     Parameters
     ----------
-    before : the blocks that are read already, which those of the file join
+    before : blocks that were already read; those of the file are appended
 
     Raises
     ------
-    InputError : names file and line.
+    InputError : the file is not valid; the error names file and line.
     """
     included = included or IncludedFiles()
     included.enter(path)
@@ -78,7 +78,9 @@ def read_blocks(
 
 
 def split_fields(text: str) -> list[str]:
-    """The words of a data line; a comma at its end opens no further one."""
+    """Return the words of a data line; a comma at its end does not start
+    another word.
+    """
     words = [word.strip() for word in text.split(",")]
     return words[:-1] if len(words) > 1 and not words[-1] else words
 
@@ -86,7 +88,7 @@ def split_fields(text: str) -> list[str]:
 def _statements(path: Path, name: str) -> Iterator[tuple[bool, str, str]]:
     """Keyword lines, continuation lines joined, and data lines, with their places.
 
-    name : of a file that the deck takes in, for messages; else empty
+    name : name of an included file for messages, else empty
     """
     pending, begun = "", ""
     for number, line in enumerate(read_lines(path), start=1):
@@ -199,13 +201,13 @@ READ: dict[str, tuple[str, ...]] = {
     "STEP": (),
     "END STEP": (),
 }
-#: Loads and supports: the model file says where a body is held and loaded.
+#: Loads and supports, which the model file defines instead.
 _SUPPORTS = """
     BOUNDARY; CLOAD; DLOAD; DSLOAD; TEMPERATURE; FILM; RADIATE; CFLUX; DFLUX; SFILM;
     INITIAL CONDITIONS; BASE MOTION; AMPLITUDE; INERTIA RELIEF; CONNECTOR MOTION;
     CONNECTOR LOAD; FIELD
 """
-#: Further material data, which a linear elastic body does not ask for.
+#: Material data that a linear elastic body does not need.
 _BEYOND_ELASTIC = """
     EXPANSION; CONDUCTIVITY; SPECIFIC HEAT; PLASTIC; CREEP; VISCO; CYCLIC HARDENING;
     RATE DEPENDENT; LATENT HEAT; INELASTIC HEAT FRACTION; DEPVAR; TENSILE FAILURE;
@@ -221,7 +223,7 @@ _DEFINITIONS = """
     DISTRIBUTION; DISTRIBUTION TABLE; SECTION CONTROLS;
     HOURGLASS STIFFNESS; DESIGN VARIABLES; TIME POINTS; BASELINE CORRECTION
 """
-#: What is computed and written; a deck may say it outside its steps.
+#: Analysis and output requests, also outside steps.
 _OUTPUT = """
     RESTART; NODE PRINT; EL PRINT; NODE FILE; EL FILE; CONTACT PRINT; CONTACT FILE;
     SECTION PRINT; OUTPUT; NODE OUTPUT; ELEMENT OUTPUT; ENERGY OUTPUT; ENERGY PRINT;
@@ -246,7 +248,7 @@ WITHOUT_EFFECT = _split_words(
     ";".join((_SUPPORTS, _BEYOND_ELASTIC, _DEFINITIONS, _OUTPUT))
 )
 _DAMPING = _split_words("DAMPING; MODAL DAMPING; GLOBAL DAMPING; STRUCTURAL DAMPING")
-#: What has no element or law of our own.
+#: Alternative for elements and materials that sidtool does not have.
 BY_CALCULIX = 'geometry.engine = "calculix", which lets CalculiX discretise the deck'
 #: Alternatives to refused keywords; unknown keywords are refused as well.
 _ALTERNATIVES = {

@@ -208,7 +208,7 @@ def _elasticity_law(kind: str, values: list[float]) -> Array:
     given = np.array(values[:count])
     if kind == "ENGINEERING CONSTANTS":
         return orthotropic_law(given)
-    if kind == "LAMINA":  # what it leaves open does nothing in plane stress
+    if kind == "LAMINA":  # the missing constants have no effect in plane stress
         e1, e2, nu12, g12, g13, g23 = given
         return orthotropic_law([e1, e2, e2, nu12, 0.0, 0.0, g12, g13, g23])
     law = np.zeros((6, 6))
@@ -288,7 +288,7 @@ def _cylinder_axes(points: Array) -> Array | None:
 
 
 def _rotate_axes(axes: Array, line: list[float], place: str) -> Array:
-    """Turned about one of the axes by degrees."""
+    """Rotate about one of the axes by an angle in degrees."""
     axis, angle = [*line, 0.0][:2]
     if axis not in (1.0, 2.0, 3.0):
         raise InputError(

@@ -16,7 +16,7 @@ from .instances import place_nodes
 from .keywords import Block
 from .surfaces import check_no_system
 
-#: Part of a radius by which the nodes of an arc may miss their circle.
+#: Tolerance of the nodes of an arc, relative to the radius.
 _ARC_TOLERANCE = 1e-3
 
 
@@ -155,7 +155,7 @@ def read_ncopy(deck: Deck, block: Block) -> None:
         parse_numbers([w or "0" for w in words], place) for words, place in block.rows
     ]
     if lines and len(lines[0]) > 3:
-        lines.insert(0, [])  # a blank line is a shift by nothing
+        lines.insert(0, [])  # a blank line is a zero shift
     nodes = {
         n: deck.scope.nodes[n] for n in old if _node_positions(deck, (n,), block.place)
     }
@@ -224,7 +224,7 @@ def _copy_elements(
 def _add_nodes(
     deck: Deck, labels: Sequence[int], places: Iterable[Sequence[float]], place: str
 ) -> None:
-    """New nodes; one that is there already has to be where it is."""
+    """Add nodes; an existing node must have the same position."""
     known = deck.scope.nodes
     for label, (x, y, z) in zip(labels, places, strict=True):
         new = (float(x), float(y), float(z))

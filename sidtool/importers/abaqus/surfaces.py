@@ -31,7 +31,7 @@ _EDGES = {
 
 
 def read_surface(deck: Deck, block: Block) -> None:
-    """Store a surface by its words, since sets may be defined later."""
+    """Store the words of a surface, because sets may be defined later."""
     name = deck.name(block.options.get("NAME", ""))
     kind = block.options.get("TYPE", "ELEMENT").upper()
     if kind not in ("ELEMENT", "NODE"):
@@ -171,8 +171,8 @@ Point = tuple[float, float, float]
 def read_system(deck: Deck, block: Block) -> None:
     """The origin, a point of x, and on a second line one of the plane x y.
 
-    Without the last one z is that of the deck, with the origin alone all axes are;
-    without numbers nodes are in the system of the deck again.
+    Without the last point z is that of the deck, and with the origin only all axes are.
+    Without numbers nodes are in the system of the deck again.
 
     Raises
     ------
@@ -215,7 +215,7 @@ def has_system(deck: Deck) -> bool:
 
 
 def to_global(deck: Deck, point: Point) -> Point:
-    """A point that is given in the system that holds, in that of the deck."""
+    """Return a point of the current system in that of the deck."""
     if deck.system is None or not has_system(deck):
         return point
     origin, *axes = deck.system[1]
@@ -224,7 +224,7 @@ def to_global(deck: Deck, point: Point) -> Point:
 
 
 def check_no_system(deck: Deck, block: Block) -> None:
-    """Raises where a keyword gives points or shifts in a *SYSTEM."""
+    """Refuse keywords with points or shifts in a *SYSTEM."""
     if has_system(deck):
         raise InputError(
             f"*{block.keyword} stands behind *SYSTEM",

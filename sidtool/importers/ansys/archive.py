@@ -46,7 +46,7 @@ from .element_types import (
 )
 from .materials import material_name, materials_of, read_property, read_table
 
-#: Supports, loads, output and names, which have no part in the body.
+#: Supports, loads, output and names, which do not change the body.
 _IDLE = """
     /COM /PREP7 /SOLU /POST1 /NOPR /GOPR /GO /TITLE /UNITS /VIEW /AUTO /NERR /WB /OUT
     /CONFIG /BATCH /FILN /FILNAME *SET *GET FINI FINISH NUMOFF EXTOPT SHPP DSYS
@@ -58,7 +58,7 @@ _IDLE = """
     CGOMEGA TBTEMP TBDATA TBPT TBFIELD
 """
 _WITHOUT_EFFECT = frozenset(_IDLE.split())
-#: What depends on a parameter must have no effect either way.
+#: Conditional commands; content that depends on a parameter must have no effect.
 _BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
 #: Commands whose text may hold a $.
 _TEXTS = ("C***", "/COM", "/TITLE", "!")
@@ -82,7 +82,7 @@ def read_cdb(
 
     Raises
     ------
-    InputError : names file, line and expectation.
+    InputError : the file is not valid; the error names file, line and expectation.
     """
     try:
         content = ArchiveContent(read_lines(path), density=density)

@@ -38,14 +38,14 @@ class ConstraintEquation:
 
 @dataclass
 class ArchiveContent:
-    """The lines of an archive, and what was read of them.
+    """The lines of an archive, and their content.
 
     Attributes
     ----------
     density : of materials without DENS
-    turned : node -> angles of its directions, where these are not zero
+    turned : node -> angles of its directions, if they are not zero
     systems : of LOCAL
-    stops : what refuses the file
+    stops : reasons to refuse the file
     sums, coupled, reals : CE, CP by number and direction, and R
     """
 
@@ -126,7 +126,7 @@ def read_local(content: ArchiveContent, words: list[str]) -> None:
 
 
 def system_of(content: ArchiveContent, label: int, place: str) -> LocalSystem:
-    """One of the file, or one of those that ANSYS has from the start.
+    """Return a system of the file, or a predefined one of ANSYS.
 
     Raises
     ------

@@ -51,7 +51,7 @@ _CONTACT = (
     "parts that share their nodes, or ties as CE and CP: ",
 )
 _SPRING = (", which is a spring", "a force in the scene between markers: ")
-#: Types that are no solids: what they are, and what would do instead.
+#: Types that are no solids: description, and a remedy.
 _FOREIGN: dict[int | None, tuple[str, str]] = {
     **dict.fromkeys(range(169, 179), _CONTACT),
     **dict.fromkeys((14, 37, 39, 40), _SPRING),
@@ -124,11 +124,11 @@ def collapsed_element(kind: str, nodes: list[int]) -> tuple[str, list[int]]:
 
 
 def check_element(values: list[int], place: str) -> None:
-    """Whether an element has the nodes that it announces, and is alive.
+    """Check that an element has the announced number of nodes, and is alive.
 
     Raises
     ------
-    InputError : it has others, or is dead.
+    InputError : the number differs, or the element is dead.
     """
     given = len(values) - HEADER_LENGTH
     if given < values[8] or any(values[HEADER_LENGTH + values[8] :]):

@@ -25,7 +25,7 @@ _CONSTANTS = (*_MODULI, *_SHEARS, *_RATIOS, "DENS")
 _ESYS = 4
 #: GXY of an isotropic material may be rounded by this share.
 _ROUNDED = 1e-3
-#: Properties that a linear elastic body does not ask for.
+#: Properties that a linear elastic body does not need.
 _OTHER_CONSTANTS = (
     *("ALPX", "ALPY", "ALPZ", "CTEX", "CTEY", "CTEZ", "REFT", "KXX", "KYY", "KZZ"),
     *("THSX", "THSY", "THSZ", "C", "ENTH", "EMIS", "HF", "VISC", "SONC", "QRATE"),
@@ -86,7 +86,7 @@ def read_table(content: ArchiveContent, words: list[str]) -> None:
 
     Raises
     ------
-    InputError : it is, or is not known.
+    InputError : the table changes the elasticity, or is not known.
     """
     kind = "".join(words[1:2]).upper()
     if kind not in _BEYOND_ELASTIC.split():

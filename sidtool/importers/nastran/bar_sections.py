@@ -12,7 +12,7 @@ from ...mesh.connections import BarSection, SectionProfile
 from .cards import Card
 from .content import BarProperty, BulkData, duplicate_error
 
-#: A shear area so large beside the area that it deforms nothing: where K is zero.
+#: Ratio of shear area to area for rigid shear (K = 0).
 _RIGID_SHEAR_RATIO = 1e6
 #: Type of section -> number of its dimensions.
 _DIMENSION_COUNTS = {
@@ -34,14 +34,14 @@ _DIMENSION_COUNTS = {
     "CHAN2": 4,
     "HAT": 4,
 }
-#: Those whose shear centre is not their centroid, as CBAR has it and CBEAM has not.
+#: Types whose shear centre is not the centroid; CBAR assumes that they coincide.
 _ECCENTRIC_TYPES = ("T", "T1", "T2", "CHAN", "CHAN1", "CHAN2", "HAT", "BOX1")
-#: Their sense about the bar is not said in words: PBAR has them by I12.
+#: Types whose orientation is not defined in words; PBAR describes them by I12.
 _ASYMMETRIC_TYPES = ("L", "Z")
 #: Product of inertia of a share below this of the moments is rounding.
 _PRODUCT_TOLERANCE = 1e-12
 _STATIONS = ("YES", "YESA", "NO")
-#: Fields of a station of PBEAM behind its place.
+#: Fields of a station of PBEAM after its position.
 _FIELDS = ("area", "iz", "iy", "product", "torsion", "extra")
 
 
@@ -147,7 +147,7 @@ def pbeam(content: BulkData, card: Card) -> None:
 def _principal(
     card: Card, i1: float, i2: float, product: float
 ) -> tuple[float, float, float]:
-    """How far the principal axes are turned from y towards z, and their moments.
+    """Return the angle of the principal axes from y towards z, and their moments.
 
     With I1 the integral of y^2, I2 of z^2 and I12 of y z, about z and y,
     tan 2 t = 2 I12 / (I1 - I2).

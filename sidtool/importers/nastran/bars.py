@@ -53,7 +53,7 @@ def bars_of(content: BulkData) -> tuple[RawBar, ...]:
 
     Raises
     ------
-    InputError : one is not what own elements are.
+    InputError : a bar has properties that the elements of sidtool do not have.
     """
     readers = {
         "CBAR": _read_bar,
@@ -110,7 +110,7 @@ def _read_bar(content: BulkData, card: Card) -> RawBar:
 
 
 def _pin_directions(card: Card, at: int) -> tuple[int, ...]:
-    """PA or PB: directions of the bar that an end does not pass on.
+    """Return PA or PB: released directions of an end of the bar.
 
     Raises
     ------
@@ -129,10 +129,9 @@ def _pin_directions(card: Card, at: int) -> tuple[int, ...]:
 def _with_pinned_stiffness(
     card: Card, section: BarSection
 ) -> tuple[BarSection, tuple[tuple[int, ...], tuple[int, ...]]]:
-    """A section that resists everything, and the pins that take back what it does not.
-
-    What does not resist bending about an axis is a bar with hinges about it at both
-    ends, what does not resist torsion one that turns freely at its second end.
+    """Return a section with full stiffness, and pins that release its missing
+    stiffness. A bar without bending stiffness about an axis has hinges about it at both
+    ends; a bar without torsional stiffness rotates freely at its second end.
 
     Raises
     ------
@@ -164,7 +163,7 @@ def _principal_axis(up: Vector, along: Array, turn: float) -> Vector:
     x = along / np.linalg.norm(along)
     y = np.asarray(up) - (np.asarray(up) @ x) * x
     if not np.linalg.norm(y) > 1e-9 * np.linalg.norm(up):
-        return up  # along the bar: refused where elements are made
+        return up  # along the bar: refused when elements are created
     y /= np.linalg.norm(y)
     a, b, c = (np.cos(turn) * y + np.sin(turn) * np.cross(x, y)).tolist()
     return a, b, c

@@ -103,7 +103,7 @@ def read_bdf(
 
     Raises
     ------
-    InputError : names file, line and expectation.
+    InputError : the file is not valid; the error names file, line and expectation.
     """
     try:
         return _imported_mesh(bulk_data(Path(path), ignored, density=density), bending)
@@ -118,7 +118,7 @@ def bulk_data(
     shells: bool = False,
     density: float | None = None,
 ) -> BulkData:
-    """All cards of a file, with the nodes where they are in the basic system."""
+    """Read all cards of a file, with nodes in the basic system."""
     content = BulkData(shells=shells, density=density)
     stops = content.stops
     for card in read_cards(path):
@@ -361,7 +361,9 @@ def _is_flat(kind: str) -> bool:
 
 
 def is_structure(content: BulkData) -> bool:
-    """Whether elements need nodes that turn, or are of several dimensions."""
+    """Return whether elements need rotational degrees of freedom, or have several
+    dimensions.
+    """
     flat = [e for e in content.elements if _is_flat(e[2])]
     solids = len(content.elements) - len(flat)
     if content.bars or content.springs or (flat and solids):
@@ -372,7 +374,7 @@ def is_structure(content: BulkData) -> bool:
 
 
 def _is_tilted(content: BulkData) -> bool:
-    """Whether plane elements stand outside a plane z = constant."""
+    """Return whether plane elements are not in a plane z = constant."""
     used = {
         n for _, _, kind, nodes, _ in content.elements if _is_flat(kind) for n in nodes
     }
@@ -381,7 +383,7 @@ def _is_tilted(content: BulkData) -> bool:
 
 
 def _check_axes(content: BulkData, coupling: RawCoupling) -> None:
-    """Raises single directions of nodes that have axes of their own."""
+    """Refuse single directions of nodes with their own axes."""
     if set(coupling.directions) in ({*"123"}, {*"456"}, {*"123456"}):
         return
     known = [n for n in coupling.nodes if n in content.nodes]

@@ -20,7 +20,7 @@ from ...mesh.imported_mesh import (
 
 #: A real number whose exponent has no letter, as in 2.1+11.
 _EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
-#: What stands for case control among the cards.
+#: Name of the card that represents case control.
 CASE_CONTROL = "CASE CONTROL"
 _MPC = re.compile(r"MPC ?= ?(\d+)$")
 #: Commands of case control without an equals sign.
@@ -35,7 +35,7 @@ class Card:
     ----------
     name : in capitals, without the star of large fields
     words : the data fields, "" for a blank one
-    after : what its last line ends with, to find the next one
+    after : mark at the end of its last line, to find the continuation
     """
 
     name: str
@@ -90,7 +90,7 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
 
     Raises
     ------
-    InputError : names file and line.
+    InputError : the file is not valid; the error names file and line.
     """
     included = included or IncludedFiles()
     included.enter(path)
@@ -123,8 +123,8 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
 def _split_case_control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
     """Return where bulk data begin, and the case control before them as a card.
 
-    They begin after BEGIN BULK; without it after the case control that follows CEND;
-    without that with the file. The card holds the sets that MPC names.
+    They begin after BEGIN BULK, or without it after the case control that follows CEND,
+    or without that at the start of the file. The card holds the sets that MPC selects.
     """
     texts = [_without_blanks(text.split("$")[0]) for _, text in lines]
     begins = [i for i, text in enumerate(texts) if text == "BEGIN BULK"]
@@ -215,7 +215,7 @@ def parse_members(words: list[str], place: str) -> Iterator[int]:
 
 
 def parse_member_groups(words: list[str], place: str) -> Iterator[Sequence[int]]:
-    """The same one by one: a tuple of one number, or a range.
+    """Yield the members as tuples of one number, or ranges.
 
     Raises
     ------

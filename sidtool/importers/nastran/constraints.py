@@ -20,7 +20,7 @@ def read_rbe2(card: Card) -> RawCoupling:
 
     Raises
     ------
-    InputError : it holds no directions.
+    InputError : it has no directions.
     """
     label, node = (card.integer(i, "a number") for i in (0, 1))
     held = _directions(card, f"RBE2 {label} holds", card.word(2))
@@ -37,7 +37,8 @@ def read_rbar(card: Card) -> RawCoupling:
 
     Raises
     ------
-    InputError : no end has all six independent directions, or the other holds none.
+    InputError : no end has all six independent directions, or the other has no
+        dependent ones.
     """
     label, a, b = (card.integer(i, "a number") for i in (0, 1, 2))
     independent = [card.word(i) for i in (3, 4)]
@@ -146,7 +147,7 @@ def read_conm2(card: Card, frames: CoordinateSystems) -> RawMass:
 
     Raises
     ------
-    InputError : the axes of its system turn from place to place.
+    InputError : the axes of its system depend on position.
     """
     given = card.integer(2, "a system", 0)
     node, system = card.integer(1, "a node"), max(given, 0)

@@ -168,7 +168,7 @@ class BulkData:
             ]
 
     def density_of(self, material: str, rho: float) -> float:
-        """The density of a card, or that which completes it."""
+        """Return the density of a card, or the one that completes it."""
         if rho or self.density is None:
             return rho
         self.completed.add(material)
@@ -210,7 +210,7 @@ _NO_EFFECT = """
     FREQV TEMPRB TEMPBC TEMPP2 TEMPP3 TEMPB3 TEMPF TEMPN1 CREEP ECHOON ECHOOFF
     NOLIN1 NOLIN2 NOLIN3 NOLIN4 ACSRCE UXVEC LOADCYN LOADCYH DYNRED EIGRZ
 """
-#: Aerodynamics, whose splines name nodes alone.
+#: Aerodynamics, whose splines only name nodes.
 _AERODYNAMIC = """
     AERO AEROS AEFACT AELIST AELINK AELIST AESTAT AESURF AESURFS AEPARM AECOMP AECOMPL
     AEDW AEFORCE AEGRID AEPRESS AEQUAD4 AETRIA3 CAERO1 CAERO2 CAERO3 CAERO4 CAERO5
@@ -219,13 +219,13 @@ _AERODYNAMIC = """
     MONPNT2 MONPNT3 MONDSP1 MONSUM MONSUM1 MONCNCM TRIM TRIM2 DIVERG CSSCHD DMIJ DMIK
     DMIJI
 """
-#: Optimisation: what may become of a body, not what it is.
+#: Optimisation, which does not change the present body.
 _OPTIMISATION = """
     DRESP2 DRESP3 DEQATN DSCREEN DTABLE DTABLE2 DCONADD DCONSTR DVTREL1 DVCREL2 DVMREL2
     DVPREL2 DVLREL1 DVPSURF DVGRID DVSHAP DVBSHAP DVSET DDVAL DMNCON BEADVAR TOPVAR
     TOMVAR DRESP DREPEAT DLINK2 DVEREL1
 """
-#: Heat alone.
+#: Heat transfer.
 _HEAT_TRANSFER = """
     CHBDYE CHBDYG CHBDYP PHBDY CONV CONVM PCONV PCONVM RADBC RADM RADMT RADSET RADLST
     RADCAV RADMTX RADBND VIEW VIEW3D VIEWEX QBDY1 QBDY2 QBDY3 QHBDY QVECT QVOL MAT4 MAT5
@@ -235,7 +235,7 @@ _HEAT_TRANSFER = """
 _DAMPING = """
     CDAMP1 CDAMP2 CDAMP3 CDAMP4 CDAMP5 PDAMP PDAMP5 CVISC PVISC PDAMPT
 """
-#: What would do instead of cards that are refused.
+#: Alternatives to refused cards.
 ALTERNATIVES = {
     **dict.fromkeys(
         ("CTUBE", "CBEND"),
@@ -263,7 +263,7 @@ def property_node_sets(content: BulkData) -> tuple[str, ...]:
 
     Returns
     -------
-    a sentence on them, if there are some
+    notes on them
     """
     dimensions = [
         reference_element(kind).dimension for _, _, kind, *_ in content.elements

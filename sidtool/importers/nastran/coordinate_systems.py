@@ -50,7 +50,7 @@ def systems_of(card: Card) -> list[CoordinateSystem]:
 
 
 class CoordinateSystems:
-    """Places and axes of systems in the basic one."""
+    """Positions and axes of systems in the basic one."""
 
     def __init__(
         self,

@@ -14,10 +14,11 @@ from .cards import Card, is_real, real_number
 from .content import BulkData, PlaneLaw, Property, duplicate_error
 from .properties import corner_thicknesses, new_name
 
-#: Transverse shear of what has none by its card, as a multiple of the shear in plane.
+#: Transverse shear stiffness without MID3, as a multiple of the in-plane shear
+#: stiffness.
 _UNSHEARED = 100.0
 _KINDS = ("quad4", "tri3")
-#: Behind the nodes of CQUAD4 and CTRIA3.
+#: Fields after the nodes of CQUAD4 and CTRIA3.
 _ANGLE, _OFFSET = 0, 1
 
 
@@ -73,7 +74,7 @@ def shells_of(content: BulkData) -> tuple[RawShell, ...]:
 
     Raises
     ------
-    InputError : one is not what own elements are.
+    InputError : a shell has properties that the elements of sidtool do not have.
     """
     sections: dict[int, ShellSection] = {}
     shells = []

@@ -18,7 +18,7 @@ from ...mesh.materials import (
 from .cards import Card, real_number
 from .content import BulkData, PlaneLaw, Property, duplicate_error
 
-#: Behind the nodes of a plane element: where T1, T2, ... begin and end, and TFLAG.
+#: Fields after the nodes of a plane element: range of T1, T2, ..., and TFLAG.
 _CORNERS = {
     "quad4": (4, 8, 3),
     "tri3": (5, 8, 4),
@@ -29,7 +29,7 @@ _ROUNDED = 1e-9
 
 
 def corner_thicknesses(kind: str, words: list[str]) -> list[str]:
-    """T1, T2, ... and TFLAG among what an element has behind its nodes."""
+    """Return T1, T2, ... and TFLAG from the fields after the nodes of an element."""
     first, end, flag = _CORNERS[kind]
     padded = [*words, *[""] * (max(end, flag) + 1)]
     return [*padded[first:end], padded[flag]]
@@ -97,11 +97,11 @@ def read_pshell(content: BulkData, card: Card) -> None:
 
 
 def check_no_extra_mass(extra: float, place: str) -> None:
-    """Whether a PSHELL has no nonstructural mass.
+    """Check that a PSHELL has no nonstructural mass.
 
     Raises
     ------
-    InputError : it has.
+    InputError : it has one.
     """
     if extra:
         raise InputError(
@@ -113,7 +113,9 @@ def check_no_extra_mass(extra: float, place: str) -> None:
 
 
 def _check_bending(card: Card) -> None:
-    """Whether a shell is one material through its thickness, which bends and shears."""
+    """Check that a shell has one material through its thickness, with bending and
+    shear.
+    """
     one, bending = card.integer(1, "a material"), card.integer(3, "a material", 0)
     shear = card.integer(5, "a material", one)
     if bending != one or shear != one or card.real(4, "a ratio", 1.0) != 1.0:
@@ -145,7 +147,7 @@ def _store_property(
     )
 
 
-#: MAT9 has its upper triangle row by row behind its number.
+#: MAT9 has its upper triangle row by row after its number.
 _ROWS, _COLUMNS = np.triu_indices(6)
 _DENSITY = 1 + len(_ROWS)
 

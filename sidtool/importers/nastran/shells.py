@@ -19,7 +19,7 @@ from .content import BulkData
 from .properties import material_name, materials_of
 
 _PER_LINE = 12
-#: 5/6 as decks have it.
+#: Tolerance for the rounded factor 5/6 in decks.
 _ROUNDED = 1e-3
 #: Rows of a law in the order of CalculiX (11, 22, 33, 12, 13, 23) by ours.
 _ORDER = (0, 1, 2, 3, 5, 4)
@@ -37,7 +37,7 @@ def deck_of_bulk(
 
     Raises
     ------
-    InputError : names file, line and what cannot be passed to CalculiX.
+    InputError : CalculiX cannot represent the content; the error names file and line.
     """
     try:
         content = bulk_data(path, ignored, shells=True, density=density)
@@ -59,14 +59,13 @@ def is_bulk(file: str | Path) -> bool:
 def beyond_calculix(
     path: Path, ignored: Iterable[str], density: float | None = None
 ) -> str:
-    """What own elements have and a deck of CalculiX has not, in words; "" for nothing.
-
-    Own shells have corners alone, so that decks with CQUAD8 or CTRIA6 are left to
-    CalculiX.
+    """Return a text on content that the elements of sidtool have but a CalculiX deck
+    has not; "" for none. Shells of sidtool have corner nodes only, so decks with CQUAD8
+    or CTRIA6 are left to CalculiX.
 
     Raises
     ------
-    InputError : names file, line and expectation.
+    InputError : the file is not valid; the error names file, line and expectation.
     """
     if not is_bulk(path):
         return ""

@@ -16,7 +16,7 @@ _IDLE = ("B", "GE", "RCV", "T", "ALPHA", "TREF", "COINL")
 
 
 def spring(content: BulkData, card: Card) -> None:
-    """CELAS1, CELAS2, CBUSH: kept until all nodes and properties are known."""
+    """Store CELAS1, CELAS2 and CBUSH until all nodes and properties are known."""
     content.springs.append(card)
 
 
@@ -72,7 +72,7 @@ def springs_of(content: BulkData) -> tuple[RawSpring, ...]:
 
     Raises
     ------
-    InputError : one has no property or is at no node.
+    InputError : a spring has no property or is at no node.
     """
     springs: list[RawSpring] = []
     grounded: list[str] = []
