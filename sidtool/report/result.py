@@ -323,9 +323,11 @@ def describe_modes(modes: Linearisation) -> str:
     )
     if len(growing):
         which = ", ".join(map(str, growing))
+        rate = modes.eigenvalues[growing - 1].real.max()
         warning = f"mode {which} grows, its damping ratio is negative"
         if len(growing) > 1:
             warning = f"modes {which} grow, their damping ratios are negative"
+        warning += f"; growth up to exp({rate:.4g} t/s)"
         text += f"\n\nunstable: {warning}"
     return "\n\n".join([text, *_plain_notes(modes)])
 

@@ -51,9 +51,9 @@ class Linearisation:
     eigenvalues : (n,)
         [1/s], one of each complex pair, by growing frequency.
     frequencies : (n,)
-        |eigenvalue| / 2 pi [Hz].
+        |eigenvalue| / 2 pi [Hz], 0 of a real eigenvalue, which does not oscillate.
     damping_ratios : (n,)
-        -Re / |eigenvalue|; 1 or more (in size) without oscillation.
+        -Re / |eigenvalue|; 1 or -1 without oscillation.
     shapes : (n, velocity coordinates)
         Complex, displacements in the body frames, the largest entry 1.
     names
@@ -67,9 +67,9 @@ class Linearisation:
     frame
         The axes in which `eigenvalues`, `coordinate_frequencies` and `shapes` are seen.
     inertial_frequencies : (n,)
-        [Hz] in axes that do not turn.
+        [Hz] of the (damped) oscillation in axes that do not turn.
     rotating_frequencies : (n,)
-        [Hz] in the axes of the bodies that move.
+        [Hz] of the (damped) oscillation in the axes of the bodies that move.
     whirl : (n,)
         Each mode "forward", "backward", or "" for none.
     rigid : (n,)
@@ -211,20 +211,27 @@ def _unsteady_notes(mechanics: DenseEquations, small: SmallMotions) -> tuple[str
 
 def _changed_mode_notes(here: Array, there: Array, first: str) -> tuple[str, ...]:
     """True if the matrix of the state of rest beside the own has other frequencies."""
-    own, other = (np.sort(np.abs(np.linalg.eigvals(m))) for m in (here, there))
-    if own.shape != other.shape:
+    values = [np.linalg.eigvals(m) for m in (here, there)]
+    values = [v[np.argsort(np.abs(v), kind="stable")] for v in values]
+    if values[0].shape != values[1].shape:
         return ()
+    own, other = np.abs(values)
     apart = np.abs(own**2 - other**2)
     change = apart / np.maximum(own**2, ROUNDING * own.max(initial=0.0) ** 2)
     k = int(np.argmax(change > 2 * EQUAL_FREQUENCY)) if len(change) else 0
     if not len(change) or change[k] <= 2 * EQUAL_FREQUENCY:
         return ()
-    f, g = (values[k] / (2.0 * np.pi) for values in (own, other))
+    f, g = (_natural_frequencies(v[k]) for v in values)
     return (
         f"the state is near rest or steady motion, but {first} accelerates, so that "
         f"loads which stiffen or soften are not there yet: {f:.4g} Hz here is {g:.4g} "
         'Hz in that state; look about it, by initial = { state = "static" }',
     )
+
+
+def _natural_frequencies(eigenvalues: np.ndarray) -> Array:
+    """|eigenvalue| / 2 pi [Hz] of those that oscillate, 0 of real ones."""
+    return np.where(eigenvalues.imag, np.abs(eigenvalues), 0.0) / (2.0 * np.pi)
 
 
 def _with_integrated_rates(
@@ -271,13 +278,13 @@ def _natural_modes(mechanics: DenseEquations, small: SmallMotions) -> Linearisat
     is_rotating = bool(axis_angular_velocities(mechanics).any())
     whirls = [
         mode_whirl(mechanics, spins, float(abs(value.imag)), shape)
-        if is_rotating and value.imag
-        else Whirl((float(abs(value)),), float(abs(value)), "")
+        if is_rotating and value
+        else Whirl((float(abs(value.imag)),), float(abs(value.imag)), "")
         for value, shape in zip(values, shapes, strict=True)
     ]
     return Linearisation(
         eigenvalues=values,
-        frequencies=size / (2.0 * np.pi),
+        frequencies=_natural_frequencies(values),
         damping_ratios=-values.real / np.where(size > 0.0, size, 1.0),
         shapes=shapes,
         names=velocity_names(mechanics.system),

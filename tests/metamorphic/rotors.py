@@ -180,7 +180,7 @@ def missing(seed: int) -> dict[str, float] | None:
         motions["inertial"] = (inertial, 2.0 * np.pi * found.inertial_frequencies)
     values = found.eigenvalues
     return {
-        name: _left(t, motion, values.real + 1j * np.where(values.imag, rates, 0.0))
+        name: _left(t, motion, values.real + 1j * rates)
         for name, (motion, rates) in motions.items()
     }
 

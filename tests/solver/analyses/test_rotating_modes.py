@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sidtool.report.result import describe_modes
 from sidtool.solver import compile_scene, linearise, simulate
 from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
@@ -35,7 +36,7 @@ def table(spin: float, planar: bool, away: tuple[float, ...] = ()) -> dict[str, 
 def disc_on_springs(
     spin: float,
     planar: bool,
-    across: float,
+    across: float | tuple[float, ...],
     turning: float,
     away: tuple[float, ...],
     drive: dict[str, Any] | None = None,
@@ -51,7 +52,8 @@ def disc_on_springs(
     }
     hub = {"mass": 1.0, "inertia": 1.0 if planar else [1.0, 1.0, 1.0]}
     hub["initial"] = table(spin, planar)
-    stiffness = [across, across, turning] if planar else [across] * 3 + [turning] * 3
+    size = (2, 1) if planar else (3, 3)
+    stiffness = [*np.broadcast_to(across, size[:1]).tolist(), *[turning] * size[1]]
     described = scene(
         {"hub": hub, "disc": body},
         {"axle": {"type": "revolute", "markers": ["ground", "hub"]}},
@@ -189,9 +191,14 @@ def test_a_point_mass_on_a_hinged_arm_swings_in_the_field(
     assert found.notes == ()
 
 
-def test_a_point_mass_on_springs_of_a_rotor_is_seen_from_it() -> None:
-    """(s^2 + kx/m - W^2) (s^2 + ky/m - W^2) + 4 W^2 s^2 = 0 in axes that turn."""
-    spin, mass, stiffness = 5.0, 0.7, np.array([90.0, 40.0])
+@pytest.mark.parametrize("spin", [5.0, 9.0])
+def test_a_point_mass_on_springs_of_a_rotor_is_seen_from_it(spin: float) -> None:
+    """(s^2 + kx/m - W^2) (s^2 + ky/m - W^2) + 4 W^2 s^2 = 0 in axes that turn.
+
+    Between the two critical speeds, sqrt(40 / m) and sqrt(90 / m), a pair of roots is
+    real: the mass leaves along a line that turns with the rotor.
+    """
+    mass, stiffness = 0.7, np.array([90.0, 40.0])
     ends = {
         "plus": [0.4, 0.0],
         "minus": [-0.4, 0.0],
@@ -218,9 +225,50 @@ def test_a_point_mass_on_springs_of_a_rotor_is_seen_from_it() -> None:
     found = linearise(compile_scene(described, keep_joints=True), "start")
     a, b = stiffness / mass - spin**2
     squares = np.roots([1.0, a + b + 4.0 * spin**2, a * b])
-    expected = np.sort(np.sqrt(-squares))
-    assert 2.0 * np.pi * found.frequencies == pytest.approx(expected, rel=1e-6)
+    oscillating = np.sort(np.sqrt(-squares[squares < 0.0]))
+    real = found.eigenvalues.imag == 0.0
+    frequencies = 2.0 * np.pi * found.frequencies
+    assert frequencies[~real] == pytest.approx(oscillating, rel=1e-6)
+    assert real.any() == (spin == 9.0)
+    growths = np.sqrt(squares[squares > 0.0])
+    expected = np.sort([*growths, *-growths])
+    assert np.sort(found.eigenvalues[real].real) == pytest.approx(expected, rel=1e-6)
+    assert not frequencies[real].any()
+    seen = 2.0 * np.pi * found.inertial_frequencies[real]
+    assert seen == pytest.approx(np.full(len(expected), spin), rel=1e-9)
     assert found.notes == ()
+
+
+def test_a_disc_between_its_critical_speeds_leaves_with_its_rotor() -> None:
+    """On springs that turn with it, kx < m W^2 < ky: s^2 > 0, at rest for its axes."""
+    spin, across = 9.0, (80.0, 260.0)
+    found = linearise(disc_on_springs(spin, True, across, 50.0, (0.0, 0.0)), "start")
+    a, b = np.divide(across, 2.0) - spin**2
+    squares = np.roots([1.0, a + b + 4.0 * spin**2, a * b])
+    growth = np.sqrt(squares.max())
+    real = found.eigenvalues.imag == 0.0
+    values = np.sort(found.eigenvalues[real].real)
+    assert values == pytest.approx([-growth, growth], rel=1e-6)
+    assert not found.frequencies[real].any()
+    assert found.rotating_frequencies[real] == pytest.approx(np.zeros(2), abs=1e-9)
+    seen = 2.0 * np.pi * found.inertial_frequencies[real]
+    assert seen == pytest.approx(np.full(2, spin), rel=1e-9)
+
+
+def test_a_pendulum_that_stands_does_not_oscillate() -> None:
+    """It leaves at sqrt(m g l / (J + m l^2)), that is no frequency."""
+    rod = {"mass": 0.5, "inertia": 0.01, "centre_of_mass": [0.0, 0.4]}
+    described = scene(
+        {"rod": rod},
+        {"hinge": {"type": "revolute", "markers": ["ground", "rod"]}},
+        gravity=[0.0, -9.81],
+    )
+    found = linearise(compile_scene(described, keep_joints=True), "start")
+    growth = np.sqrt(0.5 * 9.81 * 0.4 / (0.01 + 0.5 * 0.4**2))
+    assert np.sort(found.eigenvalues) == pytest.approx([-growth, growth], rel=1e-9)
+    for column in ("frequencies", "inertial_frequencies", "rotating_frequencies"):
+        assert not getattr(found, column).any()
+    assert f"exp({growth:.4g} t/s)" in describe_modes(found)
 
 
 def test_a_gyroscope_nutates_and_precesses_beside_its_ring() -> None:
