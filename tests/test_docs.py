@@ -161,7 +161,7 @@ def test_the_picture_moves_in_a_browser(tmp_path: Path) -> None:
         before = shown.page.screenshot()
         shown.page.wait_for_timeout(400)
         after = shown.page.screenshot()
-        assert shown.said == []
+        assert shown.messages == []
     assert before != after
 
 

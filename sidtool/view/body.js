@@ -38,27 +38,27 @@ class Box {
 }
 
 class Body {
-  constructor(told, stage) {
-    this.name = told.name;
+  constructor(data, stage) {
+    this.name = data.name;
     this.stage = stage;
-    this.rest = float32(told.positions);
+    this.rest = float32(data.positions);
     this.count = this.rest.length / 3;
-    this.shapes = modes(told.shapes, told.shape_sizes);
-    this.stress = told.stress ? modes(told.stress, told.stress_sizes) : null;
-    this.initial = told.initial_stress ? float32(told.initial_stress) : null;
-    this.places = float32(told.places);
-    this.turns = float32(told.turns);
-    this.elastic = float32(told.elastic);
+    this.shapes = modes(data.shapes, data.shape_sizes);
+    this.stress = data.stress ? modes(data.stress, data.stress_sizes) : null;
+    this.initial = data.initial_stress ? float32(data.initial_stress) : null;
+    this.places = float32(data.places);
+    this.turns = float32(data.turns);
+    this.elastic = float32(data.elastic);
     this.box = new Box(this.rest);
     this.reaches = this.shapes.map((shape) => new Box(shape));
     this.q = new Float32Array(this.shapes.length);
-    this.full = new THREE.BufferAttribute(whole(told.triangles), 1);
-    this.coarse = told.coarse ? new THREE.BufferAttribute(whole(told.coarse), 1) : null;
+    this.full = new THREE.BufferAttribute(whole(data.triangles), 1);
+    this.coarse = data.coarse ? new THREE.BufferAttribute(whole(data.coarse), 1) : null;
     this.active = this.coarse ? Uint32Array.from(new Set(this.coarse.array)) : null;
     this.moved = new Float32Array(3 * this.count);
-    this.plain = new THREE.MeshPhongMaterial({ color: told.colour, flatShading: true,
-      side: THREE.DoubleSide, shininess: 20, transparent: told.sketched,
-      opacity: told.sketched ? 0.6 : 1 });
+    this.plain = new THREE.MeshPhongMaterial({ color: data.colour, flatShading: true,
+      side: THREE.DoubleSide, shininess: 20, transparent: data.sketched,
+      opacity: data.sketched ? 0.6 : 1 });
     this.coloured = new THREE.MeshPhongMaterial({ vertexColors: true, shininess: 10,
       flatShading: true, side: THREE.DoubleSide });
     this.geometry = new THREE.BufferGeometry();
@@ -174,21 +174,21 @@ class Body {
 }
 
 class Joint {
-  constructor(told, body, world, stage) {
+  constructor(data, body, world, stage) {
     this.body = body;
     this.stage = stage;
-    this.rest = new THREE.Vector3().fromArray(told.position);
-    this.shapes = told.shapes;
-    const form = told.kind === "revolute" || told.kind === "spherical"
+    this.rest = new THREE.Vector3().fromArray(data.position);
+    this.shapes = data.shapes;
+    const form = data.kind === "revolute" || data.kind === "spherical"
       ? new THREE.SphereGeometry(MARK * stage.size, 16, 12)
       : new THREE.BoxGeometry(...Array(3).fill(1.8 * MARK * stage.size));
     this.mesh = new THREE.Mesh(form, new THREE.MeshPhongMaterial({ color: 0xd55e00 }));
     this.mesh.visible = false;
     (body ? body.group : world).add(this.mesh);
     if (!body) return;
-    told.position.forEach((x, a) => {
+    data.position.forEach((x, a) => {
       body.box.reach(a, x, MARK * stage.size);
-      body.reaches.forEach((reach, k) => reach.reach(a, told.shapes[a][k], 0));
+      body.reaches.forEach((reach, k) => reach.reach(a, data.shapes[a][k], 0));
     });
   }
   // As a body does; one that stands on the ground is at one place.
@@ -210,15 +210,15 @@ class Joint {
 
 // A point of a body, or of the ground, that moves with the deformation.
 class Anchor {
-  constructor(told, bodies, stage) {
-    this.body = bodies.find((body) => body.name === told.body);
+  constructor(data, bodies, stage) {
+    this.body = bodies.find((body) => body.name === data.body);
     this.stage = stage;
-    this.rest = new THREE.Vector3().fromArray(told.position);
-    this.shapes = told.shapes;
+    this.rest = new THREE.Vector3().fromArray(data.position);
+    this.shapes = data.shapes;
     if (!this.body) return;
-    told.position.forEach((x, a) => {
+    data.position.forEach((x, a) => {
       this.body.box.reach(a, x, 0);
-      this.body.reaches.forEach((reach, k) => reach.reach(a, told.shapes[a][k], 0));
+      this.body.reaches.forEach((reach, k) => reach.reach(a, data.shapes[a][k], 0));
     });
   }
   place() {
@@ -236,16 +236,16 @@ class Anchor {
 
 // A spring, damper, actuator or rod: a mesh along x from 0 to 1, stretched to its ends.
 class Link {
-  constructor(told, bodies, world, stage) {
-    this.name = told.name;
-    this.kind = told.kind;
-    this.ends = told.ends.map((end) => new Anchor(end, bodies, stage));
+  constructor(data, bodies, world, stage) {
+    this.name = data.name;
+    this.kind = data.kind;
+    this.ends = data.ends.map((end) => new Anchor(end, bodies, stage));
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position",
-      new THREE.BufferAttribute(float32(told.positions), 3));
-    geometry.setIndex(new THREE.BufferAttribute(whole(told.triangles), 1));
+      new THREE.BufferAttribute(float32(data.positions), 3));
+    geometry.setIndex(new THREE.BufferAttribute(whole(data.triangles), 1));
     this.mesh = new THREE.Mesh(geometry, new THREE.MeshPhongMaterial({
-      color: told.colour, flatShading: true, side: THREE.DoubleSide }));
+      color: data.colour, flatShading: true, side: THREE.DoubleSide }));
     this.mesh.frustumCulled = false;
     world.add(this.mesh);
   }

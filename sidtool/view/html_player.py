@@ -128,7 +128,7 @@ def player_page(
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     return Template(_read_template("player.html")).substitute(
         title=escape(title or "Motion"),
-        told=escape("; ".join(sentences)),
+        notes=escape("; ".join(sentences)),
         generator=escape(generator),
         style=_read_template("player.css"),
         plots=_output_plots(motion, columns, errors or {}),

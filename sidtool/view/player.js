@@ -26,11 +26,11 @@
     $("notice").textContent = "This browser shows no WebGL: the mechanism cannot be drawn.";
     return;
   }
-  const bodies = data.bodies.map((told) => new Body(told, stage));
+  const bodies = data.bodies.map((entry) => new Body(entry, stage));
   bodies.forEach((body) => world.add(body.group));
-  const joints = data.joints.map((told) => new Joint(told,
-    bodies.find((body) => body.name === told.body), world, stage));
-  const links = data.links.map((told) => new Link(told, bodies, world, stage));
+  const joints = data.joints.map((entry) => new Joint(entry,
+    bodies.find((body) => body.name === entry.body), world, stage));
+  const links = data.links.map((entry) => new Link(entry, bodies, world, stage));
   const corners = (act) =>
     [...bodies, ...joints, ...links].forEach((part) => part.corners(act));
   const orbit = new THREE.OrbitControls(camera, $("canvas"));

@@ -23,18 +23,18 @@ PATIENCE = 300_000
 
 
 class Page:
-    """A page that was opened, with all that its console and the network said."""
+    """An opened page, with all messages of its console and the network."""
 
     def __init__(self, page: Any) -> None:
         self.page = page
-        self.said: list[str] = []
-        page.on("console", lambda told: self.said.append(f"{told.type}: {told.text}"))
-        page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
+        self.messages: list[str] = []
+        page.on("console", lambda m: self.messages.append(f"{m.type}: {m.text}"))
+        page.on("pageerror", lambda error: self.messages.append(f"error: {error}"))
         page.on("request", self._asked)
 
     def _asked(self, request: Any) -> None:
         if not request.url.startswith(("file:", "data:", "blob:")):
-            self.said.append(f"request: {request.url}")
+            self.messages.append(f"request: {request.url}")
 
     def run(self, script: str) -> Any:
         """The value of an expression on the page."""

@@ -97,7 +97,7 @@ def test_the_page_plays_the_mechanism(motion: Path, result: Result) -> None:
         page.run("player.seek(0); document.getElementById('play').click()")
         page.page.wait_for_function("player.state.time > 0.02", timeout=60_000)
         page.run("player.play(false)")
-        assert page.said == []
+        assert page.messages == []
 
 
 def _slide(page: Page, t: float) -> None:
@@ -145,7 +145,7 @@ def test_the_page_is_not_blank_and_changes(motion: Path, tmp_path: Path) -> None
         shot = page.page.locator("#canvas").screenshot()
         pictures.append(np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), int))
         assert page.run("document.querySelectorAll('.plot svg').length") == 1
-        assert page.said == []
+        assert page.messages == []
     for picture in pictures:
         assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
         background = np.abs(picture - picture[5, 5]).sum(axis=2) < 12
@@ -216,7 +216,7 @@ def test_a_slow_browser_shows_fewer_triangles_with_a_note(
         page.run("player.play(false)")
         assert page.run("player.triangles()") == every
         assert page.page.inner_text("#notice") == ""
-        assert page.said == []
+        assert page.messages == []
     assert few < 0.5 * every
     assert notice.startswith(f"{few} of {every} triangles")
 
@@ -258,7 +258,7 @@ def test_a_browser_is_slow_by_what_follows_its_first_picture(
     ]
     with opened(path) as page:
         found = [page.run(PICTURES % list(times)) for times, _ in cases]
-        assert page.said == []
+        assert page.messages == []
     assert found == [slow for _, slow in cases]
 
 

@@ -179,7 +179,7 @@ def test_nothing_that_moves_leaves_the_window(
         for when in (t[-1], t[0]):
             page.run(f"player.seek({when})")
             assert free(picture(page))
-        assert page.said == []
+        assert page.messages == []
 
 
 def test_no_body_is_behind_the_legend_and_manual_views_are_kept(

@@ -121,7 +121,7 @@ def test_the_page_draws_links(result: Result, tmp_path: Path) -> None:
     with opened(tmp_path / "motion.html") as page:
         page.run(f"player.seek({result.t[-1]})")
         links = page.run("player.links()")
-        assert not page.said
+        assert not page.messages
     tip = [result[f"rod.piston_pin.{axis}"][-1] for axis in "xy"]
     assert links["spring"]["ends"][1] == pytest.approx([*tip, 0.0], abs=1e-6)
     assert links["rope"]["ends"][0] == pytest.approx([*WALL, 0.0], abs=1e-6)
