@@ -104,14 +104,14 @@ def compared(case: Case, scene: SceneFile, wanted: float, seed: int = 0) -> Verd
     except Exception as stop:
         return Verdict(seed, wanted, f"{type(stop).__name__}: {stop}")
     took = time.perf_counter() - began
-    found = simulate(compiled(plan.scene, plan.sids))
+    result = simulate(compiled(plan.scene, plan.sids))
     whole = scene_of_model(scene, finest_model(scene, case.sids), case.sids)
     exact = simulate(compiled(whole, case.sids), integrator=METHOD, rtol=TIGHT)
     retained = [d.kept for d in plan.report.decisions if d.what == "shape function"]
     estimates, errors = [], []
     for output in plan.report.outputs:
         estimates.append(output.relative)
-        errors.append(_error(output.name, found, exact) / output.variation)
+        errors.append(_error(output.name, result, exact) / output.variation)
     return Verdict(
         seed,
         wanted,
@@ -120,7 +120,7 @@ def compared(case: Case, scene: SceneFile, wanted: float, seed: int = 0) -> Verd
         errors,
         (sum(retained), len(retained)),
         plan.report.runs,
-        (took, float(found.counters["seconds"]), float(exact.counters["seconds"])),
+        (took, float(result.counters["seconds"]), float(exact.counters["seconds"])),
     )
 
 

@@ -111,11 +111,13 @@ def beside_calculix(deck: Path, sid: Any, data: dict[str, Any]) -> Difference:
     text = deck.read_text("latin-1")
     if re.search(r"(?im)^\*(NGEN|ELGEN)", text):
         text = "\n".join(free_deck(deck))
-    found = free_frequencies(text, deck.parent, modes) or _by_matrices(deck, modes)
-    if found is None:
+    frequencies = free_frequencies(text, deck.parent, modes) or _by_matrices(
+        deck, modes
+    )
+    if frequencies is None:
         result.reason = "ccx gives no frequencies of the free body"
         return result
-    mass, values = found
+    mass, values = frequencies
     own = np.sqrt(np.diag(sid.Ke.m0) / np.diag(sid.Me.m0)) / (2 * np.pi)
     count = min(len(own), len(values))
     if mass and not {"B31", "S4", "C3D8I", "S3", "M3D4"} & {

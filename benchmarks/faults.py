@@ -157,11 +157,11 @@ def full_disks(c: Campaign) -> None:
                 c.say("  no full disks: nothing can be mounted here")
                 return
             targets = ("-o", "disk/r.h5", "-o", "disk/r.csv")
-            found = c.run((*SIMULATE[:4], *targets), folder, c.cache, (0, 1))
-            found += c.half_written(folder / "disk")
+            result = c.run((*SIMULATE[:4], *targets), folder, c.cache, (0, 1))
+            result += c.half_written(folder / "disk")
             if list((folder / "disk").glob(".*")):
-                found.append("rests on the full disk")
-            outcomes.append(found)
+                result.append("rests on the full disk")
+            outcomes.append(result)
         shutil.rmtree(c.root / "elsewhere")
         (c.root / "elsewhere").mkdir()
     c.note("disks too small for all or some of the files", outcomes)
@@ -192,8 +192,8 @@ def read_only(c: Campaign) -> None:
             shutil.copytree(c.cache, place / "cache")
             change(place / "cache")
             subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
-            found = c.run(SIMULATE, c.folder(), place / "cache")
-            c.note(f"a read-only cache, {name}", [found])
+            result = c.run(SIMULATE, c.folder(), place / "cache")
+            c.note(f"a read-only cache, {name}", [result])
 
 
 def mistakes(c: Campaign, file: Path) -> None:

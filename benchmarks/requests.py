@@ -86,17 +86,17 @@ def table_of(
     rows = []
     for wanted in REQUESTS:
         plan = make_accuracy_plan(scene, sids, wanted, compile_, keep=False)
-        found = simulate(compile_(plan.scene, plan.sids))
+        result = simulate(compile_(plan.scene, plan.sids))
         line = plan.report.budget[-1]
         rows.append(
             [
                 f"{wanted:.0e}",
                 f"{plan.report.outputs[0].relative:.1e}",
-                f"{_error(output, found, exact):.1e}",
+                f"{_error(output, result, exact):.1e}",
                 next(b.choice for b in plan.report.budget if "shape" in b.part),
                 plan.scene.accuracy.integrator,
                 f"{plan.scene.accuracy.rtol:.1e}",
-                str(found.counters["steps"]),
+                str(result.counters["steps"]),
                 f"{line.seconds:.4f}",
             ]
         )

@@ -112,9 +112,9 @@ def test_the_steady_blade_has_the_frequency_of_a_rotating_beam(ran) -> None:
     """Lead-lag at the speed parameter 6: 4.263225 (spectral method), 3.516015 at rest;
     three fixed shapes are 0.1 to 0.2 % too stiff."""
     scene = ran("spinning_blade") / "steady.toml"
-    found = sidtool.linearise(scene, about="start").frequencies.min()
+    modes = sidtool.linearise(scene, about="start").frequencies.min()
     unit = np.sqrt(1.4e4 / (1.2 * 10.0**4)) / (2 * np.pi)
-    assert 1.0 < found / (4.263225 * unit) < 1.002
+    assert 1.0 < modes / (4.263225 * unit) < 1.002
 
 
 def test_the_satellite_keeps_its_momenta_and_turns_as_far_as_a_rigid_one(ran) -> None:

@@ -42,11 +42,11 @@ def _rod_frequencies() -> Iterator[Row]:
         "rod_iga": ("paper, IGA", "IGA 25x8", "converged"),
     }
     for file, names in pairs.items():
-        found = slender.hertz(sidtool.convert(folder / f"{file}.toml"))
+        frequencies = slender.hertz(sidtool.convert(folder / f"{file}.toml"))
         for name in names:
             source = known[name].source.partition(":")[0] + f": {name}"
             for i, value in enumerate(known[name].hertz):
-                yield Row(f"{file} f{i + 1}", source, value, found[i])
+                yield Row(f"{file} f{i + 1}", source, value, frequencies[i])
     meshed = sidtool.convert(folder / "rod_q4.toml")
     turned = float(meshed.J.m0.ravel()[2])
     yield Row("rod_q4 mass [kg]", "computed: Q4 150x10", 3.1400697778, meshed.mass)
@@ -58,11 +58,13 @@ def _membrane() -> Iterator[Row]:
 
     Plane stress, clamped at its wide end; IGA of degree 6.
     """
-    found = hertz(membrane({"type": "iga", "degrees": [6, 6], "elements": [12, 8]}))
+    frequencies = hertz(
+        membrane({"type": "iga", "degrees": [6, 6], "elements": [12, 8]})
+    )
     published = (44.623, 130.03, 162.70, 246.05, 379.90, 391.44)
     for name, values in (("published", published), ("computed: converged", FV32)):
         for i, value in enumerate(values):
-            yield Row(f"f{i + 1}", name, value, float(found[i]))
+            yield Row(f"f{i + 1}", name, value, float(frequencies[i]))
 
 
 def _tower() -> Iterator[Row]:
@@ -211,11 +213,11 @@ def _beam() -> Iterator[Row]:
 
     The example `beam` against Euler and Bernoulli's beam.
     """
-    found = slender.hertz(sidtool.convert(example_folder("beam") / "beam.toml"))
+    frequencies = slender.hertz(sidtool.convert(example_folder("beam") / "beam.toml"))
     unit = np.sqrt(2.1e11 * 0.01**2 / 12 / 7850.0) / (2 * np.pi)
     roots = (1.8751040687, 4.6940911330, 7.8547574382)
     for name, mode, root in zip(("f1", "f3", "f5"), (0, 2, 4), roots, strict=True):
-        yield Row(name, "exact", float(root**2 * unit), float(found[mode]))
+        yield Row(name, "exact", float(root**2 * unit), float(frequencies[mode]))
 
 
 def _derivatives() -> Iterator[Row]:

@@ -40,8 +40,8 @@ def element(frame: dict[str, Any], reduction: dict[str, Any]) -> SID:
 
 def end_held() -> tuple[float, ...]:
     """Modes with the upper end held and the lower end free [Hz]."""
-    found = hertz(element(AT_END, {"method": "modal", "modes": 4}))
-    return float(found[0]), float(found[2])
+    frequencies = hertz(element(AT_END, {"method": "modal", "modes": 4}))
+    return float(frequencies[0]), float(frequencies[2])
 
 
 def static_mode(folder: Path) -> float:
@@ -69,8 +69,8 @@ def _lowest(sid: SID, joints: dict[str, str]) -> float:
         for end, kind in joints.items()
     }
     fixed = scene(LENGTH, joints=held)
-    found = sidtool.linearise(fixed, about="start", sids={"beam": sid}).frequencies
-    return float(found[found > 1e-3][0])
+    modes = sidtool.linearise(fixed, about="start", sids={"beam": sid}).frequencies
+    return float(modes[modes > 1e-3][0])
 
 
 def test_element_with_its_upper_end_held() -> None:

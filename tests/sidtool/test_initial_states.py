@@ -153,14 +153,14 @@ def test_a_bent_bar_is_released(sid: sidtool.SID) -> None:
     short = sidtool.Time(end=1e-4, output_step=1e-4)
     held = clamped(sid, time=short, **more).simulate()
     free = clamped(sid, initial=sidtool.Start(state="result", file=held))
-    found = free.simulate(rtol=1e-9)
+    result = free.simulate(rtol=1e-9)
     bent = held["bar.tip.uy"][-1]
-    assert found["bar.tip.uy"][0] == pytest.approx(bent, rel=1e-9)
-    assert np.abs(found["bar.tip.vy"][0]) < 1e-6
-    assert not any("equilibrium" in note for note in found.notes)
-    energy = found["energy.elastic"]
+    assert result["bar.tip.uy"][0] == pytest.approx(bent, rel=1e-9)
+    assert np.abs(result["bar.tip.vy"][0]) < 1e-6
+    assert not any("equilibrium" in note for note in result.notes)
+    energy = result["energy.elastic"]
     assert energy[0] == pytest.approx(0.5 * 0.05 * bent, rel=1e-3)
-    assert found["bar.tip.uy"].min() < -0.8 * bent
+    assert result["bar.tip.uy"].min() < -0.8 * bent
 
 
 def test_results_that_do_not_fit_the_scene_are_refused(

@@ -66,42 +66,42 @@ def test_retained_shape_functions_equal_a_sid_without_the_others(
     whole = body(stiffening=True, planar=dimension == "planar")
     numbers = sorted(kept)
     few = change_basis(whole, np.eye(4)[:, [k - 1 for k in numbers]])
-    found = run(whole, scene(dimension, shape_functions=kept))
+    result = run(whole, scene(dimension, shape_functions=kept))
     plain = scene(dimension)
     record = [n for n in plain.outputs.record if n != "arm.vq2"]
     record += [f"arm.vq{numbers.index(2) + 1}"]
     outputs = plain.outputs.model_copy(update={"record": tuple(record)})
     expected = run(few, plain.model_copy(update={"outputs": outputs}))
-    assert found.names[2 : 2 + len(kept)] == tuple(f"arm.q{k}" for k in numbers)
+    assert result.names[2 : 2 + len(kept)] == tuple(f"arm.q{k}" for k in numbers)
     for name in ("arm.tip.x", "arm.tip.y", "pin.fx"):
-        assert found[name] == pytest.approx(expected[name], rel=1e-7, abs=1e-8)
+        assert result[name] == pytest.approx(expected[name], rel=1e-7, abs=1e-8)
     for i, k in enumerate(numbers, 1):
-        assert found[f"arm.q{k}"] == pytest.approx(expected[f"arm.q{i}"], abs=1e-8)
-    assert found["arm.vq2"] == pytest.approx(
+        assert result[f"arm.q{k}"] == pytest.approx(expected[f"arm.q{i}"], abs=1e-8)
+    assert result["arm.vq2"] == pytest.approx(
         expected[f"arm.vq{numbers.index(2) + 1}"], rel=1e-6, abs=1e-7
     )
-    assert any("shape functions " in note for note in found.notes)
+    assert any("shape functions " in note for note in result.notes)
 
 
 def test_outputs_that_were_not_recorded_keep_their_numbers() -> None:
     content = scene(shape_functions=(1, 3))
     few = content.outputs.model_copy(update={"record": ("arm.tip.x",)})
-    found = run(body(), content.model_copy(update={"outputs": few}))
+    result = run(body(), content.model_copy(update={"outputs": few}))
     wanted = [n for n in content.outputs.record if n != "arm.vq2"]
     outputs = content.outputs.model_copy(update={"record": tuple(wanted)})
     expected = run(body(), content.model_copy(update={"outputs": outputs}))
-    assert found["arm.q3"] == pytest.approx(expected["arm.q3"], abs=1e-12)
+    assert result["arm.q3"] == pytest.approx(expected["arm.q3"], abs=1e-12)
     with pytest.raises(sidtool.InputError, match="q1, q3"):
-        found["arm.q2"]
+        result["arm.q2"]
 
 
 def test_a_planar_body_without_stiffening_is_the_one_made_without() -> None:
     """The cloud of particles with and without its field of second order."""
     expected = run(body(stiffening=False), scene())
-    found = run(body(stiffening=True), scene(geometric_stiffening=False))
+    result = run(body(stiffening=True), scene(geometric_stiffening=False))
     stiffened = run(body(stiffening=True), scene())
     for name in ("arm.tip.x", "arm.q1", "arm.q3"):
-        assert found[name] == pytest.approx(expected[name], rel=1e-7, abs=1e-9)
+        assert result[name] == pytest.approx(expected[name], rel=1e-7, abs=1e-9)
         assert np.abs(stiffened[name] - expected[name]).max() > 1e-6
 
 
@@ -121,10 +121,10 @@ def test_a_spatial_body_without_stiffening_is_the_one_made_without(
     content = scene("spatial", initial=spin)
     expected = run(plain, content)
     stiff = aligned.sid(Ke, De, 2)
-    found = run(stiff, scene("spatial", initial=spin, geometric_stiffening=False))
+    result = run(stiff, scene("spatial", initial=spin, geometric_stiffening=False))
     stiffened = run(stiff, content)
     for name in ("arm.tip.x", "arm.q1", "arm.q3"):
-        assert found[name] == pytest.approx(expected[name], rel=1e-7, abs=1e-9)
+        assert result[name] == pytest.approx(expected[name], rel=1e-7, abs=1e-9)
         assert np.abs(stiffened[name] - expected[name]).max() > 1e-6
 
 

@@ -141,12 +141,12 @@ def test_analyses_of_a_state_carry_its_warnings(folder: Path) -> None:
 def test_a_study_carries_the_notes_of_its_reference(folder: Path) -> None:
     settings: Any = {"integrators": ["radau5"], "rtol": [1e-3]}
     with pytest.warns(sidtool.ValidityWarning, match="b1"):
-        found = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
-    (warning,) = found.warnings
-    assert found.notes[0] == warning and warning in found.report()
+        study = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
+    (warning,) = study.warnings
+    assert study.notes[0] == warning and warning in study.report()
     with pytest.warns(sidtool.ValidityWarning, match="b1"):  # of what was kept
         again = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
-    assert again.notes == found.notes
+    assert again.notes == study.notes
     assert not sidtool.study(folder / "safe.json", **settings).warnings
 
 

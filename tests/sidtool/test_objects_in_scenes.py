@@ -44,9 +44,9 @@ def test_objects_are_simulated_as_their_files_are(
     table = {"sid": sid, "markers": MARKERS}
     changed = scene(of_sid).with_({"rod.rigid": False})
     for created in (scene(of_sid), scene(of_model), scene(table), changed):
-        found = created.simulate()
-        assert found.values == pytest.approx(expected.values, rel=1e-9, abs=1e-12)
-        assert found.sids["rod"].nq == sid.nq
+        result = created.simulate()
+        assert result.values == pytest.approx(expected.values, rel=1e-9, abs=1e-12)
+        assert result.sids["rod"].nq == sid.nq
     run = scene(of_model).compile().run({"time.end": 0.02})
     assert run.values == pytest.approx(expected.values, rel=1e-9, abs=1e-12)
     assert len(scene(of_sid).linearise()["frequency"])

@@ -59,17 +59,17 @@ def test_a_loaded_cantilever_in_equilibrium_has_the_stress_of_the_full_model(
     sid, body = sid_from_model(model), finite_element_model(model)
     names = [f"beam.top.{name}" for name in [*STRESSES, "von_mises"]]
     scene = loaded([0.0, FORCE], [*names, "beam.peak_von_mises"])
-    found = sidtool.static_equilibrium(scene, sids={"beam": sid}).result()
+    equilibrium = sidtool.static_equilibrium(scene, sids={"beam": sid}).result()
     load = body.marker("tip").displacement[1].T.toarray() * FORCE
     frame = FRAMES["tangent"](body, model.frame)
     full = constrained_space(body, frame).static(load)[:, 0]
     rows = stress_rows(body.marker("top").gradient, body.continua[0])
     exact = rows @ full
-    assert_allclose(found.values[0, :6], exact, atol=1e-9 * np.abs(exact).max())
+    assert_allclose(equilibrium.values[0, :6], exact, atol=1e-9 * np.abs(exact).max())
     theory = FORCE * 0.5 * 0.005 / (0.01 * 0.01**3 / 12)
-    assert found["beam.top.sigma_xx"][0] == pytest.approx(-theory, rel=5e-3)
-    assert found["beam.top.von_mises"][0] == pytest.approx(theory, rel=1e-2)
-    assert found["beam.peak_von_mises"][0] >= found["beam.top.von_mises"][0]
+    assert equilibrium["beam.top.sigma_xx"][0] == pytest.approx(-theory, rel=5e-3)
+    assert equilibrium["beam.top.von_mises"][0] == pytest.approx(theory, rel=1e-2)
+    assert equilibrium["beam.peak_von_mises"][0] >= equilibrium["beam.top.von_mises"][0]
 
 
 @pytest.fixture(scope="module")

@@ -50,30 +50,30 @@ def test_errors_are_within_the_estimates_and_these_within_the_request(
     spatial: bool, wanted: float
 ) -> None:
     scene, sid = particles(spatial)
-    found = simulated(scene, sid, accuracy=wanted)
+    result = simulated(scene, sid, accuracy=wanted)
     expected = simulated(finest(scene), sid, **TIGHT)
-    assert set(found.error) == set(scene.outputs.record)
+    assert set(result.error) == set(scene.outputs.record)
     for name in scene.outputs.record:
-        error = np.abs(found[name] - expected[name]).max() / np.ptp(expected[name])
-        assert error <= found.error[name] <= wanted
-        assert found.error[name] <= 1.5 * error + 0.1 * wanted
+        error = np.abs(result[name] - expected[name]).max() / np.ptp(expected[name])
+        assert error <= result.error[name] <= wanted
+        assert result.error[name] <= 1.5 * error + 0.1 * wanted
 
 
 def test_a_loose_request_leaves_more_out_than_a_sharp_one() -> None:
     scene, sid = particles(False)
     retained, steps = [], []
     for wanted in (1e-2, 1e-4, 1e-6):
-        found = simulated(scene, sid, accuracy={"arm.tip.y": wanted})
-        decisions = [d for d in found.accuracy.decisions if d.what == "shape function"]
+        result = simulated(scene, sid, accuracy={"arm.tip.y": wanted})
+        decisions = [d for d in result.accuracy.decisions if d.what == "shape function"]
         retained.append(sum(d.kept for d in decisions))
-        steps.append(found.counters["steps"])
+        steps.append(result.counters["steps"])
     assert retained[0] < retained[1] < retained[2] == 4
     assert steps[0] <= steps[1] < steps[2]
 
 
 def test_each_effect_is_that_of_this_choice_alone() -> None:
     scene, sid = particles(True)
-    found = simulated(scene, sid, accuracy={"arm.tip.x": 1e-4})
+    result = simulated(scene, sid, accuracy={"arm.tip.x": 1e-4})
     whole = simulated(finest(scene), sid, **TIGHT)["arm.tip.x"]
 
     def without(**changes: Any) -> float:
@@ -81,7 +81,7 @@ def test_each_effect_is_that_of_this_choice_alone() -> None:
         less = scene.model_copy(update={"bodies": {"arm": arm}})
         return float(np.abs(simulated(less, sid, **TIGHT)["arm.tip.x"] - whole).max())
 
-    decision_of = {(d.what, d.number): d for d in found.accuracy.decisions}
+    decision_of = {(d.what, d.number): d for d in result.accuracy.decisions}
     flexible, second = (
         decision_of["flexibility", None],
         decision_of["shape function", 2],
@@ -96,11 +96,11 @@ def test_a_stiff_link_is_rigid() -> None:
     scene, sid = particles(False)
     Ke = np.diag([4e9, 9e9, 2e10, 5e10])
     stiff = replace(sid, Ke=Taylor(Ke), De=Taylor(1e-4 * Ke))
-    found = simulated(scene, stiff, accuracy={"arm.tip.x": 1e-4})
-    flexibility = found.accuracy.decisions[0]
+    result = simulated(scene, stiff, accuracy={"arm.tip.x": 1e-4})
+    flexibility = result.accuracy.decisions[0]
     assert flexibility.sentence.endswith(", rigid")
-    assert json.loads(found.scene)["bodies"]["arm"]["rigid"] is True
-    assert any(note.startswith("simulated as rigid: arm") for note in found.notes)
+    assert json.loads(result.scene)["bodies"]["arm"]["rigid"] is True
+    assert any(note.startswith("simulated as rigid: arm") for note in result.notes)
 
 
 @pytest.mark.parametrize(("speed", "kept"), [(2.0, True), (0.05, False)])
@@ -108,15 +108,15 @@ def test_fast_spin_needs_stiffening_and_slow_spin_does_not(
     speed: float, kept: bool
 ) -> None:
     scene = spun(speed, 20.0)
-    found = simulated(
+    result = simulated(
         scene, cantilever(2, stiffened=True), accuracy={"arm.tip.uy": 1e-2}
     )
     decision = next(
-        d for d in found.accuracy.decisions if d.what == "geometric stiffening"
+        d for d in result.accuracy.decisions if d.what == "geometric stiffening"
     )
     assert decision.kept is kept
     assert decision.sentence.endswith("kept" if kept else "dropped")
-    assert found.error["arm.tip.uy"] <= 1e-2
+    assert result.error["arm.tip.uy"] <= 1e-2
 
 
 def test_the_second_time_nothing_is_searched(
@@ -322,10 +322,10 @@ def test_outputs_that_vary_by_rounding_only_are_not_assessed() -> None:
         "outputs": {"record": ["block.y", "block.x"]},
     }
     content["bodies"]["arm"]["initial"]["angular_velocity"] = 1e-3
-    found = simulated(SceneFile.model_validate(content), sid, accuracy=1e-3)
-    assert set(found.error) == {"block.x"}
-    assert any("rounding only: block.y" in s for s in found.accuracy.sentences)
-    assert all(d.output == "block.x" and not d.kept for d in found.accuracy.decisions)
+    result = simulated(SceneFile.model_validate(content), sid, accuracy=1e-3)
+    assert set(result.error) == {"block.x"}
+    assert any("rounding only: block.y" in s for s in result.accuracy.sentences)
+    assert all(d.output == "block.x" and not d.kept for d in result.accuracy.decisions)
 
 
 def test_a_rate_of_rounding_alone_next_to_fast_motion() -> None:
@@ -343,11 +343,11 @@ def test_shape_functions_of_little_energy_are_omitted_in_groups(
 ) -> None:
     monkeypatch.setattr("sidtool.accuracy.selection.MAX_SINGLE_SHAPES", 2)
     scene, sid = particles(False)
-    found = simulated(scene, sid, accuracy={"arm.tip.y": 2e-4})
+    result = simulated(scene, sid, accuracy={"arm.tip.y": 2e-4})
     expected = simulated(finest(scene), sid, **TIGHT)["arm.tip.y"]
-    error = np.abs(found["arm.tip.y"] - expected).max() / np.ptp(expected)
-    assert error <= found.error["arm.tip.y"] <= 2e-4
-    group = next(d for d in found.accuracy.decisions if d.numbers)
+    error = np.abs(result["arm.tip.y"] - expected).max() / np.ptp(expected)
+    assert error <= result.error["arm.tip.y"] <= 2e-4
+    group = next(d for d in result.accuracy.decisions if d.numbers)
     assert group.numbers == (3, 4) and not group.kept
     assert group.sentence.startswith("modes 3, 4 of arm together: ")
     less = scene.bodies["arm"].model_copy(update={"shape_functions": (1, 2)})
@@ -382,10 +382,10 @@ def test_an_oscillation_that_both_methods_miss_is_part_of_the_error(
     """
     scene = spun(0.8, 20.0, outputs={"record": ["arm.tip.uy", "arm.q1", "arm.q3"]})
     sid = cantilever(6)
-    found = simulated(scene, sid, accuracy=wanted)
+    result = simulated(scene, sid, accuracy=wanted)
     exact = simulated(finest(scene), sid, **TIGHT)["arm.q3"]
-    error = np.abs(found["arm.q3"] - exact).max() / np.ptp(exact)
-    assert error <= found.error["arm.q3"] <= wanted
+    error = np.abs(result["arm.q3"] - exact).max() / np.ptp(exact)
+    assert error <= result.error["arm.q3"] <= wanted
 
 
 def test_conserved_outputs_need_no_tighter_runs() -> None:
@@ -431,12 +431,12 @@ def test_shape_functions_of_requested_coordinates_are_retained_without_a_run() -
 
 def test_all_multipliers_of_a_joint_can_be_requested() -> None:
     scene, sid = swinging(outputs={"record": ["arm.tip.x", "pin.f*"]}), cantilever(3)
-    found = simulated(scene, sid, accuracy=1e-3)
+    result = simulated(scene, sid, accuracy=1e-3)
     exact = simulated(finest(scene), sid, **TIGHT)
     forces = ["pin.fx", "pin.fy", "pin.f1", "pin.f2"]
-    assert list(found.error) == ["arm.tip.x", *forces]
-    for name, told in found.error.items():
-        error = np.abs(found[name] - exact[name]).max() / np.ptp(exact[name])
+    assert list(result.error) == ["arm.tip.x", *forces]
+    for name, told in result.error.items():
+        error = np.abs(result[name] - exact[name]).max() / np.ptp(exact[name])
         assert error <= told <= 1e-3
     single = simulated(scene, sid, accuracy={"pin.f*": "0.1 %"})
     assert list(single.error) == forces

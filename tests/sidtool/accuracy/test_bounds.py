@@ -76,8 +76,8 @@ def ramped() -> SceneFile:
 def exact_and_found(
     scene: SceneFile, sid: SID, accuracy: Any
 ) -> tuple[sidtool.Result, sidtool.Result]:
-    found = sidtool.simulate(scene, sids={"arm": sid}, accuracy=accuracy)
-    return sidtool.simulate(scene, sids={"arm": sid}, **TIGHT), found
+    result = sidtool.simulate(scene, sids={"arm": sid}, accuracy=accuracy)
+    return sidtool.simulate(scene, sids={"arm": sid}, **TIGHT), result
 
 
 @pytest.mark.parametrize("wanted", [0.05, 1e-3])
@@ -117,5 +117,5 @@ def test_where_frames_are_free_or_masses_change_there_are_estimates_alone(
 ) -> None:
     record = scene.outputs.model_copy(update={"record": ("arm.tip.uy", "arm.tip.x")})
     content = scene.model_copy(update={"outputs": record})
-    found = sidtool.simulate(content, sids={"arm": sid}, accuracy=1e-2)
-    assert all(o.bound is None for o in found.accuracy.outputs)
+    result = sidtool.simulate(content, sids={"arm": sid}, accuracy=1e-2)
+    assert all(o.bound is None for o in result.accuracy.outputs)

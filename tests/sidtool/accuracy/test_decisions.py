@@ -47,9 +47,9 @@ def test_a_disc_that_spins_fast_needs_quadratic_inertia(
             "outputs": {"record": ["arm.angle"]},
         }
     )
-    found = sidtool.simulate(scene, sids={"arm": ring()}, accuracy=1e-4)
+    result = sidtool.simulate(scene, sids={"arm": ring()}, accuracy=1e-4)
     decision = next(
-        d for d in found.accuracy.decisions if d.what == "quadratic inertia"
+        d for d in result.accuracy.decisions if d.what == "quadratic inertia"
     )
     assert decision.kept is kept
     assert decision.sentence.endswith("kept" if kept else "dropped")
@@ -60,9 +60,9 @@ def test_a_disc_that_spins_fast_needs_quadratic_inertia(
         return [spin, v, (1.0 + q) * spin**2 - 400.0 * q]
 
     start = [0.0, 0.0, 0.0]
-    exact = solve_ivp(rates, (0.0, 2.0), start, t_eval=found.t, rtol=1e-10, atol=1e-12)
-    error = np.abs(found["arm.angle"] - exact.y[0]).max() / np.ptp(exact.y[0])
-    assert error <= found.error["arm.angle"] <= 1e-4
+    exact = solve_ivp(rates, (0.0, 2.0), start, t_eval=result.t, rtol=1e-10, atol=1e-12)
+    error = np.abs(result["arm.angle"] - exact.y[0]).max() / np.ptp(exact.y[0])
+    assert error <= result.error["arm.angle"] <= 1e-4
 
 
 @pytest.mark.parametrize(("speed", "kept"), [(1.8, True), (0.05, False)])
@@ -80,13 +80,13 @@ def test_in_space_fast_spin_needs_stiffening_and_slow_spin_does_not(
         outputs={"record": ["arm.tip.uy"]},
     )
     sid = cantilever(2, stiffened=True)
-    found = sidtool.simulate(scene, sids={"arm": sid}, accuracy=2e-2)
+    result = sidtool.simulate(scene, sids={"arm": sid}, accuracy=2e-2)
     decision = next(
-        d for d in found.accuracy.decisions if d.what == "geometric stiffening"
+        d for d in result.accuracy.decisions if d.what == "geometric stiffening"
     )
     assert decision.kept is kept
     exact = sidtool.simulate(scene, sids={"arm": sid}, rtol=1e-9)["arm.tip.uy"]
-    error = np.abs(found["arm.tip.uy"] - exact).max() / np.ptp(exact)
+    error = np.abs(result["arm.tip.uy"] - exact).max() / np.ptp(exact)
     assert error <= 2e-2
 
 

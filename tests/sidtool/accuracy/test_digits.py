@@ -111,8 +111,10 @@ def test_changes_by_digits_stay_below_their_estimate(case: str) -> None:
 
 def columns(scene: SceneFile, sid: SID) -> Array:
     """Outputs of a tight run, (nt, n)."""
-    found = sidtool.simulate(scene, sids={"arm": sid}, integrator="radau13", rtol=1e-11)
-    return np.column_stack([found[name] for name in scene.outputs.record])
+    result = sidtool.simulate(
+        scene, sids={"arm": sid}, integrator="radau13", rtol=1e-11
+    )
+    return np.column_stack([result[name] for name in scene.outputs.record])
 
 
 def digits_told(scene: SceneFile, sid: SID) -> Array:
@@ -132,19 +134,19 @@ def digits_told(scene: SceneFile, sid: SID) -> Array:
 
 
 def test_all_digits_are_no_part_of_the_budget() -> None:
-    found = sidtool.simulate(swinging(0.4), sids={"arm": cantilever(3)}, accuracy=1e-3)
-    assert "digits" not in [line.part for line in found.accuracy.budget]
-    assert not any("digits" in text for text in found.accuracy.sentences)
+    result = sidtool.simulate(swinging(0.4), sids={"arm": cantilever(3)}, accuracy=1e-3)
+    assert "digits" not in [line.part for line in result.accuracy.budget]
+    assert not any("digits" in text for text in result.accuracy.sentences)
 
 
 def test_twelve_digits_cost_no_run(tmp_path: Path) -> None:
     write_sid(tmp_path / "arm.SID_FEM", cantilever(3))
     poor = read_sid(tmp_path / "arm.SID_FEM")
     scene = swinging(0.4)
-    found = sidtool.simulate(scene, sids={"arm": poor}, accuracy=1e-3)
+    result = sidtool.simulate(scene, sids={"arm": poor}, accuracy=1e-3)
     whole = sidtool.simulate(scene, sids={"arm": cantilever(3)}, accuracy=1e-3)
-    assert found.accuracy.runs == whole.accuracy.runs
-    sentences = [text for text in found.accuracy.sentences if "digits" in text]
+    assert result.accuracy.runs == whole.accuracy.runs
+    sentences = [text for text in result.accuracy.sentences if "digits" in text]
     assert sentences == ["12 digits of arm: far below what is asked for"]
 
 

@@ -68,21 +68,21 @@ def test_a_strongly_bent_arm_is_put_in_the_frame_with_less_error(
     exact: sidtool.Result,
 ) -> None:
     sids = {"arm": cantilever(2)}
-    found = sidtool.simulate(sagging(1.0), sids=sids, accuracy=0.3)
+    result = sidtool.simulate(sagging(1.0), sids=sids, accuracy=0.3)
     own = richest(sids["arm"])
-    left, sentence = frames(found)
+    left, sentence = frames(result)
     assert "mean axes of arm, in which bodies deform least" in sentence
     better = richest(change_frame(sids["arm"], "buckens:1"))
-    errors = found.accuracy.absolute()
+    errors = result.accuracy.absolute()
     for name in RECORD:
         assert apart(better, exact, name) < 0.6 * apart(own, exact, name)
         assert apart(better, exact, name) < left[name]
-        assert apart(found, exact, name) < errors[name] + left[name]
-        assert max(apart(found, other, name) for other in (own, better)) < errors[name]
-        assert found.error[name] < 0.3
+        assert apart(result, exact, name) < errors[name] + left[name]
+        assert max(apart(result, other, name) for other in (own, better)) < errors[name]
+        assert result.error[name] < 0.3
     again = sidtool.simulate(sagging(1.0), sids=sids, accuracy=0.3)
     assert not again.accuracy.searched
-    assert np.array_equal(again["arm.tip.x"], found["arm.tip.x"])
+    assert np.array_equal(again["arm.tip.x"], result["arm.tip.x"])
 
 
 @pytest.mark.parametrize(
@@ -126,17 +126,17 @@ def test_without_a_better_frame_that_of_the_scene_is_kept(
 ) -> None:
     """No model without stiffening is as exact as that, which a note says."""
     sids = {"arm": cantilever(2)}
-    found = sidtool.simulate(sagging(1.0), sids=sids, accuracy=1e-3)
+    result = sidtool.simulate(sagging(1.0), sids=sids, accuracy=1e-3)
     own = richest(sids["arm"])
-    left, sentence = frames(found)
+    left, sentence = frames(result)
     assert (
         "their own" in sentence and "a SID of arm with geometric stiffening" in sentence
     )
-    errors = found.accuracy.absolute()
+    errors = result.accuracy.absolute()
     for name in RECORD:
-        assert apart(found, own, name) < errors[name]
-        assert 0.2 * left[name] < apart(found, exact, name) < left[name]
-    notes = [text for text in found.notes if text.startswith("small deformations")]
+        assert apart(result, own, name) < errors[name]
+        assert 0.2 * left[name] < apart(result, exact, name) < left[name]
+    notes = [text for text in result.notes if text.startswith("small deformations")]
     assert len(notes) == 1 and "of pin.fx" in notes[0]
 
 
@@ -151,14 +151,14 @@ def test_outputs_relative_to_a_frame_keep_it(seen: str) -> None:
     arm = {"sid": "arm", "markers": {"root": 1, "tip": 2}, "initial": start}
     outputs = {"record": ["arm.root.y", "arm.q1", seen]}
     scene = sagging(0.1, joints=pin, bodies={"arm": arm}, outputs=outputs)
-    found = sidtool.simulate(scene, sids=sids, accuracy=0.05)
-    left, sentence = frames(found)
+    result = sidtool.simulate(scene, sids=sids, accuracy=0.05)
+    left, sentence = frames(result)
     if seen.endswith("_body"):
         assert not left and "those of arm belong to what the scene says" in sentence
         return
     assert "their own" in sentence and f"and what {seen} means" in sentence
     assert left["arm.q1"] > 0.0
-    rows = {o.name: o.variation for o in found.accuracy.outputs}
+    rows = {o.name: o.variation for o in result.accuracy.outputs}
     assert 0.0 < left[seen] < 0.2 * rows[seen]
 
 
@@ -166,10 +166,10 @@ def test_arms_that_start_bent_keep_their_frame() -> None:
     sid = cantilever(2)
     body = {"sid": "arm", "markers": {"root": 1, "tip": 2}}
     body["initial"] = {"elastic": [0.02, 0.0]}
-    found = sidtool.simulate(
+    result = sidtool.simulate(
         sagging(0.3, bodies={"arm": body}), sids={"arm": sid}, accuracy=0.2
     )
-    left, sentence = frames(found)
+    left, sentence = frames(result)
     assert not left
     assert sentence == "frames: not judged; those of arm belong to what the scene says"
 
@@ -206,6 +206,6 @@ def test_frames_without_a_run_change_less_than_estimated(stiffened: bool) -> Non
 def test_a_stiff_arm_is_not_run_in_other_frames() -> None:
     sid = cantilever(2, stiffened=True)
     scene = swinging(0.4, gravity=[0.0, -0.03])
-    found = sidtool.simulate(scene, sids={"arm": sid}, accuracy=1e-2)
-    left, sentence = frames(found)
+    result = sidtool.simulate(scene, sids={"arm": sid}, accuracy=1e-2)
+    left, sentence = frames(result)
     assert not left and "deforms so little" in sentence

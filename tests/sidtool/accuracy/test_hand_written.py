@@ -39,14 +39,14 @@ def test_errors_and_neglected_terms_stay_within_their_estimates(
     made: Callable[[bool], tuple[SceneFile, dict[str, SID]]],
 ) -> None:
     scene, sids = made(False)
-    found = sidtool.simulate(scene, sids=sids, accuracy=WANTED)
+    result = sidtool.simulate(scene, sids=sids, accuracy=WANTED)
     exact, stiffened = finest(scene, sids), finest(*made(True))
-    assert found.accuracy is not None
-    assert len(found.accuracy.outputs) >= len(scene.outputs.record) - 1
-    for output in found.accuracy.outputs:
+    assert result.accuracy is not None
+    assert len(result.accuracy.outputs) >= len(scene.outputs.record) - 1
+    for output in result.accuracy.outputs:
         name = output.name
-        zero = np.zeros(len(found.t))
-        values = found[name] if name in found.names else zero
+        zero = np.zeros(len(result.t))
+        values = result[name] if name in result.names else zero
         assert output.theory is not None
         assert output.relative <= WANTED
         assert np.abs(values - exact[name]).max() <= output.error

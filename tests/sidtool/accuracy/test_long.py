@@ -77,14 +77,14 @@ def test_a_long_motion_is_run_to_its_end_a_few_times_only(
 ) -> None:
     scene, sid = particles(spatial)
     scene = lasting(scene, 30.0 * scene.time.end, 600)
-    found = simulated(scene, sid, accuracy=WANTED)
-    check(scene, sid, found)
-    assert found.accuracy is not None
+    result = simulated(scene, sid, accuracy=WANTED)
+    check(scene, sid, result)
+    assert result.accuracy is not None
     whole = sum(end == scene.time.end for end in ends)
-    assert 2 <= whole <= 7 < len(ends) == found.accuracy.runs
-    sentences = [s for s in found.accuracy.sentences if s.startswith("long runs")]
+    assert 2 <= whole <= 7 < len(ends) == result.accuracy.runs
+    sentences = [s for s in result.accuracy.sentences if s.startswith("long runs")]
     assert len(sentences) == 1
-    assert found.accuracy.decisions
+    assert result.accuracy.decisions
 
 
 def test_the_run_that_proves_the_model_is_the_one_that_is_delivered(
@@ -95,15 +95,15 @@ def test_the_run_that_proves_the_model_is_the_one_that_is_delivered(
     scene = lasting(scene, 60.0 * scene.time.end, 1200)
     again = interrupts.run_interruptible
     monkeypatch.setattr(interrupts, "run_interruptible", None)
-    found = simulated(scene, sid, accuracy=WANTED)
+    result = simulated(scene, sid, accuracy=WANTED)
     monkeypatch.setattr(interrupts, "run_interruptible", again)
     expected = simulated(scene, sid, accuracy=WANTED)
-    assert found.accuracy is not None and found.accuracy.searched
+    assert result.accuracy is not None and result.accuracy.searched
     assert expected.accuracy is not None and not expected.accuracy.searched
     for table in ("t", "values", "positions", "velocities", "multipliers"):
-        assert np.array_equal(getattr(found, table), getattr(expected, table))
+        assert np.array_equal(getattr(result, table), getattr(expected, table))
     for attribute in ("notes", "scene", "settings", "names", "drift", "error"):
-        assert getattr(found, attribute) == getattr(expected, attribute)
+        assert getattr(result, attribute) == getattr(expected, attribute)
 
 
 def test_a_motion_that_begins_late_is_not_judged_by_its_beginning(
@@ -120,11 +120,11 @@ def test_a_motion_that_begins_late_is_not_judged_by_its_beginning(
     }
     content |= {"initial": {"state": "static"}}
     late = lasting(SceneFile.model_validate(content), 2.0, 400)
-    found = simulated(late, sid, accuracy=WANTED)
-    check(late, sid, found)
+    result = simulated(late, sid, accuracy=WANTED)
+    check(late, sid, result)
     assert ends.count(2.0) > 3
-    assert found.accuracy is not None
-    assert not any(s.startswith("long runs") for s in found.accuracy.sentences)
+    assert result.accuracy is not None
+    assert not any(s.startswith("long runs") for s in result.accuracy.sentences)
 
 
 def test_mesh_errors_do_not_force_full_runs() -> None:
@@ -157,17 +157,17 @@ def test_where_choices_in_a_part_cost_too_much_a_few_whole_runs_do(
     monkeypatch.setattr(long, "MAX_FULL_RUNS", 0.0)
     scene, sid = particles(spatial)
     scene = lasting(scene, 30.0 * scene.time.end, 600)
-    found = simulated(scene, sid, accuracy=WANTED)
-    check(scene, sid, found)
-    assert found.accuracy is not None
+    result = simulated(scene, sid, accuracy=WANTED)
+    check(scene, sid, result)
+    assert result.accuracy is not None
     assert (
         ends.count(scene.time.end)
         <= 2 * long_run_reference.MAX_LEVELS + long_run_reference.MAX_TRIALS
     )
-    assert any(s.startswith("few runs") for s in found.accuracy.sentences)
-    lines = {line.part: line for line in found.accuracy.budget}
+    assert any(s.startswith("few runs") for s in result.accuracy.sentences)
+    lines = {line.part: line for line in result.accuracy.budget}
     assert max(lines["integration"].errors.values()) > 0.0
-    retained = found.sids["arm"].nq, lines["shape functions"].choice
+    retained = result.sids["arm"].nq, lines["shape functions"].choice
     assert f" of {retained[0]}" in retained[1]
 
 
@@ -185,23 +185,23 @@ def test_shape_functions_of_little_energy_are_omitted_by_few_runs(
     scene = lasting(scene, 60.0 * scene.time.end, 1200)
     stiff = np.diag([4e3, 9e3, 6e8, 5e9])
     sid = replace(sid, Ke=Taylor(stiff), De=Taylor(2e-6 * stiff))
-    found = simulated(scene, sid, accuracy=0.1)
+    result = simulated(scene, sid, accuracy=0.1)
     expected = simulated(finest(scene), sid, **TIGHT)
     for name in scene.outputs.record:
-        error = np.abs(found[name] - expected[name]).max() / np.ptp(expected[name])
-        assert error <= found.error[name] <= 0.1
-    assert found.accuracy is not None
-    assert any(" 4 of arm left out" in s for s in found.accuracy.sentences)
+        error = np.abs(result[name] - expected[name]).max() / np.ptp(expected[name])
+        assert error <= result.error[name] <= 0.1
+    assert result.accuracy is not None
+    assert any(" 4 of arm left out" in s for s in result.accuracy.sentences)
 
 
 def test_short_runs_that_were_taken_for_long_ones_are_searched_as_a_whole() -> None:
     """As on a busy machine. Two loose runs of the slider-crank never show its modes."""
-    found = sidtool.simulate(SLIDER_CRANK / "slider_crank.toml", accuracy=1e-2)
+    result = sidtool.simulate(SLIDER_CRANK / "slider_crank.toml", accuracy=1e-2)
     expected = sidtool.simulate(
         SLIDER_CRANK / "slider_crank.toml", integrator="radau13", rtol=1e-10
     )
-    for name, error in found.error.items():
-        differences = np.abs(found[name] - expected[name]).max() / np.ptp(
+    for name, error in result.error.items():
+        differences = np.abs(result[name] - expected[name]).max() / np.ptp(
             expected[name]
         )
         assert differences <= error <= 1e-2
@@ -233,11 +233,11 @@ def test_a_scene_with_formulas_gets_its_accuracy() -> None:
     content |= {"parameters": {"g": 9.81}, "gravity": [0.0, "-g/10"]}
     with_formula = validate_data(content, SceneFile)
     sid = cantilever(2, stiffened=True)
-    found = simulated(with_formula, sid, accuracy=1e-2)
+    result = simulated(with_formula, sid, accuracy=1e-2)
     known = simulated(with_formula, sid, accuracy=1e-2)
-    assert found.completed and known.accuracy is not None
+    assert result.completed and known.accuracy is not None
     assert not known.accuracy.searched
     expected = simulated(plain, sid, **TIGHT)
     for name in plain.outputs.record:
         size = np.ptp(expected[name])
-        assert np.abs(found[name] - expected[name]).max() <= 1e-2 * size
+        assert np.abs(result[name] - expected[name]).max() <= 1e-2 * size

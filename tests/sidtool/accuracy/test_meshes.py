@@ -58,11 +58,13 @@ def pulled(cells: int, length: int = 1) -> sidtool.Scene:
 
 def test_a_point_force_has_mesh_errors_that_do_not_decrease() -> None:
     """Half of the last change was reported, but the next halving changes as much."""
-    found = pulled(4).simulate(accuracy={"block.tip.ux": "3e-4 m"})
-    assert found.accuracy is not None
-    (mesh,) = (line for line in found.accuracy.budget if line.part == "mesh")
+    result = pulled(4).simulate(accuracy={"block.tip.ux": "3e-4 m"})
+    assert result.accuracy is not None
+    (mesh,) = (line for line in result.accuracy.budget if line.part == "mesh")
     assert 2.5 * ADDS < mesh.errors["block.tip.ux"] < 3.5 * ADDS
-    (sentence,) = (s for s in found.accuracy.sentences if s.startswith("mesh of block"))
+    (sentence,) = (
+        s for s in result.accuracy.sentences if s.startswith("mesh of block")
+    )
     assert "changes hardly get smaller" in sentence and "force at a point" in sentence
     with pytest.raises(sidtool.InputError, match="force at a point") as refused:
         pulled(4).simulate(accuracy={"block.tip.ux": "1e-4 m"})
@@ -88,9 +90,9 @@ def test_a_study_reports_mesh_errors_that_do_not_decrease() -> None:
 
 def test_an_output_that_modes_alone_do_not_move_is_judged() -> None:
     """The first mode bends; along the block nothing moves without a static answer."""
-    found = pulled(2, 20).simulate(accuracy={"block.tip.ux": 0.2})
+    result = pulled(2, 20).simulate(accuracy={"block.tip.ux": 0.2})
     stretched = 20.0 * FORCE / (MODULUS * THICKNESS * SIDE)
-    assert found["block.tip.ux"][-1] == pytest.approx(stretched, rel=0.2)
+    assert result["block.tip.ux"][-1] == pytest.approx(stretched, rel=0.2)
 
 
 def bar(frame: dict[str, Any], modes: int = 2) -> None:
@@ -138,9 +140,9 @@ def test_a_link_between_two_pins_stretches_by_static_shape_functions() -> None:
     scene = with_bar(
         joints=pins, forces={"pull": pull}, outputs={"record": ["link.b.ux"]}
     )
-    found = scene.simulate(accuracy=1e-5)
+    result = scene.simulate(accuracy=1e-5)
     stretched = 1e4 * 0.5 / (2e11 * 0.01 * 0.01)
-    assert found["link.b.ux"][-1] == pytest.approx(stretched, rel=1e-5)
+    assert result["link.b.ux"][-1] == pytest.approx(stretched, rel=1e-5)
 
 
 def test_elastic_coordinates_are_judged_where_another_mesh_has_them_too() -> None:
@@ -266,8 +268,8 @@ def test_changes_by_steps_are_not_taken_for_those_by_meshes() -> None:
         drives={f"{n}_motor": {"joint": n, "function": f} for n, f in turns.items()},
         outputs={"record": ["load.y", "shoulder_motor.mz"]},
     )
-    found = arm.simulate(accuracy={"load.y": "1e-5 m", "shoulder_motor.mz": "0.1 %"})
-    sentences = found.accuracy.sentences
+    result = arm.simulate(accuracy={"load.y": "1e-5 m", "shoulder_motor.mz": "0.1 %"})
+    sentences = result.accuracy.sentences
     assert any(s.startswith("mesh of fore: halved once") for s in sentences)
     assert not any("hardly get smaller" in s for s in sentences)
 
@@ -308,13 +310,13 @@ def test_how_far_its_own_rotation_stretches_a_body_is_judged() -> None:
     fine = blade("fine.json", 128, method="attachment", **static)
     true = fine.simulate(rtol=1e-9)["axle.angle"]
     coarse = blade("blade.json", 8, method="modal", modes=2)
-    found = coarse.simulate(accuracy={"axle.angle": "1e-5 rad"})
-    estimate = found.accuracy.absolute()["axle.angle"]
-    assert abs(found["axle.angle"] - true).max() < estimate <= 1e-5
+    result = coarse.simulate(accuracy={"axle.angle": "1e-5 rad"})
+    estimate = result.accuracy.absolute()["axle.angle"]
+    assert abs(result["axle.angle"] - true).max() < estimate <= 1e-5
     text = (
         "static shape functions of blade for its own inertia, and for loads at root: "
     )
-    (line,) = (s for s in found.accuracy.sentences if s.startswith(text))
+    (line,) = (s for s in result.accuracy.sentences if s.startswith(text))
     assert line.endswith("rad in axle.angle, kept")
 
 

@@ -52,23 +52,23 @@ def flat_in_space(record: list[str], **arm: Any) -> tuple[SceneFile, SID]:
 def test_a_spatial_scene_whose_motion_is_planar_is_solved_in_the_plane() -> None:
     names = ["arm.tip.x", "arm.tip.vy", "arm.tip.z", "pin.fx", "pin.mz", "pin.angle"]
     scene, sid = flat_in_space(names)
-    found = simulated(scene, sid, accuracy=1e-4)
-    decision = next(d for d in found.accuracy.decisions if d.what == "space")
+    result = simulated(scene, sid, accuracy=1e-4)
+    decision = next(d for d in result.accuracy.decisions if d.what == "space")
     assert decision.sentence.endswith(", solved in the plane") and not decision.kept
-    assert json.loads(found.scene)["dimension"] == "planar"
+    assert json.loads(result.scene)["dimension"] == "planar"
     expected = simulated(finest(scene), sid, **TIGHT)
-    for name in set(found.error):
-        error = np.abs(found[name] - expected[name]).max() / np.ptp(expected[name])
-        assert error <= found.error[name] <= 1e-4
-    assert not found["arm.tip.z"].any()
+    for name in set(result.error):
+        error = np.abs(result[name] - expected[name]).max() / np.ptp(expected[name])
+        assert error <= result.error[name] <= 1e-4
+    assert not result["arm.tip.z"].any()
 
 
 def test_a_flat_scene_may_record_by_wildcards() -> None:
     """A name whose quantity is a wildcard alone was refused as no quantity."""
     scene, sid = flat_in_space(["arm.tip.*"])
-    found = simulated(scene, sid, accuracy=1e-2)
-    assert json.loads(found.scene)["dimension"] == "planar"
-    assert {"arm.tip.x", "arm.tip.z", "arm.tip.uy"} <= set(found.names)
+    result = simulated(scene, sid, accuracy=1e-2)
+    assert json.loads(result.scene)["dimension"] == "planar"
+    assert {"arm.tip.x", "arm.tip.z", "arm.tip.uy"} <= set(result.names)
 
 
 def test_out_of_plane_rounding_is_not_assessed() -> None:
@@ -107,5 +107,5 @@ def test_motions_that_leave_the_plane_are_solved_in_space(
         scene = SceneFile.model_validate(content | {"joints": {"pin": ball}})
     else:
         scene = scene.model_copy(update={"ground": ground})
-    found = simulated(scene, sid, accuracy=1e-3)
-    assert json.loads(found.scene)["dimension"] == "spatial"
+    result = simulated(scene, sid, accuracy=1e-3)
+    assert json.loads(result.scene)["dimension"] == "spatial"

@@ -44,8 +44,8 @@ def test_the_place_of_a_pinned_arm_is_not_judged() -> None:
     arm["initial"] = {"angular_velocity": 1.0}
     outputs = {"record": ["arm.angle", "arm.x"]}
     scene = swinging(1.0, bodies={"arm": arm}, outputs=outputs)
-    found = simulated(scene, cantilever(), accuracy=1e-3)
-    assert set(found.error) == {"arm.angle"}
+    result = simulated(scene, cantilever(), accuracy=1e-3)
+    assert set(result.error) == {"arm.angle"}
 
 
 MOVING = ("arm.tip.x", "arm.tip.vz", "arm.wy", "pin.fx", "momentum.z")

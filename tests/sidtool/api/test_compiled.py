@@ -113,11 +113,11 @@ def assert_as_anew(
     compiled: CompiledScene, changes: dict[str, Any], **sids: SID
 ) -> sidtool.Result:
     """Numbers bit for bit, counters, notes, verdicts and the scene in the result."""
-    found = compiled.run(changes, sids=sids)
+    result = compiled.run(changes, sids=sids)
     fresh = {name: copy.deepcopy(sid) for name, sid in sids.items()}
     expected = said_anew(compiled.scene, changes).simulate(sids=fresh)
-    np.testing.assert_equal(told(found), told(expected))
-    return found
+    np.testing.assert_equal(told(result), told(expected))
+    return result
 
 
 def test_numbers_of_a_planar_scene(founding: sidtool.Scene) -> None:
@@ -146,10 +146,10 @@ def test_other_sids_and_rebuilt_structures(founding: sidtool.Scene) -> None:
     assert_as_anew(compiled, {"rod.sid": "rod_iga.SID_FEM", "crank.mass": 0.2})
     assert_as_anew(compiled, {"rod.rigid": True})
     whole = founding.compile(sids={"rod": stiffer(3.0)})
-    found = whole.run({"piston.mass": 4.0})
+    result = whole.run({"piston.mass": 4.0})
     changed = said_anew(founding, {"piston.mass": 4.0})
     expected = changed.simulate(sids={"rod": stiffer(3.0)})
-    np.testing.assert_equal(told(found), told(expected))
+    np.testing.assert_equal(told(result), told(expected))
 
 
 def test_numbers_of_a_spatial_scene_with_friction_and_a_law(
@@ -182,10 +182,10 @@ def test_numbers_in_any_order(make: Any) -> None:
             changes |= {"spring.stiffness": 30.0 + k, "spring.damping": 0.0}
         if k % 4 == 3:
             changes |= {"gravity": [0.0, 1.0, 2.0][: 2 if make is turning_links else 3]}
-        found = compiled.run(changes)
+        result = compiled.run(changes)
         fresh = {name: copy.deepcopy(sid) for name, sid in sids.items()}
         expected = said_anew(compiled.scene, changes).simulate(sids=fresh)
-        np.testing.assert_equal(told(found), told(expected))
+        np.testing.assert_equal(told(result), told(expected))
 
 
 def test_notes_belong_to_the_numbers_of_the_run(arm: sidtool.Scene) -> None:

@@ -35,24 +35,24 @@ def pendulum() -> sidtool.Scene:
 
 
 def test_an_equilibrium_is_a_table_with_units(pendulum: sidtool.Scene) -> None:
-    found = pendulum.static_equilibrium()
-    assert isinstance(found.result(), sidtool.Result)
-    rows = {name: (value, unit) for name, value, unit in found.rows()}
+    equilibrium = pendulum.static_equilibrium()
+    assert isinstance(equilibrium.result(), sidtool.Result)
+    rows = {name: (value, unit) for name, value, unit in equilibrium.rows()}
     assert rows["bob.y"] == (pytest.approx(-LENGTH), "m")
     assert abs(rows["pin.fy"][0]) == pytest.approx(MASS * GRAVITY)
     assert rows["pin.fy"][1] == rows["pin.f2"][1] == "N"
     assert rows["pin.angle"][1] == "rad"
-    assert len(repr(found)) < 80 and "pendulum" in repr(found)
-    page = found._repr_html_()
+    assert len(repr(equilibrium)) < 80 and "pendulum" in repr(equilibrium)
+    page = equilibrium._repr_html_()
     assert "<td>N</td>" in page and "&lt;pendulum&gt;" in page
 
 
 def test_natural_modes_are_a_table(pendulum: sidtool.Scene) -> None:
-    found = pendulum.linearise()
+    modes = pendulum.linearise()
     hertz = math.sqrt(GRAVITY / LENGTH) / (2 * math.pi)
-    assert found.frequencies == pytest.approx([hertz], rel=1e-6)
-    assert repr(found) == f"<Linearisation: 1 mode, {hertz:.4g} Hz>"
-    assert f"<td>{hertz:.6g}</td>" in found._repr_html_()
+    assert modes.frequencies == pytest.approx([hertz], rel=1e-6)
+    assert repr(modes) == f"<Linearisation: 1 mode, {hertz:.4g} Hz>"
+    assert f"<td>{hertz:.6g}</td>" in modes._repr_html_()
 
 
 def test_tables_of_pandas(pendulum: sidtool.Scene) -> None:
@@ -94,10 +94,14 @@ def test_results_and_states_behave_like_dictionaries(pendulum: sidtool.Scene) ->
         result, 2
     )
     assert bool(pendulum.with_({"outputs.record": [], "time.end": 0.1}).simulate())
-    found = pendulum.static_equilibrium()
-    assert [name for name, _, _ in found.rows()] == list(found) == list(found.keys())
-    assert len(found) == len(found.rows()) and "pin.f2" in found
-    assert found["bob.y"] == pytest.approx(-LENGTH)
+    equilibrium = pendulum.static_equilibrium()
+    assert (
+        [name for name, _, _ in equilibrium.rows()]
+        == list(equilibrium)
+        == list(equilibrium.keys())
+    )
+    assert len(equilibrium) == len(equilibrium.rows()) and "pin.f2" in equilibrium
+    assert equilibrium["bob.y"] == pytest.approx(-LENGTH)
     modes = pendulum.linearise()
     assert "frequency" in modes and len(modes) == len(list(modes))
     assert modes["frequency"] == pytest.approx(modes.frequencies)
@@ -114,13 +118,15 @@ def test_an_equilibrium_answers_every_output(pendulum: sidtool.Scene) -> None:
             "forces.spring": {**spring, "stiffness": 9.0},
         }
     )
-    found = pulled.static_equilibrium()
-    result = found.result()
-    assert result["bob.x"][0] > 0.1 and found["bob.ax"] == pytest.approx(0.0, abs=1e-9)
-    assert found["pin.fx"] == pytest.approx(-found["spring.fx"], rel=1e-9)
-    length = math.hypot(1.0 - found["bob.x"], LENGTH + found["bob.y"])
-    assert found["spring.length"] == pytest.approx(length, rel=1e-12)
-    assert found["spring.force"] == pytest.approx(-9.0 * length, rel=1e-12)
+    equilibrium = pulled.static_equilibrium()
+    result = equilibrium.result()
+    assert result["bob.x"][0] > 0.1 and equilibrium["bob.ax"] == pytest.approx(
+        0.0, abs=1e-9
+    )
+    assert equilibrium["pin.fx"] == pytest.approx(-equilibrium["spring.fx"], rel=1e-9)
+    length = math.hypot(1.0 - equilibrium["bob.x"], LENGTH + equilibrium["bob.y"])
+    assert equilibrium["spring.length"] == pytest.approx(length, rel=1e-12)
+    assert equilibrium["spring.force"] == pytest.approx(-9.0 * length, rel=1e-12)
     assert set(result.outputs("pin.*")) >= {"pin.fx", "pin.f1", "pin.torque"}
     with pytest.raises(sidtool.InputError, match="bob"):
-        found["bib.x"]
+        equilibrium["bib.x"]

@@ -82,8 +82,8 @@ def test_outputs_writes_what_was_recorded(
     np.testing.assert_allclose(rows[:, 1], 2.0 * rows[:, 0])
     capsys.readouterr()
     assert run(["outputs", result, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    np.testing.assert_allclose(found["stone.x"], 2.0 * np.array(found["t"]))
+    data = json.loads(capsys.readouterr().out)
+    np.testing.assert_allclose(data["stone.x"], 2.0 * np.array(data["t"]))
     assert run(["outputs", result]) == 0
     assert "stone" in capsys.readouterr().out
     assert run(["outputs", result, "--add", ","]) == 2

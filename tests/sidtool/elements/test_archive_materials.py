@@ -47,20 +47,20 @@ def wood(minor: bool) -> dict[str, float]:
 @pytest.mark.parametrize("minor", [False, True])
 def test_orthotropic_constants_are_those_of_hooke(minor: bool, tmp_path: Path) -> None:
     """Every unit stress strains as the major and as the minor ratios say."""
-    found = law(read_mesh(archive(tmp_path, wood(minor))))
+    mesh = law(read_mesh(archive(tmp_path, wood(minor))))
     for row, (i, j) in enumerate(_PAIRS):
         stress = np.zeros((3, 3))
         stress[i, j] = stress[j, i] = 1.0
         strain = strain_of(stress, np.eye(3))
         six = [strain[a, b] * (1 + (a != b)) for a, b in _PAIRS]
-        assert_allclose(found @ six, np.eye(6)[row], atol=1e-9)
+        assert_allclose(mesh @ six, np.eye(6)[row], atol=1e-9)
 
 
 def test_a_shear_modulus_of_its_own_counts(tmp_path: Path) -> None:
     """It was lost beside EX and PRXY: a cube twisted 2.8 times too fast."""
-    found = law(read_mesh(archive(tmp_path, {"EX": 2e11, "PRXY": 0.25, "GXY": 1e10})))
-    assert_allclose(np.diag(found)[3:], 1e10)
-    flexibility = np.linalg.inv(found)
+    mesh = law(read_mesh(archive(tmp_path, {"EX": 2e11, "PRXY": 0.25, "GXY": 1e10})))
+    assert_allclose(np.diag(mesh)[3:], 1e10)
+    flexibility = np.linalg.inv(mesh)
     assert_allclose(np.diag(flexibility)[:3], 1 / 2e11)
     assert_allclose(flexibility[0, 1], -0.25 / 2e11)
 

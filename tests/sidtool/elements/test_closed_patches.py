@@ -147,9 +147,9 @@ def thin_ring(inner: float) -> float:
 def test_a_ring_of_one_patch_is_closed(settings: dict[str, Any]) -> None:
     """Thin-ring theory is right to O((h/R)^2); a slit ring has a sixth of it."""
     inner = 0.96
-    found = hertz(ring(settings, inner))
-    assert_allclose(found, thin_ring(inner), rtol=6e-3)
-    assert_allclose(found[0], found[1], rtol=3e-3)
+    frequencies = hertz(ring(settings, inner))
+    assert_allclose(frequencies, thin_ring(inner), rtol=6e-3)
+    assert_allclose(frequencies[0], frequencies[1], rtol=3e-3)
 
 
 def test_quadrilaterals_and_iga_agree_on_a_thick_ring() -> None:
@@ -226,8 +226,8 @@ def test_a_side_on_a_part_of_the_other_is_tied() -> None:
     body = finite_element_model(model.model_copy(update={"geometry": wide}))
     plain = hertz(model)
     assert any("geometry.bottom" in note for note in body.notes)
-    found = hertz(model.model_copy(update={"geometry": wide}))
-    assert_allclose(found, plain, rtol=0.1)
+    frequencies = hertz(model.model_copy(update={"geometry": wide}))
+    assert_allclose(frequencies, plain, rtol=0.1)
     q4 = model.model_copy(
         update={
             "geometry": wide,
@@ -287,8 +287,8 @@ def test_a_ball_has_the_torsion_of_a_ball() -> None:
     root = brentq(lambda x: spherical_jn(2, x) - x * spherical_jn(3, x), 2, 3)
     shear = STEEL["youngs_modulus"] / 2 / (1 + STEEL["poissons_ratio"])
     expected = root * np.sqrt(shear / STEEL["density"]) / (2 * np.pi)
-    found = hertz(ball(iga(3, 2, 8, 4)), 5)
-    assert_allclose(found, expected, rtol=2e-3)
+    frequencies = hertz(ball(iga(3, 2, 8, 4)), 5)
+    assert_allclose(frequencies, expected, rtol=2e-3)
 
 
 @pytest.mark.parametrize("degree", [2, 3])

@@ -283,9 +283,9 @@ def test_equivalent_descriptions_give_the_same_part() -> None:
         turned | {"twist": 0.7},
     ]
     for other in others:
-        found = sid_from_model(blade(6, **(plain | other), section=section))
-        assert_allclose(np.diag(found.Ke.m0), np.diag(known.Ke.m0), rtol=1e-8)
-        assert_allclose(found.J.m0, known.J.m0, rtol=1e-9, atol=1e-9)
+        sid = sid_from_model(blade(6, **(plain | other), section=section))
+        assert_allclose(np.diag(sid.Ke.m0), np.diag(known.Ke.m0), rtol=1e-8)
+        assert_allclose(sid.J.m0, known.J.m0, rtol=1e-9, atol=1e-9)
 
 
 def test_markers_are_found_on_a_curved_axis() -> None:

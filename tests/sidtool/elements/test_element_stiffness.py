@@ -212,11 +212,11 @@ def test_first_frequencies_of_bars_of_prisms(
     """Bending in both planes by the theory of Euler and Bernoulli, which leaves out
     2 % of shear and rotary inertia; nothing is below, so torsion is not free."""
     mesh = prisms(section, cells, 20, 0.1)
-    found = _frequencies(SolidMesh(mesh, {None: STEEL}, "solid"))[:2]
+    frequencies = _frequencies(SolidMesh(mesh, {None: STEEL}, "solid"))[:2]
     speed = np.sqrt(STEEL.youngs_modulus / STEEL.density)
     exact = 4.730041**2 / (2 * np.pi * 4.0) * speed * 0.1 * np.array(radii)
-    np.testing.assert_allclose(found, exact, rtol=0.035)
-    assert found[0] == pytest.approx(exact[0], rel=0.02)
+    np.testing.assert_allclose(frequencies, exact, rtol=0.035)
+    assert frequencies[0] == pytest.approx(exact[0], rel=0.02)
 
 
 def test_the_note_on_prisms_has_their_true_excess() -> None:

@@ -55,19 +55,21 @@ def test_fv32_by_quadrilaterals() -> None:
     for n in (8, 16, 32):
         settings = {"type": "q4", "elements": [2 * n, n]}
         full = settings | {"formulation": "full_integration"}
-        found = hertz(membrane(full))
-        errors.append(found / FV32 - 1)
+        frequencies = hertz(membrane(full))
+        errors.append(frequencies / FV32 - 1)
     assert (errors[-1] > 0).all()
     rate = np.log2(errors[1] / errors[2])
     assert (rate > 1.8).all() and (rate < 2.1).all()
     published = [44.623, 130.03, 162.70, 246.05, 379.90, 391.44]
-    assert_allclose(found, published, rtol=1e-2)
+    assert_allclose(frequencies, published, rtol=1e-2)
 
 
 def test_fv32_by_iga() -> None:
     """Few functions reach the converged values, which are upper bounds to 1e-3 Hz."""
-    found = hertz(membrane({"type": "iga", "degrees": [6, 6], "elements": [12, 8]}))
-    assert_allclose(found, FV32, atol=4e-3)
+    frequencies = hertz(
+        membrane({"type": "iga", "degrees": [6, 6], "elements": [12, 8]})
+    )
+    assert_allclose(frequencies, FV32, atol=4e-3)
 
 
 def free_hertz(model: ModelFile, count: int = 3) -> np.ndarray:
@@ -275,7 +277,7 @@ def test_degree_12() -> None:
     """High degrees stay sound: the rod's frequencies, from above."""
     settings = {"type": "iga", "degrees": [12, 6], "elements": [6, 1]}
     data = rod_data(settings)
-    found = hertz(validate_data(data, ModelFile))
+    frequencies = hertz(validate_data(data, ModelFile))
     exact = [31.475, 199.121, 556.673, 1074.370, 1254.901]
-    assert (found > exact).all()
-    assert_allclose(found, exact, rtol=2e-4)
+    assert (frequencies > exact).all()
+    assert_allclose(frequencies, exact, rtol=2e-4)

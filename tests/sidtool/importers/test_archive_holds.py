@@ -88,8 +88,8 @@ def test_equations_join_halves(
     name: str, angles: tuple[str, str], tmp_path: Path
 ) -> None:
     """In the directions of their nodes, which may be turned; they were refused."""
-    found = body(tmp_path, halves(*TIES[name], angles=angles))
-    assert_same(found, body(tmp_path, archive()))
+    sid = body(tmp_path, halves(*TIES[name], angles=angles))
+    assert_same(sid, body(tmp_path, archive()))
 
 
 def test_directions_of_nodes_are_turned(tmp_path: Path) -> None:
@@ -104,8 +104,8 @@ def test_directions_of_nodes_are_turned(tmp_path: Path) -> None:
         for a, b in PAIRS
         for i, d in enumerate(("UX", "UY", "UZ"))
     ]
-    found = body(tmp_path, halves(*lines, angles=(TURN, "")))
-    assert_same(found, body(tmp_path, archive()))
+    sid = body(tmp_path, halves(*lines, angles=(TURN, "")))
+    assert_same(sid, body(tmp_path, archive()))
     with pytest.raises(InputError, match="resists a rigid motion"):
         body(tmp_path, halves(*TIES["CP"], angles=(TURN, "")))
 
@@ -126,13 +126,13 @@ BLOCKED = "\n".join(
 def test_point_masses(constants: str, tmp_path: Path) -> None:
     """MASS21 by its real constants."""
     plain = body(tmp_path, archive())
-    found = body(tmp_path, archive(MASS.format(constants=constants)))
-    assert found.mass == pytest.approx(plain.mass + 2.5, rel=1e-12)
-    assert (frequencies(found) < frequencies(plain)).all()
+    sid = body(tmp_path, archive(MASS.format(constants=constants)))
+    assert sid.mass == pytest.approx(plain.mass + 2.5, rel=1e-12)
+    assert (frequencies(sid) < frequencies(plain)).all()
     place = np.array(WHOLE.points[4])
-    centre = (plain.mass * np.array([0.2, 0.02, 0.025]) + 2.5 * place) / found.mass
+    centre = (plain.mass * np.array([0.2, 0.02, 0.025]) + 2.5 * place) / sid.mass
     origin = np.array(WHOLE.points[0]) - centre
-    assert_allclose(found.node("1").origin.m0[:, 0], origin, atol=1e-9)
+    assert_allclose(sid.node("1").origin.m0[:, 0], origin, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -168,9 +168,9 @@ def test_wood_along_the_system_of_its_elements(line: str, tmp_path: Path) -> Non
     (plain,) = read_mesh(tmp_path / "plain.cdb").materials.values()
     turned = text.replace("TYPE,1\n", f"{line}\nCSYS,0\nTYPE,1\nESYS,11\n")
     (tmp_path / "part.cdb").write_text(turned, encoding="utf-8")
-    found = read_mesh(tmp_path / "part.cdb")
-    (block,) = found.mesh.blocks
-    own = found.materials[str(block.material)]
+    mesh = read_mesh(tmp_path / "part.cdb")
+    (block,) = mesh.mesh.blocks
+    own = mesh.materials[str(block.material)]
     axes = Rotation.from_euler("ZXY", LOCALS[line], degrees=True).as_matrix().T
     assert isinstance(plain, AnisotropicMaterial)
     assert isinstance(own, AnisotropicMaterial)
@@ -181,10 +181,10 @@ def test_wood_around_an_axis(tmp_path: Path) -> None:
     text = archive(material=SPRUCE)
     line = "LOCAL,12,1,0.1,0.2,0.3,0.,90.,0.\nCSYS,0\nTYPE,1\nESYS,12\n"
     (tmp_path / "part.cdb").write_text(text.replace("TYPE,1\n", line), encoding="utf-8")
-    found = read_mesh(tmp_path / "part.cdb").materials["1 along 12"]
-    assert isinstance(found, CylindricalMaterial)
-    assert_allclose(found.start, [0.1, 0.2, 0.3])
-    assert_allclose(found.axis, [0.0, -1.0, 0.0], atol=1e-15)
+    mesh = read_mesh(tmp_path / "part.cdb").materials["1 along 12"]
+    assert isinstance(mesh, CylindricalMaterial)
+    assert_allclose(mesh.start, [0.1, 0.2, 0.3])
+    assert_allclose(mesh.axis, [0.0, -1.0, 0.0], atol=1e-15)
     ball = text.replace("TYPE,1\n", line.replace("12,1", "12,2"))
     for wrong, message in (
         (ball, "of kind 2"),
@@ -211,10 +211,10 @@ def test_triangles_of_quadratic_plane_elements(collapsed: bool, tmp_path: Path) 
         row = (a, b, c, c, ab, bc, c, ca) if collapsed else (a, b, c, ab, bc, ca)
         lines.append(f"EN,{i},{','.join(map(str, row))}")
     (tmp_path / "part.cdb").write_text("\n".join([*lines, MATERIAL]), encoding="utf-8")
-    found = read_mesh(tmp_path / "part.cdb")
-    (block,) = found.mesh.blocks
+    mesh = read_mesh(tmp_path / "part.cdb")
+    (block,) = mesh.mesh.blocks
     assert block.kind == "tri6" and block.thickness == 0.02
-    assert found.mesh.labels[block.nodes].tolist() == [list(row) for row in HALVES]
+    assert mesh.mesh.labels[block.nodes].tolist() == [list(row) for row in HALVES]
 
 
 def test_elements_over_several_lines(tmp_path: Path) -> None:
@@ -256,8 +256,8 @@ TBDATA,,2.5e8,1.45e9"""
 
 def test_what_is_beyond_the_elasticity_changes_nothing(tmp_path: Path) -> None:
     """Structural steel as it comes, resistivity and all, was refused."""
-    found = body(tmp_path, archive(STEEL_OF_WORKBENCH))
-    assert_same(found, body(tmp_path, archive()))
+    sid = body(tmp_path, archive(STEEL_OF_WORKBENCH))
+    assert_same(sid, body(tmp_path, archive()))
     (tmp_path / "part.cdb").write_text(archive("TB,HYPER,1,1,2,NEO"), encoding="utf-8")
     with pytest.raises(InputError, match="TB, HYPER is not supported"):
         read_mesh(tmp_path / "part.cdb")

@@ -140,9 +140,9 @@ def test_unsupported_multi_point_constraints_are_refused(
 def test_sets_that_case_control_does_not_name_do_nothing(tmp_path: Path) -> None:
     text = "CEND\nSUBCASE 1\n SPC = 7\n" + bulk("MPC,4,1,1,1.", block=HALF)
     (tmp_path / "part.bdf").write_text(text, encoding="utf-8")
-    found = read_mesh(tmp_path / "part.bdf")
-    assert not found.equations
-    assert "case control does not name" in " ".join(found.notes)
+    mesh = read_mesh(tmp_path / "part.bdf")
+    assert not mesh.equations
+    assert "case control does not name" in " ".join(mesh.notes)
 
 
 @pytest.mark.parametrize(

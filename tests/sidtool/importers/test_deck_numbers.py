@@ -57,9 +57,9 @@ def test_hexahedra_are_those_of_calculix(tmp_path: Path, kind: str) -> None:
 def test_the_model_file_may_choose_another_formulation(tmp_path: Path) -> None:
     text = deck(BEAM, "C3D8I")
     settings = {"formulation": "full_integration"}
-    found = body(tmp_path, text, held="LEFT", discretisation=settings)
+    sid = body(tmp_path, text, held="LEFT", discretisation=settings)
     full = body(tmp_path, deck(BEAM, "C3D8"), held="LEFT")
-    assert_allclose(frequencies(found), frequencies(full), rtol=1e-9)
+    assert_allclose(frequencies(sid), frequencies(full), rtol=1e-9)
     assert frequencies(full)[0] > 1.3 * beam_theory(0.04)
 
 
@@ -107,9 +107,9 @@ def test_units_scale_the_materials_of_the_deck(
     block, depth = (BEAM, 0.0) if kind == "C3D8I" else (STRIP, 0.01)
     expected = body(tmp_path, deck(block, kind, section=f"{depth}"), held="LEFT")
     text = deck(block, kind, scale=scale, material=material, section=f"{depth * scale}")
-    found = body(tmp_path, text, held="LEFT", unit=unit)
-    assert found.mass == pytest.approx(expected.mass, rel=1e-9)
-    assert_allclose(frequencies(found), frequencies(expected), rtol=1e-6)
+    sid = body(tmp_path, text, held="LEFT", unit=unit)
+    assert sid.mass == pytest.approx(expected.mass, rel=1e-9)
+    assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-6)
 
 
 @pytest.mark.parametrize("unit", [0.001, "mm-t-s", "cm-g-s"])
@@ -131,9 +131,9 @@ def test_a_blank_field_is_zero(tmp_path: Path) -> None:
     text = deck(Block((2, 1, 1), (0.3, 0.2, 0.1)), "C3D8")
     blank = text.replace(" 0.0,", " ,").replace(", 0.0\n", ",\n")
     assert ", ," in blank and blank != text
-    expected, found = body(tmp_path, text), body(tmp_path, blank)
-    assert found.mass == pytest.approx(7850 * 0.3 * 0.2 * 0.1, rel=1e-12)
-    assert_allclose(found.J.m0, expected.J.m0, rtol=1e-12)
+    expected, sid = body(tmp_path, text), body(tmp_path, blank)
+    assert sid.mass == pytest.approx(7850 * 0.3 * 0.2 * 0.1, rel=1e-12)
+    assert_allclose(sid.J.m0, expected.J.m0, rtol=1e-12)
 
 
 def test_short_lines_of_coordinates_are_filled(tmp_path: Path) -> None:
@@ -169,8 +169,8 @@ def test_sets_of_a_part_and_of_its_assembly_stay_apart(tmp_path: Path) -> None:
     assert {n + 1 for n in sets["HELD"]} == set(block.right[:2])
     assert {n + 1 for n in sets["OTHER"]} == {*block.left, 3}
     flat = body(tmp_path, deck(block, "C3D8I"), held="LEFT")
-    found = body(tmp_path, text, held="P-1.HELD")
-    assert_allclose(frequencies(found), frequencies(flat), rtol=1e-9)
+    sid = body(tmp_path, text, held="P-1.HELD")
+    assert_allclose(frequencies(sid), frequencies(flat), rtol=1e-9)
 
 
 def test_a_set_without_nodes_of_the_body_holds_nothing(tmp_path: Path) -> None:

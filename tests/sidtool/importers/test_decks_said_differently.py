@@ -87,8 +87,8 @@ def test_scalar_points_without_elements_change_nothing(tmp_path: Path) -> None:
     """Decks that were reduced have them for their modes."""
     cards = ["SPOINT,5001,THRU,5010", "QSET1,0,5001,THRU,5010", "BNDFIX1,123,1"]
     cards += ["SET3,9,GRID,1,2", "TABLEM1,7", ",0.,1.,100.,0.9,ENDT"]
-    found = body(tmp_path, bulk(*cards))
-    assert_same(found, body(tmp_path, bulk()))
+    sid = body(tmp_path, bulk(*cards))
+    assert_same(sid, body(tmp_path, bulk()))
 
 
 def held_at_end(*lines: str) -> str:
@@ -163,10 +163,10 @@ def test_nodes_in_a_system_of_their_own(system: str, tmp_path: Path) -> None:
         ),
         encoding="utf-8",
     )
-    found = read_mesh(path).mesh.positions
+    mesh = read_mesh(path).mesh.positions
     expected = np.array([1.0, -2.0, 0.5]) + plain @ np.array([x, y, np.cross(x, y)])
-    assert_allclose(found[:-1], expected, atol=1e-14)
-    assert found[-1].tolist() == [1.0, 2.0, 3.0]
+    assert_allclose(mesh[:-1], expected, atol=1e-14)
+    assert mesh[-1].tolist() == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize(
@@ -200,9 +200,9 @@ def test_constants_are_those_of_the_initial_temperature(
     text = plain.replace(f"{STEEL['e']!r}, {STEEL['nu']!r}\n", TABLE)
     if temperature is not None:
         text += f"*INITIAL CONDITIONS, TYPE=TEMPERATURE\nLEFT, {temperature}\n"
-    found = decks.frequencies(decks.body(tmp_path, text))
+    frequencies = decks.frequencies(decks.body(tmp_path, text))
     steel = decks.frequencies(decks.body(tmp_path, plain))
-    assert_allclose(found, steel * np.sqrt(modulus / STEEL["e"]), rtol=1e-6)
+    assert_allclose(frequencies, steel * np.sqrt(modulus / STEEL["e"]), rtol=1e-6)
 
 
 def test_a_missing_constant_is_reported(tmp_path: Path) -> None:

@@ -63,10 +63,10 @@ def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> N
     assert (block.nodes == mesh.blocks[0].nodes).all()
     assert set(imported.mesh.node_sets[clamped]) == set(mesh.node_sets["0.0"])
     frame = {"type": "tangent", "marker": "crank_pin", "clamp": clamped}
-    found = sid_from_model(mesh_model(tmp_path, file, frame=frame))
+    sid = sid_from_model(mesh_model(tmp_path, file, frame=frame))
     (tmp_path / "rod.msh").write_text(msh_2(mesh), encoding="utf-8")
     expected = sid_from_model(mesh_model(tmp_path, "rod.msh"))
-    assert_allclose(np.diag(found.Ke.m0), np.diag(expected.Ke.m0), rtol=1e-6)
+    assert_allclose(np.diag(sid.Ke.m0), np.diag(expected.Ke.m0), rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -223,9 +223,9 @@ def test_elements_that_carry_loads_alone_are_listed(tmp_path: Path) -> None:
     """SURF154, as Workbench lays it under a pressure."""
     loads = "ET,2,154\nTYPE,2\nEN,9,1,2,3,4\nFINISH"
     (tmp_path / "two.cdb").write_text(SINGLE.replace("FINISH", loads), encoding="utf-8")
-    found = read_mesh(tmp_path / "two.cdb")
-    assert sum(len(block.nodes) for block in found.mesh.blocks) == 2
-    assert any("elements of type 154" in note for note in found.notes)
+    mesh = read_mesh(tmp_path / "two.cdb")
+    assert sum(len(block.nodes) for block in mesh.mesh.blocks) == 2
+    assert any("elements of type 154" in note for note in mesh.notes)
 
 
 @pytest.mark.parametrize(

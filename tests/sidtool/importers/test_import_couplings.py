@@ -113,9 +113,9 @@ def test_many_rigid_bars_are_one_piece(tmp_path: Path) -> None:
     mass = f"CONM2,5,{REFERENCE},,6.5"
     expected = body(tmp_path, bulk(*cards, mass), held=True)
     bars = [f"RBAR,{n},{n},{REFERENCE},,123456,123" for n in block.right]
-    found = body(tmp_path, bulk(cards[0], *bars, mass), held=True)
-    assert_allclose(found.J.m0, expected.J.m0, rtol=1e-12)
-    assert_allclose(frequencies(found), frequencies(expected), rtol=1e-9)
+    sid = body(tmp_path, bulk(cards[0], *bars, mass), held=True)
+    assert_allclose(sid.J.m0, expected.J.m0, rtol=1e-12)
+    assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-9)
 
 
 def test_a_heavy_mass_at_the_end_of_a_light_bar(tmp_path: Path) -> None:
@@ -252,13 +252,13 @@ def test_decks_define_rigid_couplings_by_their_keywords(
     text = flat(block, f"*NODE\n9000, 0.7, 0.03, 0.01\n{coupling(block, kind)}")
     text += "*ELEMENT, TYPE=MASS, ELSET=M\n9001, 9000\n*ELSET, ELSET=M\n9001\n"
     text += "*MASS, ELSET=M\n6.5\n"
-    found = body(tmp_path, text, held=True, clamp="LEFT", file="part.inp")
-    assert found.mass == pytest.approx(expected.mass, rel=1e-12)
-    assert_allclose(found.J.m0, expected.J.m0, rtol=1e-9, atol=1e-12)
-    assert_allclose(frequencies(found), frequencies(expected), rtol=1e-8)
+    sid = body(tmp_path, text, held=True, clamp="LEFT", file="part.inp")
+    assert sid.mass == pytest.approx(expected.mass, rel=1e-12)
+    assert_allclose(sid.J.m0, expected.J.m0, rtol=1e-9, atol=1e-12)
+    assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-8)
     unconstrained = flat(block, "")
     free = body(tmp_path, unconstrained, held=True, clamp="LEFT", file="part.inp")
-    assert (frequencies(free) > 1.2 * frequencies(found)).all()
+    assert (frequencies(free) > 1.2 * frequencies(sid)).all()
 
 
 def test_a_part_where_its_instance_has_it(tmp_path: Path) -> None:

@@ -53,12 +53,12 @@ TIED = "*TIE, NAME=T\nI-1.SH, I-2.SL\n"
 
 
 def test_two_instances_that_are_tied_are_one_bar(tmp_path: Path) -> None:
-    found = body(tmp_path, assembly(part("P", BLOCK), TWICE, TIED))
+    sid = body(tmp_path, assembly(part("P", BLOCK), TWICE, TIED))
     one = Block((8, 2, 2), (2 * SIZE[0], *SIZE[1:]))
     expected = body(tmp_path, deck(one, "C3D8I"))
-    assert_allclose(frequencies(found), frequencies(expected), rtol=1e-7)
-    assert_allclose(found.mass, expected.mass, rtol=1e-12)
-    assert_allclose(found.J.m0, expected.J.m0, rtol=1e-9, atol=1e-12)
+    assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-7)
+    assert_allclose(sid.mass, expected.mass, rtol=1e-12)
+    assert_allclose(sid.J.m0, expected.J.m0, rtol=1e-9, atol=1e-12)
 
 
 def test_an_instance_is_moved_and_turned_before_it_is_tied(tmp_path: Path) -> None:
@@ -66,9 +66,9 @@ def test_an_instance_is_moved_and_turned_before_it_is_tied(tmp_path: Path) -> No
     turned = f"0., 0., 0.\n{SIZE[0]}, 0.025, 0., {SIZE[0]}, 0.025, 1., 180.\n"
     instances = [TWICE[0], ("I-2", "P", turned)]
     text = assembly(part("P", BLOCK), instances, "*TIE, NAME=T\nI-2.SH, I-1.SH\n")
-    found = body(tmp_path, text)
+    sid = body(tmp_path, text)
     expected = body(tmp_path, assembly(part("P", BLOCK), TWICE, TIED))
-    assert_allclose(frequencies(found), frequencies(expected), rtol=1e-7)
+    assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-7)
 
 
 def test_equations_between_sets_of_instances(tmp_path: Path) -> None:
@@ -76,9 +76,9 @@ def test_equations_between_sets_of_instances(tmp_path: Path) -> None:
     rows += "*EQUATION\n" + "".join(
         f"2\nA1, {i}, 1.\nA2, {i}, -1.\n" for i in (1, 2, 3)
     )
-    found = body(tmp_path, assembly(part("P", BLOCK), TWICE, rows))
+    sid = body(tmp_path, assembly(part("P", BLOCK), TWICE, rows))
     expected = body(tmp_path, assembly(part("P", BLOCK), TWICE, TIED))
-    assert_allclose(frequencies(found), frequencies(expected), rtol=1e-7)
+    assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-7)
 
 
 def test_sets_of_instances_keep_their_owner(tmp_path: Path) -> None:
@@ -113,10 +113,10 @@ def test_one_instance_is_chosen_by_its_name(tmp_path: Path) -> None:
 def test_a_set_of_elements_is_chosen_by_its_name(tmp_path: Path) -> None:
     text = deck(Block((6, 1, 1), (0.6, 0.05, 0.05)), "C3D8I")
     text += "*ELSET, ELSET=HALF, GENERATE\n1, 3, 1\n"
-    found = body(tmp_path, text, part="half")
+    sid = body(tmp_path, text, part="half")
     alone = body(tmp_path, deck(Block((3, 1, 1), (0.3, 0.05, 0.05)), "C3D8I"))
-    assert_allclose(found.mass, alone.mass, rtol=1e-12)
-    assert_allclose(frequencies(found), frequencies(alone), rtol=1e-8)
+    assert_allclose(sid.mass, alone.mass, rtol=1e-12)
+    assert_allclose(frequencies(sid), frequencies(alone), rtol=1e-8)
 
 
 def test_parts_that_nothing_ties_are_refused_with_how_to_choose(tmp_path: Path) -> None:

@@ -281,8 +281,8 @@ def test_printed_digits_do_not_hold_the_body(
     data = arrays(solid)
     data["stiffness"][:, 2] = [float(f"{x:.13e}") for x in data["stiffness"][:, 2]]
     np.savez(tmp_path / "rod.npz", **data)
-    found = sid_from_model(model(tmp_path, files))
-    assert_allclose(np.diag(found.Ke.m0), np.diag(expected.Ke.m0), rtol=2e-7)
+    sid = sid_from_model(model(tmp_path, files))
+    assert_allclose(np.diag(sid.Ke.m0), np.diag(expected.Ke.m0), rtol=2e-7)
     body = finite_element_model(read_model(tmp_path / "model.json"))
     force = body.stiffness @ np.tile(np.eye(3), (body.ndof // 3, 1))
     assert np.abs(force).max() < 1e-15 * abs(body.stiffness).sum(axis=1).max()

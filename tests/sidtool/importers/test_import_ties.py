@@ -125,14 +125,14 @@ def multi_point(parts: tuple[Part, Part]) -> str:
 def test_matching_meshes_that_are_tied_are_one_mesh(tied, tmp_path: Path) -> None:
     """Reference: the same elements with common nodes."""
     parts = two((3, 2, 2), (4, 2, 2))
-    found = body(tmp_path, whole(parts, tied(parts)))
+    sid = body(tmp_path, whole(parts, tied(parts)))
     text = whole(parts)
     for a, b in pairs(parts):
         text = _renumbered(text, b, a)
     merged = body(tmp_path, text)
-    assert_allclose(frequencies(found), frequencies(merged), rtol=1e-7)
-    assert_allclose(found.mass, merged.mass, rtol=1e-12)
-    assert_allclose(found.J.m0, merged.J.m0, rtol=1e-9, atol=1e-12)
+    assert_allclose(frequencies(sid), frequencies(merged), rtol=1e-7)
+    assert_allclose(sid.mass, merged.mass, rtol=1e-12)
+    assert_allclose(sid.J.m0, merged.J.m0, rtol=1e-9, atol=1e-12)
 
 
 def _renumbered(text: str, old: int, new: int) -> str:

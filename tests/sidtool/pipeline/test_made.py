@@ -141,14 +141,14 @@ def test_a_rod_that_is_loaded_in_its_middle_needs_its_static_shape(
     of 10 %.
     """
     path = pressed(folder, 1)
-    found = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
-    (sentence,) = [s for s in found.accuracy.sentences if s.startswith("static shape")]
+    result = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
+    (sentence,) = [s for s in result.accuracy.sentences if s.startswith("static shape")]
     assert "for loads at root, mid: " in sentence and sentence.endswith(", kept")
     at_rest = 0.02 * 0.5**3 / 3.0
-    assert found["arm.mid.uy"][-1] == pytest.approx(at_rest, rel=1e-3)
+    assert result["arm.mid.uy"][-1] == pytest.approx(at_rest, rel=1e-3)
     again = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
     assert not again.accuracy.searched
-    assert np.array_equal(again.values, found.values)
+    assert np.array_equal(again.values, result.values)
     one = sidtool.simulate(path)["arm.mid.uy"][-1]
     assert one / at_rest == pytest.approx(0.9, abs=0.02)
     path = pressed(folder, 2)
@@ -160,11 +160,11 @@ def test_a_rod_that_is_loaded_in_its_middle_needs_its_static_shape(
 
 
 def test_of_a_sid_static_shapes_are_not_judged() -> None:
-    found = sidtool.simulate(
+    result = sidtool.simulate(
         spun(0.3, 2.0), sids={"arm": cantilever(2)}, accuracy={"arm.tip.uy": 0.1}
     )
     (sentence,) = [
-        s for s in found.accuracy.sentences if s.startswith("mesh: not judged")
+        s for s in result.accuracy.sentences if s.startswith("mesh: not judged")
     ]
     assert sentence.endswith("such as static ones for loads at arm.root")
 
@@ -176,17 +176,17 @@ def test_mesh_and_modes_are_refined_as_far_as_needed(
     scene = spun(0.3, 20.0)
     path = written(folder, scene, COARSE, 1)
     expected = {"arm.tip.uy": 5e-3}
-    found = sidtool.simulate(path, accuracy=expected)
+    result = sidtool.simulate(path, accuracy=expected)
     arm = scene.bodies["arm"].model_copy(update={"quadratic_inertia": True})
     fine = scene.model_copy(update={"bodies": {"arm": arm}})
     exact = sidtool.simulate(fine, sids={"arm": cantilever(8)}, rtol=1e-9)
     true = exact["arm.tip.uy"]
-    error = np.abs(found["arm.tip.uy"] - true).max() / np.ptp(true)
-    assert error <= found.error["arm.tip.uy"] <= 5e-3
+    error = np.abs(result["arm.tip.uy"] - true).max() / np.ptp(true)
+    assert error <= result.error["arm.tip.uy"] <= 5e-3
     coarse = sidtool.simulate(path)["arm.tip.uy"]
     assert np.abs(coarse - true).max() / np.ptp(true) > 5e-3
-    assert found.accuracy.budget[0].part == "mesh"
-    sentences = " ".join(found.accuracy.sentences)
+    assert result.accuracy.budget[0].part == "mesh"
+    sentences = " ".join(result.accuracy.sentences)
     assert (
         "mesh of arm: halved" in sentences
         and "modes of arm: the last change" in sentences
@@ -195,7 +195,7 @@ def test_mesh_and_modes_are_refined_as_far_as_needed(
         forbid(patch)
         again = sidtool.simulate(path, accuracy=expected)
     assert not again.accuracy.searched
-    assert np.array_equal(again.values, found.values)
+    assert np.array_equal(again.values, result.values)
 
 
 def test_a_refusal_names_the_largest_remaining_error(
@@ -260,8 +260,8 @@ def test_analyses_of_a_body_that_is_its_model(folder: Path) -> None:
     path = written(folder, scene, mesh, 3)
     rest = sidtool.static_equilibrium(path).result()
     assert rest["arm.tip.uy"][0] == pytest.approx(-0.01 / 8.0, rel=5e-3)
-    found = sidtool.linearise(path).frequencies
-    assert found[0] * 2.0 * np.pi == pytest.approx(3.516, rel=5e-3)
+    modes = sidtool.linearise(path).frequencies
+    assert modes[0] * 2.0 * np.pi == pytest.approx(3.516, rel=5e-3)
 
 
 def test_commands_take_a_body_that_is_its_model(

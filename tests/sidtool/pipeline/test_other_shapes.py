@@ -58,8 +58,8 @@ def test_replaced_shape_functions_are_noted(
     stdout = capsys.readouterr().out
     assert "elastic coordinates of rod name other shapes" in stdout
     assert "q1 is bending z, was bending y" in " ".join(stdout.split())
-    found = sidtool.simulate(scene, sids={"rod": folder / "flat.SID_FEM"})
-    assert any("q1 is bending z, was bending y" in note for note in found.notes)
+    result = sidtool.simulate(scene, sids={"rod": folder / "flat.SID_FEM"})
+    assert any("q1 is bending z, was bending y" in note for note in result.notes)
 
 
 def test_a_swap_to_the_same_shapes_is_not(folder: Path) -> None:
@@ -91,8 +91,8 @@ def test_a_mode_that_is_named_by_its_kind_stays_the_same_one(folder: Path) -> No
 def test_a_planar_scene_knows_kinds(folder: Path) -> None:
     text = SCENE.replace('["rod.q1"]', '["rod.bending_y1", "rod.q1"]')
     (folder / "kinds.toml").write_text(text, encoding="utf-8")
-    found = sidtool.simulate(folder / "kinds.toml")
-    assert (found["rod.bending_y1"] == found["rod.q1"]).all()
+    result = sidtool.simulate(folder / "kinds.toml")
+    assert (result["rod.bending_y1"] == result["rod.q1"]).all()
 
 
 def test_kinds_that_a_body_has_not_are_refused_with_those_it_has(folder: Path) -> None:

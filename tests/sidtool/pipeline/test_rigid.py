@@ -44,9 +44,9 @@ def with_numbers() -> SceneFile:
 
 def test_a_rigid_rod_moves_like_one_given_by_numbers() -> None:
     expected = sidtool.simulate(with_numbers(), base_folder=SLIDER_CRANK, rtol=1e-9)
-    found = sidtool.simulate(SCENE, rigid=["rod"], rtol=1e-9)
+    result = sidtool.simulate(SCENE, rigid=["rod"], rtol=1e-9)
     for name in ("piston.x",):
-        assert found[name] == pytest.approx(expected[name], abs=1e-10)
+        assert result[name] == pytest.approx(expected[name], abs=1e-10)
 
 
 def test_a_rigid_body_omits_flexibility_only() -> None:

@@ -30,19 +30,19 @@ whole_module = importlib.import_module("sidtool.study.run_study")
 def test_errors_are_those_of_runs_by_hand(models: list[Path]) -> None:
     """Against dop853 on the finest mesh with most modes, all made without the study."""
     scene = swinging(0.4)
-    found = run_study(
+    study = run_study(
         scene,
         {"mesh": (-1, 0), "modes": (1, 3)},
         models={"arm": models[:1]},
         settings=ONE,
     )
-    assert found.varied == ("mesh", "modes") and len(found.points) == 4
-    names, recorded = found.reference.names, scene.outputs.record
+    assert study.varied == ("mesh", "modes") and len(study.points) == 4
+    names, recorded = study.reference.names, scene.outputs.record
     assert names
     richest = by_hand(scene, 0, 3, integrator="dop853", rtol=1e-11)
     scale = np.ptp(richest, axis=0)
-    for point in found.points:
-        level, modes = (int(point.choices[axis]) for axis in found.varied)
+    for point in study.points:
+        level, modes = (int(point.choices[axis]) for axis in study.varied)
         values = by_hand(scene, level, modes, integrator="dop853", rtol=1e-11)
         errors = np.abs(values - richest).max(axis=0) / scale
         assert tuple(point.errors) == names
@@ -51,7 +51,7 @@ def test_errors_are_those_of_runs_by_hand(models: list[Path]) -> None:
             assert point.errors[name] == pytest.approx(error, rel=0.05, abs=1e-6)
         assert point.error >= max(point.errors.values())
         assert point.size == modes
-    assert {p.dofs for p in found.points} == {2 * 11 * 2, 2 * 21 * 3}
+    assert {p.dofs for p in study.points} == {2 * 11 * 2, 2 * 21 * 3}
 
 
 def by_hand_of(scene: Any, modes: int, **how: Any) -> np.ndarray:
@@ -70,10 +70,10 @@ def by_hand(scene: Any, level: int, modes: int, **how: Any) -> np.ndarray:
 def test_no_modes_are_a_rigid_body(models: list[Path]) -> None:
     """Of a model with modes alone the physical pendulum stays; interfaces deform."""
     scene = swinging(0.4)
-    found = run_study(
+    study = run_study(
         scene, {"modes": (0, 2)}, models={"arm": models[:1]}, settings=ONE
     )
-    rigid = next(p for p in found.points if p.choices["modes"] == "0")
+    rigid = next(p for p in study.points if p.choices["modes"] == "0")
     assert rigid.size == 0
     richest = by_hand(scene, 0, 2, integrator="dop853", rtol=1e-11)
     turn = turned(np.linspace(0.0, 0.4, len(richest)))
@@ -99,24 +99,24 @@ def turned(times: np.ndarray) -> np.ndarray:
 
 def test_models_are_put_side_by_side(models: list[Path]) -> None:
     """The reference is the model that its own refinement changes least: smooth IGA."""
-    found = run_study(
+    study = run_study(
         swinging(0.4), {"mesh": (-2, -1, 0)}, models={"arm": models}, settings=ONE
     )
-    assert {p.choices["model"] for p in found.points} == {"q4", "iga"}
-    assert "iga" in found.reference.model
-    worst = {p.choices["model"]: p.error for p in found.points}
+    assert {p.choices["model"] for p in study.points} == {"q4", "iga"}
+    assert "iga" in study.reference.model
+    worst = {p.choices["model"]: p.error for p in study.points}
     assert worst["q4"] > worst["iga"]
-    assert all(p.conversion > 0.0 for p in found.points)
+    assert all(p.conversion > 0.0 for p in study.points)
 
 
 def test_all_frames_give_the_same_motion() -> None:
     """Small deformations: where the frame sits changes them in second order only."""
     scene = swinging(0.4, outputs={"record": ["arm.tip.y", "arm.tip.uy", "arm.y"]})
-    found = run_study(scene, {"frame": ()}, sids={"arm": cantilever(3)}, settings=ONE)
-    assert found.reference.names == ("arm.tip.y",)
-    assert set(found.dropped) == {"arm.tip.uy", "arm.y"}
-    assert {p.choices["frame"] for p in found.points} > {"chord", "buckens"}
-    assert all(p.error < 1e-3 for p in found.points)
+    study = run_study(scene, {"frame": ()}, sids={"arm": cantilever(3)}, settings=ONE)
+    assert study.reference.names == ("arm.tip.y",)
+    assert set(study.dropped) == {"arm.tip.uy", "arm.y"}
+    assert {p.choices["frame"] for p in study.points} > {"chord", "buckens"}
+    assert all(p.error < 1e-3 for p in study.points)
 
 
 def test_damping_laws_hold_in_the_frame_of_the_sid() -> None:
@@ -126,25 +126,25 @@ def test_damping_laws_hold_in_the_frame_of_the_sid() -> None:
     scene = swinging(
         0.4, bodies={"arm": arm}, outputs={"record": ["pin.fx", "pin.fy", "arm.tip.y"]}
     )
-    found = run_study(
+    study = run_study(
         scene,
         {"frame": ("tangent", "buckens")},
         sids={"arm": cantilever(3)},
         settings=ONE,
     )
-    assert max(p.error for p in found.points) < 2e-3
+    assert max(p.error for p in study.points) < 2e-3
 
 
 def test_changes_by_the_last_modes_are_part_of_the_error() -> None:
     """The third elastic coordinate is there in the richest variant alone."""
     scene = swinging(0.4, outputs={"record": ["arm.q*", "arm.tip.x"]})
-    found = run_study(
+    study = run_study(
         scene, {"modes": (0, 1, 3)}, sids={"arm": cantilever(3)}, settings=ONE
     )
-    assert found.reference.unconverged["arm.q3"] == pytest.approx(1.0, abs=0.1)
-    rigid, one, whole = sorted(found.points, key=lambda p: p.size)
+    assert study.reference.unconverged["arm.q3"] == pytest.approx(1.0, abs=0.1)
+    rigid, one, whole = sorted(study.points, key=lambda p: p.size)
     assert (rigid.size, one.size, whole.size) == (0, 1, 3)
-    assert rigid.error > one.error > whole.error >= found.reference.uncertainty
+    assert rigid.error > one.error > whole.error >= study.reference.uncertainty
     assert not whole.is_resolved
 
 
@@ -168,9 +168,9 @@ def test_the_error_of_the_reference_is_part_of_an_error() -> None:
 def test_limiting_outputs_are_named_with_a_remedy() -> None:
     """The tip bends by what the modes make of it, and is carried round by the drive."""
     scene, sids = spun(0.5, 4.0), {"arm": cantilever(3)}
-    found = run_study(scene, {"modes": (1, 2)}, sids=sids, settings=ONE)
-    assert found.reference.uncertainty > 2e-3
-    report = found.report()
+    study = run_study(scene, {"modes": (1, 2)}, sids=sids, settings=ONE)
+    assert study.reference.uncertainty > 2e-3
+    report = study.report()
     assert "That is due to arm.tip.uy (3e-03); more modes would tell more." in report
     assert "The others are known to 3e-05: --of arm.tip.x compares" in report
     more = run_study(scene, {"modes": (1, 2, 3)}, sids=sids, settings=ONE)
@@ -199,13 +199,13 @@ def test_a_spin_needs_its_geometric_stiffening() -> None:
     wrong.
     """
     scene = spun(2.5, 12.0, outputs={"record": ["arm.tip.x", "arm.tip.y", "hub.mz"]})
-    found = run_study(
+    study = run_study(
         scene,
         {"terms": ()},
         sids={"arm": cantilever(2, stiffened=True)},
         settings=ONE,
     )
-    errors = {p.choices["terms"]: p.error for p in found.points}
+    errors = {p.choices["terms"]: p.error for p in study.points}
     assert errors["none"] > 10.0 * errors["stiffening"]
     assert errors["all"] < 1e-4
 
@@ -288,8 +288,8 @@ def test_all_axes_together(models: list[Path]) -> None:
     """One choice at a time: the reference is converted although no point is like it."""
     settings = (*ONE, Setting("radau9", rtol=1e-8))
     given = {"arm": models[:1]}
-    found = run_study(swinging(0.2), SIX, models=given, settings=settings, differ=1)
-    assert found.varied == (*SIX, "integrator") and found.whole == 2**6
-    assert len(found.points) == 7
-    assert not any(p.message for p in found.points)
-    assert all(set(p.choices) == set(SIX) for p in found.points)
+    study = run_study(swinging(0.2), SIX, models=given, settings=settings, differ=1)
+    assert study.varied == (*SIX, "integrator") and study.whole == 2**6
+    assert len(study.points) == 7
+    assert not any(p.message for p in study.points)
+    assert all(set(p.choices) == set(SIX) for p in study.points)

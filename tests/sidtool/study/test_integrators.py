@@ -112,9 +112,9 @@ def test_hopeless_integrators_get_no_tighter_tolerances(
     monkeypatch.setattr(outputs, "LONG_RUN_SECONDS", 0.0)
     monkeypatch.setattr(outputs, "HOPELESS_RATIO", 1.0)
     expected = default_settings(["radau9", "trapezoidal"], [1e-4, 1e-5, 1e-6])
-    found = run_study(pendulum(), settings=expected).points
-    assert [p.setting for p in found] == expected
-    trapezoidal = found[3:]
+    study = run_study(pendulum(), settings=expected).points
+    assert [p.setting for p in study] == expected
+    trapezoidal = study[3:]
     assert trapezoidal[0].steps > 0
     assert trapezoidal[-1].message == "left out, far too slow"
     assert run_study(pendulum(), settings=expected[3:]).points[-1].steps > 0

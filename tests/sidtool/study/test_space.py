@@ -30,8 +30,8 @@ def test_a_twisting_bar_is_studied_without_terms(tmp_path: Path) -> None:
     path.write_text(json.dumps(bar()), encoding="utf-8")
     scene = turning_bar()
     axes = {"reduction": ("craig_bampton",), "terms": ("none", "quadratic")}
-    found = run_study(scene, axes, models={"bar": [path]}, settings=ONE)
-    assert [p.message for p in found.points] == [""] * 2
+    study = run_study(scene, axes, models={"bar": [path]}, settings=ONE)
+    assert [p.message for p in study.points] == [""] * 2
 
 
 def test_meshes_and_reductions_in_space(tmp_path: Path) -> None:
@@ -40,14 +40,14 @@ def test_meshes_and_reductions_in_space(tmp_path: Path) -> None:
     path.write_text(json.dumps(bar()), encoding="utf-8")
     scene = turning_bar()
     axes = {"mesh": (-1, 0), "reduction": ("modal", "craig_bampton")}
-    found = run_study(scene, axes, models={"bar": [path]}, settings=ONE, differ=2)
-    assert not any(p.message for p in found.points)
-    names = found.reference.names
-    size = {(p.choices["mesh"], p.choices["reduction"]): p.size for p in found.points}
+    study = run_study(scene, axes, models={"bar": [path]}, settings=ONE, differ=2)
+    assert not any(p.message for p in study.points)
+    names = study.reference.names
+    size = {(p.choices["mesh"], p.choices["reduction"]): p.size for p in study.points}
     assert size["0", "craig_bampton"] > size["0", "modal"] == size["-1", "modal"] == 4
     richest = bar_by_hand(scene, names, 8, "craig_bampton")
     scale = np.ptp(richest, axis=0)
-    for point in found.points:
+    for point in study.points:
         elements = 8 if point.choices["mesh"] == "0" else 4
         values = bar_by_hand(scene, names, elements, point.choices["reduction"])
         expected = np.abs(values - richest).max(axis=0) / scale
@@ -72,10 +72,10 @@ def test_frames_of_models_keep_their_interfaces(tmp_path: Path) -> None:
     path = tmp_path / "bar.json"
     path.write_text(json.dumps(bar(method="craig_bampton")), encoding="utf-8")
     axes = {"frame": ("tangent", "chord", "buckens")}
-    found = run_study(turning_bar(), axes, models={"bar": [path]}, settings=ONE)
-    assert [p.message for p in found.points] == [""] * 3
-    assert len({p.size for p in found.points}) == 1
-    assert max(p.error for p in found.points) < 1e-2
+    study = run_study(turning_bar(), axes, models={"bar": [path]}, settings=ONE)
+    assert [p.message for p in study.points] == [""] * 3
+    assert len({p.size for p in study.points}) == 1
+    assert max(p.error for p in study.points) < 1e-2
 
 
 @pytest.mark.parametrize(

@@ -92,13 +92,13 @@ def test_deflection_of_a_cantilever_over_load_and_height_of_its_model(
     """F L^3/(3 E I) in both models; a grid of keys of the scene and of the model."""
     height, force = "bar.model.geometry.section.height", "load.force[1]"
     over = {height: np.array([0.01, 0.02]), force: [0.05, 0.1]}
-    found = cantilever(tmp_path).sweep(over, "bar.tip.uy.end,bar.tip.u*.max")
-    assert list(found[height]) == [0.01, 0.01, 0.02, 0.02]
-    inertia = 0.01 * found[height] ** 3 / 12
-    exact = found[force] * 0.5**3 / (3 * 2e9 * inertia)
-    assert np.allclose(found["bar.tip.uy.end"], exact, rtol=2e-3)  # and shear
-    assert np.allclose(found["bar.tip.ux.max"], 0.0, atol=1e-3 * exact.min())
-    assert [found.units[name] for name in found.axes] == ["m", "N"]
+    sweep = cantilever(tmp_path).sweep(over, "bar.tip.uy.end,bar.tip.u*.max")
+    assert list(sweep[height]) == [0.01, 0.01, 0.02, 0.02]
+    inertia = 0.01 * sweep[height] ** 3 / 12
+    exact = sweep[force] * 0.5**3 / (3 * 2e9 * inertia)
+    assert np.allclose(sweep["bar.tip.uy.end"], exact, rtol=2e-3)  # and shear
+    assert np.allclose(sweep["bar.tip.ux.max"], 0.0, atol=1e-3 * exact.min())
+    assert [sweep.units[name] for name in sweep.axes] == ["m", "N"]
 
 
 def test_measures_of_a_vibration() -> None:

@@ -52,8 +52,8 @@ def test_a_closed_standard_output_is_no_error(tmp_path: Path) -> None:
     words = f"convert {tmp_path / 'body.SID_FEM'} -o {target}".split()
     shell = ["sh", "-c", '"$0" "$@" >&-', sys.executable, "-c"]
     code = "from sidtool.cli.main import main; main()"
-    found = subprocess.run([*shell, code, *words], stderr=subprocess.PIPE)
-    assert found.returncode == 0 and found.stderr == b""
+    result = subprocess.run([*shell, code, *words], stderr=subprocess.PIPE)
+    assert result.returncode == 0 and result.stderr == b""
     assert read_sid(target).nq == 3
 
 

@@ -96,7 +96,7 @@ def test_a_straight_bar_is_the_beam_of_a_model_file(tmp_path: Path) -> None:
         "reduction": {"method": "modal", "modes": 5},
     }
     text = bulk(*grids(np.outer(x, axis)), *bars, card, MATERIAL)
-    found = body(tmp_path, text, **more)
+    sid = body(tmp_path, text, **more)
     data = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
     data["material"] = {"youngs_modulus": E, "poissons_ratio": NU, "density": RHO}
     data["geometry"] = {
@@ -119,9 +119,9 @@ def test_a_straight_bar_is_the_beam_of_a_model_file(tmp_path: Path) -> None:
     }
     (tmp_path / "beam.json").write_text(json.dumps(data), encoding="utf-8")
     expected = sid_from_model(tmp_path / "beam.json")
-    assert found.mass == pytest.approx(expected.mass, rel=1e-12)
+    assert sid.mass == pytest.approx(expected.mass, rel=1e-12)
     for name in ("J", "Ct", "Cr", "Me", "Gr", "Oe", "Ge", "Ke"):
-        a, b = getattr(found, name), getattr(expected, name)
+        a, b = getattr(sid, name), getattr(expected, name)
         for one, other in ((a.m0, b.m0), (a.m1, b.m1)):
             if other is None or not np.size(other):
                 continue
