@@ -159,12 +159,12 @@ def judge_all(
             if path is not None:
                 with path.open("a", encoding="utf-8") as file:
                     file.write(json.dumps([SEARCH, asdict(verdict)]) + "\n")
-        say(told(verdict))
+        say(verdict_text(verdict))
         verdicts.append(verdict)
     return verdicts
 
 
-def told(verdict: Verdict) -> str:
+def verdict_text(verdict: Verdict) -> str:
     """A line about one scene."""
     head = f"seed {verdict.seed}: {verdict.wanted:.1e}"
     if verdict.refused:

@@ -23,7 +23,7 @@ from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, simulate
 from tests.sidtool.elements.bores import pinned
-from tests.sidtool.elements.drawn_parts import drawn
+from tests.sidtool.elements.drawn_parts import drawn_part
 from tests.sidtool.models import rod
 from tests.solver.stiffened_bars import hinged, on_a_hub, swelling
 from tests.steel_bars import CHORD, FRAMES, MEAN, TANGENT
@@ -146,7 +146,7 @@ def on_a_crank(size: int, frame: str, _: float) -> Way:
 @cache
 def solid_part(part: str, size: int) -> SID:
     """A drawn part of tet10; its markers are the means of its bores or ends (RBE3)."""
-    meshed = drawn(part, "tet10", 1)
+    meshed = drawn_part(part, "tet10", 1)
     sets = {"FIXED": meshed.fixed, "LOADED": meshed.loaded}
     markers = {
         name.lower(): {"node": i + 1, "tie": {"type": "distributing", "to": name}}

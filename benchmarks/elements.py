@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from tests.sidtool.elements.drawn_parts import (
     PARTS,
     Part,
-    drawn,
+    drawn_part,
     shaken_bar,
     twisted_blade,
 )
@@ -88,7 +88,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
 @cache
 def _converged(part: str) -> Found:
     """Every value extrapolated with the order that it has on three meshes."""
-    found = [by_sidtool(drawn(part, "hex20", cells), "hex20") for cells in FINE]
+    found = [by_sidtool(drawn_part(part, "hex20", cells), "hex20") for cells in FINE]
     values = [[getattr(one, key.name) for one in found] for key in fields(Found)]
     return Found(*(_limit(*three) for three in values))
 
@@ -112,7 +112,7 @@ def _limit(first: float, second: float, third: float) -> float:
 
 def _row(part: str, element: str, best: Found) -> list[str]:
     kind, twin = ELEMENTS[element]
-    drawing = drawn(part, kind, CELLS)
+    drawing = drawn_part(part, kind, CELLS)
     own = _errors(by_sidtool(drawing, element), best)
     with tempfile.TemporaryDirectory() as place:
         other = _errors(by_calculix(drawing, element, Path(place)), best)
@@ -145,7 +145,7 @@ def _refined(say: Callable[[str], None]) -> Table:
         say(f"  {name}, refined")
         best = _converged(name)
         for cells in REFINED:
-            own, other = _both(drawn(name, "hex8", cells), best)
+            own, other = _both(drawn_part(name, "hex8", cells), best)
             retained = list(zip(own, other, strict=True))[1:4]
             rows.append(
                 [name, str(cells), *(f"{_worst(a)} / {_worst(b)}" for a, b in retained)]

@@ -124,7 +124,7 @@ def judge_all(
                 file.write(json.dumps([asdict(v) for v in verdicts]) + "\n")
             for v in verdicts:
                 if not v.equal:
-                    say(f"  scene {v.seed}, {v.way}: {_told(v)}")
+                    say(f"  scene {v.seed}, {v.way}: {verdict_text(v)}")
             if count % TOLD == 0 or count == len(waiting):
                 minutes = (time.monotonic() - begin) / 60.0
                 say(f"  {count} of {len(waiting)} scenes in {minutes:.1f} min")
@@ -147,7 +147,7 @@ def _known(kept: Path) -> dict[int, list[Verdict]]:
     return {verdicts[0].seed: verdicts for verdicts in scenes}
 
 
-def _told(v: Verdict) -> str:
+def verdict_text(v: Verdict) -> str:
     if v.error is None:
         return v.where
     return f"{v.error:.2e} of {v.allowed:.0e} allowed, {v.where}"

@@ -37,12 +37,12 @@ SCENE = "format = 'sidtool scene'\nversion = 1\n"
 
 
 def _mesh(text: str, name: str = "mesh.inp") -> Callable[[Path, Path], tuple[str, ...]]:
-    def made(folder: Path, sid: Path) -> tuple[str, ...]:
+    def written_files(folder: Path, sid: Path) -> tuple[str, ...]:
         (folder / name).write_text(text, encoding="utf-8")
         (folder / "model.toml").write_text(MODEL.format(file=name), encoding="utf-8")
         return "convert", "model.toml", "-o", "made.h5"
 
-    return made
+    return written_files
 
 
 def _pipe(folder: Path, sid: Path) -> tuple[str, ...]:
@@ -63,17 +63,17 @@ def _cascade(folder: Path, sid: Path) -> tuple[str, ...]:
 
 
 def _text(content: str) -> Callable[[Path, Path], tuple[str, ...]]:
-    def made(folder: Path, sid: Path) -> tuple[str, ...]:
+    def written_files(folder: Path, sid: Path) -> tuple[str, ...]:
         (folder / "odd.toml").write_text(content, encoding="utf-8")
         return "info", "odd.toml"
 
-    return made
+    return written_files
 
 
 def _hdf5(change: Callable[[h5py.File], None]) -> Callable[..., tuple[str, ...]]:
     """A SID without its seal, changed."""
 
-    def made(folder: Path, sid: Path) -> tuple[str, ...]:
+    def written_files(folder: Path, sid: Path) -> tuple[str, ...]:
         write_sid(folder / "whole.h5", read_sid(sid))
         (folder / "odd.h5").write_bytes((folder / "whole.h5").read_bytes()[512:])
         (folder / "other.bin").write_bytes(bytes(1 << 16))
@@ -81,7 +81,7 @@ def _hdf5(change: Callable[[h5py.File], None]) -> Callable[..., tuple[str, ...]]
             change(file)
         return "info", "odd.h5"
 
-    return made
+    return written_files
 
 
 def _loop(file: h5py.File) -> None:
@@ -114,13 +114,13 @@ def _escapes(file: h5py.File) -> None:
 
 
 def _sid(change: Callable[[str], str]) -> Callable[[Path, Path], tuple[str, ...]]:
-    def made(folder: Path, sid: Path) -> tuple[str, ...]:
+    def written_files(folder: Path, sid: Path) -> tuple[str, ...]:
         (folder / "odd.SID_FEM").write_text(
             change(sid.read_text(encoding="utf-8")), encoding="utf-8"
         )
         return "validate", "odd.SID_FEM"
 
-    return made
+    return written_files
 
 
 def _placeholders(text: str) -> str:

@@ -104,7 +104,13 @@ def frequencies(
     bodies: Sequence[tuple[str, int, ConversionOutcome]], errors: Sequence[float]
 ) -> Table:
     rows = [
-        [kind, f"{level:+d}", str(created.dofs), f"{created.seconds:.2f}", _told(error)]
+        [
+            kind,
+            f"{level:+d}",
+            str(created.dofs),
+            f"{created.seconds:.2f}",
+            error_text(error),
+        ]
         for (kind, level, created), error in zip(bodies, errors, strict=True)
     ]
     header = ["model", "halvings", "dofs", "conversion [s]", "worst of f1 to f5"]
@@ -189,5 +195,5 @@ def _order(point: Point) -> tuple[str, int, int]:
     return choices["model"], int(choices["mesh"]), int(choices["modes"])
 
 
-def _told(error: float) -> str:
+def error_text(error: float) -> str:
     return f"{error:.1e}" if error > DIGITS else f"<{DIGITS:.0e}"

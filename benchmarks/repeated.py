@@ -40,8 +40,12 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         anew, again = [], []
         for k in range(1, RUNS + 1):  # none with the numbers of the scene
             changes = numbers(k)
-            anew.append(_beside(lambda c=changes: scene.with_(c).simulate().notes))
-            again.append(_beside(lambda c=changes: compiled.run(c)))
+            anew.append(
+                _times_outside_solution(
+                    lambda c=changes: scene.with_(c).simulate().notes
+                )
+            )
+            again.append(_times_outside_solution(lambda c=changes: compiled.run(c)))
         one, other = (min(column[0] for column in part) for part in (anew, again))
         solved = min(total - beside for beside, total in again)
         cells = [f"{1e3 * x:.2f}" for x in (solved, one, other)]
@@ -60,8 +64,8 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     )
 
 
-def _beside(work: Callable[[], Any]) -> tuple[float, float]:
-    """Seconds beside the solution, and all of them."""
+def _times_outside_solution(work: Callable[[], Any]) -> tuple[float, float]:
+    """Return the seconds outside the solution, and the total."""
     with _solutions() as spent:
         began = time.thread_time()
         work()

@@ -236,13 +236,13 @@ def unit(v: Any) -> Array:
     return np.asarray(v, float) / np.linalg.norm(v)
 
 
-def beside(n: Array) -> tuple[Array, Array]:
-    """Two axes across one."""
+def perpendicular_pair(n: Array) -> tuple[Array, Array]:
+    """Return two axes perpendicular to another one."""
     a = unit(np.cross(n, np.eye(3)[np.argmin(np.abs(n))]))
     return a, np.cross(n, a)
 
 
-def at_one_place(xA: Array, RA: Array, xB: Array, RB: Array, t: Any) -> Array:
+def coincidence_residual(xA: Array, RA: Array, xB: Array, RB: Array, t: Any) -> Array:
     return xB - xA
 
 
@@ -252,14 +252,14 @@ def same_axes(xA: Array, RA: Array, xB: Array, RB: Array, t: Any) -> Array:
 
 
 def parallel(n: Array) -> Constraint:
-    a, b = beside(n)
+    a, b = perpendicular_pair(n)
     return lambda xA, RA, xB, RB, t: np.array(
         [(RA @ a) @ (RB @ n), (RA @ b) @ (RB @ n)]
     )
 
 
 def across(n: Array) -> Constraint:
-    a, b = beside(n)
+    a, b = perpendicular_pair(n)
     return lambda xA, RA, xB, RB, t: np.array(
         [(RA @ a) @ (xB - xA), (RA @ b) @ (xB - xA)]
     )
@@ -275,7 +275,7 @@ def perpendicular(a: Array, b: Array) -> Constraint:
 
 def angle(n: Array) -> Constraint:
     """How far B is turned about an axis of A, within half a turn."""
-    a, b = beside(n)
+    a, b = perpendicular_pair(n)
 
     def of(xA: Array, RA: Array, xB: Array, RB: Array, t: Any) -> Array:
         c, s = (RA @ a) @ (RB @ a), (RA @ b) @ (RB @ a)

@@ -26,7 +26,7 @@ from .particles import (
     across,
     along,
     angle,
-    at_one_place,
+    coincidence_residual,
     distance,
     parallel,
     perpendicular,
@@ -81,14 +81,18 @@ def joint(kind: str, rng: np.random.Generator) -> Joint:
 
     lead = (PITCH * about / (2.0 * np.pi) + LEAD) * axis
     holds, turns, way = {
-        "fixed": (together(at_one_place, same_axes), fixed, none),
-        "revolute": (together(at_one_place, parallel(axis)), turn, none),
+        "fixed": (together(coincidence_residual, same_axes), fixed, none),
+        "revolute": (together(coincidence_residual, parallel(axis)), turn, none),
         "prismatic": (together(across(axis), same_axes), fixed, away * axis),
         "cylindrical": (together(across(axis), parallel(axis)), turn, away * axis),
         "screw": (together(across(axis), parallel(axis), screw), turn, lead),
-        "spherical": (at_one_place, any_turn, none),
-        "coincident": (at_one_place, any_turn, none),
-        "universal": (together(at_one_place, perpendicular(axis, other)), both, none),
+        "spherical": (coincidence_residual, any_turn, none),
+        "coincident": (coincidence_residual, any_turn, none),
+        "universal": (
+            together(coincidence_residual, perpendicular(axis, other)),
+            both,
+            none,
+        ),
         "planar": (together(along(axis), parallel(axis)), turn, away * other),
         "point_on_line": (across(axis), any_turn, away * axis),
         "point_on_plane": (along(axis), any_turn, away * other),

@@ -25,7 +25,7 @@ from tests.places import SLIDER_CRANK
 G = 9.81
 
 
-def thrown(**changes: Any) -> sidtool.Scene:
+def projectile(**changes: Any) -> sidtool.Scene:
     """A point mass thrown upwards at 60 degrees."""
     speed = 4.0
     velocity = speed * np.array([np.cos(np.pi / 3), np.sin(np.pi / 3)])
@@ -67,7 +67,7 @@ def test_every_kind_that_files_know_has_its_class() -> None:
 
 
 def test_a_scene_in_python_follows_mechanics(tmp_path: Path) -> None:
-    scene = thrown()
+    scene = projectile()
     result = scene.simulate()
     t = result.t
     expected = 0.2 + 4 * np.sin(np.pi / 3) * t - G * t**2 / 2
@@ -89,8 +89,8 @@ def test_lists_tuples_arrays_and_plain_tables_are_equivalent() -> None:
     }
     velocity = np.array(variants["initial"]["velocity"])  # type: ignore[index]
     start = sidtool.Initial(position=[0.1, 0.2], velocity=velocity)
-    other = thrown(bodies={"stone": sidtool.RigidBody(mass=2, initial=start)})
-    assert thrown(bodies={"stone": variants}) == other
+    other = projectile(bodies={"stone": sidtool.RigidBody(mass=2, initial=start)})
+    assert projectile(bodies={"stone": variants}) == other
 
 
 def test_files_are_found_after_a_scene_is_saved_in_another_folder(
@@ -119,12 +119,12 @@ def test_files_are_found_after_a_scene_is_saved_in_another_folder(
         ),
         (lambda: sidtool.Actuator(function=abs), "Actuator: function"),
         (lambda: sidtool.Event(quantity="a.x", action="halt"), "Event: action"),
-        (lambda: thrown(gravity=np.zeros(3)), "Scene: gravity: found 3 components"),
-        (lambda: thrown(joints={"a": {"type": "weld"}}), "Scene: joints.a.type"),
-        (lambda: thrown(bodies={"a": {"mass": 0}}), "Scene: bodies.a.mass"),
+        (lambda: projectile(gravity=np.zeros(3)), "Scene: gravity: found 3 components"),
+        (lambda: projectile(joints={"a": {"type": "weld"}}), "Scene: joints.a.type"),
+        (lambda: projectile(bodies={"a": {"mass": 0}}), "Scene: bodies.a.mass"),
         (lambda: sidtool.NodeMarker(node=0), "NodeMarker: node"),
         (lambda: sidtool.ModalReduction(modes=2.5), "ModalReduction: modes"),
-        (lambda: thrown().save("thrown.json"), "thrown.json: is no TOML"),
+        (lambda: projectile().save("thrown.json"), "thrown.json: is no TOML"),
     ],
 )
 def test_wrong_arguments_are_named(make: Any, message: str) -> None:
@@ -178,7 +178,7 @@ def test_a_model_of_python_is_that_of_the_file() -> None:
 def test_results_have_units_and_name_missing_outputs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    result = thrown().simulate()
+    result = projectile().simulate()
     assert result.units == {"stone.x": "m", "stone.y": "m", "stone.vy": "m/s"}
     assert result.unit("stone.momentum_x") == "kg m/s"
     assert result.unit("angular_momentum.z") == "kg m\N{SUPERSCRIPT TWO}/s"
@@ -192,7 +192,7 @@ def test_results_have_units_and_name_missing_outputs(
 
 
 def test_objects_show_themselves_shortly_and_in_notebooks() -> None:
-    scene = thrown(title="<b>")
+    scene = projectile(title="<b>")
     shown = [
         scene,
         sidtool.Model.load(SLIDER_CRANK / "rod_q4.toml"),
@@ -204,7 +204,7 @@ def test_objects_show_themselves_shortly_and_in_notebooks() -> None:
         page = thing._repr_html_()
         assert page.count("<table>") == page.count("</table>") > 0
         assert "<b>" not in page
-    assert "thrown" in repr(thrown()) and "200.553" in shown[2]._repr_html_()
+    assert "thrown" in repr(projectile()) and "200.553" in shown[2]._repr_html_()
 
 
 def test_compiling_is_announced_at_a_prompt_and_in_notebooks(
@@ -219,7 +219,7 @@ def test_compiling_is_announced_at_a_prompt_and_in_notebooks(
 
 
 def test_equal_scenes_may_come_from_anywhere(tmp_path: Path) -> None:
-    scene = thrown(parameters={"a": 1.0})
+    scene = projectile(parameters={"a": 1.0})
     plain = SceneFile.checked(scene.said(), "table")
     assert plain.model_dump() == scene.model_dump()
 

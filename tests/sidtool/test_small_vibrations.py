@@ -22,7 +22,7 @@ from sidtool.pipeline.model_to_sid import sid_from_model
 from ..places import SLIDER_CRANK
 from .bodies import beam_data
 from .elements.bores import pinned
-from .elements.drawn_parts import drawn
+from .elements.drawn_parts import drawn_part
 
 FOLDER = str(SLIDER_CRANK)
 
@@ -51,7 +51,7 @@ def run(rod: SID, kind: str, energy: float, **changes: Any) -> sidtool.Result:
     )
 
 
-def told(result: sidtool.Result) -> list[str]:
+def vibration_notes(result: sidtool.Result) -> list[str]:
     return [note for note in result.notes if "follow a small vibration" in note]
 
 
@@ -63,7 +63,7 @@ def test_the_vibration_that_limits_steps_is_named_and_the_advice_helps(
 ) -> None:
     number = named_by_kind(rod)[kind]
     slow = run(rod, kind, energy)
-    (sentence,) = told(slow)
+    (sentence,) = vibration_notes(slow)
     words = rf"q{number} of rod \(bending z\) at about (\S+) Hz.* with (\S+) J"
     found = re.search(words, sentence)
     assert found is not None
@@ -73,15 +73,15 @@ def test_the_vibration_that_limits_steps_is_named_and_the_advice_helps(
     retained = tuple(i for i in range(1, rod.nq + 1) if i != number)
     start = read_scene(FOLDER + "/slider_crank.toml").bodies["rod"].initial
     without = run(rod, kind, energy, shape_functions=retained, initial=start)
-    assert not told(without)
+    assert not vibration_notes(without)
     assert without.counters["steps"] < 0.1 * slow.counters["steps"]
     assert np.abs(without["piston.x"] - slow["piston.x"]).max() < 1e-6
 
 
 def test_a_vibration_that_matters_is_not(rod: SID) -> None:
     """A hundred times the energy of what the run stores otherwise, and none at all."""
-    assert not told(run(rod, "bending_z7", 1.0))
-    assert not told(run(rod, "bending_z7", 0.0))
+    assert not vibration_notes(run(rod, "bending_z7", 1.0))
+    assert not vibration_notes(run(rod, "bending_z7", 0.0))
 
 
 def test_a_pin_out_of_the_plane_costs_no_steps(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_a_pin_out_of_the_plane_costs_no_steps(tmp_path: Path) -> None:
 
     The vibration out of the plane that this excites took fifteen times the steps.
     """
-    part = drawn("rod", "tet10", 1)
+    part = drawn_part("rod", "tet10", 1)
     span = part.mesh.positions[part.loaded, 0].mean()
     stretch = np.array([1 / span, 1 / span, 1.0])
     mesh = Mesh(part.mesh.positions * stretch, part.mesh.blocks)

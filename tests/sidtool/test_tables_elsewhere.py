@@ -14,7 +14,7 @@ G, SPEED = 9.81, 3.0
 
 
 @pytest.fixture(scope="module")
-def thrown() -> sidtool.Result:
+def result() -> sidtool.Result:
     """A stone thrown upwards."""
     start = sidtool.Initial(position=[0.0, 1.0], velocity=[2.0, SPEED])
     return sidtool.Scene(
@@ -27,14 +27,14 @@ def thrown() -> sidtool.Result:
     ).simulate()
 
 
-def test_a_table_of_pandas(thrown: sidtool.Result) -> None:
-    table = thrown.to_dataframe()
+def test_a_table_of_pandas(result: sidtool.Result) -> None:
+    table = result.to_dataframe()
     assert list(table.columns) == ["stone.y", "stone.x"] and table.index.name == "t"
     t = table.index.to_numpy()
-    np.testing.assert_array_equal(t, thrown.t)
+    np.testing.assert_array_equal(t, result.t)
     expected = 1.0 + SPEED * t - G * t**2 / 2
     np.testing.assert_allclose(table["stone.y"], expected, atol=1e-8)
-    more = thrown.to_dataframe("stone.v*,stone.x")
+    more = result.to_dataframe("stone.v*,stone.x")
     assert list(more.columns) == ["stone.vx", "stone.vy", "stone.x"]
     np.testing.assert_allclose(more["stone.vy"], SPEED - G * t, atol=1e-8)
     assert more.attrs["units"] == {
@@ -46,12 +46,12 @@ def test_a_table_of_pandas(thrown: sidtool.Result) -> None:
     top = table["stone.y"].idxmax()  # the output time that is nearest to v = 0
     assert abs(top - SPEED / G) <= 0.025
     with pytest.raises(sidtool.InputError, match="brick"):
-        thrown.to_dataframe("brick.x")
+        result.to_dataframe("brick.x")
 
 
-def test_a_data_set_of_xarray(thrown: sidtool.Result) -> None:
-    data = thrown.to_xarray(["stone.y", "stone.ay"])
-    assert dict(data.sizes) == {"t": len(thrown.t)} and data.attrs["title"] == "thrown"
+def test_a_data_set_of_xarray(result: sidtool.Result) -> None:
+    data = result.to_xarray(["stone.y", "stone.ay"])
+    assert dict(data.sizes) == {"t": len(result.t)} and data.attrs["title"] == "thrown"
     assert data.t.attrs["units"] == "s"
     assert data["stone.ay"].attrs["units"] == "m/s\N{SUPERSCRIPT TWO}"
     np.testing.assert_allclose(data["stone.ay"], -G, rtol=1e-9)
@@ -59,12 +59,12 @@ def test_a_data_set_of_xarray(thrown: sidtool.Result) -> None:
     middle = float(data["stone.y"].interp(t=0.325))
     expected = 1.0 + SPEED * 0.325 - G * 0.325**2 / 2
     assert abs(middle - expected) < G * 0.05**2 / 8 * 1.001
-    assert set(thrown.to_xarray().data_vars) == {"stone.y", "stone.x"}
+    assert set(result.to_xarray().data_vars) == {"stone.y", "stone.x"}
 
 
-def test_a_notebook_shows_the_plot(thrown: sidtool.Result) -> None:
+def test_a_notebook_shows_the_plot(result: sidtool.Result) -> None:
     """IPython asks what a cell ends with for `_repr_png_`."""
-    page = thrown.plot("stone.y")
+    page = result.plot("stone.y")
     picture = imread(io.BytesIO(page._repr_png_()))
     height, width = picture.shape[:2]
     assert (width, height) == tuple(round(x * 100) for x in page.get_size_inches())

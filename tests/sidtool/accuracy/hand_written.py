@@ -17,7 +17,7 @@ from tests.steel_bars import steel_bar
 MARKERS = {"root": 1, "tip": 2}
 
 
-def said(end: float, record: list[str], **tables: Any) -> SceneFile:
+def scene_with(end: float, record: list[str], **tables: Any) -> SceneFile:
     content: dict[str, Any] = {
         "format": "sidtool scene",
         "version": 1,
@@ -47,7 +47,7 @@ def crane(stiffened: bool) -> tuple[SceneFile, dict[str, SID]]:
         "initial": {"position": [1.0, -0.4]},
     }
     step = {"type": "smooth_step", "from": 0.1, "to": 0.9, "end": 0.8}
-    scene = said(
+    scene = scene_with(
         2.0,
         ["load.x", "load.y", "boom.tip.y", "lift.mz", "boom.q1", "rope.fx"],
         initial={"state": "static"},
@@ -67,7 +67,7 @@ def pendulum(stiffened: bool) -> tuple[SceneFile, dict[str, SID]]:
     values = [0.0, 0.0, 0.5, 1.0, 0.5, 0.0, 0.0]
     pulse = {"type": "table", "times": times, "values": values, "ends": "natural"}
     start = {"angle": -0.5 * np.pi}
-    scene = said(
+    scene = scene_with(
         1.0,
         ["rod.tip.x", "rod.tip.vx", "pin.fy", "rod.q1", "rod.q2"],
         bodies={"rod": {"sid": "rod", "markers": MARKERS, "initial": start}},
@@ -87,7 +87,7 @@ def pendulum(stiffened: bool) -> tuple[SceneFile, dict[str, SID]]:
 def yoke(stiffened: bool) -> tuple[SceneFile, dict[str, SID]]:
     """A scotch yoke that spins up and shakes a mass at the end of its rod."""
     ramp = {"type": "sine_ramp", "of": "rate", "end": 25.0, "from": 0.0, "to": 0.2}
-    scene = said(
+    scene = scene_with(
         0.5,
         ["mass.x", "mass.vx", "motor.mz", "slot.fx", "rod.q1", "rod.root.y"],
         bodies={
@@ -130,7 +130,7 @@ def drive(stiffened: bool) -> tuple[SceneFile, dict[str, SID]]:
     """Two masses on a shaft, driven to and fro in a bearing that rubs."""
     rubbing = {"coefficient": 0.15, "radius": 0.02}
     torque = {"type": "harmonic", "amplitude": 8.0, "frequency": 6.0}
-    scene = said(
+    scene = scene_with(
         0.25,
         ["motor.wx", "disc.wx", "left.mx", "bearing.fz", "shaft.tip.z"],
         dimension="spatial",

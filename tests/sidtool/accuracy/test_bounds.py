@@ -21,7 +21,7 @@ RECORD = ["arm.tip.uy", "arm.tip.y", "arm.q1", "arm.q3", "arm.vq2"]
 
 
 @pytest.fixture(autouse=True)
-def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _own_cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "cache_path", lambda: tmp_path)
 
 

@@ -35,7 +35,7 @@ from .arms import cantilever, spun, swinging
 
 
 @pytest.fixture(autouse=True)
-def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _own_cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
 
 

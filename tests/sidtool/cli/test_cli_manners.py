@@ -41,7 +41,9 @@ def test_every_command_that_prints_numbers_has_the_options(name: str) -> None:
     assert "--quiet" in options or name == "info", options
 
 
-def said(capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[Any, str]:
+def printed_json(
+    capsys: pytest.CaptureFixture[str], *arguments: Any
+) -> tuple[Any, str]:
     assert run([*map(str, arguments), "--json"]) == 0
     out, err = capsys.readouterr()
     return json.loads(out), err
@@ -49,25 +51,27 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[Any, str]
 
 def test_numbers_as_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "r.h5"
-    data, err = said(capsys, "simulate", SCENE, *SHORT, "-o", target)
+    data, err = printed_json(capsys, "simulate", SCENE, *SHORT, "-o", target)
     assert data["completed"] and data["times"]["count"] == 11
     assert f"{target} written" in err and "frequencies" in err
-    known, _ = said(capsys, "info", target)
+    known, _ = printed_json(capsys, "info", target)
     result = sidtool.read(target)
     assert known["outputs"]["piston.x"]["last"] == result["piston.x"][-1]
     assert known["outputs"]["piston.x"]["unit"] == "m"
     assert known["counters"] == data["counters"]
-    sid, _ = said(capsys, "info", SID)
+    sid, _ = printed_json(capsys, "info", SID)
     assert sid["modes"][0]["frequency"] == pytest.approx(31.7011, abs=1e-4)
-    other, _ = said(capsys, "convert", SID, "-o", tmp_path / "rod.h5")
+    other, _ = printed_json(capsys, "convert", SID, "-o", tmp_path / "rod.h5")
     assert other["mass"] == sid["mass"] and set(sid["nodes"]) == {"1", "2"}
-    scene, _ = said(capsys, "info", SCENE)
+    scene, _ = printed_json(capsys, "info", SCENE)
     assert scene == sidtool.Scene.load(SCENE).said()
-    modes, _ = said(capsys, "analyse", "modes", SCENE, "--about", "start")
+    modes, _ = printed_json(capsys, "analyse", "modes", SCENE, "--about", "start")
     assert len(modes["modes"]) == 5
-    forces, _ = said(capsys, "analyse", "inverse", SCENE, *SHORT, "--quasi-static")
+    forces, _ = printed_json(
+        capsys, "analyse", "inverse", SCENE, *SHORT, "--quasi-static"
+    )
     assert forces["outputs"]["piston.x"]["first"] == pytest.approx(1.1)
-    rest, _ = said(capsys, "analyse", "static", SCENE)
+    rest, _ = printed_json(capsys, "analyse", "static", SCENE)
     assert rest["outputs"]["piston.x"] == pytest.approx(1.1)
 
 

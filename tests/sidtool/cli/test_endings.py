@@ -22,16 +22,33 @@ from ..bodies import volume
 Thing = Any
 #: What writes a thing, and what it is.
 WRITERS: dict[str, tuple[Callable[[Path, Thing], Any], str]] = {
-    "sid": (lambda path, made: sidtool.write(path, made["sid"]), "sid"),
-    "field": (lambda path, made: write_field(path, made["field"]), "field"),
-    "plot": (lambda path, made: made["result"].plot(path=path), "picture"),
-    "animate": (lambda path, made: made["result"].animate(path), "page"),
-    "report": (lambda path, made: write_report(path, made["result"], {}, path), "page"),
+    "sid": (
+        lambda path, written_things: sidtool.write(path, written_things["sid"]),
+        "sid",
+    ),
+    "field": (
+        lambda path, written_things: write_field(path, written_things["field"]),
+        "field",
+    ),
+    "plot": (
+        lambda path, written_things: written_things["result"].plot(path=path),
+        "picture",
+    ),
+    "animate": (
+        lambda path, written_things: written_things["result"].animate(path),
+        "page",
+    ),
+    "report": (
+        lambda path, written_things: write_report(
+            path, written_things["result"], {}, path
+        ),
+        "page",
+    ),
 }
 
 
 @pytest.fixture(scope="module")
-def made() -> dict[str, Thing]:
+def written_things() -> dict[str, Thing]:
     """A SID, its field, and a stone that flies."""
     sid, field = field_from_model(volume({"type": "hex8", "elements": [2, 1, 1]}))
     start = sidtool.Initial(velocity=[1.0, 2.0])
@@ -47,23 +64,23 @@ def made() -> dict[str, Thing]:
 
 @pytest.mark.parametrize("writer", WRITERS)
 def test_writers_refuse_the_endings_of_other_kinds(
-    writer: str, made: dict[str, Thing], tmp_path: Path
+    writer: str, written_things: dict[str, Thing], tmp_path: Path
 ) -> None:
     write, kind = WRITERS[writer]
     own = {e for k in (kind, "film") for e in OUTPUT_KINDS[k].endings}
     others = {e for other in OUTPUT_KINDS.values() for e in other.endings} - own
     for ending in sorted({*others, ".toml", ".PNG" if kind != "picture" else ".CSV"}):
         with pytest.raises(InputError, match=f"the ending {ending.lower()} does not"):
-            write(tmp_path / f"x{ending}", made)
+            write(tmp_path / f"x{ending}", written_things)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("ending", [".csv", ".txt", ".dat", ".h5", ".HDF5", ""])
 def test_the_ending_determines_the_format_of_a_result(
-    ending: str, made: dict[str, Thing], tmp_path: Path
+    ending: str, written_things: dict[str, Thing], tmp_path: Path
 ) -> None:
     """`.txt` had HDF5 inside."""
-    path, result = tmp_path / f"r{ending}", made["result"]
+    path, result = tmp_path / f"r{ending}", written_things["result"]
     result.save(path)
     if ending in OUTPUT_KINDS["table"].endings:
         numbers = np.loadtxt(path, delimiter=",", skiprows=1)
@@ -73,11 +90,11 @@ def test_the_ending_determines_the_format_of_a_result(
 
 
 def test_a_result_is_not_written_as_something_else(
-    made: dict[str, Thing], tmp_path: Path
+    written_things: dict[str, Thing], tmp_path: Path
 ) -> None:
     for ending in (".sid_fem", ".json", ".html", ".vtkhdf", ".toml", ".gif"):
         with pytest.raises(InputError, match=f"the ending {ending} does not say"):
-            made["result"].save(tmp_path / f"r{ending}")
+            written_things["result"].save(tmp_path / f"r{ending}")
     assert not list(tmp_path.iterdir())
 
 
@@ -118,15 +135,15 @@ COMMANDS = {
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_refuse_them_before_any_work(
     command: str,
-    made: dict[str, Thing],
+    written_things: dict[str, Thing],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    made["result"].save("r.h5")
-    sidtool.Scene.of_result(made["result"]).save("s.toml")
-    sidtool.write("b.SID_FEM", made["sid"])
+    written_things["result"].save("r.h5")
+    sidtool.Scene.of_result(written_things["result"]).save("s.toml")
+    sidtool.write("b.SID_FEM", written_things["sid"])
     names = {"result": "r.h5", "scene": "s.toml", "sid": "b.SID_FEM", "model": "s.toml"}
     before = set(tmp_path.iterdir())
     arguments, endings = COMMANDS[command]

@@ -90,7 +90,7 @@ def test_a_run_continues_after_two_signals(folder: Path) -> None:
     assert run(["simulate", *command]) == 0
 
 
-def swing(**more: Any) -> sidtool.Scene:
+def pendulum(**more: Any) -> sidtool.Scene:
     """A pendulum with a damper, whose energies and turns are summed along the run."""
     pin = sidtool.Revolute(markers=["ground", "bar.pin"])
     damper = sidtool.SpringDamper(joint="pin", damping=0.05)
@@ -138,8 +138,8 @@ def test_an_interrupted_balance_holds_the_energies_so_far(
         joint="pin",
         function=sidtool.Expression(value="2*sin(3*t) - 0.1*pin.angle_rate"),
     )
-    damper = swing().forces["damper"]
-    scene = swing(
+    damper = pendulum().forces["damper"]
+    scene = pendulum(
         outputs=sidtool.Outputs(record=record), forces={"damper": damper, "push": push}
     )
     part = interrupted(scene, 1.13)
@@ -151,7 +151,7 @@ def test_an_interrupted_balance_holds_the_energies_so_far(
 
 def test_sums_revolutions_and_events_continue(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sidtool.solver.output.dense_output.STEPS_PER_CHUNK", 2)
-    scene = swing()
+    scene = pendulum()
     part = interrupted(scene, 1.13)
     assert not part.completed and 1.1 < part.t[-1] < 1.6
     whole, exact = scene.simulate(unfinished=part), scene.simulate(rtol=1e-11)
@@ -168,7 +168,7 @@ def test_sums_revolutions_and_events_continue(monkeypatch: pytest.MonkeyPatch) -
 def test_a_complete_run_is_extended_to_a_later_end(tmp_path: Path) -> None:
     """Within the tolerance of the run that goes straight through, also from a file and
     where the former end is between two output times."""
-    scene = swing()
+    scene = pendulum()
     exact = scene.simulate(rtol=1e-11)
     for end in (1.5, 1.13):
         path, table = tmp_path / f"{end}.h5", tmp_path / "table.csv"
@@ -196,20 +196,20 @@ def test_a_complete_run_is_extended_to_a_later_end(tmp_path: Path) -> None:
 
 
 def test_runs_that_cannot_be_extended_give_the_reason() -> None:
-    scene = swing(events={"low": sidtool.Event(quantity="bar.vx", action="stop")})
+    scene = pendulum(events={"low": sidtool.Event(quantity="bar.vx", action="stop")})
     stopped = scene.simulate()
     with pytest.raises(sidtool.InputError, match="an event ended it"):
         scene.with_({"time.end": 4.0}).simulate(unfinished=stopped)
-    whole = swing().simulate()
+    whole = pendulum().simulate()
     with pytest.raises(sidtool.InputError, match="time.end"):
-        swing().with_({"time.end": 2.0}).simulate(unfinished=whole)
+        pendulum().with_({"time.end": 2.0}).simulate(unfinished=whole)
     later = {"time.end": 4.0, "time.output_step": 0.2}
     with pytest.raises(sidtool.InputError, match="output_step"):
-        swing().with_(later).simulate(unfinished=whole)
+        pendulum().with_(later).simulate(unfinished=whole)
 
 
 def test_runs_that_cannot_continue_give_the_reason() -> None:
-    scene = swing()
+    scene = pendulum()
     part = interrupted(scene, 0.0)
     for other, message in (
         (scene.with_({"bar.mass": 1.1}), r": bodies.bar.mass \(1.0 there, 1.1 here\)"),

@@ -16,7 +16,7 @@ from sidtool.cli.main import run
 from sidtool.measurement import cache
 from tests.places import SLIDER_CRANK
 
-from .test_going_on import interrupted, swing
+from .test_going_on import interrupted, pendulum
 
 SCENE, SID = SLIDER_CRANK / "slider_crank.toml", SLIDER_CRANK / "rod_q4.SID_FEM"
 
@@ -93,7 +93,9 @@ def test_a_run_with_friction_continues(monkeypatch: pytest.MonkeyPatch) -> None:
         friction=sidtool.JointFriction(coefficient=0.35, radius=0.05),
     )
     names = ["pin.angle", "energy.*", "pin.friction", "pin.sticking"]
-    scene = swing(joints={"pin": pin}, events={}, outputs=sidtool.Outputs(record=names))
+    scene = pendulum(
+        joints={"pin": pin}, events={}, outputs=sidtool.Outputs(record=names)
+    )
     exact = scene.simulate(rtol=1e-10)
     for after in (0.43, 2.11):
         part = interrupted(scene, after)

@@ -30,7 +30,7 @@ from tests.places import SLIDER_CRANK
 
 SCENE = str(SLIDER_CRANK / "slider_crank.toml")
 SHORT = ["--set", "time.end=0.2"]
-Told = list[tuple[str, float | None]]
+Reports = list[tuple[str, float | None]]
 
 
 class Terminal(io.StringIO):
@@ -41,22 +41,22 @@ class Terminal(io.StringIO):
 
 
 @pytest.fixture
-def told() -> Told:
+def reports() -> Reports:
     return []
 
 
-def heard(told: Told, *arguments: str) -> dict[str, list[float | None]]:
+def heard(reports: Reports, *arguments: str) -> dict[str, list[float | None]]:
     """Shares by what is done, of a command."""
-    with use_listener(lambda text, share: told.append((text, share))):
+    with use_listener(lambda text, share: reports.append((text, share))):
         assert run(list(arguments)) == 0
     found: dict[str, list[float | None]] = {}
-    for text, share in told:
+    for text, share in reports:
         found.setdefault(text, []).append(share)
     return found
 
 
 def test_every_long_command_reports_progress(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reports: Reports
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("STEPS_PER_CHUNK", "ENDS_PER_CHUNK"):  # steps between two looks
@@ -72,31 +72,33 @@ def test_every_long_command_reports_progress(
         ],
     }
     for text, words in commands.items():
-        shares = heard(told, *words)[text]
+        shares = heard(reports, *words)[text]
         known = [share for share in shares if share is not None]
         assert len(known) == len(shares) >= 2
         assert known == sorted(known) and 0 <= known[0] < 0.6 and known[-1] <= 1
     sid = tmp_path / "rod.SID_FEM"
-    told.clear()
-    stages = heard(told, "convert", str(SLIDER_CRANK / "rod_q4.toml"), "-o", str(sid))
+    reports.clear()
+    stages = heard(
+        reports, "convert", str(SLIDER_CRANK / "rod_q4.toml"), "-o", str(sid)
+    )
     assert sum("reducing" in text or "discretising" in text for text in stages) == 2
-    assert_one_way([share for _, share in told])
-    assert "evaluating outputs" in heard(told, "outputs", "r.h5", "--add", "rod.vx")
+    assert_one_way([share for _, share in reports])
+    assert "evaluating outputs" in heard(reports, "outputs", "r.h5", "--add", "rod.vx")
 
 
 def test_the_model_search_reports_progress(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reports: Reports
 ) -> None:
     monkeypatch.setattr(
         "sidtool.measurement.cache.cache_path", lambda: tmp_path / "kept"
     )
-    found = heard(told, "simulate", SCENE, *SHORT, "--accuracy", "piston.x=1e-2")
+    found = heard(reports, "simulate", SCENE, *SHORT, "--accuracy", "piston.x=1e-2")
     assert sum(text.startswith("choosing: ") for text in found) > 1
-    assert_one_way([s for text, s in told if text.startswith("choosing: ")])
+    assert_one_way([s for text, s in reports if text.startswith("choosing: ")])
 
 
 def test_the_mesh_search_reports_progress(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reports: Reports
 ) -> None:
     """Conversions and runs of one search are one way, whatever turns up on it."""
     monkeypatch.setattr("sidtool.measurement.cache.cache_path", lambda: None)
@@ -107,10 +109,10 @@ def test_the_mesh_search_reports_progress(
         'sid = "beam.SID_FEM"', 'model = "beam.toml"'
     )
     scene.write_text(text.replace("end = 1.0", "end = 0.05"), encoding="utf-8")
-    heard(told, "simulate", str(scene), "--accuracy", "bar.tip.y=1e-2")
-    texts = [text for text, _ in told]
+    heard(reports, "simulate", str(scene), "--accuracy", "bar.tip.y=1e-2")
+    texts = [text for text, _ in reports]
     first = next(k for k, text in enumerate(texts) if text.startswith("choosing"))
-    search = told[first : texts.index("simulating")]
+    search = reports[first : texts.index("simulating")]
     assert "discretising" in [text for text, _ in search]
     assert_one_way([s for text, s in search if text != "compiling, once"])
 
@@ -125,7 +127,7 @@ def assert_one_way(shares: list[float | None]) -> None:
 
 def test_weights_of_stages_correct_the_remaining_time() -> None:
     """Whatever parts take, each ends where its estimate says; nothing falls."""
-    reports: Told = []
+    reports: Reports = []
     with use_listener(lambda text, share: reports.append((text, share))):
         report_stage("before")
         with count_within(
@@ -159,15 +161,15 @@ def test_the_remaining_time_follows_the_pace_so_far() -> None:
         assert pace.left() == pytest.approx(left)
 
 
-def test_kernels_are_counted(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+def test_kernels_are_counted(monkeypatch: pytest.MonkeyPatch, reports: Reports) -> None:
     """Three groups of four kernels, without processes: each as it is ready."""
     created: list[str] = []
     monkeypatch.setattr(precompile, "_compile_here", created.append)
     monkeypatch.setattr(precompile.kernel_cache, "is_writable", lambda: False)
-    with use_listener(lambda text, share: told.append((text, share))):
+    with use_listener(lambda text, share: reports.append((text, share))):
         precompile._compile([("a", "b"), ("c",), ("d",)], None)
     assert created == ["a", "b", "c", "d"]
-    assert [share for _, share in told] == [0.0, 0.5, 0.75, 1.0]
+    assert [share for _, share in reports] == [0.0, 0.5, 0.75, 1.0]
 
 
 def shown(
@@ -244,9 +246,9 @@ def assert_done(words: list[str]) -> None:
     assert run(words) == 0
 
 
-def test_results_do_not_depend_on_listeners(told: Told) -> None:
+def test_results_do_not_depend_on_listeners(reports: Reports) -> None:
     scene = sidtool.Scene.load(SCENE).with_({"time.end": 0.1})
     alone = scene.simulate()
-    with use_listener(lambda text, share: told.append((text, share))):
+    with use_listener(lambda text, share: reports.append((text, share))):
         heard_ = scene.simulate()
     assert (alone.values == heard_.values).all()

@@ -36,7 +36,7 @@ class Part:
     probe: Array
 
 
-def drawn(name: str, kind: str, n: int) -> Part:
+def drawn_part(name: str, kind: str, n: int) -> Part:
     """One of `PARTS`, with n cells to its least width."""
     return PARTS[name](kind, n)
 

@@ -29,7 +29,7 @@ from tests.metamorphic.parts.meshes import STEEL, block, dimension, quarter_ring
 from ..bodies import volume_data
 from ..importers.twins import by_sidtool, weights
 from ..models import rod_data
-from .drawn_parts import Part, drawn, twisted_blade
+from .drawn_parts import Part, drawn_part, twisted_blade
 
 LENGTH, HEIGHT, CURVATURE = 1.0, 0.2, 1e-3
 
@@ -200,8 +200,8 @@ def test_peak_of_a_curved_arm() -> None:
 )
 def test_stress_at_nodes_of_skew_elements(part: str, cells: int, error: float) -> None:
     """It was off by 4.3, 1.1, 2.5 and 0.6 %. Reference: hex20, right to 0.15 %."""
-    found = by_sidtool(drawn(part, "hex8", cells), "hex8").von_mises
-    exact = by_sidtool(drawn(part, "hex20", 1), "hex20").von_mises
+    found = by_sidtool(drawn_part(part, "hex8", cells), "hex8").von_mises
+    exact = by_sidtool(drawn_part(part, "hex20", 1), "hex20").von_mises
     assert found == pytest.approx(exact, rel=error)
 
 

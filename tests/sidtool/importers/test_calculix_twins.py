@@ -19,7 +19,7 @@ from sidtool.mesh.mesh import ElementBlock, Mesh
 from sidtool.mesh.reference_elements import reference_element
 from tests.metamorphic.parts.meshes import STEEL
 
-from ..elements.drawn_parts import Part, drawn
+from ..elements.drawn_parts import Part, drawn_part
 from .decks import MATERIAL, body, calculix, frequencies, listed
 from .decks import STEEL as STEEL_OF_DECK
 from .twins import ELEMENTS, by_calculix, by_sidtool, calculix_matrices
@@ -48,7 +48,7 @@ def test_no_element_is_stiffer_than_its_twin(
     CalculiX' masses of simplices and prisms are integrated by few points, so that its
     moments of inertia and its higher frequencies may be off.
     """
-    drawing = drawn(part, ELEMENTS[element][0], 1)
+    drawing = drawn_part(part, ELEMENTS[element][0], 1)
     own, twin = by_sidtool(drawing, element), by_calculix(drawing, element, tmp_path)
     assert own.mass == pytest.approx(twin.mass, rel=1e-9)
     assert (own.frequencies < 1.001 * twin.frequencies).all()
@@ -64,9 +64,9 @@ def test_linear_prisms_are_nearer_to_hex20_than_their_twin(
     tmp_path: Path, part: str
 ) -> None:
     """C3D6 has two points, so that a single one twists freely; ours bend and twist."""
-    drawing = drawn(part, "wedge6", 1)
+    drawing = drawn_part(part, "wedge6", 1)
     own, twin = by_sidtool(drawing, "wedge6"), by_calculix(drawing, "wedge6", tmp_path)
-    best = by_sidtool(drawn(part, "hex20", 2), "hex20")
+    best = by_sidtool(drawn_part(part, "hex20", 2), "hex20")
     mine, theirs = (x.frequencies / best.frequencies for x in (own, twin))
     assert own.mass == pytest.approx(twin.mass, rel=1e-9)
     assert (mine > 1).all() and (mine < theirs + 0.015).all()
@@ -83,7 +83,7 @@ def test_what_is_left_is_the_mass_by_few_points(
     """Frequencies of public decks of C3D10 and C3D15 were 1.2e-1 and 4.1e-3 off, and
     not explained. CalculiX integrates their mass by the points of their stiffness,
     which makes rods of few elements lighter in rotation; masses here are exact."""
-    drawing = drawn(part, ELEMENTS[element][0], 1)
+    drawing = drawn_part(part, ELEMENTS[element][0], 1)
     twin = by_calculix(drawing, element, tmp_path)
     exact, few = by_sidtool(drawing, element), by_sidtool(drawing, element, few=True)
     assert_allclose(few.frequencies, twin.frequencies, rtol=3e-5)
@@ -98,9 +98,9 @@ def test_incompatible_modes_on_drawn_parts(tmp_path: Path, part: str) -> None:
     mode that goes with it, which C3D8I overrates by 5 %, too: they cross the converged
     value with finer cells. With three internal modes f1 of the rod was 3 % and the
     deflection of the thin arm 10 % off."""
-    drawing = drawn(part, "hex8", 1)
+    drawing = drawn_part(part, "hex8", 1)
     own, twin = by_sidtool(drawing, "hex8"), by_calculix(drawing, "hex8", tmp_path)
-    best = by_sidtool(drawn(part, "hex20", 4 if part == "bracket" else 2), "hex20")
+    best = by_sidtool(drawn_part(part, "hex20", 4 if part == "bracket" else 2), "hex20")
     values = [np.append(x.frequencies, x.deflection) for x in (own, twin, best)]
     mine, theirs = (np.abs(x / values[2] - 1) for x in values[:2])
     crossing = [2, 6] if part == "bracket" else []
@@ -175,7 +175,7 @@ def test_inertia_is_that_of_the_geometry() -> None:
     inner, outer, depth, turn = 0.108, 0.132, 0.012, 0.75 * np.pi
     expected = 7850 * depth * turn * (outer**4 - inner**4) / 4
     for element in ("tet10", "wedge15", "hex20"):
-        own = by_sidtool(drawn("arm", ELEMENTS[element][0], 1), element)
+        own = by_sidtool(drawn_part("arm", ELEMENTS[element][0], 1), element)
         assert_allclose(own.inertia[2], expected, rtol=1e-4)
 
 

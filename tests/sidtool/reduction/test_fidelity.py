@@ -35,7 +35,7 @@ def part(plane: bool, frame: dict[str, Any] | None, **reduction: Any) -> ModelFi
     return validate_data(data | ({"frame": frame} if frame else {}), ModelFile)
 
 
-def said(model: ModelFile) -> str:
+def basis_note(model: ModelFile) -> str:
     heard: list[str] = []
     sid_from_model(model, heard.append)
     (sentence,) = [text for text in heard if "basis: " in text]
@@ -104,25 +104,27 @@ def test_errors_are_those_of_the_full_mesh(
 ) -> None:
     model = part(plane, frame, **reduction)
     frequencies, compliance = measured(model)
-    found = shares(said(model))
+    found = shares(basis_note(model))
     assert found[0] == pytest.approx(frequencies, rel=0.06, abs=1e-6)
     assert found[1] == pytest.approx(compliance, rel=0.06, abs=1e-6)
 
 
 def test_the_suggested_method_has_smaller_errors() -> None:
     model = part(False, FREE, method="craig_bampton", modes=10, interfaces=PINS)
-    sentence = said(model)
+    sentence = basis_note(model)
     assert sentence.startswith("note: basis: its first 10 frequencies err by at most")
     name, modes = re.search(r"; (\w+) with (\d+) modes", sentence).groups()
     better = part(False, FREE, method=name.lower(), modes=int(modes), interfaces=PINS)
     assert max(measured(model)) > 0.05
     assert max(measured(better)) < 1e-5
-    assert "err by less than" in said(better)
+    assert "err by less than" in basis_note(better)
 
 
 def test_more_modes_are_advised_where_they_suffice() -> None:
     """Natural modes and static answers leave no error; other methods have some."""
-    sentence = said(part(False, FREE, method="attachment", modes=3, interfaces=PINS))
+    sentence = basis_note(
+        part(False, FREE, method="attachment", modes=3, interfaces=PINS)
+    )
     name, modes = re.search(r"; (\w+) with (\d+) modes", sentence).groups()
     assert name == "attachment"
     better = part(False, FREE, method=name, modes=int(modes), interfaces=PINS)
@@ -132,7 +134,7 @@ def test_more_modes_are_advised_where_they_suffice() -> None:
 @pytest.mark.parametrize("method", ["attachment", "herting"])
 @pytest.mark.parametrize("plane", [True, False])
 def test_a_good_basis_has_no_advice(method: str, plane: bool) -> None:
-    sentence = said(part(plane, FREE, method=method, modes=10, interfaces=PINS))
+    sentence = basis_note(part(plane, FREE, method=method, modes=10, interfaces=PINS))
     assert sentence.startswith("basis: ") and "; " not in sentence
     assert shares(sentence) == [0.0, 0.0]
 
@@ -149,7 +151,7 @@ def test_the_last_frequencies_of_a_good_basis_are_no_warning(modes: int) -> None
     errors.
     """
     interfaces = PINS[1:]
-    sentence = said(
+    sentence = basis_note(
         part(True, None, method="craig_bampton", modes=modes, interfaces=interfaces)
     )
     frequency, compliance = shares(sentence)[:2]
@@ -160,7 +162,7 @@ def test_the_last_frequencies_of_a_good_basis_are_no_warning(modes: int) -> None
 @pytest.mark.parametrize("plane", [True, False])
 def test_compliance_that_is_missing_is_a_warning(plane: bool) -> None:
     """Three modes of bending do not stretch a rod, with interfaces named or without."""
-    sentence = said(part(plane, None, method="modal", modes=3))
+    sentence = basis_note(part(plane, None, method="modal", modes=3))
     assert shares(sentence)[:2] == [0.0, 1.0]
     assert sentence.startswith("note: basis: ")
 

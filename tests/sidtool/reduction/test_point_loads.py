@@ -17,8 +17,8 @@ from ..beams import beam_data
 STIFFNESS = beam_data()["material"]["youngs_modulus"] * 0.01
 
 
-def made(cells: int, tie: bool) -> tuple[float, list[str]]:
-    """The compliance of the end of a clamped strip along it, and the notes."""
+def tip_deflection(cells: int, tie: bool) -> tuple[float, list[str]]:
+    """Return the axial compliance of the end of a clamped strip, and the notes."""
     data: dict[str, Any] = beam_data({"type": "q4", "elements": [4 * cells, cells]})
     corners = [[[x, -0.5], [x, 0.5]] for x in (0.0, 4.0)]
     data["geometry"] |= {"control_points": corners}
@@ -38,7 +38,7 @@ def made(cells: int, tie: bool) -> tuple[float, list[str]]:
 def test_a_marker_whose_compliance_diverges_is_noted_and_a_tied_one_is_not() -> None:
     """Flamant: each halving adds 2 ln 2 / (pi E t) to the compliance of an edge."""
     for tie in (False, True):
-        found = [made(cells, tie) for cells in (4, 8, 16)]
+        found = [tip_deflection(cells, tie) for cells in (4, 8, 16)]
         compliances = np.array([compliance for compliance, _ in found])
         expected = 0.0 if tie else 2.0 * np.log(2.0) / (np.pi * STIFFNESS)
         assert np.diff(compliances) == pytest.approx(expected, rel=0.1, abs=1e-12)

@@ -43,23 +43,25 @@ def scene() -> SceneFile:
 
 
 @pytest.fixture(scope="module")
-def made() -> tuple[sidtool.SID, Field]:
+def rod_with_field() -> tuple[sidtool.SID, Field]:
     return field_from_model(rod({**QM6, "elements": [60, 4]}))
 
 
 @pytest.fixture(scope="module")
-def result(scene: SceneFile, made: tuple[sidtool.SID, Field]) -> Result:
-    return sidtool.simulate(scene, base_folder=SLIDER_CRANK, sids={"rod": made[0]})
+def result(scene: SceneFile, rod_with_field: tuple[sidtool.SID, Field]) -> Result:
+    return sidtool.simulate(
+        scene, base_folder=SLIDER_CRANK, sids={"rod": rod_with_field[0]}
+    )
 
 
 @pytest.fixture(scope="module")
 def motion(
     result: Result,
-    made: tuple[sidtool.SID, Field],
+    rod_with_field: tuple[sidtool.SID, Field],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     path = tmp_path_factory.mktemp("page") / "motion.html"
-    page_of(result, path, fields={"rod": made[1]}, colour="stress", scale=1.0)
+    page_of(result, path, fields={"rod": rod_with_field[1]}, colour="stress", scale=1.0)
     return path
 
 
@@ -110,10 +112,10 @@ def _slide(page: Page, t: float) -> None:
 
 @pytest.mark.needs("chromium", "playwright")
 def test_a_point_of_the_page_is_where_its_elastic_motion_puts_it(
-    motion: Path, result: Result, made: tuple[sidtool.SID, Field]
+    motion: Path, result: Result, rod_with_field: tuple[sidtool.SID, Field]
 ) -> None:
     """The end of the rod on the page and the piston pin of the result."""
-    drawn = surface_of_field("rod", made[1])
+    drawn = surface_of_field("rod", rod_with_field[1])
     ends = np.flatnonzero(
         np.abs(drawn.positions[:, :2] - [1.0, 0.0]).max(axis=1) < 1e-9
     )
@@ -198,7 +200,7 @@ def test_decimated_surfaces_are_noted(result: Result, tmp_path: Path) -> None:
 @pytest.mark.needs("chromium", "playwright")
 def test_a_slow_browser_shows_fewer_triangles_with_a_note(
     result: Result,
-    made: tuple[sidtool.SID, Field],
+    rod_with_field: tuple[sidtool.SID, Field],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -206,7 +208,7 @@ def test_a_slow_browser_shows_fewer_triangles_with_a_note(
     monkeypatch.setattr(page_module, "SLOW_FRAME_TIME", 1e-3)
     monkeypatch.setattr(page_module, "FEW_TRIANGLES", 300)
     path = tmp_path / "slow.html"
-    page_of(result, path, fields={"rod": made[1]}, colour="displacement")
+    page_of(result, path, fields={"rod": rod_with_field[1]}, colour="displacement")
     with opened(path) as page:
         every = page.run("player.triangles()")
         page.run("player.play(true)")
@@ -239,13 +241,13 @@ PICTURES = """(() => {
 @pytest.mark.needs("chromium", "playwright")
 def test_a_browser_is_slow_by_what_follows_its_first_picture(
     result: Result,
-    made: tuple[sidtool.SID, Field],
+    rod_with_field: tuple[sidtool.SID, Field],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(page_module, "FEW_TRIANGLES", 300)
     path = tmp_path / "page.html"
-    page_of(result, path, fields={"rod": made[1]}, colour="displacement")
+    page_of(result, path, fields={"rod": rod_with_field[1]}, colour="displacement")
     cases = [
         ((3500, 3500), True),  # two pictures of one second each are sufficient
         ((600, 300), False),
@@ -263,9 +265,9 @@ def test_a_browser_is_slow_by_what_follows_its_first_picture(
 
 
 def test_fields_next_to_the_sids_are_found(
-    made: tuple[sidtool.SID, Field], scene: SceneFile, tmp_path: Path
+    rod_with_field: tuple[sidtool.SID, Field], scene: SceneFile, tmp_path: Path
 ) -> None:
-    sid, field = made
+    sid, field = rod_with_field
     sidtool.write(tmp_path / "rod.SID_FEM", sid)
     text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     text = text.replace("rod_q4.SID_FEM", "rod.SID_FEM").replace(
@@ -296,11 +298,11 @@ def test_fields_next_to_the_sids_are_found(
 
 
 def test_lines_of_a_sid_pass_through_its_nodes_and_bend_like_a_beam(
-    made: tuple[sidtool.SID, Field],
+    rod_with_field: tuple[sidtool.SID, Field],
 ) -> None:
     """The middle of the first mode lies within a few per cent of the full field: two
     nodes with rotations define a cubic."""
-    sid, field = made
+    sid, field = rod_with_field
     drawn = surface_of_sid("rod", sid, 0.01)
     axis = drawn.positions.reshape(-1, 4, 3).mean(axis=1)
     moved = drawn.shapes.reshape(-1, 4, 3, sid.nq).mean(axis=1)

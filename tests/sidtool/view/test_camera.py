@@ -149,16 +149,16 @@ def free(picture: Array) -> bool:
     return bool(inside.any() and inside.sum() == drawn.sum())
 
 
-@pytest.mark.parametrize("made", [arm, founding, cart])
+@pytest.mark.parametrize("make_motion", [arm, founding, cart])
 def test_nothing_that_moves_leaves_the_window(
-    made: Any, link: tuple[sidtool.SID, Field], tmp_path: Path
+    make_motion: Any, link: tuple[sidtool.SID, Field], tmp_path: Path
 ) -> None:
-    result, fields = made(link)
+    result, fields = make_motion(link)
     path = tmp_path / "motion.html"
     animate(result, path, fields=fields, scale=20.0)
     observed = animation_data(result, fields)
     places, t = points(observed, 20.0), observed.motion.t
-    assert made is not cart or np.ptp(places, axis=0).max() > 20.0
+    assert make_motion is not cart or np.ptp(places, axis=0).max() > 20.0
     with opened(path) as page:
         for size in WINDOWS:
             resized(page, size)  # the view of the start or of the last window is kept

@@ -39,21 +39,23 @@ from ..models import IGA, QM6, rod
 
 
 @pytest.fixture(scope="module")
-def made() -> tuple[sidtool.SID, Field]:
+def rod_with_field() -> tuple[sidtool.SID, Field]:
     return field_from_model(rod({**QM6, "elements": [40, 4]}))
 
 
 @pytest.fixture(scope="module")
-def result(made: tuple[sidtool.SID, Field]) -> Result:
+def result(rod_with_field: tuple[sidtool.SID, Field]) -> Result:
     scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
     time = scene.time.model_copy(update={"end": 1.6, "output_step": 0.05})
     scene = scene.model_copy(update={"time": time})
-    return sidtool.simulate(scene, base_folder=SLIDER_CRANK, sids={"rod": made[0]})
+    return sidtool.simulate(
+        scene, base_folder=SLIDER_CRANK, sids={"rod": rod_with_field[0]}
+    )
 
 
 @pytest.fixture(scope="module")
-def mesh(result: Result, made: tuple[sidtool.SID, Field]) -> ExportMesh:
-    return export_mesh(result, {"rod": made[1]})
+def mesh(result: Result, rod_with_field: tuple[sidtool.SID, Field]) -> ExportMesh:
+    return export_mesh(result, {"rod": rod_with_field[1]})
 
 
 def vtk() -> Any:
@@ -157,13 +159,16 @@ def test_vtk_reads_the_motion_of_the_markers(
 
 @pytest.mark.needs("vtk")
 def test_stresses_are_those_of_the_field_and_unknown_elsewhere(
-    result: Result, mesh: ExportMesh, made: tuple[sidtool.SID, Field], tmp_path: Path
+    result: Result,
+    mesh: ExportMesh,
+    rod_with_field: tuple[sidtool.SID, Field],
+    tmp_path: Path,
 ) -> None:
     write_vtkhdf(tmp_path / "m.vtkhdf", mesh)
     k = 30
     found = arrays(read_hdf(tmp_path / "m.vtkhdf", float(result.t[k])))
     q = result["rod.q*"][k]
-    expected = made[1].stresses(q)
+    expected = rod_with_field[1].stresses(q)
     names = [part.name for part in mesh.parts]
     counts = [len(part.positions) for part in mesh.parts]
     first = sum(counts[: names.index("rod")])
@@ -213,10 +218,10 @@ def test_cells_have_the_order_of_vtk(kind: str, tmp_path: Path) -> None:
 
 
 def test_the_peak_is_the_largest_stress_of_all_points_and_times(
-    result: Result, mesh: ExportMesh, made: tuple[sidtool.SID, Field]
+    result: Result, mesh: ExportMesh, rod_with_field: tuple[sidtool.SID, Field]
 ) -> None:
     """Against all exported stresses, and E kappa y where it is."""
-    field = made[1]
+    field = rod_with_field[1]
     peak = peak_stresses(result, {"rod": field})["rod"]
     most = max(np.nanmax(step["von_mises"]) for step in mesh.steps())
     assert most <= peak.stress < 1.2 * most
@@ -229,7 +234,9 @@ def test_the_peak_is_the_largest_stress_of_all_points_and_times(
     assert abs(y) > 0.9 * 0.06 * ((x - 0.5) ** 2 + 0.25)
 
 
-def test_the_peak_is_that_of_beam_theory(made: tuple[sidtool.SID, Field]) -> None:
+def test_the_peak_is_that_of_beam_theory(
+    rod_with_field: tuple[sidtool.SID, Field],
+) -> None:
     """The first mode alone: E kappa y from the deflection of its axis."""
     sid, field = field_from_model(rod({**IGA, "elements": [24, 2]}))
     on_axis = np.flatnonzero(np.abs(field.positions[:, 1]) < 1e-9)
@@ -242,7 +249,7 @@ def test_the_peak_is_that_of_beam_theory(made: tuple[sidtool.SID, Field]) -> Non
     assert stress.max() == pytest.approx(theory.max(), rel=2e-2)
     place = field.positions[stress.argmax(), 0]
     assert place == pytest.approx(s[theory.argmax()], abs=0.05)
-    del made
+    del rod_with_field
 
 
 def test_without_a_field_there_is_no_peak(result: Result) -> None:
@@ -252,13 +259,13 @@ def test_without_a_field_there_is_no_peak(result: Result) -> None:
 
 def test_the_command_writes_files_and_prints_notes(
     result: Result,
-    made: tuple[sidtool.SID, Field],
+    rod_with_field: tuple[sidtool.SID, Field],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     source, field = tmp_path / "r.h5", tmp_path / "rod.h5"
     write_result(source, result)
-    write_field(field, made[1])
+    write_field(field, rod_with_field[1])
     given = ["--field", f"rod={field}"]
     target = tmp_path / "m.vtkhdf"
     assert run(["export", str(source), "-o", str(target), *given]) == 0
@@ -268,7 +275,10 @@ def test_the_command_writes_files_and_prints_notes(
     capsys.readouterr()
     assert run(["export", str(source), "--json", *given]) == 0
     data = json.loads(capsys.readouterr().out)["rod"]
-    assert data["von_mises"] == peak_stresses(result, {"rod": made[1]})["rod"].stress
+    assert (
+        data["von_mises"]
+        == peak_stresses(result, {"rod": rod_with_field[1]})["rod"].stress
+    )
     assert run(["export", str(source), "--peak", *given]) == 0
     assert "von Mises Pa" in capsys.readouterr().out
     cases = [

@@ -190,7 +190,9 @@ def axle_leans_against_its_second_bearing() -> str:
     )
 
 
-def rubbing(change: Callable[[Any], None] = lambda d: None, **friction: float) -> str:
+def friction_joint_scene(
+    change: Callable[[Any], None] = lambda d: None, **friction: float
+) -> str:
     """The slider-crank without its drive, whose slider rubs."""
 
     def changed(d: Any) -> None:
@@ -217,10 +219,10 @@ def friction_at_rest_in_the_dead_point() -> str:
         d["joints"]["crank_pin"]["friction"] = {"coefficient": 0.2, "radius": 0.02}
         d["joints"]["piston_pin"]["friction"] = {"coefficient": 0.2, "radius": 0.02}
 
-    return rubbing(change)
+    return friction_joint_scene(change)
 
 
-def _beside(d: Any) -> None:
+def _with_initial_positions(d: Any) -> None:
     d["bodies"]["crank"]["initial"] = {"angle": 1.0}
     d["bodies"]["rod"]["initial"] = {"position": [0.054, 0.084], "angle": -0.0842}
     d["bodies"]["piston"]["initial"] = {"position": [1.0505, 0.0]}
@@ -228,18 +230,18 @@ def _beside(d: Any) -> None:
 
 @mistake("friction of slider .* 15", "per cent")
 def friction_is_in_per_cent() -> str:
-    return rubbing(_beside, coefficient=15.0)
+    return friction_joint_scene(_with_initial_positions, coefficient=15.0)
 
 
 @mistake("pin of bearing has a radius of 12 m", "in mm")
 def pin_is_in_millimetres() -> str:
     def change(d: Any) -> None:
-        _beside(d)
+        _with_initial_positions(d)
         d["joints"]["slider"].pop("friction")
         rubs = {"coefficient": 0.1, "radius": 12.0}
         d["joints"]["bearing"]["friction"] = rubs
 
-    return rubbing(change)
+    return friction_joint_scene(change)
 
 
 @mistake("deforms by 5 times its size")

@@ -112,7 +112,7 @@ def time_is_in_kiloseconds() -> str:
     return clamped(bar(), gravity=[0.0, -9.81], end=1e-4)
 
 
-def hung(spring: dict[str, Any], **more: Any) -> str:
+def mass_on_spring(spring: dict[str, Any], **more: Any) -> str:
     """A body of 10 kg on a spring."""
     body = {"mass": 10.0, "inertia": 0.1, "initial": {"position": [0.0, -0.5]}}
     forces = {"spring": {"markers": ["ground", "body"], **spring}}
@@ -122,13 +122,13 @@ def hung(spring: dict[str, Any], **more: Any) -> str:
 @mistake("spring holds next to nothing", "20 N/m in N/mm")
 def spring_is_in_newton_per_millimetre() -> str:
     spring = {"type": "spring_damper", "stiffness": 20.0, "rest": 0.45}
-    return hung(spring, gravity=[0.0, -9.81], end=2.0)
+    return mass_on_spring(spring, gravity=[0.0, -9.81], end=2.0)
 
 
 @mistake("spring holds next to nothing", "30 N/m in N/mm")
 def bushing_is_in_newton_per_millimetre() -> str:
     spring = {"type": "bushing", "stiffness": [30.0, 30.0, 0.5]}
-    return hung(spring, gravity=[0.0, -9.81], end=1.5)
+    return mass_on_spring(spring, gravity=[0.0, -9.81], end=1.5)
 
 
 @mistake("shaft holds next to nothing", "5 N m/rad in kN m/rad")
@@ -146,12 +146,14 @@ def shaft_is_in_kilonewton_metres() -> str:
 @mistake("spring has a stiffness of 2e.13 N/m", "solid block of steel")
 def spring_is_stiffer_than_steel() -> str:
     """GPa m in place of Pa m."""
-    return hung({"type": "spring_damper", "stiffness": 2e13, "rest": 0.5}, end=1e-6)
+    return mass_on_spring(
+        {"type": "spring_damper", "stiffness": 2e13, "rest": 0.5}, end=1e-6
+    )
 
 
 @mistake("spring has a damping of 1e.10 N s/m", "faster than sound")
 def damper_stops_everything_at_once() -> str:
-    return hung({"type": "spring_damper", "damping": 1e10}, end=1e-6)
+    return mass_on_spring({"type": "spring_damper", "damping": 1e10}, end=1e-6)
 
 
 @mistake("rod gained .* m/s", "motor", "a torque in N mm")
