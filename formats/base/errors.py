@@ -7,6 +7,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable
+from copy import copy
 
 #: What a terminal obeys instead of showing it, and what is no character.
 _CONTROL = re.compile(
@@ -58,13 +59,20 @@ class InputError(Exception):
         """The same error with its file named, unless one is named already."""
         if self.source is not None:
             return self
-        return type(self)(
-            self.problem,
-            source=source,
-            place=self.place,
-            expected=self.expected,
-            also=self.also,
-        )
+        error = copy(self)
+        error.source = os.fspath(source)
+        return error
+
+
+class TooManyModes(InputError):
+    """More modes are requested than a model has.
+
+    Attributes
+    ----------
+    available : how many it has
+    """
+
+    available: int = 0
 
 
 class ValidityWarning(UserWarning):

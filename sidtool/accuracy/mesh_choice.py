@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.errors import InputError, TooManyModes
 from sidtool.formats.base.progress import EqualStages, count_within
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.geometric_stiffening import SIGNIFICANT_CHANGE
@@ -306,11 +306,18 @@ class _Search:
     def _error_with_more_modes(
         self, name: str, fineness: Refinement
     ) -> tuple[Array, Refinement]:
-        """Return the remaining error (n,) with more modes, and their number."""
+        """Return the remaining error (n,) with more modes, and their number.
+
+        A coarse mesh has fewer than the search would compare.
+        """
         own = self.sources[name].modes or 0
         most = max(MAX_MODES, 2 * own)
         for _ in range(MAX_DOUBLINGS):
             count = min(2 * (fineness.modes or own), most)
+            try:
+                self.converted_body(name, replace(fineness, modes=count))
+            except TooManyModes as error:
+                count = most = error.available
             fineness = replace(fineness, modes=count)
             left = self._change(name, fineness)
             if self.used_share(left) <= MESH_ERROR_SHARE or count == most:

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.errors import InputError, TooManyModes
 from sidtool.formats.base.extremes import first_largest
 from sidtool.formats.base.taylor import Array
 
@@ -107,16 +107,18 @@ class AdmissibleSpace:
 
         Raises
         ------
-        InputError : the space has fewer modes.
+        TooManyModes : the space has fewer modes.
         """
         skipped = self.rigid.shape[1]
         available = self.stiffness.shape[0] - len(self.constraints) - skipped
         if count > available:
-            raise InputError(
+            error = TooManyModes(
                 f"{count} modes of a model with {available} free degrees of freedom",
                 place="reduction.modes",
                 expected=f"at most {available}",
             )
+            error.available = available
+            raise error
         if count == 0:
             return np.zeros(0), np.zeros((self.transform.shape[0], 0))
         size = max(count, soon)

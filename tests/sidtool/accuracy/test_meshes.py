@@ -95,7 +95,7 @@ def test_an_output_that_modes_alone_do_not_move_is_judged() -> None:
     assert result["block.tip.ux"][-1] == pytest.approx(stretched, rel=0.2)
 
 
-def bar(frame: dict[str, Any], modes: int = 2) -> None:
+def bar(frame: dict[str, Any], modes: int = 2, elements: int = 4) -> None:
     """Writes the model of a square bar of steel of half a metre on the x axis."""
     data = {
         "format": "sidtool model",
@@ -107,7 +107,7 @@ def bar(frame: dict[str, Any], modes: int = 2) -> None:
             "end": [0.5, 0.0, 0.0],
             "section": {"shape": "rectangle", "height": 0.01, "width": 0.01},
         },
-        "discretisation": {"type": "beam", "elements": 4},
+        "discretisation": {"type": "beam", "elements": elements},
         "frame": frame,
         "markers": {
             "a": {"node": 1, "parameters": [0.0]},
@@ -169,6 +169,28 @@ def test_a_model_of_many_modes_is_compared_with_more(
     scene = pulled(2, 20).with_({"outputs.record": ["block.tip.uy", "block.tip.ux"]})
     sentences = scene.simulate(accuracy={"block.tip.ux": 0.2}).accuracy.sentences
     assert any(s.startswith("1 to 2 modes of block: ") for s in sentences)
+
+
+@pytest.mark.parametrize("method", ["modal", "craig_bampton"])
+def test_a_coarse_mesh_is_compared_with_all_modes_that_it_has(method: str) -> None:
+    """One clamped element has 6, two with fixed ends too: 8 modes of 6 were refused."""
+    elements = 1 if method == "modal" else 2
+    bar({"type": "tangent", "marker": "a", "clamp": "start"}, 4, elements)
+    if method != "modal":
+        model = json.loads(Path("link.json").read_text(encoding="utf-8"))
+        model["reduction"] = {"method": method, "interfaces": ["b"], "modes": 4}
+        Path("link.json").write_text(json.dumps(model), encoding="utf-8")
+    ramp = {"type": "sine_ramp", "from": 0.0, "to": 0.9, "end": 1.0}
+    pull = {"type": "force", "marker": "link.b", "force": [0, 1.0], "function": ramp}
+    scene = with_bar(
+        joints={"clamp": {"type": "fixed", "markers": ["ground", "link.a"]}},
+        forces={"pull": pull},
+        outputs={"record": ["link.b.uy"]},
+    )
+    found = scene.simulate(accuracy=1e-2)
+    deflection = 0.5**3 / (3.0 * 2e11 * 0.01**4 / 12.0)
+    assert found["link.b.uy"][-1] == pytest.approx(deflection, rel=1e-2)
+    assert any(s.startswith("4 to 6 modes") for s in found.accuracy.sentences)
 
 
 def test_loads_that_begin_at_once_are_named_where_modes_have_no_end() -> None:
