@@ -21,6 +21,7 @@ import numpy as np
 from .base.compliance_shares import DIRECTIONS, ComplianceShares
 from .base.errors import InputError
 from .base.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Dialect, Node, Taylor
+from .base.stress import has_peak_nodes, stress_nodes
 from .storage.hdf5_files import (
     HDF5_SIGNATURE,
     SEAL_SIGNATURE,
@@ -122,6 +123,8 @@ def write_sid_group(file: h5py.Group, sid: SID) -> None:
     file.attrs["title"] = sid.title
     file.attrs["mass"] = sid.mass
     file.attrs["from_matrices"] = sid.from_matrices
+    if stress_nodes(sid):
+        file.attrs["has_peak_nodes"] = has_peak_nodes(sid)
     file.attrs["dialect"] = json.dumps(asdict(sid.dialect))
     put_texts(file, "labels", sid.labels)
     for name, block in sid.blocks.items():
@@ -210,6 +213,7 @@ class SidReader:
             str(group.attrs["name"]): self._block(group)
             for _, group in sorted(file["extra"].items())
         }
+        peaks = file.attrs.get("has_peak_nodes")
         return SID(
             mass=float(file.attrs["mass"]),
             labels=tuple(self._texts(file["labels"])),
@@ -220,6 +224,7 @@ class SidReader:
             written_by=_decode_text(file.attrs.get("written_by", "sidtool")),
             carried=self._carried(file),
             from_matrices=bool(file.attrs.get("from_matrices", False)),
+            has_peak_nodes=None if peaks is None else bool(peaks),
             **blocks,
         )
 

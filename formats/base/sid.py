@@ -160,6 +160,8 @@ class SID:
         is known
     from_matrices : the body came as matrices, or was discretised by another program, so
         that there are no elements whose stress could stiffen it
+    has_peak_nodes : whether nodes were added where the stress is largest; None if that
+        is not known, see `formats.base.stress.has_peak_nodes`
 
     Raises
     ------
@@ -186,6 +188,7 @@ class SID:
     written_by: str = ""
     carried: ComplianceShares | None = None
     from_matrices: bool = False
+    has_peak_nodes: bool | None = None
 
     def __post_init__(self) -> None:
         nq = self.nq

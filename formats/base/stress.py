@@ -41,10 +41,14 @@ def stress_nodes(sid: SID) -> tuple[str, ...]:
 
 
 def has_peak_nodes(sid: SID) -> bool:
-    """Whether nodes that carry stress were added for the peak, by their numbers."""
-    return any(
-        name.isdecimal() and int(name) >= FIRST_PEAK_NODE for name in stress_nodes(sid)
-    )
+    """Whether nodes that carry stress were added for the peak.
+
+    Earlier files of sidtool do not state it; their first such node has the default
+    number. Other programs add none.
+    """
+    if sid.has_peak_nodes is not None:
+        return sid.has_peak_nodes
+    return bool(sid.written_by) and str(FIRST_PEAK_NODE) in stress_nodes(sid)
 
 
 def peak_stress(sid: SID, q: ArrayLike) -> Array:

@@ -91,6 +91,7 @@ def assemble(raw: RawFile, source: str) -> SID:
         written_by=marked.by,
         carried=marked.carried,
         from_matrices=marked.from_matrices,
+        has_peak_nodes=marked.has_peak_nodes,
         **blocks,  # type: ignore[arg-type]
     )
 

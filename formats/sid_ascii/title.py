@@ -21,10 +21,11 @@ _FEMBEAM = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 #: What our own files end their titles with, which other readers take for free text:
-#: version, matrices without elements, and shares, see `formats.carried`; earlier files
-#: tell the layout alone.
+#: version, matrices without elements, nodes for the peak stress, and shares, see
+#: `formats.carried`; earlier files tell the layout alone.
 _OWN = re.compile(
     r"(?<!\s)\s*+\[(?P<by>sidtool(?: [\w.+!-]+)?)(?P<matrices>; matrices)?"
+    r"(?:; (?P<peak>(?:no )?peak nodes))?"
     r"(?:; (?P<carried>[^\[\]]+))?\]$",
     re.ASCII,
 )
@@ -61,6 +62,7 @@ class Title:
     by : our own program, "" if there is no mark
     carried : compliance shares, if they are stated
     from_matrices : the body came as matrices
+    has_peak_nodes : nodes were added for the peak stress, None if that is not stated
     """
 
     text: str
@@ -68,6 +70,7 @@ class Title:
     by: str = ""
     carried: ComplianceShares | None = None
     from_matrices: bool = False
+    has_peak_nodes: bool | None = None
 
 
 LAYOUTS = {
@@ -93,7 +96,7 @@ def split_title(line: str) -> tuple[tuple[int, int] | None, str] | None:
 
 def split_tag(text: str) -> Title:
     """The text and the marks at its end."""
-    layout, by, carried, from_matrices = None, "", None, False
+    layout, by, carried, from_matrices, peaks = None, "", None, False, None
     if match := _TAG.search(text):
         tokens = {layout.token: layout for layout in LAYOUTS.values()}
         layout = tokens.get(match[1])
@@ -104,7 +107,8 @@ def split_tag(text: str) -> Title:
         text, by = text[: match.start()], match["by"]
         carried = parse_compliance_shares(match["carried"] or "")
         from_matrices = bool(match["matrices"])
-    return Title(text, layout, by, carried, from_matrices)
+        peaks = None if match["peak"] is None else match["peak"] == "peak nodes"
+    return Title(text, layout, by, carried, from_matrices, peaks)
 
 
 def is_own(start: bytes) -> bool:
@@ -129,6 +133,7 @@ def title_line(
     tag: Layout | None,
     carried: ComplianceShares | None = None,
     from_matrices: bool = False,
+    peaks: bool | None = None,
 ) -> str:
     """The first line of a file: 7-bit ASCII, at most 400 characters.
 
@@ -140,13 +145,15 @@ def title_line(
     tag : the layout to mark at the end, so that no reader has to guess
     carried : what the shape functions carry, as far as it fits behind the text
     from_matrices : whether the body came as matrices
+    peaks : whether nodes were added for the peak stress, None if no node has stress
     """
     start = "{:5d} {:3d}    ".format(*counts) + PREFIX
     if fembeam:
         start = "{} nodes, {} modes, ".format(*counts)
     layout = "" if tag is None else f" [layout {tag.token}]"
     matrices = "; matrices" if from_matrices else ""
-    begin, end = f" [{written_by()}{matrices}", f"]{layout}"
+    nodes = "" if peaks is None else "; peak nodes" if peaks else "; no peak nodes"
+    begin, end = f" [{written_by()}{matrices}{nodes}", f"]{layout}"
     room = MAX_LENGTH - len(start) - len(begin) - len(end)
     title = ascii_text(text)[:room].rstrip()
     room -= len(title) + len("; ")

@@ -22,6 +22,7 @@ from ..base.sid import (
     Taylor,
     symmetric_3x3,
 )
+from ..base.stress import has_peak_nodes, stress_nodes
 from ..storage.atomic import atomic_path
 from ..storage.hdf5_files import check_finite
 from . import layout
@@ -84,7 +85,8 @@ def _file_text(sid: SID, style: Style) -> Iterator[str]:
     """The file in pieces of whole lines."""
     counts = (len(sid.nodes), sid.nq)
     fembeam = style.layout is LAYOUTS["fembeam"]
-    tag, known = _layout_tag(sid, style), (sid.carried, sid.from_matrices)
+    peaks = has_peak_nodes(sid) if stress_nodes(sid) else None
+    tag, known = _layout_tag(sid, style), (sid.carried, sid.from_matrices, peaks)
     yield title_line(sid.title, counts, fembeam, tag, *known) + "\n"
     yield _entry_line(1, "part")
     yield _entry_line(6, "new modal", "")

@@ -78,7 +78,7 @@ def add_stress_recovery(
         points = peak_points(body, basis, settings.peak_points, initial)
         for number, point in enumerate(points, settings.first_node):
             nodes.append(_stress_node(number, point, frame))
-    return replace(sid, nodes=tuple(nodes))
+    return replace(sid, nodes=tuple(nodes), has_peak_nodes=settings.peak_points != 0)
 
 
 def check_stress(body: FiniteElementModel, settings: StressRecovery) -> list[str]:

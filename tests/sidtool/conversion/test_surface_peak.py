@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from sidtool.formats.base.sid import SID
 from sidtool.formats.base.stress import has_peak_nodes, peak_stress, stress_nodes
 from sidtool.formats.model import ModelFile
+from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import simulate
@@ -130,6 +132,32 @@ def test_a_large_plate_with_a_hole(tmp_path: Path) -> None:
     far = force / (2.0 * half * THICKNESS)
     expected = 3.0 + 9.0 * (radius / half) ** 2
     assert pulled(sid, moved * force) == pytest.approx(expected * far, rel=1e-2)
+
+
+@pytest.mark.parametrize("ending", [".SID_FEM", ".h5"])
+@pytest.mark.parametrize(("count", "first"), [(0, 10001), (5, 10001), (5, 301)])
+def test_peak_nodes_are_not_known_by_their_numbers(
+    tmp_path: Path, ending: str, count: int, first: int
+) -> None:
+    """Markers may have the numbers 10001 and more, peak nodes others."""
+    stress = {"peak_points": count, "first_node": first}
+    sid = sid_from_model(rod(Q4, stress=stress))
+    if first != 10001 or not count:
+        moved = {"1": "10001", "2": "20002"}
+        nodes = [replace(node, id=moved.get(node.id, node.id)) for node in sid.nodes]
+        sid = replace(sid, nodes=tuple(nodes))
+    path = tmp_path / f"rod{ending}"
+    write_sid(path, sid)
+    again = read_sid(path)
+    assert has_peak_nodes(sid) == has_peak_nodes(again) == bool(count)
+    assert again.title == sid.title
+    # of another program, and written again
+    foreign = replace(sid, has_peak_nodes=None)
+    write_sid(path, foreign)
+    assert not has_peak_nodes(foreign) and not has_peak_nodes(read_sid(path))
+    # of an earlier version
+    earlier = replace(foreign, written_by="sidtool 0.1")
+    assert has_peak_nodes(earlier) or first != 10001 or not count
 
 
 @pytest.mark.parametrize("count", [None, 0, 5])
