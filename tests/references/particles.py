@@ -1,8 +1,8 @@
-"""A multibody program of its own to judge motions by: slow, short, nothing of ours.
+"""An independent multibody program as a reference for motions: slow and short.
 
 Bodies are particles that move with their shape functions; velocities and equations are
 in world axes. Joints are functions of the poses of two markers, which are derived by
-complex steps; what joints transmit is virtual work. It is given states, and tells
+complex steps; reactions follow from virtual work. For given states it returns
 accelerations and forces.
 """
 

@@ -42,8 +42,8 @@ def ends(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
     """Until when each run of the search goes."""
     found: list[float] = []
 
-    def told(make: Any) -> Any:
-        def made(self: runs_.Runs, *key: Any) -> Any:
+    def counted(make: Any) -> Any:
+        def run(self: runs_.Runs, *key: Any) -> Any:
             known = self.count
             try:
                 return make(self, *key)
@@ -51,10 +51,10 @@ def ends(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
                 if self.count > known:
                     found.append(self.scene.time.end)
 
-        return made
+        return run
 
-    for name in ("tight_run", "begun"):
-        monkeypatch.setattr(runs_.Runs, name, told(getattr(runs_.Runs, name)))
+    for name in ("tight_run", "run_initial_interval"):
+        monkeypatch.setattr(runs_.Runs, name, counted(getattr(runs_.Runs, name)))
     yield found
 
 
