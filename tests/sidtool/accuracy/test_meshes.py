@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from math import log, pi
 from pathlib import Path
 from typing import Any
@@ -191,6 +192,36 @@ def test_a_coarse_mesh_is_compared_with_all_modes_that_it_has(method: str) -> No
     deflection = 0.5**3 / (3.0 * 2e11 * 0.01**4 / 12.0)
     assert found["link.b.uy"][-1] == pytest.approx(deflection, rel=1e-2)
     assert any(s.startswith("4 to 6 modes") for s in found.accuracy.sentences)
+
+
+def test_the_choice_does_not_depend_on_the_size_of_a_scene() -> None:
+    """Lengths and E times 100 and 1000, times the root of it (Froude's similarity)."""
+    found = []
+    for size in (1.0, 100.0, 1000.0):
+        bar({"type": "tangent", "marker": "a"}, elements=2)
+        model = json.loads(Path("link.json").read_text(encoding="utf-8"))
+        model["material"]["youngs_modulus"] *= size
+        model["geometry"]["end"][0] *= size
+        for key in ("height", "width"):
+            model["geometry"]["section"][key] *= size
+        Path("link.json").write_text(json.dumps(model), encoding="utf-8")
+        scene = with_bar(
+            gravity=[0.0, -9.81],
+            joints={"pin": {"type": "revolute", "markers": ["ground", "link.a"]}},
+            outputs={"record": ["link.b.x"]},
+        )
+        times = {"end": 0.1 * size**0.5, "output_step": 0.01 * size**0.5}
+        scene = scene.with_({f"time.{key}": value for key, value in times.items()})
+        run = scene.simulate(accuracy={"link.b.x": f"{1e-6 * size} m"})
+        report = run.accuracy
+        assert report is not None
+        choice = [
+            re.sub(r"[\d.]+(e[-+]?\d+)? (m in|% of)", "", s) for s in report.sentences
+        ]
+        found.append((choice, run["link.b.x"] / size))
+    for choice, motion in found[1:]:
+        assert choice == found[0][0]
+        assert motion == pytest.approx(found[0][1], abs=2e-6)
 
 
 def test_loads_that_begin_at_once_are_named_where_modes_have_no_end() -> None:
