@@ -77,7 +77,7 @@ def _times_outside_solution(work: Callable[[], Any]) -> tuple[float, float]:
 def _solutions() -> Iterator[list[float]]:
     """The processor seconds of the solutions inside."""
     spent: list[float] = []
-    known = Run.go, Run.end
+    known = Run.integrate, Run.finish
 
     def timed(work: Callable[..., Any]) -> Callable[..., Any]:
         def measured(*arguments: Any) -> Any:
@@ -89,8 +89,8 @@ def _solutions() -> Iterator[list[float]]:
 
         return measured
 
-    Run.go, Run.end = map(timed, known)  # type: ignore[method-assign, assignment]
+    Run.integrate, Run.finish = map(timed, known)  # type: ignore[method-assign, assignment]
     try:
         yield spent
     finally:
-        Run.go, Run.end = known  # type: ignore[method-assign]
+        Run.integrate, Run.finish = known  # type: ignore[method-assign]

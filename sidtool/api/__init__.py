@@ -1,9 +1,12 @@
 """The Python interface: Model, Scene, Result and the functions of a script.
 
-operations       convert, validate, simulate, compare interrupts       Ctrl-C and
-SIGTERM during a run scene            Model and Scene; reading of files result
-Result of a simulation compiled_scene   a scene compiled once and run with other numbers
-analyses         equilibrium, natural modes, inverse dynamics study, sweep     error
-over cost; values over design parameters tables           classes of the tables of
-scenes and models
+operations       convert, validate, simulate, compare
+prepared_scene   changes, choice of the model and compilation before a run
+interrupts       Ctrl-C and SIGTERM during a run
+scene            Model and Scene; reading of files
+result           Result of a simulation
+compiled_scene   a scene compiled once and run with other numbers
+analyses         equilibrium, natural modes, inverse dynamics
+study, sweep     error over cost; values over design parameters
+tables           classes of the tables of scenes and models
 """

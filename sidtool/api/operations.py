@@ -15,7 +15,6 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.toml.files import locate_errors
 
-from ..pipeline.scene_changes import apply_changes
 from ..validate import check, compare, repair
 from .result import Result
 
@@ -100,10 +99,8 @@ def simulate(
         requested accuracy.
     sidtool.SimulationError : the run stopped; its `result` holds the motion so far.
     """
-    from sidtool.solver import compile_scene
-
-    from ..accuracy import plan_for
     from .interrupts import run_interruptible, wrap_errors
+    from .prepared_scene import prepare_scene
     from .result import to_user_result
 
     content = scene_given(scene)
@@ -111,28 +108,22 @@ def simulate(
     settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     with locate_errors(content), wrap_errors(drives, forces) as stop:
-        content, replaced, notes = apply_changes(content, folder, sids or {}, rigid)
-        plan = plan_for(
+        prepared = prepare_scene(
             content,
             folder,
-            replaced,
+            sids or {},
+            rigid,
             accuracy,
             settings,
             accept_defects=accept_defects,
             drives=drives,
             forces=forces,
-            progress=searching,
+            searching=searching,
         )
-        if plan is not None:
-            content, notes = plan.scene, [*notes, *plan.notes]
-            replaced = dict(plan.sids)
-        system = compile_scene(
-            content, folder, replaced, accept_defects, drives, forces=forces
-        )
-        if plan is not None and unfinished is None:
-            known = plan.known_result((*system.notes, *notes))
-            if known is not None:
-                return to_user_result(known, drives, forces)
-        settings |= {"progress": progress, "unfinished": unfinished, "told": notes}
-        result = run_interruptible(system, stop, drives, forces, **settings)
-        return result if plan is None else plan.with_errors(result)
+        known = prepared.known_result() if unfinished is None else None
+        if known is not None:
+            return to_user_result(known, drives, forces)
+        settings |= {"progress": progress, "unfinished": unfinished}
+        settings["told"] = prepared.notes
+        result = run_interruptible(prepared.system, stop, drives, forces, **settings)
+        return prepared.with_errors(result)

@@ -291,54 +291,43 @@ def _run(
 ) -> Any:
     from sidtool.formats.result.rows import write_rows
     from sidtool.formats.toml.files import locate_errors
-    from sidtool.solver import compile_scene
     from sidtool.solver import simulate as run
-    from sidtool.solver.simulation.simulate import initial_notes
+    from sidtool.solver.simulation.simulate import report_expectations
 
-    from ..accuracy import Certified, plan_for
-    from ..pipeline.scene_changes import apply_changes
+    from ..api.prepared_scene import prepare_scene
 
-    folder, defects = scene.folder, model.accept_defects
-    swapped = files_by_body("--sid", model.swaps, scene.flexible)
+    callbacks: dict[str, Any] = {
+        "foresee": _print_expected_bodies,
+        "tell": _print_message,
+    }
+    replaced = files_by_body("--sid", model.swaps, scene.flexible)
     with locate_errors(scene):
-        scene, sids, notes = apply_changes(scene, folder, swapped, model.rigid)
-        plan = plan_for(
+        prepared = prepare_scene(
             scene,
-            folder,
-            sids,
+            scene.folder,
+            replaced,
+            model.rigid,
             model.accuracy,
             settings,
-            accept_defects=defects,
+            accept_defects=model.accept_defects,
         )
-        if plan is not None:
-            scene, notes, files = (
-                plan.scene,
-                [*notes, *plan.notes],
-                Certified(files, plan),
-            )
-            sids = dict(plan.sids)
-        system = compile_scene(scene, folder, sids=sids, accept_defects=defects)
-        callbacks: dict[str, Any] = {
-            "foresee": _print_expected_bodies,
-            "tell": _print_message,
-        }
-        if plan is not None and ends["unfinished"] is None:
-            known = plan.known_result((*system.notes, *notes))
-            if known is not None:
-                initial_notes(system, **callbacks)
-                write_rows(known, files)
-                return known
+        files = prepared.certified(files)
+        known = prepared.known_result() if ends["unfinished"] is None else None
+        if known is not None:
+            report_expectations(prepared.system, **callbacks)
+            write_rows(known, files)
+            return known
         with stop_on_signals(*ENDING_SIGNALS, stop=ends["stop"]):
             result = run(
-                system,
-                progress=_time_fraction(scene.time),
-                told=notes,
+                prepared.system,
+                progress=_time_fraction(prepared.system.scene.time),
+                told=prepared.notes,
                 into=files,
                 **callbacks,
                 **settings,
                 **ends,
             )
-        return result if plan is None else plan.with_errors(result)
+        return prepared.with_errors(result)
 
 
 def _print_message(text: str) -> None:

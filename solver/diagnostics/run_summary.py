@@ -134,7 +134,7 @@ class InitialisedSystem:
 
     Attributes
     ----------
-    notes
+    compiled
         The system as it was compiled.
     system
         With redundant constraints marked.
@@ -142,7 +142,7 @@ class InitialisedSystem:
         Positions and velocities that meet the constraints.
     """
 
-    notes: System
+    compiled: System
     system: System
     start: assembly.StateVectors
 
@@ -150,13 +150,13 @@ class InitialisedSystem:
     def implausible_inputs(self) -> tuple[str, ...]:
         """Sentences for the author of the scene."""
         return (
-            *implausible_value_warnings(self.notes),
+            *implausible_value_warnings(self.compiled),
             *unrepresented_loads(self.system, self.start),
         )
 
     @cached_property
-    def result_notes(self) -> Mapping[str, FlexibleBody]:
-        """What runs will ask of each flexible body."""
+    def expected_bodies(self) -> Mapping[str, FlexibleBody]:
+        """What is expected of each flexible body, by name."""
         return expected_bodies(self.system, self.start)
 
 

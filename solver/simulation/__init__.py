@@ -1,8 +1,9 @@
 """One simulation run, in reading order.
 
+- `simulate`: function `simulate`, the five steps of a run
+- `preparation`: start, plan of the outputs, arrays
 - `recorder`: rows of the result
 - `run_loop`: step loop over the smooth intervals, events and friction between them
 - `result`: result of a run and its notes
-- `simulate`: function `simulate`
 - `replay`: outputs of a finished run
 """

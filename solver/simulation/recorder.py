@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,7 @@ from ..output.events import LocatedEvent, complete_events
 from ..output.samples import StateSampler
 from ..spatial import system_arrays as at
 from ..system.system import System
+from .preparation import RunStart
 
 #: Ends of steps that wait for the rows between them, and coordinates of their states.
 MAX_PENDING_STEPS, MAX_PENDING_NUMBERS = 4096, 1_000_000
@@ -43,25 +44,13 @@ class Recorder:
     """
 
     def __init__(
-        self,
-        system: System,
-        closed: Array,
-        expected_bodies: Callable[[], Mapping[str, FlexibleBody]],
-        history: EnergyIntegrals | None,
-        sink: Sink,
-        max_rows: int,
+        self, start: RunStart, history: EnergyIntegrals | None, sink: Sink
     ) -> None:
-        """Parameters
-        ----------
-        expected_bodies
-            What is said of flexible bodies before the run.
-        max_rows
-            Rows that there may be.
-        """
-        self.system, self.sampler = system, StateSampler(system, closed)
+        system = start.system
+        self.system, self.sampler = system, StateSampler(system, start.tolerances)
         self.history, self.sink = history, sink
         self.verdicts, self._has_flexible_bodies = (
-            RunDiagnostics(system, expected_bodies),
+            RunDiagnostics(system, lambda: start.initialised.expected_bodies),
             bool(system.flexible),
         )
         self.events: list[Event] = []
@@ -70,7 +59,7 @@ class Recorder:
         self.sound: tuple[Array, Array] | None = None
         self._largest = np.zeros(system.n_positions)
         self.columns = system.cached_by_topology(_column_names)
-        sink.begin(self.columns, max_rows)
+        sink.begin(self.columns, len(start.times) + 1)
 
     def add_previous_rows(self, rows: Rows) -> None:
         """Rows that a run before this one recorded."""

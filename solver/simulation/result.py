@@ -185,7 +185,7 @@ def _last_sound_state(run: Run) -> tuple[Array, Array]:
     for positions, velocities in states:
         if not find_state_warnings(system, positions[None]):
             return positions, velocities
-    return run.recorder.sound or (run.start.z, run.start.v)
+    return run.recorder.sound or (run.start.initial.z, run.start.initial.v)
 
 
 def _settings_table(run: Run) -> dict[str, str | float]:
@@ -204,19 +204,19 @@ def _settings_table(run: Run) -> dict[str, str | float]:
 def _run_notes(run: Run) -> Iterator[str]:
     """Notes on the numbers of a run."""
     system, recorder, rtol = run.system, run.recorder, run.settings.rtol
-    steps = run.memory.steps
-    yield from dict.fromkeys((*run.notes, *run.initialised.implausible_inputs))
-    yield from singular_passage_notes(
-        system, run.kernels, run.control, rtol, run.start.z
+    steps, initial = run.memory.steps, run.start.initial
+    yield from dict.fromkeys(
+        (*run.start.notes, *run.start.initialised.implausible_inputs)
     )
-    yield from displacement_notes(system, recorder.sampler.work, run.start, rtol)
+    yield from singular_passage_notes(system, run.kernels, run.control, rtol, initial.z)
+    yield from displacement_notes(system, recorder.sampler.work, initial, rtol)
     if run.current_time >= system.scene.time.end and not _stopping_event_text(run):
         yield from result_notes.output_time_notes(
-            system.scene, float(run.times[-1:][0])
+            system.scene, float(run.start.times[-1:][0])
         )
     yield from result_notes.callable_notes(system)
     yield from result_notes.peak_stress_notes(system)
-    yield from result_notes.sampled_loop_notes(system, run.control, run.start.z)
+    yield from result_notes.sampled_loop_notes(system, run.control, initial.z)
     if run.control.fixed_step != 1:
         span = run.current_time - system.scene.time.start
         yield from recorder.verdicts.found.vibrations.sentences(steps, span)
@@ -228,10 +228,13 @@ def _run_notes(run: Run) -> Iterator[str]:
     yield from result_notes.skipped_feature_notes(system, run.control, run.settings)
     yield from _constraint_deformation_notes(run)
     ends = (system.scene.time.start, run.current_time)
-    start, control = run.start, run.control
+    control = run.control
     if reached_end:
         yield from runaway_warnings(
-            system, ends, np.array([start.z, control.z]), np.array([start.v, control.v])
+            system,
+            ends,
+            np.array([initial.z, control.z]),
+            np.array([initial.v, control.v]),
         )
     bodies = recorder.bodies
     if bodies and run.current_time > system.scene.time.start:
@@ -279,7 +282,7 @@ def _constraint_deformation_notes(run: Run) -> Iterator[str]:
 
 def _initial_samples(run: Run) -> Samples:
     """The start, with accelerations."""
-    t, start = np.array([run.system.scene.time.start]), run.start
+    t, start = np.array([run.system.scene.time.start]), run.start.initial
     return run.recorder.sampler.sample(t, start.z[None], start.v[None])
 
 
@@ -291,7 +294,8 @@ def _counters(run: Run) -> dict[str, Any]:
 
 def _stopping_event_text(run: Run) -> str:
     """The event that ended the run before the end of the time span, as a sentence."""
-    if run.watch is None or not run.watch.stopping_event:
+    detector = run.plan.event_detector
+    if detector is None or not detector.stopping_event:
         return ""
-    t = run.watch.events_found[-1].t
-    return f"event {run.watch.stopping_event} ended the run at t = {t:.9g} s"
+    t = detector.events_found[-1].t
+    return f"event {detector.stopping_event} ended the run at t = {t:.9g} s"

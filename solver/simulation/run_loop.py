@@ -3,42 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.result import Sink
 
 from ..diagnostics.failure_causes import singular_system_message
-from ..diagnostics.run_summary import InitialisedSystem
 from ..diagnostics.singular_configurations import undetermined_friction_notes
-from ..dynamics.equations_of_motion import kernel_pointers
 from ..initial_state.given_state import store_rotations
-from ..initial_state.integrator_start import (
-    RunSettings,
-    constraint_tolerances,
-    new_step_loop_state,
-)
 from ..integrators import loop_state, newton_iteration, output_sampling
 from ..integrators.registry import INTEGRATORS, StepFunction
 from ..integrators.singular_configurations import NEAR_SINGULAR
-from ..linear.factor_storage import Memory
 from ..output import dense_output, events
-from ..output.dense_output import OutputTimeBuffer
-from ..output.energies import EnergyIntegrals, needs_energy_integrals
 from ..output.resume import ResumeState, previous_rows
-from ..output.samples import StateSampler
-from ..output.stick_slip import StickSlipEvents, with_friction_states
-from ..spatial.system_arrays import WorkArrays
 from ..system.control_laws import law_error
-from ..system.sensors import OutputTimesAtSamples, SampledLaws
-from ..system.work_arrays import new_memory, new_work_arrays, raise_pending
+from ..system.sensors import SampledLaws
+from ..system.work_arrays import raise_pending
+from .preparation import OutputPlan, RunArrays, RunStart
 from .recorder import Recorder
-
-#: Steps between two reports of progress.
-STEPS_PER_REPORT = 500
 
 Progress = Callable[[float], None]
 
@@ -51,71 +35,29 @@ class Stop(NamedTuple):
 
 
 class Run:
-    """Storage and step function of one run."""
+    """Step loop of one run.
+
+    Attributes
+    ----------
+    control : state of the step loop
+    method : integrator in use
+    switch_time : time at which the method for stiff scenes took over [s], or NaN
+    """
 
     def __init__(
-        self,
-        initialised: InitialisedSystem,
-        settings: RunSettings,
-        told: Iterable[str],
-        sink: Sink,
-        resume: ResumeState | None,
+        self, start: RunStart, plan: OutputPlan, arrays: RunArrays, recorder: Recorder
     ) -> None:
-        system = with_friction_states(initialised.system)
-        self.system, self.settings, self.start = system, settings, initialised.start
-        self.initialised, self.notes = initialised, told
-        methods = [INTEGRATORS[name] for name in settings.integrators]
-        self.method, self.switch_time = methods[0], math.nan
-        self.work: WorkArrays = new_work_arrays(system)
-        self.memory: Memory = new_memory(system, max(m.complex_pairs for m in methods))
-        self.kernels = kernel_pointers(system.planar)
-        self.times = OutputTimesAtSamples(system)
-        self.samplers = SampledLaws(system)
-        self.closed = constraint_tolerances(system, settings)
-        points = dense_output.step_points(max(m.dense_degree for m in methods))
-        self.watch = None
-        if system.scene.events:
-            self.watch = events.EventDetector(system, self.closed, points)
-        history = None
-        if needs_energy_integrals(system.scene):
-            sums = None if resume is None else resume.energy_sums
-            history = EnergyIntegrals(StateSampler(system, self.closed), points, sums)
-        self.stick_slip_events = None
-        if system.friction_joints:
-            self.stick_slip_events = StickSlipEvents(
-                system, self.closed, points, settings.rtol
-            )
-        self.looks_inside_steps = not (
-            self.watch is self.stick_slip_events is history is None
-        )
-        most = len(self.times) + 1
-        self.recorder = Recorder(
-            system,
-            self.closed,
-            lambda: initialised.result_notes,
-            history,
-            sink,
-            most,
-        )
-        shares, self.limit = np.zeros(0), STEPS_PER_REPORT
-        if self.looks_inside_steps:
-            shares, self.limit = (
-                points.fractions_of_chunk(),
-                dense_output.STEPS_PER_CHUNK,
-            )
-        elif system.flexible:
-            shares = dense_output.end_fractions(fixed=settings.step is not None)
-            self.limit = dense_output.ENDS_PER_CHUNK
-        self.points = points
-        self.window = OutputTimeBuffer(
-            self.times, system.n_positions + system.n_velocities
-        )
-        begin = initialised.start if resume is None else resume.start
-        self.control = new_step_loop_state(
-            system, settings, begin, self.window.size, shares, self.closed
-        )
-        if resume is not None:
-            self._resume_from(resume)
+        self.start, self.plan, self.recorder = start, plan, recorder
+        self.system, self.settings = start.system, start.settings
+        self.work, self.memory = arrays.work, arrays.memory
+        self.kernels, self.window = arrays.kernels, arrays.window
+        self.control = arrays.control
+        self.event_detector, self.points = plan.event_detector, plan.points
+        self.stick_slip_events = plan.stick_slip_events
+        self.method, self.switch_time = start.methods[0], math.nan
+        self.samplers = SampledLaws(self.system)
+        if start.resume is not None:
+            self._skip_previous_rows(start.resume)
         self.window.fill_next(self.control)
         self.breaks: list[events.LocatedEvent] = []
         self.step_counts = [0, 0]
@@ -127,17 +69,16 @@ class Run:
             self.system, self.kernels, self.work, self.memory, self.control
         )
 
-    def _resume_from(self, resume: ResumeState) -> None:
-        """The rows, times and events of an unfinished run are behind this one."""
-        self.control.time = self.control.start_time = resume.t
+    def _skip_previous_rows(self, resume: ResumeState) -> None:
+        """Take the rows, times and events of an unfinished run as done."""
         rows = previous_rows(resume)
         self.window.skip(sum(len(part.t) for part in rows))
         for part in rows:
             self.recorder.add_previous_rows(part)
-        if self.watch is not None:
-            for event in resume.done.events:
-                if event.name in self.watch.counts:
-                    self.watch.counts[event.name] += 1
+        counts = {} if self.event_detector is None else self.event_detector.counts
+        for event in resume.done.events:
+            if event.name in counts:
+                counts[event.name] += 1
 
     def integrate(
         self, progress: Progress | None, stop_requested: Callable[[], str] | None = None
@@ -161,7 +102,10 @@ class Run:
             code = loop_state.STEPS_DONE
             while code == loop_state.STEPS_DONE and not failure:
                 code = self._make_steps()
-                if self.watch is not None and self.watch.stopping_event:
+                if (
+                    self.event_detector is not None
+                    and self.event_detector.stopping_event
+                ):
                     return None
                 if self._needs_stiff_method(code):
                     self._switch_method()
@@ -188,7 +132,7 @@ class Run:
         """Make some steps, however many output times they contain; returns why they
         end.
         """
-        left = self.limit
+        left = self.plan.step_limit
         while True:
             before = self.memory.steps
             most = (
@@ -201,7 +145,7 @@ class Run:
             left -= self.memory.steps - before
             self._process_steps()
             if self.needs_new_interval or (
-                self.watch is not None and self.watch.stopping_event
+                self.event_detector is not None and self.event_detector.stopping_event
             ):
                 return code
             full = code == loop_state.OUTPUT_FULL
@@ -216,7 +160,10 @@ class Run:
 
     def _new_events(self) -> list[events.LocatedEvent]:
         """Breaks and events that were not requested before."""
-        kinds = self.breaks, self.watch.events_found if self.watch else []
+        kinds = (
+            self.breaks,
+            self.event_detector.events_found if self.event_detector else [],
+        )
         new = [
             m for kind, k in zip(kinds, self.step_counts, strict=True) for m in kind[k:]
         ]
@@ -227,8 +174,8 @@ class Run:
         """Hands over the rest, and last the state where the run ended early."""
         t, z, v = self.window.reached_states(self.control)
         last = None
-        if self.watch is not None and self.watch.stopping_event:
-            last = self.watch.events_found[-1]
+        if self.event_detector is not None and self.event_detector.stopping_event:
+            last = self.event_detector.events_found[-1]
         elif failed and np.isfinite([*self.control.z, *self.control.v]).all():
             last = events.LocatedEvent(
                 "", "stop", self.current_time, self.control.z, self.control.v
@@ -243,6 +190,12 @@ class Run:
         if failed:
             t, z, v = self.recorder.finite_rows(t, z, v)
         self.recorder.take_rows(t, z, v, self._new_events())
+
+    @property
+    def _ended_by_event(self) -> bool:
+        """True if an event of the scene has ended the run."""
+        detector = self.event_detector
+        return detector is not None and bool(detector.stopping_event)
 
     @property
     def current_time(self) -> float:
@@ -277,7 +230,7 @@ class Run:
 
     def _process_steps(self) -> None:
         """Stores what is wanted of the last steps, and looks for events in them."""
-        if not self.looks_inside_steps:
+        if not self.plan.looks_inside_steps:
             self.recorder.add_step_ends(dense_output.take_step_ends(self.control))
             return
         steps = dense_output.take_steps(self.control)
@@ -287,8 +240,8 @@ class Run:
         self.recorder.add_step_ends(self.points.step_ends(steps))
         if self.recorder.history is not None:
             self.recorder.history.add(steps)
-        if self.watch is not None:
-            self.watch.look(steps)
+        if self.event_detector is not None:
+            self.event_detector.look(steps)
 
     def _enter_interval(self, end: float) -> str:
         """Start a smooth interval without memory of earlier steps.

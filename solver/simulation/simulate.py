@@ -9,13 +9,14 @@ from itertools import chain
 from sidtool.formats.result import FlexibleBody, InMemory, Result, Sink
 
 from ..compiler import precompile
-from ..diagnostics.run_summary import InitialisedSystem, initialise
+from ..diagnostics.run_summary import initialise
 from ..initial_state.integrator_start import run_settings
 from ..integrators.registry import INTEGRATORS
 from ..output.evaluated_forces import needs_body_quantities
-from ..output.resume import resume_state
 from ..system.errors import SimulationError
 from ..system.system import System
+from .preparation import allocate, plan_outputs, prepare_run
+from .recorder import Recorder
 from .result import (
     build_result,
     failure_reason,
@@ -91,18 +92,16 @@ def simulate(
         system.planar, loops, needs_body_quantities(system.scene)
     )
     started = time.perf_counter()
-    initialised = initial_notes(system, foresee, tell)
+    report_expectations(system, foresee, tell)
+    start = prepare_run(system, settings, chain(system.notes, told), unfinished)
+    plan = plan_outputs(start)
+    arrays = allocate(start, plan)
     memory_sink = InMemory()
-    told = chain(system.notes, told)
-    resume = (
-        None
-        if unfinished is None
-        else resume_state(initialised.system, settings, unfinished)
-    )
-    run = Run(initialised, settings, told, into or memory_sink, resume)
+    recorder = Recorder(start, plan.energy_integrals, into or memory_sink)
+    run = Run(start, plan, arrays, recorder)
     assembled = time.perf_counter()
     stopped = run.integrate(progress, stop)
-    solved = time.perf_counter() - assembled - run.recorder.seconds
+    solved = time.perf_counter() - assembled - recorder.seconds
     reason = "" if stopped is None else stop_reason(run, stopped)
     run.finish(failed=stopped is not None)
     failure = failure_reason(run, reason)
@@ -110,8 +109,8 @@ def simulate(
     result = build_result(
         run, seconds, failure, memory_sink.arrays() if into is None else {}
     )
-    if resume is not None:
-        result = resume.join(result)
+    if start.resume is not None:
+        result = start.resume.join(result)
     if into is not None:
         into.finish(result)
     if warn is not None and may_exceed_linear_theory(run):
@@ -122,16 +121,15 @@ def simulate(
     return result
 
 
-def initial_notes(
+def report_expectations(
     system: System,
     foresee: ExpectationCallback | None,
     tell: Callable[[str], None] | None,
-) -> InitialisedSystem:
-    """What a run begins with, said as `simulate` does before it."""
+) -> None:
+    """Report implausible input, and what is expected of flexible bodies."""
     initialised = system.cached(initialise)
     if tell is not None:
         for sentence in initialised.implausible_inputs:
             tell(sentence)
     if foresee is not None:
-        foresee(initialised.result_notes)
-    return initialised
+        foresee(initialised.expected_bodies)

@@ -23,10 +23,11 @@ from tests.places import SLIDER_CRANK
 AT = """
 import signal, sys
 import sidtool.solver.simulation.run_loop as run
+from sidtool.solver.simulation import preparation
 from sidtool.solver.output import dense_output
 from sidtool.cli.main import main
 
-run.STEPS_PER_REPORT = 1
+preparation.STEPS_PER_REPORT = 1
 dense_output.STEPS_PER_CHUNK = dense_output.ENDS_PER_CHUNK = 1
 before = run.Run._make_steps
 
@@ -243,7 +244,7 @@ def test_ctrl_c_ends_the_search_for_a_model(
         signal.raise_signal(signal.SIGINT)
         time.sleep(5.0)
 
-    monkeypatch.setattr("sidtool.accuracy.plan_for", search)
+    monkeypatch.setattr("sidtool.api.prepared_scene.plan_for", search)
     path = tmp_path / "r.h5"
     words = ["simulate", str(SLIDER_CRANK / "slider_crank.toml"), "--accuracy", "1e-2"]
     assert run([*words, "-o", str(path)]) == 130

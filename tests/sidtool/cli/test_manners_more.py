@@ -117,7 +117,7 @@ def test_a_run_of_a_selected_model_continues(
     monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
     monkeypatch.setattr("sidtool.solver.output.dense_output.STEPS_PER_CHUNK", 2)
     monkeypatch.setattr("sidtool.solver.output.dense_output.ENDS_PER_CHUNK", 2)
-    monkeypatch.setattr("sidtool.solver.simulation.run_loop.STEPS_PER_REPORT", 2)
+    monkeypatch.setattr("sidtool.solver.simulation.preparation.STEPS_PER_REPORT", 2)
     scene = sidtool.Scene.load(SCENE).with_({"time.end": 0.6})
 
     def told(t: float) -> None:

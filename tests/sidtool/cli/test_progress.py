@@ -61,7 +61,7 @@ def test_every_long_command_reports_progress(
     monkeypatch.chdir(tmp_path)
     for name in ("STEPS_PER_CHUNK", "ENDS_PER_CHUNK"):  # steps between two looks
         monkeypatch.setattr(f"sidtool.solver.output.dense_output.{name}", 10)
-    monkeypatch.setattr("sidtool.solver.simulation.run_loop.STEPS_PER_REPORT", 10)
+    monkeypatch.setattr("sidtool.solver.simulation.preparation.STEPS_PER_REPORT", 10)
     commands = {
         "simulating": ["simulate", SCENE, *SHORT, "-o", "r.h5"],
         "drawing pictures": ["animate", "r.h5", "-o", "m.gif"],
