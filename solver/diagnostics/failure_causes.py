@@ -70,7 +70,8 @@ def lost_inertia_cause(
 ) -> str:
     """What to know where a body has deformed so far that it has no inertia left.
 
-    The mass of a stiffened body is minus infinity then, see `kernels.stiffened`.
+    The mass of a stiffened body is minus infinity then, see
+    `dynamics.geometric_stiffening`.
 
     Parameters
     ----------

@@ -161,7 +161,7 @@ class InitialisedSystem:
 
 
 def initialise(system: System) -> InitialisedSystem:
-    """Finds a start; for `System.once`, as nothing here depends on a run.
+    """Find a start; for `System.cached`, as nothing here depends on a run.
 
     Raises
     ------

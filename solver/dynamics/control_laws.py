@@ -55,8 +55,8 @@ STACK_DEPTH = 64
 #: Step of the differences of a callable, relative to the larger of its argument and
 #: `SMALL`: Newton's matrix need not be exact.
 DIFFERENCE_STEP, SMALLEST_ARGUMENT = 6e-6, 1e-3
-#: Entries of Work.lapse: 1 + the row of the last law that gave no number, else zero;
-#: when that was; its measures with their rates.
+#: Entries of `WorkArrays.law_failure`: 1 + the row of the last law that gave no number,
+#: else zero; the time of that; its measures with their rates.
 FAILED_LAW, FAILURE_TIME, FAILURE_MEASURES = 0, 1, 2
 
 

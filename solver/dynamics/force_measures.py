@@ -1,14 +1,15 @@
 """Measures of forces between two markers A and B, eq. (16).
 
-=============  ==================================================
-Kind           Measure g
-=============  ==================================================
-SPAN           distance between the markers
-SLIDE          displacement of B along a direction fixed in A
-TWIST          rotation about an axis of A, counted over full turns
-LEAN, TILT     component of the rotation vector from A to B
-SPIN           relative angular velocity about an axis
-=============  ==================================================
+=========================  ===================================================
+Kind                       Measure g
+=========================  ===================================================
+DISTANCE_MEASURE           distance between the markers
+DISPLACEMENT_MEASURE       displacement of B along a direction fixed in A
+ANGLE_MEASURE              rotation about an axis of A, counted over full turns
+ROTATION_VECTOR_MEASURE    component of the rotation vector from A to B
+DIRECTION_COSINE_MEASURE   scalar product of a direction of A and one of B
+ANGULAR_VELOCITY_MEASURE   relative angular velocity about an axis
+=========================  ===================================================
 
 For every measure there is its value and rate, the wrench of a unit force on it, and
 the derivatives of both.
@@ -41,7 +42,7 @@ MIN_DISTANCE = 1e-12
 
 @inner()
 def distance_measure(system, work, row):
-    """SPAN: the distance between the markers; a force along the line between them."""
+    """DISTANCE_MEASURE: a force along the line between the markers."""
     A, B = work.point[row.a], work.point[row.b]
     x, v = B.x - A.x, B.v - A.v
     length = math.sqrt(dot(x, x))
@@ -71,7 +72,7 @@ def distance_stiffness(system, work, row, g, n, force):
 
 @inner()
 def displacement_measure(system, work, row):
-    """SLIDE: the displacement of marker B along a direction fixed in marker A."""
+    """DISPLACEMENT_MEASURE: of marker B along a direction fixed in marker A."""
     A, B = work.point[row.a], work.point[row.b]
     x = B.x - A.x
     n = fixed_direction(system, work, row.a, row.data)
@@ -106,7 +107,7 @@ def _spatial_rotation_measure(system, work, row):
     return rotation.value, rotation.rate, zero(axis), -axis, axis
 
 
-#: TWIST, TILT and LEAN: the rotation from A to B, in space from what `turns` keeps.
+#: Angles and rotation vectors from A to B; in space they are in `rotation_counter`.
 rotation_measure = BySpace(
     plane=_planar_rotation_measure, space=_spatial_rotation_measure
 )
@@ -203,8 +204,8 @@ def rotation_vector_torque(theta, e):
 def _rotation_angle(system, work, row, reference):
     """Value of a rotation, and the torque in the axes of A that works on it.
 
-    TWIST gives the value nearest to a known one; its torque is the axis, except for the
-    tilt of B. SPIN has a rate only; its torque is the axis.
+    ANGLE_MEASURE gives the value nearest to a known one; its torque is the axis, except
+    for the tilt of B. ANGULAR_VELOCITY_MEASURE has a rate only; its torque is the axis.
     """
     A, B, real_data = work.point[row.a], work.point[row.b], system.real_data
     first, second = load(A.x, real_data, row.data), load(A.x, real_data, row.data + 3)
@@ -228,7 +229,7 @@ def _rotation_angle(system, work, row, reference):
 
 @inner()
 def _store_rotation(work, to, a, value, axis, w):
-    """An entry of WorkArrays.turn; its axis is given in the axes of marker a."""
+    """Store a row of `rotation_counter`; its axis is given in the axes of marker a."""
     two_pi = work.rotation_counter[to]
     two_pi.axis = rotate(work.point[a].R, axis)
     two_pi.value, two_pi.rate = value, dot(two_pi.axis, w)

@@ -50,6 +50,7 @@ class GeneralisedAlphaCoefficients(Table):
     curvature: float
 
 
+#: Its compiled type, which the table of the memory below contains.
 COEFFICIENTS = TableType(GeneralisedAlphaCoefficients)
 
 

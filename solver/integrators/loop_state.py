@@ -96,7 +96,7 @@ class StepLoopState(Table):
     relative_tolerance: float  # relative tolerance
     mechanism_length: float  # size of the mechanism [m]
     duration: float  # duration of the run [s]
-    independence: float  # of the constraints, see `kernels.mass`
+    independence: float  # of the constraints, see `linear.mass_matrix`
     singular_time: float  # when they become dependent if it goes on falling
     largest_speed: float  # largest speed so far
     largest_angular_velocity: float  # largest angular velocity so far

@@ -124,6 +124,7 @@ class OutputPlan:
     stick_slip_events : changes of friction states, None without friction joints
     fractions : points that the step loop stores, see `StepLoopState`
     step_limit : steps of one call of the step loop
+    looks_inside_steps : True if more than the ends of steps is needed
     """
 
     points: StepPoints
@@ -132,12 +133,7 @@ class OutputPlan:
     stick_slip_events: StickSlipEvents | None
     fractions: Array
     step_limit: int
-
-    @property
-    def looks_inside_steps(self) -> bool:
-        """True if more than the ends of steps is needed."""
-        found = self.event_detector, self.energy_integrals, self.stick_slip_events
-        return any(part is not None for part in found)
+    looks_inside_steps: bool
 
 
 def plan_outputs(start: RunStart) -> OutputPlan:
@@ -153,12 +149,13 @@ def plan_outputs(start: RunStart) -> OutputPlan:
     if system.friction_joints:
         stick_slip = StickSlipEvents(system, tolerances, points, settings.rtol)
     fractions, limit = np.zeros(0), STEPS_PER_REPORT
-    if not detector is integrals is stick_slip is None:
+    inside = any(part is not None for part in (detector, integrals, stick_slip))
+    if inside:
         fractions, limit = points.fractions_of_chunk(), dense_output.STEPS_PER_CHUNK
     elif system.flexible:
         fractions = dense_output.end_fractions(fixed=settings.step is not None)
         limit = dense_output.ENDS_PER_CHUNK
-    return OutputPlan(points, detector, integrals, stick_slip, fractions, limit)
+    return OutputPlan(points, detector, integrals, stick_slip, fractions, limit, inside)
 
 
 @dataclass(frozen=True, eq=False)

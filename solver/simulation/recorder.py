@@ -99,7 +99,7 @@ class Recorder:
         ):  # a step may hold any number of rows
             rows = [table[first : first + ROWS_PER_BLOCK] for table in (t, z, v)]
             self._add(self._record(*rows), *rows)
-        self._go_on(t, z, v)
+        self._pass_to_diagnostics(t, z, v)
         if moments:
             self.events += complete_events(moments, self._record)
         if self.history is not None:
@@ -139,7 +139,7 @@ class Recorder:
             self.sound = z[-1].copy(), v[-1].copy()
         self._last = float(t[-1])
 
-    def _go_on(self, t: Array, z: Array, v: Array) -> None:
+    def _pass_to_diagnostics(self, t: Array, z: Array, v: Array) -> None:
         """Pass rows and ends of steps together to the diagnostics over time."""
         if not self._has_flexible_bodies:
             return

@@ -102,10 +102,7 @@ class Run:
             code = loop_state.STEPS_DONE
             while code == loop_state.STEPS_DONE and not failure:
                 code = self._make_steps()
-                if (
-                    self.event_detector is not None
-                    and self.event_detector.stopping_event
-                ):
+                if self._last_event is not None:
                     return None
                 if self._needs_stiff_method(code):
                     self._switch_method()
@@ -144,9 +141,7 @@ class Run:
             raise_pending(self.system)
             left -= self.memory.steps - before
             self._process_steps()
-            if self.needs_new_interval or (
-                self.event_detector is not None and self.event_detector.stopping_event
-            ):
+            if self.needs_new_interval or self._last_event is not None:
                 return code
             full = code == loop_state.OUTPUT_FULL
             if full or self.recorder.has_pending:
@@ -173,10 +168,12 @@ class Run:
     def finish(self, failed: bool) -> None:
         """Hands over the rest, and last the state where the run ended early."""
         t, z, v = self.window.reached_states(self.control)
-        last = None
-        if self.event_detector is not None and self.event_detector.stopping_event:
-            last = self.event_detector.events_found[-1]
-        elif failed and np.isfinite([*self.control.z, *self.control.v]).all():
+        last = self._last_event
+        if (
+            last is None
+            and failed
+            and np.isfinite([*self.control.z, *self.control.v]).all()
+        ):
             last = events.LocatedEvent(
                 "", "stop", self.current_time, self.control.z, self.control.v
             )
@@ -192,10 +189,12 @@ class Run:
         self.recorder.take_rows(t, z, v, self._new_events())
 
     @property
-    def _ended_by_event(self) -> bool:
-        """True if an event of the scene has ended the run."""
+    def _last_event(self) -> events.LocatedEvent | None:
+        """The last event if an event of the scene has ended the run, else None."""
         detector = self.event_detector
-        return detector is not None and bool(detector.stopping_event)
+        if detector is None or not detector.stopping_event:
+            return None
+        return detector.events_found[-1]
 
     @property
     def current_time(self) -> float:

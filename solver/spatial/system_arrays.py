@@ -157,12 +157,12 @@ SUM = 4  # of D_PIECES rows from D_DATA on, see `FunctionTable.table`
 F_KIND = 0
 F_A = 1  # markers: the force acts on B, and backwards on A; -1 for none
 F_B = 2
-F_SEG_A = 3  # entries of Work.C of the force row, -1 where there is none
+F_SEG_A = 3  # entries of WorkArrays.C of the force row, -1 where there is none
 F_SEG_B = 4
 F_DATA = 5  # pool: direction, or components of a given force
 F_LAW = 6  # pool: force law, see `forces`
 F_TIME = 7  # function of time that scales what is applied, -1 for none
-F_ROTATION = 8  # entry of Work.turn of a torque about an axis in space, -1 for none
+F_ROTATION = 8  # row of rotation_counter of a torque about an axis, -1 for none
 F_CODE = 9  # pool: its law, see `control_laws`; -1 for none
 F_OWNER = 10  # row of the law that reads this measure, which is no force; -1 for forces
 F_SAMPLED = 11  # 1: its law is asked at samples only, see `law_value_at`
@@ -184,21 +184,22 @@ ANGULAR_VELOCITY_MEASURE = (
     7  # rate only: of the rotation from A to B along a direction of A (spatial)
 )
 COMBINED_MEASURE = (
-    8  # a weighted sum of the measures of the rows before it, see `forces.all`
+    8  # a weighted sum of the measures of the rows before it, see `dynamics.forces`
 )
 COORDINATE_MEASURE = 9  # elastic coordinate F_DATA of the body F_B
 PRESCRIBED_VALUE = (
     10  # no force: value of a drive; rows F_A and F_B are its derivatives
 )
 
-# --- columns of System.turn: rotations from marker A to B in space, of the kind TWIST,
-# TILT or LEAN. Orientations tell them up to full turns; those that are counted go on
-# from what stands at the end of z_I: their values where the step began.
-# Kind, markers A and B, pool: directions of TWIST and LEAN, first entry of Work.turn:
-# TILT has three, others one; the counted first.
+# --- columns of SystemArrays.rotation_counter: rotations from marker A to B in space.
+# Orientations give them up to full turns. Those that are counted continue from the end
+# of z_I, which holds their values at the begin of the step.
+# Columns: kind of the measure, markers A and B, place of its directions in the pool,
+# first row of WorkArrays.rotation_counter (a rotation vector has three rows, others
+# one). The counted ones come first.
 N_ROTATION_COUNTER = 5
 
-# --- columns of System.friction: joints with friction, see `friction` ------
+# --- columns of SystemArrays.friction: joints with friction, see `friction` ------
 R_LAW = 0  # pool, see below
 R_LOAD = 1  # pool: for each place of contact two rows of weights, one per load row
 R_CONTACTS = 2
@@ -216,7 +217,7 @@ L_VISCOUS = 3
 L_RADIUS = 4  # radius of the pin, 1 for what slides
 L_PERIOD = 5  # the coordinate is known up to multiples of it, 0 for exactly
 
-# --- columns of System.grip: what a run changes
+# --- columns of SystemArrays.friction_state, which a run changes
 SLIP_DIRECTION = 0  # 1 or -1: slides with a growing or a falling coordinate; 0: sticks
 STICK_POSITION = 1  # the coordinate where it sticks
 SHARES_MOTION = (
@@ -231,16 +232,16 @@ CONTACT_SIDE = (
 MAX_CONTACTS = 2
 N_FRICTION_STATE = CONTACT_SIDE + MAX_CONTACTS
 
-# --- columns of Work.row: one constraint row ------------------------------
+# --- columns of WorkArrays.row: one constraint row ------------------------------
 C_VALUE = 0  # c(z_I, t)
 C_RATE = 1  # dc/dt
 C_GAMMA = 2  # right-hand side of C z_II' = gamma
 N_ROW = 3
 
-# --- columns of System.dropped: row, first entry in Work.C and its likes, size
+# --- columns of SystemArrays.inactive_segments: row, first entry in WorkArrays.C, size
 N_INACTIVE_SEGMENT = 3
 
-# --- columns of Work.turn -------------------------------------------------
+# --- columns of WorkArrays.rotation_counter ---------------------------------
 ROTATION_VALUE = 0
 ROTATION_RATE = 1
 N_ROTATION_STATE = (
@@ -303,7 +304,7 @@ class SystemArrays(Table):
     newton_subsystem
         The arrays of the Newton matrix, whose rows are constraints and forces: other
         body, segment, regularisation, number of rows and bandwidth.
-    friction_state : (n_frictions, N_GRIP)
+    friction_state : (n_frictions, N_FRICTION_STATE)
         Stick, slip direction and contact sides of joints with friction; each run
         changes a copy of its own.
     friction_subsystem
@@ -370,7 +371,7 @@ class WorkArrays(Table):
         direction of a force, and the negative derivatives of its value.
     row : (n_rows, N_ROW)
         Values, rates and right-hand sides of the constraints.
-    rotation_counter : (n_rotations, N_TURNED)
+    rotation_counter : (n_rotations, N_ROTATION_STATE)
         Rotations between markers in space.
     measure : (n_forces, 2)
         Measures that forces act on, and their rates.

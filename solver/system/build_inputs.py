@@ -36,9 +36,8 @@ class BuildInputs:
     order : bodies in the order of the tables
     drive_index : row of the function of each drive; of one that follows a law, it is
         the value at the start
-    led : row of the table of forces that has the law of a drive, of those that follow
-        one
-    real data : where the numbers of all tables go
+    drive_law_rows : row of the force table with the law of a drive, by drives with one
+    real_data : where the numbers of all tables go
     """
 
     scene: SceneFile

@@ -89,7 +89,7 @@ class ForceLaw:
         return float(-spring - damper - friction)
 
     def packed(self) -> Array:
-        """In the order of `equations.forces`."""
+        """Return its numbers in the order of `dynamics.force_law`."""
         sizes = [*self.stiffness.terms.shape, *self.damping.terms.shape]
         head = [self.rest, self.applied, self.friction, self.speed, *sizes]
         parts = [self.stiffness, self.damping]
@@ -146,7 +146,7 @@ class ForceRow:
     Attributes
     ----------
     kind
-        See `space.layout`.
+        See `spatial.system_arrays`.
     a, b
         Markers; a given force has no `a`.
     data
@@ -156,9 +156,9 @@ class ForceRow:
     coordinate
         Joint and coordinate that are its measure, if they are.
     rotation_entry
-        Entry of WorkArrays.turn that is its measure, -1 for none, see `turns`.
+        Row of `rotation_counter` that is its measure, -1 for none.
     code
-        Instructions of its law, see `kernels.forces.programs`; empty for none.
+        Instructions of its law, see `dynamics.control_laws`; empty for none.
     control
         What is known of that law.
     derivative_rows

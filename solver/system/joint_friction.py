@@ -205,8 +205,8 @@ class FrictionStateHistory:
 
     Attributes
     ----------
-    current_states : (frictions, N_GRIP)
-        `space.layout.System.friction state`, which kernels read.
+    current_states : (frictions, N_FRICTION_STATE)
+        `SystemArrays.friction_state`, which kernels read.
     """
 
     def __init__(self, now: Array) -> None:

@@ -36,7 +36,7 @@ class Primitive:
     Attributes
     ----------
     kind
-        See `space.layout`.
+        See `spatial.system_arrays`.
     data
         Its numbers.
     swapped

@@ -18,7 +18,7 @@ from .constraint_table import reverse_cuthill_mckee
 
 
 class NewtonRows(NamedTuple):
-    """What replaces fields of `space.layout.System`."""
+    """What replaces fields of `SystemArrays`."""
 
     body: IntTable
     segment: IntTable

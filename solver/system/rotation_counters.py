@@ -32,11 +32,11 @@ class CountedRotation:
     name
         Of its angle, after the force or joint that needs it first.
     kind
-        TWIST, TILT, LEAN or SPIN, see `space.layout`.
+        Kind of its measure, see `dynamics.force_measures`.
     data
-        Directions of all but TILT.
+        Directions; a rotation vector has none.
     entry
-        Its first entry of WorkArrays.turn.
+        Its first row of `WorkArrays.rotation_counter`.
     is_counted
         Whether its angle is known beyond half a turn.
     rest
@@ -70,8 +70,8 @@ def assign_rotation_counters(
 ) -> tuple[
     tuple[ForceRow, ...], dict[Coordinate, ForceRow], tuple[CountedRotation, ...]
 ]:
-    """Forces and joint coordinates of a spatial scene, with their entries of
-    WorkArrays.turn.
+    """Forces and joint coordinates of a spatial scene, with their rows of
+    `WorkArrays.rotation_counter`.
 
     Parameters
     ----------
