@@ -3,6 +3,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.installed
 
+# Byte code of what is imported is kept, though some machines forbid it: each of the many
+# processes that tests start would translate numpy, numba and sidtool again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test lint kernels bench docs clean
 
 demo: $(READY)
