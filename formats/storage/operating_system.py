@@ -333,7 +333,6 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
-@cache
 def busy_seconds(passed: float, busy: float) -> float:
     """Return the part of an elapsed time [s] in which a processor worked for this
     program.
@@ -348,6 +347,7 @@ def busy_seconds(passed: float, busy: float) -> float:
     return passed if passed < 10.0 * step else min(busy, passed)
 
 
+@cache
 def process_list() -> str:
     """A name for those who count the same processes: a machine, or a container."""
     if sys.platform == "win32":

@@ -19,7 +19,7 @@ def test_a_small_motion_of_a_rotor_has_its_modes_and_no_others(seed: int) -> Non
     assert found is not None
     assert len(found) >= 2
     for name, left in found.items():
-        assert left < 1e-4, name
+        assert left < 1e-5, name
 
 
 def test_no_modes_are_given_where_no_axes_make_the_equations_constant() -> None:

@@ -140,9 +140,10 @@ def test_the_second_time_nothing_is_searched(
     assert simulated(scene, sid, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
 
 
-def resealed(content: dict[str, Any]) -> str:
-    text = json.dumps(content)
-    return f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
+def resealed(content: dict[str, Any]) -> bytes:
+    """Content and its digest, with the same line ends on all systems."""
+    text = json.dumps(content).encode()
+    return hashlib.sha256(text).hexdigest().encode() + b"\n" + text
 
 
 def test_a_cached_choice_is_used_for_its_own_scene_only(folder: Path) -> None:
@@ -152,17 +153,17 @@ def test_a_cached_choice_is_used_for_its_own_scene_only(folder: Path) -> None:
     (path,) = folder.iterdir()
     stored = cache.read_entry(path.stem)
     assert stored is not None
-    text = path.read_text(encoding="utf-8")
-    content = json.loads(text.partition("\n")[2])
+    stored_bytes = path.read_bytes()
+    content = json.loads(stored_bytes.partition(b"\n")[2])
     assert content["setting"]["rtol"] == stored.setting.rtol
-    path.write_text(text.replace('"kept":false', '"kept":true'), encoding="utf-8")
+    path.write_bytes(stored_bytes.replace(b'"kept":false', b'"kept":true'))
     assert cache.read_entry(path.stem) is None
     other = path.with_stem("0" * 32)
-    other.write_text(text, encoding="utf-8")
+    other.write_bytes(stored_bytes)
     assert cache.read_entry(other.stem) is None
     other.unlink()
     content["choice"]["kept"] = [["arm", [1, 2, 3, 4, 5]]]
-    path.write_text(resealed(content), encoding="utf-8")
+    path.write_bytes(resealed(content))
     assert cache.read_entry(path.stem) is not None
     assert simulated(scene, sid, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
 
