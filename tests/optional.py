@@ -112,6 +112,7 @@ class Machine:
             if name != "vtk"
         } | {"vtk": find_spec("vtkmodules") is not None}
         self._unloaded: dict[str, ModuleType] = {}
+        self._shown: frozenset[str] | None = None
         self._show(())
 
     def has(self, name: str) -> bool:
@@ -132,6 +133,12 @@ class Machine:
         self._folder.cleanup()
 
     def _show(self, names: Collection[str]) -> None:
+        factors = sys.modules.get("sidtool.eigensolvers.factorisation")
+        if factors is not None:
+            factors.reason_unavailable.cache_clear()
+        if self._shown == frozenset(names):
+            return
+        self._shown = frozenset(names)
         os.environ["PATH"] = os.pathsep.join(
             [*self._folders_of_programs(names), self._hidden]
         )
@@ -144,9 +151,6 @@ class Machine:
                     self._load(module)
                 else:
                     self._unload(module)
-        factors = sys.modules.get("sidtool.eigensolvers.factorisation")
-        if factors is not None:
-            factors.reason_unavailable.cache_clear()
 
     def _load(self, module: str) -> None:
         if sys.modules.get(module, module) is None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from math import cos, sin, tanh
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.sid import Array
@@ -31,18 +31,25 @@ def top(inertia: list[float], spin: list[float], end: float, arm: float = 0.0) -
     about the joint.
     """
     principal, weight = np.array(inertia), np.array([0.0, 0.0, -GRAVITY])
+    A, B, C = inertia
     tip = np.array([0.3, 0.2, 0.5])
 
-    def slope(_: float, y: Array) -> Array:
-        q, omega = y[:4], y[4:]
-        back = np.concatenate([q[:1], -q[1:4]])[:, None]
-        down = _turned(back, weight)[0]
-        torque = arm * np.cross([0.0, 0.0, 1.0], down)
-        spin_up = (torque - np.cross(omega, principal * omega)) / principal
-        rate = 0.5 * np.concatenate(
-            [[-q[1:] @ omega], q[0] * omega + np.cross(q[1:], omega)]
-        )
-        return np.concatenate([rate, spin_up])
+    def slope(_: float, y: Array) -> list[float]:
+        """Quaternion and Euler's equations in body axes; numbers, not arrays: called
+        a hundred thousand times."""
+        e, i, j, k, p, q, r = y.tolist()
+        # the weight in body axes has the moment arm * e_z x (down_x, down_y, .)
+        down_x = -GRAVITY * 2.0 * (i * k - e * j)
+        down_y = -GRAVITY * 2.0 * (j * k + e * i)
+        return [
+            0.5 * (-i * p - j * q - k * r),
+            0.5 * (e * p + j * r - k * q),
+            0.5 * (e * q + k * p - i * r),
+            0.5 * (e * r + i * q - j * p),
+            (-arm * down_y - (C - B) * q * r) / A,
+            (arm * down_x - (A - C) * r * p) / B,
+            -(B - A) * p * q / C,
+        ]
 
     @cache
     def solved(times: tuple[float, ...]) -> Array:
@@ -109,8 +116,9 @@ def pendulum(speed: float, end: float, friction: float = 0.0) -> Case:
     width = 1e-2
 
     def slope(_: float, y: Array) -> list[float]:
-        torque = -0.5 * GRAVITY * np.cos(y[0]) - friction * np.tanh(y[1] / width)
-        return [y[1], 3.0 * torque]
+        angle, speed = y.tolist()
+        torque = -0.5 * GRAVITY * cos(angle) - friction * tanh(speed / width)
+        return [speed, 3.0 * torque]
 
     @cache
     def solved(times: tuple[float, ...]) -> Array:
@@ -144,15 +152,13 @@ def sledge(
     stiffness = 100.0
 
     def slope(t: float, y: Array) -> list[float]:
-        force = pull * np.sin(omega * t) - stiffness * y[0]
-        return [y[1], force - limit * np.tanh(y[1] / width)]
+        x, v = y.tolist()
+        force = pull * sin(omega * t) - stiffness * x
+        return [v, force - limit * tanh(v / width)]
 
     @cache
     def solved(times: tuple[float, ...]) -> Array:
-        found = solve_ivp(
-            slope, (0, times[-1]), [0.0, 0.0], "Radau", times, rtol=1e-12, atol=1e-14
-        )
-        return np.asarray(found.y)
+        return solve(slope, [0.0, 0.0], np.array(times))
 
     def motion(t: Array) -> Motion:
         return {"sledge.x": solved(tuple(t))[0]}
