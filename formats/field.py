@@ -146,10 +146,10 @@ def read_field(path: str | os.PathLike[str]) -> Field:
 
 
 def _check_format(file: h5py.File) -> None:
-    found, version = file.attrs.get("format"), file.attrs.get("format_version")
-    if found != FORMAT or version != VERSION:
+    format_name, version = file.attrs.get("format"), file.attrs.get("format_version")
+    if format_name != FORMAT or version != VERSION:
         raise InputError(
-            f"found the format {found!r}, version {version}",
+            f"found the format {format_name!r}, version {version}",
             expected=f"{FORMAT!r}, version {VERSION}, as `convert --field` writes it",
         )
 

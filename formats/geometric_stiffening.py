@@ -94,16 +94,16 @@ def unit_stiffness(sid: SID, nodes: tuple[str, ...] = ()) -> dict[str, Array]:
     InputError : there is no such node.
     """
     nq = sid.nq
-    found = {
+    stiffness = {
         "acceleration": np.moveaxis(sid.Ct.first_order(nq), 2, 0),
         "rotation": np.moveaxis(sid.Oe.first_order(nq), 2, 0),
         "angular acceleration": np.moveaxis(sid.Cr.first_order(nq), 2, 0),
     }
     for name in nodes:
         node = sid.node(name)
-        found[f"force {name}"] = -np.moveaxis(node.phi.first_order(nq), 1, 0)
-        found[f"moment {name}"] = -np.moveaxis(node.psi.first_order(nq), 1, 0)
-    return {name: (k + np.swapaxes(k, 1, 2)) / 2 for name, k in found.items()}
+        stiffness[f"force {name}"] = -np.moveaxis(node.phi.first_order(nq), 1, 0)
+        stiffness[f"moment {name}"] = -np.moveaxis(node.psi.first_order(nq), 1, 0)
+    return {name: (k + np.swapaxes(k, 1, 2)) / 2 for name, k in stiffness.items()}
 
 
 def rotation_products(angular_velocity: ArrayLike) -> Array:
@@ -237,7 +237,7 @@ class LoadStiffening:
         when : of the loads, in words
         """
         share = f"{_percent(self.ratio)} of the stiffness by {self._cause}{when}"
-        lacking = self.lacks_stiffening
+        lacks = self.lacks_stiffening
         remedy = NO_REMEDY if self.from_matrices else REMEDY
         if self.diverges and abs(self.ratio) > UNBOUNDED_RATIO:
             return (
@@ -249,7 +249,7 @@ class LoadStiffening:
                 f"diverges, {share} about its long axis: between critical speeds of "
                 "the shaft"
             )
-        if self.diverges and lacking:
+        if self.diverges and lacks:
             return (
                 f"diverges, {share}: the SID lacks the geometric stiffening that "
                 f"outweighs the centrifugal softening; {remedy}"

@@ -36,23 +36,23 @@ def named_by_kind(sid: SID) -> dict[str, int]:
     counts: dict[str, int] = {}
     for number, kind in enumerate(motion_kinds(sid), 1):
         if kind != NO_NODE_MOTION:
-            word = kind.replace(" ", "_")
-            counts[word] = counts.get(word, 0) + 1
-            names[f"{word}{counts[word]}"] = number
+            kind_name = kind.replace(" ", "_")
+            counts[kind_name] = counts.get(kind_name, 0) + 1
+            names[f"{kind_name}{counts[kind_name]}"] = number
     return names
 
 
 def long_axis(sid: SID) -> int | None:
     """The axis of a slender body, by the spread of its mass, or else of its nodes."""
-    spread = _second_moments(sid)
-    if spread is None and sid.nodes:
-        spread = np.ptp([node.position for node in sid.nodes], axis=0) ** 2
-    if spread is None:
+    moments = _second_moments(sid)
+    if moments is None and sid.nodes:
+        moments = np.ptp([node.position for node in sid.nodes], axis=0) ** 2
+    if moments is None:
         return None
-    order = np.argsort(spread)
+    order = np.argsort(moments)
     return (
         int(order[2])
-        if spread[order[1]] < _SLENDERNESS_RATIO * spread[order[2]]
+        if moments[order[1]] < _SLENDERNESS_RATIO * moments[order[2]]
         else None
     )
 
@@ -113,9 +113,9 @@ def _direction(sid: SID, long_axis: int) -> Array:
 
 def _coupling(sid: SID, shape: Array) -> Array:
     """(3,) momentum per velocity of a shape; zero where it is rounding."""
-    found = shape @ sid.Ct.m0
+    coupling = shape @ sid.Ct.m0
     largest = np.sqrt(abs(sid.mass * (shape @ sid.Me.m0 @ shape)))
-    return np.where(np.abs(found) > ZERO_MOTION_TOLERANCE * largest, found, 0.0)
+    return np.where(np.abs(coupling) > ZERO_MOTION_TOLERANCE * largest, coupling, 0.0)
 
 
 def node_extent(sid: SID) -> float:

@@ -70,8 +70,8 @@ def mean_axes_motion(sid: SID) -> Array:
     the frame of the SID. A body without a rotation (a line of mass) has none.
     """
     mass = coupled_mass_matrix(sid)
-    found = np.linalg.lstsq(mass[:6, :6], mass[:6, 6:], rcond=1e-12)[0]
-    return found.astype(np.float64)
+    motion = np.linalg.lstsq(mass[:6, :6], mass[:6, 6:], rcond=1e-12)[0]
+    return motion.astype(np.float64)
 
 
 def coupled_mass_matrix(sid: SID, q: ArrayLike | None = None) -> Array:

@@ -40,8 +40,8 @@ def unit_load_compliances(sid: SID, free: bool) -> tuple[dict[str, Array], Array
 
     at_nodes = {}
     for node in sid.nodes:
-        moved = rigid[:3] - skew(node.position) @ rigid[3:]
-        shapes = np.vstack([node.phi.m0 - moved, node.psi.m0 - rigid[3:]])
+        motion = rigid[:3] - skew(node.position) @ rigid[3:]
+        shapes = np.vstack([node.phi.m0 - motion, node.psi.m0 - rigid[3:]])
         at_nodes[node.id] = work(shapes)
     return at_nodes, work(inertia)
 

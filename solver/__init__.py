@@ -133,22 +133,27 @@ def compile_scene(
     from .analyses.steady_rotation import steady_rotation
 
     system = checked(scene, True)
-    rotating, unsteady = steady_rotation(system)
+    rotating, rotation_notes = steady_rotation(system)
     if rotating is not None:
         return checked(rotating, keep_joints)
-    rested, states, told = start_in_equilibrium(system)
-    spun, more = start_in_steady_rotation(checked(rested, True))
-    made = checked(spun, keep_joints).with_states(states)
-    return replace(made, notes=(*unsteady, *told, *more))
+    equilibrium_scene, states, equilibrium_notes = start_in_equilibrium(system)
+    rotation_scene, velocity_notes = start_in_steady_rotation(
+        checked(equilibrium_scene, True)
+    )
+    system_at_start = checked(rotation_scene, keep_joints).with_states(states)
+    return replace(
+        system_at_start, notes=(*rotation_notes, *equilibrium_notes, *velocity_notes)
+    )
 
 
 def _same_files(before: System, scene: SceneFile) -> dict[str, SID]:
     """The SIDs of a system of bodies that still name the same files."""
-    was = before.scene.sid_bodies
+    previous = before.scene.sid_bodies
     return {
         name: before.sids[name]
         for name, body in scene.sid_bodies.items()
-        if name in was and (body.sid, body.model) == (was[name].sid, was[name].model)
+        if name in previous
+        and (body.sid, body.model) == (previous[name].sid, previous[name].model)
     }
 
 

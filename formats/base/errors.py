@@ -50,8 +50,8 @@ class InputError(Exception):
         self.also = tuple(also)
 
     def __str__(self) -> str:
-        where = ": ".join(part for part in (self.source, self.place) if part)
-        text = f"{where}: {self.problem}" if where else self.problem
+        location = ": ".join(part for part in (self.source, self.place) if part)
+        text = f"{location}: {self.problem}" if location else self.problem
         text = f"{text}; expected {self.expected}" if self.expected else text
         return printable("\n  also ".join([text, *self.also]))
 

@@ -13,9 +13,9 @@ def html_table(
 ) -> str:
     """A table; cells are texts, which are escaped."""
     caption = f"<caption>{_text(title)}</caption>" if title else ""
-    head = f"<thead>{_row(header, 'th')}</thead>" if header else ""
+    header_row = f"<thead>{_row(header, 'th')}</thead>" if header else ""
     body = "".join(_row(row, "td") for row in rows)
-    return f"<table>{caption}{head}<tbody>{body}</tbody></table>"
+    return f"<table>{caption}{header_row}<tbody>{body}</tbody></table>"
 
 
 def _row(cells: Sequence[object], tag: str) -> str:

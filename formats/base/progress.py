@@ -29,8 +29,8 @@ def report_stage(text: str, share: float | None = None) -> None:
     """
     listener = _listener.get()
     if listener is not None:
-        for whole in _totals.get():
-            share = whole.share(share or 0.0)
+        for total in _totals.get():
+            share = total.share(share or 0.0)
         listener(text, share)
 
 
@@ -61,10 +61,10 @@ class NamedStages(TotalProgress):
             unit
         """
         super().__init__()
-        whole = sum(lengths.values())
+        total = sum(lengths.values())
         self._parts, begin = {}, 0.0
         for name, length in lengths.items():
-            self._parts[name] = begin / whole, (begin + length) / whole
+            self._parts[name] = begin / total, (begin + length) / total
             begin += length
 
     def enter(self, name: str) -> None:
@@ -90,11 +90,11 @@ class EqualStages(TotalProgress):
 
 
 @contextmanager
-def count_within(whole: W) -> Iterator[W]:
+def count_within(total: W) -> Iterator[W]:
     """Count shares reported inside within the parts of a whole."""
-    token = _totals.set((whole, *_totals.get()))
+    token = _totals.set((total, *_totals.get()))
     try:
-        yield whole
+        yield total
     finally:
         _totals.reset(token)
 

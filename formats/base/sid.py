@@ -201,8 +201,10 @@ class SID:
                     _check_shape(entry, name, nq, node)
         ids = [node.id for node in self.nodes]
         if len(set(ids)) != len(ids):
-            twice = Counter(ids).most_common(1)[0][0]
-            raise InputError(f"node {twice} appears twice", expected="one node per id")
+            repeated = Counter(ids).most_common(1)[0][0]
+            raise InputError(
+                f"node {repeated} appears twice", expected="one node per id"
+            )
 
     def __repr__(self) -> str:
         size = f"{len(self.nodes)} nodes, {self.nq} modes"
@@ -212,9 +214,9 @@ class SID:
         """For notebooks: modes and nodes."""
         title = f"{self.title or 'SID'}, mass {self.mass:.6g}"
         modes = html_table(enumerate(self.labels, 1), ("q", "mode"), title)
-        shown = self.nodes[:12]
-        places = [(node.id, *(f"{x:.6g}" for x in node.position)) for node in shown]
-        more = f"{len(shown)} of {len(self.nodes)} nodes"
+        nodes = self.nodes[:12]
+        places = [(node.id, *(f"{x:.6g}" for x in node.position)) for node in nodes]
+        more = f"{len(nodes)} of {len(self.nodes)} nodes"
         return modes + html_table(places, ("node", "x", "y", "z"), more)
 
     @property
@@ -248,14 +250,14 @@ class SID:
         ------
         InputError : no node has it.
         """
-        wanted = str(node_id)
+        key = str(node_id)
         for node in self.nodes:
-            if node.id == wanted:
+            if node.id == key:
                 return node
         known = ", ".join(node.id for node in self.nodes[:8]) or "none at all"
         more = ", ..." if len(self.nodes) > 8 else ""
         raise InputError(
-            f"there is no node {wanted}", expected=f"one of the nodes {known}{more}"
+            f"there is no node {key}", expected=f"one of the nodes {known}{more}"
         )
 
 
@@ -265,9 +267,9 @@ def _check_shape(entry: Taylor, name: str, nq: int, node: Node | None = None) ->
         return
     place = f"block {name}" if node is None else f"node {node.id}, {name}"
     if entry.shape != (rows, columns):
-        found = "{} x {}".format(*entry.shape)
+        shape = "{} x {}".format(*entry.shape)
         raise InputError(
-            f"has {found} entries",
+            f"has {shape} entries",
             place=place,
             expected=f"{rows} x {columns} for {nq} elastic coordinates",
         )

@@ -28,9 +28,9 @@ def node_stress(sid: SID, node_id: str | int, q: ArrayLike) -> Array:
     """
     sigma = sid.node(node_id).sigma
     if sigma is None:
-        carriers = ", ".join(stress_nodes(sid)[:8]) or "no node does"
+        listed = ", ".join(stress_nodes(sid)[:8]) or "no node does"
         raise InputError(
-            f"node {node_id} carries no stress", expected=f"one that does: {carriers}"
+            f"node {node_id} carries no stress", expected=f"one that does: {listed}"
         )
     return _stress_of_rows(sigma, q)
 

@@ -279,8 +279,8 @@ class Prestress(Table):
     @property
     def marker_names(self) -> tuple[str, ...]:
         """The loaded markers, and the one that holds them."""
-        held = () if self.support is None else (self.support,)
-        return (*self.forces, *self.moments, *held)
+        clamped = () if self.support is None else (self.support,)
+        return (*self.forces, *self.moments, *clamped)
 
 
 class Stiffening(Table):

@@ -26,23 +26,27 @@ def refine_model(model: ModelFile, level: int) -> ModelFile | None:
     """
     if level == 0:
         return model
-    found, times = model.discretisation, 2.0**level
-    if isinstance(found, Q4Discretisation | SolidDiscretisation):
+    discretisation, times = model.discretisation, 2.0**level
+    if isinstance(discretisation, Q4Discretisation | SolidDiscretisation):
         changes: dict[str, Any] = {
-            "elements": tuple(_scaled_counts(n, times) for n in found.elements)
+            "elements": tuple(_scaled_counts(n, times) for n in discretisation.elements)
         }
-    elif isinstance(found, BeamDiscretisation):
-        changes = {"elements": _scaled_counts(found.elements, times)}
-    elif isinstance(found, IgaDiscretisation) and found.knots is not None and level < 0:
+    elif isinstance(discretisation, BeamDiscretisation):
+        changes = {"elements": _scaled_counts(discretisation.elements, times)}
+    elif (
+        isinstance(discretisation, IgaDiscretisation)
+        and discretisation.knots is not None
+        and level < 0
+    ):
         return None
-    elif isinstance(found, IgaDiscretisation):
+    elif isinstance(discretisation, IgaDiscretisation):
         knots = getattr(model.geometry, "knots", ())
         changes = _refined_knots(
-            found, times, knots, getattr(model.geometry, "degrees", ())
+            discretisation, times, knots, getattr(model.geometry, "degrees", ())
         )
     else:
         return None
-    finer = found.model_copy(update=changes)
+    finer = discretisation.model_copy(update=changes)
     return model.model_copy(update={"discretisation": finer})
 
 
@@ -62,13 +66,13 @@ def with_static_shapes(model: ModelFile, nodes: Collection[int]) -> ModelFile | 
     a chord turn, and the second one moves along it.
     """
     frame = model.frame
-    held = frame.marker_names if frame.clamped_edges else ()
-    there = [name for name, marker in model.markers.items() if marker.node in nodes]
-    named = tuple(name for name in there if name not in held) or tuple(there)
-    if not isinstance(model.reduction, ModalReduction) or not named:
+    clamped = frame.marker_names if frame.clamped_edges else ()
+    on_nodes = [name for name, marker in model.markers.items() if marker.node in nodes]
+    names = tuple(name for name in on_nodes if name not in clamped) or tuple(on_nodes)
+    if not isinstance(model.reduction, ModalReduction) or not names:
         return None
     reduction = AttachmentReduction(
-        interfaces=named,
+        interfaces=names,
         modes=model.reduction.modes,
         fix=model.reduction.fix,
         centrifugal=True,
@@ -78,12 +82,12 @@ def with_static_shapes(model: ModelFile, nodes: Collection[int]) -> ModelFile | 
 
 def requested_modes(model: ModelFile) -> int | None:
     """How many normal modes a model asks for; None where the method counts none."""
-    found = getattr(model.reduction, "modes", None)
-    return found if isinstance(found, int) else None
+    modes = getattr(model.reduction, "modes", None)
+    return modes if isinstance(modes, int) else None
 
 
 def _refined_knots(
-    found: IgaDiscretisation,
+    discretisation: IgaDiscretisation,
     times: float,
     knots: tuple[tuple[float, ...], ...],
     degrees: tuple[int, ...],
@@ -92,22 +96,28 @@ def _refined_knots(
 
     knots, degrees : of the geometry, if there is one patch
     """
-    if found.elements is not None:
-        return {"elements": tuple(_scaled_counts(n, times) for n in found.elements)}
-    if found.functions is not None:
-        repeated = [0] * len(found.functions)
+    if discretisation.elements is not None:
+        return {
+            "elements": tuple(_scaled_counts(n, times) for n in discretisation.elements)
+        }
+    if discretisation.functions is not None:
+        repeated = [0] * len(discretisation.functions)
         for i, (row, own) in enumerate(zip(knots, degrees, strict=True)):
             inner = [k for k in row if row[0] < k < row[-1]]
-            smoother = (found.degrees[i] - own - 1) * len(set(inner))
+            smoother = (discretisation.degrees[i] - own - 1) * len(set(inner))
             repeated[i] = len(inner) + smoother
-        triples = zip(found.functions, found.degrees, repeated, strict=True)
+        triples = zip(
+            discretisation.functions, discretisation.degrees, repeated, strict=True
+        )
         return {
             "functions": tuple(
                 _scaled_counts(max(n - p - r, 1), times) + p + r for n, p, r in triples
             )
         }
-    assert found.knots is not None
-    return {"knots": tuple(_insert_knots(row, round(times)) for row in found.knots)}
+    assert discretisation.knots is not None
+    return {
+        "knots": tuple(_insert_knots(row, round(times)) for row in discretisation.knots)
+    }
 
 
 def _scaled_counts(elements: int, times: float) -> int:

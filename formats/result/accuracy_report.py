@@ -203,10 +203,10 @@ class FlexibleBody:
         theory holds to; then the change of stiffness.
         """
         stage = self.found or self.expected
-        lacking = abs(stage.ratio) if stage.lacks_stiffening else 0.0
+        ratio_without = abs(stage.ratio) if stage.lacks_stiffening else 0.0
         return (
             stage.diverges,
-            max(self.excess, lacking / MAX_DEFLECTION),
+            max(self.excess, ratio_without / MAX_DEFLECTION),
             abs(stage.ratio),
         )
 
@@ -255,31 +255,33 @@ def deformation_text(
         amount = f"{_per_cent(deflection)} of"
         if deflection > 1.0:
             amount = f"{deflection:.2g} times"
-        fact, limit = f"deforms by {amount} its size", _per_cent(MAX_DEFLECTION)
+        statement, limit = f"deforms by {amount} its size", _per_cent(MAX_DEFLECTION)
     elif rotation > MAX_ROTATION:
-        fact, limit = (
+        statement, limit = (
             f"turns elastically by {rotation:.2g} rad",
             f"{MAX_ROTATION:g} rad",
         )
     else:
         return ""
-    return f"{name} {fact}; linear theory holds to {limit}. {cause or _REMEDY}"
+    return f"{name} {statement}; linear theory holds to {limit}. {cause or _REMEDY}"
 
 
 def validity_warnings(bodies: Mapping[str, FlexibleBody]) -> tuple[str, ...]:
     """One sentence for each body that left linear theory in a run, the worst first."""
-    found = {name: body.beyond_theory(name) for name, body in bodies.items()}
-    order = [n for n in sorted(found, key=lambda n: -bodies[n].excess) if found[n]]
-    return limit_notes([(name, found[name]) for name in order])
+    statements = {name: body.beyond_theory(name) for name, body in bodies.items()}
+    order = [
+        n for n in sorted(statements, key=lambda n: -bodies[n].excess) if statements[n]
+    ]
+    return limit_notes([(name, statements[name]) for name in order])
 
 
-def limit_notes(found: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+def limit_notes(statements: Sequence[tuple[str, str]]) -> tuple[str, ...]:
     """The first sentences, and of the rest the bodies: (name, sentence), sorted."""
-    shown = tuple(sentence for _, sentence in found[:MAX_WARNINGS])
-    rest = [name for name, _ in found[MAX_WARNINGS:]]
-    if rest:
-        shown += (f"{', '.join(rest)} leave linear theory by less.",)
-    return shown
+    notes = tuple(sentence for _, sentence in statements[:MAX_WARNINGS])
+    omitted = [name for name, _ in statements[MAX_WARNINGS:]]
+    if omitted:
+        notes += (f"{', '.join(omitted)} leave linear theory by less.",)
+    return notes
 
 
 def failure_text(bodies: Mapping[str, FlexibleBody]) -> str:

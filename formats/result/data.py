@@ -95,8 +95,8 @@ class Result:
         names : fields without a default value in the class
         """
         result = object.__new__(type(self))
-        late = self.__dict__.get("_late", {}) | dict.fromkeys(names, find)
-        result.__dict__.update(self.__dict__, _late=late, _lock=Lock())
+        lazy = self.__dict__.get("_late", {}) | dict.fromkeys(names, find)
+        result.__dict__.update(self.__dict__, _late=lazy, _lock=Lock())
         for name in names:
             result.__dict__.pop(name, None)
         return result
@@ -104,11 +104,11 @@ class Result:
     def _compute_lazy_field(self, name: str) -> None:
         """Compute a field that is not computed yet, and those that come with it."""
         with self.__dict__.get("_lock", Lock()):
-            late = self.__dict__.get("_late", {})
-            if name in late:
-                found = late[name]()
-                left = {n: find for n, find in late.items() if n not in found}
-                self.__dict__.update(found, _late=left)
+            lazy = self.__dict__.get("_late", {})
+            if name in lazy:
+                values = lazy[name]()
+                left = {n: find for n, find in lazy.items() if n not in values}
+                self.__dict__.update(values, _late=left)
 
     if not TYPE_CHECKING:
 

@@ -61,9 +61,9 @@ class ResultFile:
     InputError, OSError : the file cannot be written.
     """
 
-    def __init__(self, path: str | Path, elsewhere: bool = False) -> None:
+    def __init__(self, path: str | Path, use_fallback_folder: bool = False) -> None:
         check_ending(path, "result")
-        self._path, self._elsewhere = path, elsewhere
+        self._path, self._use_fallback_folder = path, use_fallback_folder
         self._sealed: SealedFile | None = None
 
     @property
@@ -76,17 +76,17 @@ class ResultFile:
             file.create_dataset("t", (0,), float, maxshape=(None,), chunks=(rows,))
             for table, names in columns.items():
                 width = len(names)
-                across = min(max(width, 1), CHUNK)
+                chunk_columns = min(max(width, 1), CHUNK)
                 file.create_dataset(
                     table,
                     (0, width),
                     float,
                     maxshape=(None, width or None),
-                    chunks=(min(rows, CHUNK // across), across),
+                    chunks=(min(rows, CHUNK // chunk_columns), chunk_columns),
                 )
                 put_texts(file, f"names/{table}", names)
 
-        self._sealed = SealedFile(self._path, self._elsewhere)
+        self._sealed = SealedFile(self._path, self._use_fallback_folder)
         self._sealed.put(fill)
 
     def add(self, rows: Rows) -> None:
@@ -182,9 +182,11 @@ def read_result(path: str | Path) -> Result:
 
 
 def _check_format(file: h5py.File, path: str | Path) -> None:
-    found = file.attrs.get("format")
-    if found != FORMAT:
-        raise InputError(f"found the format {found!r}", source=path, expected=FORMAT)
+    format_name = file.attrs.get("format")
+    if format_name != FORMAT:
+        raise InputError(
+            f"found the format {format_name!r}", source=path, expected=FORMAT
+        )
     version = file.attrs.get("format_version")
     if version not in READABLE:
         raise InputError(
@@ -277,17 +279,17 @@ def _read_stored(place: h5py.Group) -> dict[str, Any]:
 
 def _body_entries(body: FlexibleBody) -> dict[str, Any]:
     """Numbers, texts and arrays; those of parts as PART.NAME."""
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for entry in fields(body):
         value = getattr(body, entry.name)
         if entry.name not in _PARTS:
-            found[entry.name] = value
+            entries[entry.name] = value
         elif value is not None:
             for part in fields(value):
                 part_value = getattr(value, part.name)
                 if part_value is not None:
-                    found[f"{entry.name}.{part.name}"] = part_value
-    return found
+                    entries[f"{entry.name}.{part.name}"] = part_value
+    return entries
 
 
 def _body_of_entries(entries: dict[str, Any]) -> FlexibleBody:

@@ -30,13 +30,13 @@ class TableFile:
     InputError, OSError : the file cannot be written.
     """
 
-    def __init__(self, path: str | Path, elsewhere: bool = False) -> None:
+    def __init__(self, path: str | Path, use_fallback_folder: bool = False) -> None:
         check_ending(path, "table")
         self.file: GrowingFile | None = None
-        self._path, self._elsewhere = path, elsewhere
+        self._path, self._use_fallback_folder = path, use_fallback_folder
 
     def begin(self, columns: Columns, most: int) -> None:
-        self.file = GrowingFile(self._path, self._elsewhere)
+        self.file = GrowingFile(self._path, self._use_fallback_folder)
         self._write([["t", *columns["values"]]])
 
     def add(self, rows: Rows) -> None:

@@ -35,7 +35,7 @@ class Tolerance(NamedTuple):
 
 
 def tolerance(
-    name: str, wanted: float | str, scene: SceneTables | None = None
+    name: str, amount: float | str, scene: SceneTables | None = None
 ) -> Tolerance:
     """Return the requested error of an output: 1e-3, "0.1 %" of its variation, or "1e-6
     m".
@@ -45,20 +45,20 @@ def tolerance(
     InputError : no such text, a unit that the output does not have, or no positive
         number.
     """
-    if not isinstance(wanted, str):
-        return Tolerance(wanted, False)
-    found = _AMOUNT.fullmatch(wanted.strip())
-    value = _parse_number(found[1]) if found else math.nan
-    unit = (found[2] or "") if found else ""
+    if not isinstance(amount, str):
+        return Tolerance(amount, False)
+    match = _AMOUNT.fullmatch(amount.strip())
+    value = _parse_number(match[1]) if match else math.nan
+    unit = (match[2] or "") if match else ""
     if not 0.0 < value < math.inf:
-        raise _invalid_amount(name, wanted, scene)
+        raise _invalid_amount(name, amount, scene)
     if unit == "%":
         if not MIN_RELATIVE_ERROR <= value / 100.0 <= MAX_RELATIVE_ERROR:
-            raise _invalid_amount(name, wanted, scene)
+            raise _invalid_amount(name, amount, scene)
         return Tolerance(value / 100.0, False)
     factor = _unit_factors(unit_of(name, scene)).get(_without_prefix(unit))
     if factor is None:
-        raise _invalid_amount(name, wanted, scene)
+        raise _invalid_amount(name, amount, scene)
     return Tolerance(value * factor, True)
 
 
@@ -98,15 +98,15 @@ def _unit_factors(unit: str) -> dict[str, float]:
     """Return the factor of a number in each unit that can be written."""
     if unit not in _PREFIXED:
         return {unit: 1.0}
-    found = {prefix + unit: factor for prefix, factor in _PREFIXES.items()}
-    return found | ({"deg": _DEGREE} if unit == "rad" else {})
+    factors = {prefix + unit: factor for prefix, factor in _PREFIXES.items()}
+    return factors | ({"deg": _DEGREE} if unit == "rad" else {})
 
 
-def _invalid_amount(name: str, wanted: str, scene: SceneTables | None) -> InputError:
+def _invalid_amount(name: str, amount: str, scene: SceneTables | None) -> InputError:
     unit = unit_of(name, scene)
-    amount = f'"1e-6 {unit}"' if unit else '"1e-6"'
+    example = f'"1e-6 {unit}"' if unit else '"1e-6"'
     return InputError(
-        f"found {wanted!r}",
+        f"found {amount!r}",
         place=f"accuracy.wanted, {name}",
-        expected=f'an error such as 1e-3 or "0.1 %" of its variation, or {amount}',
+        expected=f'an error such as 1e-3 or "0.1 %" of its variation, or {example}',
     )

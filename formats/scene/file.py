@@ -73,35 +73,35 @@ def with_numbers(scene: Scene, changes: Mapping[str, Any]) -> Scene | None:
 
     None where a change is of another kind, or no part of a scene takes it.
     """
-    named = {table: getattr(scene, table) for table in scene.named}
-    found: dict[str, Any] = {}
+    named_tables = {table: getattr(scene, table) for table in scene.named}
+    tables: dict[str, Any] = {}
     for key, value in changes.items():
         value = to_plain(value)
         if not _holds_numbers(value):
             return None
         try:
-            table, *rest = key_path(key, named, type(scene))
-            whole = found.get(str(table), getattr(scene, str(table)))
-            found[str(table)] = _with_number(whole, rest, value)
+            table, *inner_keys = key_path(key, named_tables, type(scene))
+            table_value = tables.get(str(table), getattr(scene, str(table)))
+            tables[str(table)] = _with_number(table_value, inner_keys, value)
         except (InputError, LookupError, TypeError, ValueError):
             return None
-    return scene.model_copy(update=found)
+    return scene.model_copy(update=tables)
 
 
-def _with_number(whole: Any, place: list[Any], value: Any) -> Any:
+def _with_number(content: Any, place: list[Any], value: Any) -> Any:
     """A table of the scene, or a mapping of such tables by name, with another value."""
-    key, *rest = place
-    if not isinstance(whole, Table):
-        return {**whole, key: _with_number(whole[key], rest, value)}
-    fields, set_fields = type(whole).model_fields, whole.model_fields_set
+    key, *inner_keys = place
+    if not isinstance(content, Table):
+        return {**content, key: _with_number(content[key], inner_keys, value)}
+    fields, set_fields = type(content).model_fields, content.model_fields_set
     data = {
         fields[name].alias or name: part
-        for name, part in whole
+        for name, part in content
         if name in set_fields and part is not None
     }
-    part = data[key] if key in data else getattr(whole, key, None)
-    data[key] = _with_nested_value(part, rest, value)
-    return type(whole).model_validate(data, strict=True)
+    part = data[key] if key in data else getattr(content, key, None)
+    data[key] = _with_nested_value(part, inner_keys, value)
+    return type(content).model_validate(data, strict=True)
 
 
 def _with_nested_value(part: Any, place: list[Any], value: Any) -> Any:
@@ -110,8 +110,8 @@ def _with_nested_value(part: Any, place: list[Any], value: Any) -> Any:
         return as_tuples(value)
     if isinstance(part, Table):
         return _with_number(part, place, value)
-    key, *rest = place
-    inner = _with_nested_value(part[key], rest, value)
+    key, *inner_keys = place
+    inner = _with_nested_value(part[key], inner_keys, value)
     if isinstance(part, tuple):
         return (*part[:key], inner, *part[key + 1 :])
     return {**part, key: inner}

@@ -51,17 +51,17 @@ def _check_components(force: PointForce, place: str, scene: SceneTables) -> None
     check_length(force.force, f"{place}.force", scene.dimension)
     spatial = isinstance(force.torque, tuple)
     if force.torque is not None and spatial != (scene.dimension == "spatial"):
-        wanted = "three numbers" if scene.dimension == "spatial" else "a number"
+        expected = "three numbers" if scene.dimension == "spatial" else "a number"
         raise_failure(
-            f"{place}.torque", f"does not fit a {scene.dimension} scene", wanted
+            f"{place}.torque", f"does not fit a {scene.dimension} scene", expected
         )
 
 
 def _check_pair(force: Force, place: str, scene: SceneTables) -> None:
     markers, joint = getattr(force, "markers", None), getattr(force, "joint", None)
     if (markers is None) == (joint is None):
-        found = "both are given" if joint is not None else "neither is given"
-        raise_failure(place, found, "one of markers and joint")
+        problem = "both are given" if joint is not None else "neither is given"
+        raise_failure(place, problem, "one of markers and joint")
     if joint is not None:
         _check_joint(joint, getattr(force, "coordinate", None), place, scene)
         return
@@ -80,12 +80,12 @@ def _check_joint(
         expected = expected_names(name, scene.joints, "joint")
         raise_failure(f"{place}.joint", f"there is no joint {name!r}", expected)
     if not joint.coordinates:
-        found = f"{name} is of type {joint.type}"
+        problem = f"{name} is of type {joint.type}"
         expected = "a joint with a coordinate, such as revolute or prismatic"
-        raise_failure(f"{place}.joint", found, expected)
+        raise_failure(f"{place}.joint", problem, expected)
     if coordinate is not None and coordinate not in joint.coordinates:
-        found = f"{name} has no coordinate {coordinate!r}"
-        raise_failure(f"{place}.coordinate", found, " or ".join(joint.coordinates))
+        problem = f"{name} has no coordinate {coordinate!r}"
+        raise_failure(f"{place}.coordinate", problem, " or ".join(joint.coordinates))
 
 
 def _check_spring(force: SpringDamper, place: str) -> None:
@@ -99,12 +99,12 @@ def _check_spring(force: SpringDamper, place: str) -> None:
 
 def _check_table(table: Characteristic, place: str) -> None:
     if len(table.force) != len(table.deflection):
-        found = f"has {len(table.force)} values for {len(table.deflection)}"
-        raise_failure(f"{place}.force", found, "one value for each deflection")
+        problem = f"has {len(table.force)} values for {len(table.deflection)}"
+        raise_failure(f"{place}.force", problem, "one value for each deflection")
     for earlier, later in pairwise(table.deflection):
         if not later > earlier:
-            found = f"{later} follows {earlier}"
-            raise_failure(f"{place}.deflection", found, "growing values")
+            problem = f"{later} follows {earlier}"
+            raise_failure(f"{place}.deflection", problem, "growing values")
 
 
 def _check_bushing(force: Bushing, place: str, scene: SceneTables) -> None:
@@ -117,14 +117,14 @@ def _check_bushing(force: Bushing, place: str, scene: SceneTables) -> None:
         values = getattr(force, key)
         if values is None:
             continue
-        what = f"{count} values or a {count} x {count} matrix"
-        expected = f"{what} in a {scene.dimension} scene"
+        shape_text = f"{count} values or a {count} x {count} matrix"
+        expected = f"{shape_text} in a {scene.dimension} scene"
         if len(values) != count:
             raise_failure(f"{place}.{key}", f"found {len(values)} values", expected)
         for row in values:
             if isinstance(row, tuple) and len(row) != count:
-                found = f"found a row of {len(row)} values"
-                raise_failure(f"{place}.{key}", found, expected)
+                problem = f"found a row of {len(row)} values"
+                raise_failure(f"{place}.{key}", problem, expected)
 
 
 def check_function(function: ForceFunction, place: str, time: Time) -> None:
@@ -163,26 +163,26 @@ def _check_offset(ramp: SineRamp, place: str) -> None:
 def _check_harmonic(function: Harmonic, place: str) -> None:
     both = function.frequency is not None and function.angular_frequency is not None
     if both or function.frequency == function.angular_frequency:
-        found = "both are given" if both else "neither is given"
+        problem = "both are given" if both else "neither is given"
         raise_failure(
-            place, found, "one of frequency [Hz] and angular_frequency [rad/s]"
+            place, problem, "one of frequency [Hz] and angular_frequency [rad/s]"
         )
 
 
 def _check_spline(function: Spline, place: str, time: Time) -> None:
     times, values = function.times, function.values
     if len(times) != len(values):
-        found = f"has {len(values)} values for {len(times)} times"
-        raise_failure(f"{place}.values", found, "one value for each time")
+        problem = f"has {len(values)} values for {len(times)} times"
+        raise_failure(f"{place}.values", problem, "one value for each time")
     for earlier, later in pairwise(times):
         if not later > earlier:
             raise_failure(
                 f"{place}.times", f"{later} follows {earlier}", "growing times"
             )
     if times[0] > time.start or times[-1] < time.end:
-        found = f"goes from {times[0]} to {times[-1]}"
+        problem = f"goes from {times[0]} to {times[-1]}"
         raise_failure(
-            f"{place}.times", found, f"times from {time.start} to {time.end} at least"
+            f"{place}.times", problem, f"times from {time.start} to {time.end} at least"
         )
 
 
@@ -190,8 +190,8 @@ def _check_given(function: Given, place: str, time: Time) -> None:
     """Check the pieces that a result stores, if there are any."""
     edges, terms = function.edges, function.terms
     if len(edges) != len(terms) + bool(terms):
-        found = f"has {len(edges)} edges for {len(terms)} pieces"
-        raise_failure(f"{place}.edges", found, "one more than pieces")
+        problem = f"has {len(edges)} edges for {len(terms)} pieces"
+        raise_failure(f"{place}.edges", problem, "one more than pieces")
     if len({len(piece) for piece in terms} | {0}) > 2 or () in terms:
         raise_failure(f"{place}.terms", "has pieces of several lengths", "one length")
     for earlier, later in pairwise(edges):
@@ -200,9 +200,9 @@ def _check_given(function: Given, place: str, time: Time) -> None:
                 f"{place}.edges", f"{later} follows {earlier}", "growing times"
             )
     if edges and (edges[0] > time.start or edges[-1] < time.end):
-        found = f"goes from {edges[0]} to {edges[-1]}"
+        problem = f"goes from {edges[0]} to {edges[-1]}"
         raise_failure(
-            f"{place}.edges", found, f"times from {time.start} to {time.end} at least"
+            f"{place}.edges", problem, f"times from {time.start} to {time.end} at least"
         )
 
 
@@ -211,19 +211,19 @@ def _check_polynomial(function: Polynomial, place: str, time: Time) -> None:
     for index, piece in enumerate(pieces):
         _check_piece(piece, f"{place}.pieces[{index}]")
     for index, (piece, later) in enumerate(pairwise(pieces)):
-        here = f"{place}.pieces[{index + 1}].from"
+        location = f"{place}.pieces[{index + 1}].from"
         if piece.to is None:
             raise_failure(
                 f"{place}.pieces[{index}].to", "is missing", "the end of the piece"
             )
         elif abs(later.from_ - piece.to) > 1e-12 * max(1.0, abs(piece.to)):
             raise_failure(
-                here, f"found {later.from_}", f"the end before it, {piece.to}"
+                location, f"found {later.from_}", f"the end before it, {piece.to}"
             )
     if pieces[0].from_ > time.start:
-        found = f"begins at {pieces[0].from_}"
+        problem = f"begins at {pieces[0].from_}"
         raise_failure(
-            f"{place}.pieces[0].from", found, f"at most the start, {time.start}"
+            f"{place}.pieces[0].from", problem, f"at most the start, {time.start}"
         )
     last = pieces[-1].to
     if last is not None and last < time.end:
@@ -288,22 +288,24 @@ def check_expression(law: Expression, place: str) -> None:
     _check_limits(law.limits, place)
     _check_formula(law.value, law, f"{place}.value")
     for name, state in law.states.items():
-        here = f"{place}.states.{name}"
+        location = f"{place}.states.{name}"
         if name in FUNCTIONS or name in ("t", "pi") or not name.isidentifier():
             raise_failure(
-                here, f"a state has the name {name!r}", "a word that is no function"
+                location, f"a state has the name {name!r}", "a word that is no function"
             )
         if name in law.parameters:
-            raise_failure(here, "is a parameter as well", "one of them")
-        wanted = "rate" if law.sample_time is None else "next"
+            raise_failure(location, "is a parameter as well", "one of them")
+        required = "rate" if law.sample_time is None else "next"
         for key in ("rate", "next"):
             formula = getattr(state, key)
-            if (formula is not None) != (key == wanted):
-                found = f"{key} is {'given' if formula is not None else 'missing'}"
+            if (formula is not None) != (key == required):
+                problem = f"{key} is {'given' if formula is not None else 'missing'}"
                 time = "without" if law.sample_time is None else "with"
-                raise_failure(f"{here}.{key}", found, f"{wanted} {time} a sample time")
+                raise_failure(
+                    f"{location}.{key}", problem, f"{required} {time} a sample time"
+                )
             if formula is not None:
-                _check_formula(formula, law, f"{here}.{key}")
+                _check_formula(formula, law, f"{location}.{key}")
 
 
 def check_pid(law: Pid, place: str) -> None:
@@ -317,8 +319,8 @@ def check_pid(law: Pid, place: str) -> None:
         raise_failure(
             f"{place}.anti_windup", "has nothing to do", "i and limits as well"
         )
-    alone = law.p == law.d == 0.0 and law.limits is not None
-    if alone and law.anti_windup is None:
+    integral_only = law.p == law.d == 0.0 and law.limits is not None
+    if integral_only and law.anti_windup is None:
         raise_failure(
             f"{place}.anti_windup", "is missing", "a time, as neither p nor d say one"
         )

@@ -49,19 +49,19 @@ def _check_friction(
     friction: JointFriction, kind: str, place: str, dimension: str
 ) -> None:
     if (friction.radius is not None) != (kind == "revolute"):
-        found = "is missing" if friction.radius is None else "is for revolute joints"
+        problem = "is missing" if friction.radius is None else "is for revolute joints"
         expected = "the radius of the pin" if friction.radius is None else "no radius"
-        raise_failure(f"{place}.radius", found, expected)
+        raise_failure(f"{place}.radius", problem, expected)
     if friction.static is not None and friction.static < friction.coefficient:
-        found = f"is {friction.static:g}, below the coefficient of sliding"
-        raise_failure(f"{place}.static", found, f"{friction.coefficient:g} or more")
+        problem = f"is {friction.static:g}, below the coefficient of sliding"
+        raise_failure(f"{place}.static", problem, f"{friction.coefficient:g} or more")
     if friction.stribeck_velocity is not None and friction.static is None:
-        found = "has no coefficient at rest to begin with"
-        raise_failure(f"{place}.stribeck_velocity", found, "`static` beside it")
+        problem = "has no coefficient at rest to begin with"
+        raise_failure(f"{place}.stribeck_velocity", problem, "`static` beside it")
     without = ("point_on_line", "revolute")[: 2 if dimension == "planar" else 1]
     if friction.length is not None and kind in without:
-        found = "has no moment to share between two ends"
-        raise_failure(f"{place}.length", found, "no length")
+        problem = "has no moment to share between two ends"
+        raise_failure(f"{place}.length", problem, "no length")
 
 
 def _check_axis(
@@ -78,25 +78,25 @@ def _check_coupling(joint: Gear | Coupling, place: str, scene: SceneTables) -> N
     count = len(joint.joints)
     for index, name in enumerate(joint.joints):
         other = scene.joints.get(name)
-        here = f"{place}.joints[{index}]"
+        location = f"{place}.joints[{index}]"
         if other is None:
             expected = expected_names(name, scene.joints, "joint")
-            raise_failure(here, f"there is no joint {name!r}", expected)
+            raise_failure(location, f"there is no joint {name!r}", expected)
         elif not _couplable(other):
-            found = f"{name} is of type {other.type}"
-            raise_failure(here, found, "a joint with an angle or a displacement")
+            problem = f"{name} is of type {other.type}"
+            raise_failure(location, problem, "a joint with an angle or a displacement")
     if len(set(joint.joints)) < count and joint.coordinate is None:
         raise_failure(f"{place}.joints", "names a joint twice", "different joints")
     for key in ("coordinate", "weights"):
         values = getattr(joint, key, None)
         if values is not None and len(values) != count:
-            found = f"has {len(values)} entries for {count} joints"
-            raise_failure(f"{place}.{key}", found, "one for each joint")
+            problem = f"has {len(values)} entries for {count} joints"
+            raise_failure(f"{place}.{key}", problem, "one for each joint")
     for index, name in enumerate(joint.coordinate or ()):
         known = _couplable(scene.joints[joint.joints[index]])
         if name not in known:
-            here = f"{place}.coordinate[{index}]"
-            raise_failure(here, f"found {name!r}", " or ".join(known))
+            location = f"{place}.coordinate[{index}]"
+            raise_failure(location, f"found {name!r}", " or ".join(known))
     if isinstance(joint, Gear) and joint.ratio == 0.0:
         raise_failure(f"{place}.ratio", "is zero", "a ratio of two speeds")
     if isinstance(joint, Coupling) and not all(joint.weights):
@@ -113,8 +113,8 @@ def check_drives(scene: SceneTables) -> None:
     for name, drive in scene.drives.items():
         place = f"drives.{name}"
         if (drive.joint is None) == (drive.marker is None):
-            found = "neither is given" if drive.joint is None else "both are given"
-            raise_failure(place, found, "one of joint and marker")
+            problem = "neither is given" if drive.joint is None else "both are given"
+            raise_failure(place, problem, "one of joint and marker")
         if drive.joint is not None:
             _check_joint_drive(drive, place, scene)
         else:
@@ -126,11 +126,11 @@ def check_drives(scene: SceneTables) -> None:
             )
         key = (drive.joint, drive.marker, drive.reference, coordinate)
         if key in driven:
-            what = drive.joint or drive.marker
-            found = f"{what} is driven by {driven[key]} already"
+            driven_name = drive.joint or drive.marker
+            problem = f"{driven_name} is driven by {driven[key]} already"
             expected = "one drive for each coordinate"
             raise_failure(
-                f"{place}.{'joint' if drive.joint else 'marker'}", found, expected
+                f"{place}.{'joint' if drive.joint else 'marker'}", problem, expected
             )
         driven[key] = name
         check_function(drive.function, f"{place}.function", scene.time)
@@ -143,9 +143,9 @@ def _check_law(drive: Drive, name: str, scene: SceneTables) -> None:
     needs = {"start": drive.integrated, "start_rate": drive.integrated[1:]}
     for key, states in needs.items():
         if getattr(drive, key) != 0.0 and not states:
-            found = f'stands beside of = "{drive.of}"'
+            problem = f'stands beside of = "{drive.of}"'
             raise_failure(
-                f"{place}.{key}", found, "a start that the function itself has"
+                f"{place}.{key}", problem, "a start that the function itself has"
             )
     if drive.has_law and name in scene.forces:
         expected = "different names, as both may have states"
@@ -156,8 +156,8 @@ def _check_law(drive: Drive, name: str, scene: SceneTables) -> None:
     for state in drive.integrated:
         for kind, names in (("state", law.states), ("parameter", law.known)):
             if state in names:
-                found = f"{state} is a {kind} and what the {drive.of} adds up to"
-                raise_failure(f"{place}.function", found, "another name")
+                problem = f"{state} is a {kind} and what the {drive.of} adds up to"
+                raise_failure(f"{place}.function", problem, "another name")
 
 
 def _check_joint_drive(drive: Drive, place: str, scene: SceneTables) -> None:
@@ -167,9 +167,9 @@ def _check_joint_drive(drive: Drive, place: str, scene: SceneTables) -> None:
         expected = expected_names(drive.joint, scene.joints, "joint")
         raise_failure(f"{place}.joint", f"there is no joint {drive.joint!r}", expected)
     elif not joint.coordinates:
-        found = f"{drive.joint} is of type {joint.type}"
+        problem = f"{drive.joint} is of type {joint.type}"
         expected = "a joint with a coordinate, such as revolute or prismatic"
-        raise_failure(f"{place}.joint", found, expected)
+        raise_failure(f"{place}.joint", problem, expected)
     elif drive.coordinate not in (None, *joint.coordinates):
         expected = " or ".join(joint.coordinates)
         raise_failure(f"{place}.coordinate", f"found {drive.coordinate!r}", expected)
@@ -186,8 +186,8 @@ def _check_marker_drive(drive: Drive, place: str, scene: SceneTables) -> None:
     check_two_bodies((drive.reference, drive.marker), f"{place}.marker")
     known = MARKER_COORDINATES[scene.dimension]
     if drive.coordinate not in known:
-        found = f"found {drive.coordinate!r}" if drive.coordinate else "is missing"
-        raise_failure(f"{place}.coordinate", found, " or ".join(known))
+        problem = f"found {drive.coordinate!r}" if drive.coordinate else "is missing"
+        raise_failure(f"{place}.coordinate", problem, " or ".join(known))
     if drive.coordinate == "rotation" and not any(drive.axis or ()):
-        found = "has no direction" if drive.axis else "is missing"
-        raise_failure(f"{place}.axis", found, "the axis of the rotation")
+        problem = "has no direction" if drive.axis else "is missing"
+        raise_failure(f"{place}.axis", problem, "the axis of the rotation")

@@ -172,8 +172,8 @@ def is_quantity(text: str, *, of_marker: bool = False) -> bool:
     if of_marker:
         return text in MARKER_QUANTITIES
     pattern = is_elastic(text) or MULTIPLIER.fullmatch(text)
-    words = BODY_QUANTITIES | JOINT_QUANTITIES | FRICTION_QUANTITIES
-    return text in words or bool(pattern)
+    quantities = BODY_QUANTITIES | JOINT_QUANTITIES | FRICTION_QUANTITIES
+    return text in quantities or bool(pattern)
 
 
 def is_joint_output(quantity: str) -> bool:

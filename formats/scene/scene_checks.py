@@ -94,14 +94,14 @@ def _changed_parts(
 
 
 def _check_wanted(scene: SceneTables) -> None:
-    wanted = scene.accuracy.wanted
-    if wanted is not None and scene.accuracy.step is not None:
-        found = "stands beside accuracy.step, a step without error control"
-        raise_failure("accuracy.wanted", found, "one of the two")
-    for name in wanted if isinstance(wanted, dict) else ():
+    requested = scene.accuracy.wanted
+    if requested is not None and scene.accuracy.step is not None:
+        problem = "stands beside accuracy.step, a step without error control"
+        raise_failure("accuracy.wanted", problem, "one of the two")
+    for name in requested if isinstance(requested, dict) else ():
         if not has_wildcard(name):
             _check_output(name, "accuracy.wanted", scene)
-    check_wanted(wanted, scene)
+    check_wanted(requested, scene)
 
 
 def _check_names(scene: SceneTables) -> None:
@@ -119,9 +119,9 @@ def _check_names(scene: SceneTables) -> None:
             t for t in ("bodies", "joints", "drives") if name in getattr(scene, t)
         ]
         if len(others) > 1:
-            found = f"is also the name of one of the {others[0]}"
+            problem = f"is also the name of one of the {others[0]}"
             raise_failure(
-                f"{others[1]}.{name}", found, "different names, for the outputs"
+                f"{others[1]}.{name}", problem, "different names, for the outputs"
             )
     for name, body in {"ground": scene.ground, **scene.bodies}.items():
         for marker in body.markers:
@@ -167,8 +167,8 @@ def _check_output(text: str, place: str, scene: SceneTables) -> None:
     if not name.marker and name.quantity in FRICTION_QUANTITIES:
         joint = scene.joints.get(name.owner)
         if joint is None or getattr(joint, "friction", None) is None:
-            found = f"{name.owner} is no joint with friction"
-            raise_failure(place, found, "a joint with [joints.NAME.friction]")
+            problem = f"{name.owner} is no joint with friction"
+            raise_failure(place, problem, "a joint with [joints.NAME.friction]")
         return
     if not name.marker and MULTIPLIER.fullmatch(name.quantity):
         _check_multiplier(name, place, scene)
@@ -208,8 +208,8 @@ def _check_along_coordinate(name: OutputName, place: str, scene: SceneTables) ->
         return
     _check_connection(owner, quantity, place, scene)
     if owner in scene.bodies:
-        found = f"the body {owner} has no {quantity!r}"
-        raise_failure(place, found, "that of a joint, drive or force")
+        problem = f"the body {owner} has no {quantity!r}"
+        raise_failure(place, problem, "that of a joint, drive or force")
     known = [*scene.joints, *scene.drives, *scene.forces]
     expected = expected_names(owner, known, "joint, drive or force")
     raise_failure(place, f"there is no joint, drive or force {owner!r}", expected)
@@ -221,8 +221,8 @@ def _check_multiplier(name: OutputName, place: str, scene: SceneTables) -> None:
         return
     count = multipliers(name.owner, scene)
     if int(name.quantity[1:]) > count:
-        found = f"{name.owner} has {count} multipliers"
-        raise_failure(place, found, f"f1 to f{count}" if count else "another joint")
+        problem = f"{name.owner} has {count} multipliers"
+        raise_failure(place, problem, f"f1 to f{count}" if count else "another joint")
 
 
 def _check_connection(
@@ -233,9 +233,9 @@ def _check_connection(
     tables = {"joint": scene.joints, "drive": scene.drives, "force": scene.forces}
     for kind, table in tables.items():
         if owner in table and owner not in scene.bodies:
-            found = f"the {kind} {owner} has no {quantity!r}"
+            problem = f"the {kind} {owner} has no {quantity!r}"
             raise_failure(
-                place, found, "one of " + ", ".join(quantities_of(owner, scene))
+                place, problem, "one of " + ", ".join(quantities_of(owner, scene))
             )
 
 
@@ -245,8 +245,8 @@ def _check_state(name: OutputName, place: str, scene: SceneTables) -> None:
     function = getattr(owner, "function", None)
     known = owner.states if isinstance(owner, Drive) else states_of(function)
     if name.quantity not in known and not isinstance(function, Given):
-        found = f"the law of {name.owner} has no state {name.quantity!r}"
-        raise_failure(place, found, " or ".join(known) or "a law with states")
+        problem = f"the law of {name.owner} has no state {name.quantity!r}"
+        raise_failure(place, problem, " or ".join(known) or "a law with states")
 
 
 def _check_coordinate(
@@ -259,5 +259,5 @@ def _check_coordinate(
         raise_failure(place, f"there is no joint {owner!r}", expected)
     joint = scene.joints[owner]
     if coordinate not in joint.coordinates:
-        found = f"{owner}, of type {joint.type}, has no coordinate {coordinate!r}"
-        raise_failure(place, found, " or ".join(joint.coordinates) or "another joint")
+        problem = f"{owner}, of type {joint.type}, has no coordinate {coordinate!r}"
+        raise_failure(place, problem, " or ".join(joint.coordinates) or "another joint")

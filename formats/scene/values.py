@@ -38,10 +38,10 @@ def check_time(time: Time) -> None:
 
 
 def check_length(vector: tuple[float, ...] | None, place: str, dimension: str) -> None:
-    wanted = 2 if dimension == "planar" else 3
-    if vector is not None and len(vector) != wanted:
+    length = 2 if dimension == "planar" else 3
+    if vector is not None and len(vector) != length:
         raise_failure(
-            place, f"found {len(vector)} components", f"{wanted} in a {dimension} scene"
+            place, f"found {len(vector)} components", f"{length} in a {dimension} scene"
         )
 
 
@@ -58,8 +58,8 @@ def _check_placement(placement: Placement, place: str, dimension: str) -> None:
         )
     for key in given:
         if (key == "angle") != (dimension == "planar"):
-            wanted = "angle" if dimension == "planar" else "axis_angle or quaternion"
-            raise_failure(f"{place}.{key}", f"is not for a {dimension} scene", wanted)
+            expected = "angle" if dimension == "planar" else "axis_angle or quaternion"
+            raise_failure(f"{place}.{key}", f"is not for a {dimension} scene", expected)
     quaternion = placement.quaternion
     if quaternion is not None and abs(np.linalg.norm(quaternion) - 1) > 1e-6:
         raise_failure(f"{place}.quaternion", "is not a unit quaternion", "length 1")
@@ -84,8 +84,8 @@ def check_rigid_body(body: RigidBody, place: str, dimension: str) -> None:
         return
     place = f"{place}.inertia"
     if isinstance(body.inertia, float | int) != (dimension == "planar"):
-        wanted = "a number" if dimension == "planar" else "[xx, yy, zz] or 3 x 3"
-        raise_failure(place, f"does not fit a {dimension} scene", wanted)
+        expected = "a number" if dimension == "planar" else "[xx, yy, zz] or 3 x 3"
+        raise_failure(place, f"does not fit a {dimension} scene", expected)
     inertia = np.array(body.inertia, float)
     principal = inertia
     if inertia.ndim == 2:
@@ -101,9 +101,9 @@ def check_initial(initial: Initial, place: str, dimension: str) -> None:
     check_length(initial.velocity, f"{place}.velocity", dimension)
     spin = initial.angular_velocity
     if spin is not None and isinstance(spin, tuple) == (dimension == "planar"):
-        wanted = "a number" if dimension == "planar" else "three numbers"
+        expected = "a number" if dimension == "planar" else "three numbers"
         place = f"{place}.angular_velocity"
-        raise_failure(place, f"does not fit a {dimension} scene", wanted)
+        raise_failure(place, f"does not fit a {dimension} scene", expected)
 
 
 def raise_failure(place: str, problem: str, expected: str | None = None) -> NoReturn:

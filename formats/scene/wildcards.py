@@ -74,8 +74,8 @@ def matching_names(pattern: str, names: Iterable[str]) -> list[str]:
     return [
         name
         for name in names
-        if len(found := name.split(".")) == len(parts)
-        and all(map(fnmatchcase, found, parts))
+        if len(name_parts := name.split(".")) == len(parts)
+        and all(map(fnmatchcase, name_parts, parts))
     ]
 
 
@@ -88,7 +88,7 @@ def expand_names(
     ------
     InputError : a pattern matches nothing in this scene.
     """
-    texts, found = tuple(texts), dict[str, None]()
+    texts, expanded = tuple(texts), dict[str, None]()
     known: list[str] = []
     if any("*" in text for text in texts):
         known = list(known_outputs(scene, sids))
@@ -100,8 +100,8 @@ def expand_names(
             )
         if not names and has_wildcard(text):
             _raise_unknown(text, [*known, *rarer_outputs(scene)], place)
-        found |= dict.fromkeys(names)
-    return tuple(found)
+        expanded |= dict.fromkeys(names)
+    return tuple(expanded)
 
 
 def _raise_unknown(pattern: str, known: list[str], place: str) -> NoReturn:
@@ -109,14 +109,14 @@ def _raise_unknown(pattern: str, known: list[str], place: str) -> NoReturn:
     owner, _, quantity = pattern.rpartition(".")
     fits = matching_names(owner, owners_of(known))
     if fits:
-        found = f"{fits[0]} has no output {quantity!r}"
+        problem = f"{fits[0]} has no output {quantity!r}"
         listed = (n.rpartition(".") for n in known)
         expected = "one of " + ", ".join(q for o, _, q in listed if o == fits[0])
     else:
-        found = f"nothing in this scene is called {owner!r}"
+        problem = f"nothing in this scene is called {owner!r}"
         expected = expected_names(owner, owners_of(known), "part")
     raise InputError(
-        f"{pattern!r} stands for no output, as {found}",
+        f"{pattern!r} stands for no output, as {problem}",
         place=place or None,
         expected=expected,
     )
@@ -134,7 +134,7 @@ def quantities_of(owner: str, scene: SceneTables) -> list[str]:
         for outputs in (known_outputs(scene, {}), rarer_outputs(scene))
         for name in outputs
     )
-    return [quantity for found, _, quantity in names if found == owner]
+    return [quantity for name_owner, _, quantity in names if name_owner == owner]
 
 
 def rarer_outputs(scene: SceneTables) -> Iterator[str]:
@@ -199,14 +199,14 @@ def _flexible_outputs(
             yield from _qualified_names(
                 name, (f"{prefix}{k}" for k in body.numbers(sid.nq))
             )
-    carriers = set(stress_nodes(sid)) if sid is not None and elastic else set()
-    if carriers:
+    nodes_with_stress = set(stress_nodes(sid)) if sid is not None and elastic else set()
+    if nodes_with_stress:
         yield f"{name}.{PEAK_STRESS}"
     for marker, node in body.markers.items():
         yield from _qualified_names(f"{name}.{marker}", _POINT[dimension])
         if elastic:
             yield from _qualified_names(f"{name}.{marker}", _DISPLACEMENT[dimension])
-        if node in carriers:
+        if node in nodes_with_stress:
             yield from _qualified_names(f"{name}.{marker}", STRESSES)
 
 

@@ -112,13 +112,13 @@ def _blocks(raw: RawFile, j_is_3x3: bool, to: ReadingContext) -> dict[str, Taylo
     blocks = {}
     for name in BLOCK_SHAPES:
         shape = block_shape(name, to.nq)
-        found = raw.blocks.get(name)
-        if found is not None and name == "J" and j_is_3x3:
+        block = raw.blocks.get(name)
+        if block is not None and name == "J" and j_is_3x3:
             blocks[name] = _six_elements(
-                dense_expansion(found, (3, 3), name, to), to.notes
+                dense_expansion(block, (3, 3), name, to), to.notes
             )
-        elif found is not None:
-            blocks[name] = dense_expansion(found, shape, name, to)
+        elif block is not None:
+            blocks[name] = dense_expansion(block, shape, name, to)
         elif 0 in shape:
             blocks[name] = Taylor(np.zeros(shape))
         else:
@@ -172,10 +172,10 @@ def _six_elements(j: Taylor, notes: ReadingNotes) -> Taylor:
 
 
 def _mirror_tensors(tensors: Array, notes: ReadingNotes) -> Array:
-    partners = np.swapaxes(tensors, -1, -2)
-    full = np.where(tensors == 0.0, partners, tensors)
-    partners = np.swapaxes(full, -1, -2)
-    difference = np.abs(full - partners).max(initial=0.0)
+    transposed = np.swapaxes(tensors, -1, -2)
+    full = np.where(tensors == 0.0, transposed, tensors)
+    transposed = np.swapaxes(full, -1, -2)
+    difference = np.abs(full - transposed).max(initial=0.0)
     if difference > PRINT_NOISE * np.abs(full).max(initial=0.0):
         notes.add("is not symmetric; the mean of its halves was taken", "J")
     return symmetrise(full)
@@ -197,13 +197,13 @@ def _detect_layouts(
         "Ge": layout.ge_errors(blocks["Ge"].m0, cr1),
     }
     hints = {"Gr": hint.gr if hint else None, "Ge": hint.ge if hint else None}
-    found = {}
+    layouts = {}
     for name in errors:
-        found[name], certain = layout.choose_layout(errors[name], hints[name])
+        layouts[name], certain = layout.choose_layout(errors[name], hints[name])
         if not certain and nq > 1 and blocks[name].m0.any():
-            remark = f"no identity proves its column layout; read {found[name]}-major"
+            remark = f"no identity proves its column layout; read {layouts[name]}-major"
             notes.add(remark, name)
-    return found["Gr"], found["Ge"]
+    return layouts["Gr"], layouts["Ge"]
 
 
 def _detect_writer(hint: Layout | None, tag: Layout | None, by: str) -> str:
@@ -234,16 +234,16 @@ def _exponent_letter(raw: RawFile) -> str:
 
 
 def _note_counts(raw: RawFile, notes: ReadingNotes) -> None:
-    found = (len(raw.nodes), raw.reference.nq)
-    if raw.counts not in (None, found):
-        nodes, modes = raw.counts or found
+    counts = (len(raw.nodes), raw.reference.nq)
+    if raw.counts not in (None, counts):
+        nodes, modes = raw.counts or counts
         notes.add(
             f"the first line promises {nodes} nodes and {modes} modes, "
-            f"the file has {found[0]} and {found[1]}"
+            f"the file has {counts[0]} and {counts[1]}"
         )
     if raw.reference.missing_labels:
         count = raw.reference.missing_labels
-        notes.add(f"{count} of {found[1]} elastic coordinates have no label")
+        notes.add(f"{count} of {counts[1]} elastic coordinates have no label")
 
 
 def _note_oe(oe: Taylor, notes: ReadingNotes) -> None:

@@ -96,12 +96,12 @@ class IndexCodes:
             if kind != M0 and m1_index == "rcl":
                 second, third = third, second
             indices = (rows, second) if kind == M0 else (second, rows, third)
-            chosen = kinds == kind
-            zero_based = tuple(index[chosen] - 1 for index in indices)
+            selected = kinds == kind
+            zero_based = tuple(index[selected] - 1 for index in indices)
             flat = np.zeros(len(zero_based[0]), dtype=np.int64)
             inside = np.ones(len(flat), dtype=bool)
             for index, size in zip(zero_based, shape, strict=True):
                 inside &= (index >= 0) & (index < size)
                 flat = flat * size + index
-            self._places[key] = chosen, np.where(inside, flat, -1)
+            self._places[key] = selected, np.where(inside, flat, -1)
         return self._places[key]

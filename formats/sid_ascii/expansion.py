@@ -93,20 +93,20 @@ def shape_of_unknown_block(raw: RawTaylor, to: ReadingContext) -> tuple[int, int
 
 def symmetrise(matrices: Array) -> Array:
     """Symmetric (..., n, n); elements that agree stay as they are, however large."""
-    partners = np.swapaxes(matrices, -1, -2)
-    mean = matrices / 2 + partners / 2
-    return np.where(matrices == partners, matrices, mean)
+    transposed = np.swapaxes(matrices, -1, -2)
+    mean = matrices / 2 + transposed / 2
+    return np.where(matrices == transposed, matrices, mean)
 
 
 def _check_header(raw: RawTaylor, shape: tuple[int, int], to: ReadingContext) -> None:
-    wanted = {
+    expected = {
         "nrow": (shape[0],),
         "ncol": (shape[1],),
         "nq": (to.nq, 0),
         "order": (0, 1, 2),
         "structure": (ZERO, DIAGONAL, SYMMETRIC, GENERAL, IDENTITY),
     }
-    for item, allowed in wanted.items():
+    for item, allowed in expected.items():
         value, line = raw.header.get(item, (allowed[0], 0))
         if value not in allowed:
             choices = " or ".join(str(choice) for choice in allowed)
@@ -130,9 +130,9 @@ def _scatter(
     raw: RawTaylor, kind: int, shape: tuple[int, ...], to: ReadingContext
 ) -> Array:
     """The entries of a kind in a zero array; indices start at 1."""
-    chosen, places = raw.codes.places(kind, shape, to.m1_index)
+    selected, places = raw.codes.places(kind, shape, to.m1_index)
     if (places < 0).any():
-        line = int(raw.lines[chosen][places < 0][0])
+        line = int(raw.lines[selected][places < 0][0])
         ranges = " x ".join(str(size) for size in shape)
         raise to.error(
             f"an index of {raw.name} is out of range",
@@ -142,7 +142,7 @@ def _scatter(
             line,
         )
     dense = np.zeros(math.prod(shape))
-    dense[places] = raw.values[chosen]
+    dense[places] = raw.values[selected]
     return dense.reshape(shape)
 
 

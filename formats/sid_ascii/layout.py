@@ -69,10 +69,10 @@ def gr_errors(gr: Array, j1: Array) -> dict[str, float] | None:
     nq = len(j1)
     if nq < 2 or not gr.any() or not j1.any():
         return None
-    twice = 2 * symmetric_3x3(j1[:, :, 0])
+    doubled = 2 * symmetric_3x3(j1[:, :, 0])
     parts = {name: by_mode_in(gr, nq, name) for name in ("axis", "mode")}
     return {
-        name: _relative_error(part + np.swapaxes(part, 1, 2) - twice, gr)
+        name: _relative_error(part + np.swapaxes(part, 1, 2) - doubled, gr)
         for name, part in parts.items()
     }
 
@@ -95,8 +95,10 @@ def certain_layout(errors: dict[str, float] | None) -> str | None:
     if errors is None:
         return None
     best, other = sorted(errors, key=lambda name: errors[name])
-    clear = errors[best] < CERTAIN_ERROR and errors[other] > WORSE_RATIO * errors[best]
-    return best if clear else None
+    is_clear = (
+        errors[best] < CERTAIN_ERROR and errors[other] > WORSE_RATIO * errors[best]
+    )
+    return best if is_clear else None
 
 
 def choose_layout(
@@ -107,9 +109,9 @@ def choose_layout(
     The identity decides; then the title; then the smaller deviation; then axis-major,
     which is what most writers use.
     """
-    proven = certain_layout(errors)
-    if proven:
-        return proven, True
+    certain = certain_layout(errors)
+    if certain:
+        return certain, True
     if hint or errors is None:
         return hint or "axis", hint is not None
     return min(errors, key=lambda name: errors[name]), False

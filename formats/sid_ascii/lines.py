@@ -100,18 +100,18 @@ class LineReader:
                 yield text
             if len(self._text) - self._at > longest:
                 raise self._too_long(self.number + blank + 1, longest)
-        if rest := self._text[self._at :].strip():
+        if remaining := self._text[self._at :].strip():
             self._at = len(self._text)
             self.number += blank + 1
-            yield rest
+            yield remaining
 
     def _check_text(self, chunk: str, number: int) -> None:
         content = chunk.encode("latin-1", "replace")
         if len(content.translate(None, _NOT_TEXT_BYTES)) == len(content):
             return
-        if found := _NOT_TEXT.search(chunk):
-            line = number + chunk.count("\n", 0, found.start())
-            code = ord(found.group())
+        if match := _NOT_TEXT.search(chunk):
+            line = number + chunk.count("\n", 0, match.start())
+            code = ord(match.group())
             raise self.error(
                 f"contains the byte {code}, which is not text",
                 "a SID file in ASCII or HDF5",

@@ -90,8 +90,8 @@ def _parse_refmod(lines: LineReader) -> RawReference:
     else:
         raise lines.truncation_error("refmod", "'end refmod'")
     if mass is None or nq is None:
-        what = "mass" if mass is None else "nelastq"
-        raise lines.error(f"refmod has no {what}", f"'{what} = ...'")
+        missing = "mass" if mass is None else "nelastq"
+        raise lines.error(f"refmod has no {missing}", f"'{missing} = ...'")
     for index, (_, number) in labels.items():
         if not 1 <= index <= nq:
             problem = f"ielastq({index}) for {nq} elastic coordinates"
@@ -136,10 +136,10 @@ def _parse_node(lines: LineReader, name: str) -> RawNode:
         if equals and key.strip().lower() == "rframe" and not rframe:
             rframe = " ".join(value.split())
             continue
-        word = _normalise_keyword(text)
-        if word == "end node":
+        keyword = _normalise_keyword(text)
+        if keyword == "end node":
             break
-        entry = _NODE_ENTRIES.get(word)
+        entry = _NODE_ENTRIES.get(keyword)
         if entry is None or entry in entries:
             problem = f"'{shorten(text)}' is unknown or given twice in {inside}"
             raise lines.error(problem, f"rframe, {expected} or 'end node'")
@@ -153,13 +153,13 @@ def _parse_blocks(lines: LineReader, closings: list[str]) -> dict[str, RawTaylor
     blocks: dict[str, RawTaylor] = {}
     expected = "a block such as mdCM, J, Ct" + (" or 'end modal'" if closings else "")
     for text in lines:
-        word = _normalise_keyword(text)
-        if closings and word == closings[-1]:
+        keyword = _normalise_keyword(text)
+        if closings and keyword == closings[-1]:
             closings.pop()
             break
-        if not _BLOCK_NAME.fullmatch(text) or word in _RESERVED | set(_NODE_ENTRIES):
+        if not _BLOCK_NAME.fullmatch(text) or keyword in _RESERVED | set(_NODE_ENTRIES):
             raise _unexpected(lines, text, expected)
-        name = _BLOCKS.get(word, text)
+        name = _BLOCKS.get(keyword, text)
         if name in blocks:
             problem = f"block {name} stands in line {blocks[name].line} already"
             raise lines.error(problem, "each block once")

@@ -214,5 +214,5 @@ def _concatenate(
         none = np.zeros(0, dtype=np.int64)
         return IndexCodes(none), np.zeros(0), none
     codes, values, numbers = zip(*packed, strict=True)
-    together = IndexCodes(np.concatenate([each.packed for each in codes]))
+    together = IndexCodes(np.concatenate([part.packed for part in codes]))
     return together, np.concatenate(values), np.concatenate(numbers)

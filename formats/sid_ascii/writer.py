@@ -74,9 +74,9 @@ def _check_names(sid: SID) -> None:
                 f"the node id {node.id!r} cannot be written to an ASCII file",
                 expected="letters, digits and single blanks",
             )
-    taken = {name.lower() for name in (*BLOCK_SHAPES, *NODE_SHAPES, "mCM", "mmi")}
+    reserved = {name.lower() for name in (*BLOCK_SHAPES, *NODE_SHAPES, "mCM", "mmi")}
     for name in sid.extra:
-        if not _NAME.fullmatch(name) or name.lower() in taken:
+        if not _NAME.fullmatch(name) or name.lower() in reserved:
             problem = f"the block name {name!r} cannot be written to an ASCII file"
             raise InputError(problem, expected="a word that is no block of the format")
 
@@ -102,10 +102,10 @@ def _file_text(sid: SID, style: Style) -> Iterator[str]:
     yield _entry_line(11, "end frame")
     names = style.names or {}
     for name, block in (sid.blocks | dict(sid.extra)).items():
-        shown = _arrange_block(name, block, sid.nq, style)
+        arranged = _arrange_block(name, block, sid.nq, style)
         symmetric = name in ("Me", "Ke", "De") or (name == "J" and style.j_is_3x3)
         yield _expansion_text(
-            names.get(name, name), shown, sid.nq, style, 11, symmetric
+            names.get(name, name), arranged, sid.nq, style, 11, symmetric
         )
     yield _entry_line(6, "end modal")
     yield _entry_line(1, "end part")
@@ -205,18 +205,18 @@ def _layout_tag(sid: SID, style: Style) -> Layout | None:
     """
     if style.layout is not LAYOUTS["fembs"]:
         return style.layout
-    named = layout_from_words(ascii_text(sid.title))
-    misleading = named is not None and named != style.layout
+    title_layout = layout_from_words(ascii_text(sid.title))
+    misleading = title_layout is not None and title_layout != style.layout
     j1, cr1 = sid.J.first_order(sid.nq), sid.Cr.first_order(sid.nq)
     proofs = (
         (sid.Gr.m0, layout.gr_errors(sid.Gr.m0, j1)),
         (sid.Ge.m0, layout.ge_errors(sid.Ge.m0, cr1)),
     )
-    proven = all(
+    is_proven = all(
         sid.nq < 2 or not columns.any() or layout.certain_layout(errors) == "axis"
         for columns, errors in proofs
     )
-    return style.layout if misleading or not proven else None
+    return style.layout if misleading or not is_proven else None
 
 
 def _entry_line(indent: int, key: str, value: str | None = None) -> str:

@@ -64,9 +64,9 @@ def atomic_path(
 
     Parameters
     ----------
-    target : the file keep_beside : store a complete file under another name if it
-    cannot replace `target`,
-        as on Windows while another program has that open; else it is removed
+    target : the file
+    keep_beside : store a complete file under another name if it cannot replace
+        `target`, as on Windows while another program has that open; else it is removed
     mode : permissions of the file, less the umask, instead of the usual ones or those
         of the file that it replaces
 
@@ -74,22 +74,23 @@ def atomic_path(
     ------
     InputError : the folder does not exist or cannot be written to, or a file cannot
         have this name.
-    KeptBeside : it cannot replace `target`; states where it is instead. OSError : the
-    file cannot be written completely, as on a full disk; it names `target`.
+    KeptBeside : it cannot replace `target`; states where it is instead.
+    OSError : the file cannot be written completely, as on a full disk; it names
+        `target`.
     """
-    named = target = Path(target)
+    given_path = target = Path(target)
     if problem := path_problem(target):
         raise InputError(problem, source=target, expected="another name")
-    found = _file_mode(target)
-    stream = found is not None and not stat.S_ISREG(found)
+    file_mode = _file_mode(target)
+    stream = file_mode is not None and not stat.S_ISREG(file_mode)
     if not stream:
         target = extended_path(Path(os.path.realpath(target)))
     if stream and target.is_dir():
         raise InputError("is a folder", source=target, expected="the name of a file")
     if mode is None:
-        mode = USUAL if found is None else PRIVATE
+        mode = USUAL if file_mode is None else PRIVATE
     else:
-        found = None
+        file_mode = None
     if stream:
         with temporary_folder(Path(tempfile.gettempdir()) / target.name) as folder:
             temporary = create_file(folder, "", "")
@@ -100,15 +101,15 @@ def atomic_path(
     try:
         yield temporary
         flush_to_disk(temporary)
-        if found is not None:
-            set_mode(temporary, found)
-        _move_into_place(temporary, target, named if keep_beside else None)
+        if file_mode is not None:
+            set_mode(temporary, file_mode)
+        _move_into_place(temporary, target, given_path if keep_beside else None)
     except StoredUnderOtherName:
         raise
     except OSError as error:
         if error.errno is None:
             raise
-        raise OSError(error.errno, error.strerror, os.fspath(named)) from error
+        raise OSError(error.errno, error.strerror, os.fspath(given_path)) from error
     finally:
         temporary.unlink(missing_ok=True)
         _living.discard(temporary)
@@ -135,12 +136,12 @@ def temporary_folder(target: Path) -> Iterator[Path]:
         _living.discard(folder)
 
 
-def _move_into_place(temporary: Path, target: Path, named: Path | None) -> None:
+def _move_into_place(temporary: Path, target: Path, given_path: Path | None) -> None:
     """Replace the target, or store the file beside it if `named` is set."""
     try:
         replace_file(temporary, target)
     except OSError as error:
-        if named is None:
+        if given_path is None:
             raise
         other = _free_name(target)
         replace_file(temporary, other)
@@ -148,7 +149,7 @@ def _move_into_place(temporary: Path, target: Path, named: Path | None) -> None:
         if is_open_in_other_program(target):
             problem = "is open in another program"
         text = f"{problem}: it is as before, and what was to replace it is {other.name}"
-        raise StoredUnderOtherName(error.errno, text, os.fspath(named)) from error
+        raise StoredUnderOtherName(error.errno, text, os.fspath(given_path)) from error
 
 
 def _free_name(target: Path) -> Path:
@@ -220,10 +221,10 @@ def _remove(path: Path) -> None:
 
 
 def _is_leftover(path: Path) -> bool:
-    found = LEFTOVER_PATTERN.fullmatch(path.name)
-    if found is None or found["machine"] != _machine_name():
+    match = LEFTOVER_PATTERN.fullmatch(path.name)
+    if match is None or match["machine"] != _machine_name():
         return False
-    process = int(found["process"])
+    process = int(match["process"])
     if process == os.getpid():
         return path not in _living
     return has_ended(process)

@@ -24,7 +24,7 @@ def cached_by_identity(
     known: WeakKeyDictionary[Any, dict[Any, Found]] = WeakKeyDictionary()
 
     @wraps(find)
-    def found(thing: Thing, /, *more: More.args, **named: More.kwargs) -> Found:
+    def cached(thing: Thing, /, *more: More.args, **named: More.kwargs) -> Found:
         of_thing = known.get(thing)
         if of_thing is None:
             of_thing = known.setdefault(thing, {})
@@ -36,4 +36,4 @@ def cached_by_identity(
             of_thing[key] = value
         return of_thing[key]
 
-    return found
+    return cached

@@ -36,8 +36,8 @@ class GrowingFile:
 
     Parameters
     ----------
-    elsewhere : when the disk is full, continue in a new folder for temporary files,
-        which only this user may enter
+    use_fallback_folder : when the disk is full, continue in a new folder for temporary
+        files, which only this user may enter
 
     Attributes
     ----------
@@ -50,8 +50,10 @@ class GrowingFile:
     InputError : see `atomic_path`.
     """
 
-    def __init__(self, target: str | os.PathLike[str], elsewhere: bool = False) -> None:
-        self.target, self._elsewhere = Path(target), elsewhere
+    def __init__(
+        self, target: str | os.PathLike[str], use_fallback_folder: bool = False
+    ) -> None:
+        self.target, self._use_fallback_folder = Path(target), use_fallback_folder
         self.moved: OSError | None = None
         self.error: OSError | None = None
         self._at = self._size = 0
@@ -133,7 +135,7 @@ class GrowingFile:
 
     def _save(self, error: OSError, piece: memoryview) -> None:
         """Moves once, if that helps; else the piece stays in memory."""
-        if self.error is None and self._elsewhere and self.moved is None:
+        if self.error is None and self._use_fallback_folder and self.moved is None:
             self.moved = error
             if self._move():
                 self.write(piece)
@@ -149,12 +151,12 @@ class GrowingFile:
 
     def _stored(self, begin: int, count: int) -> bytearray:
         """Return the content on the disk, zeros beyond it."""
-        found = bytearray(count)
-        view = memoryview(found)
+        stored = bytearray(count)
+        view = memoryview(stored)
         self._file.seek(begin)
         while view and (read := self._file.readinto(view)):
             view = view[read:]
-        return found
+        return stored
 
     def _move(self) -> bool:
         """Continue in a new folder for temporary files, unless the file is there
@@ -216,7 +218,9 @@ def undisturbed() -> Iterator[None]:
         before = {n: signal_handler(n) for n in present_signals(ENDING_SIGNALS)}
         before = {n: handler for n, handler in before.items() if callable(handler)}
     for number in before:
-        handle_signal(number, lambda *told: waiting.append(told))
+        handle_signal(
+            number, lambda *signal_arguments: waiting.append(signal_arguments)
+        )
     try:
         yield
     finally:

@@ -83,10 +83,12 @@ class SealedFile:
     InputError : see `atomic_path`.
     """
 
-    def __init__(self, path: str | os.PathLike[str], elsewhere: bool = False) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], use_fallback_folder: bool = False
+    ) -> None:
         import h5py
 
-        self.target = GrowingFile(path, elsewhere)
+        self.target = GrowingFile(path, use_fallback_folder)
         with undisturbed():
             self._file = h5py.File(cast(Any, self.target), "w", userblock_size=BLOCK)
             self._file.attrs["written_by"] = written_by()
@@ -199,20 +201,20 @@ def check_own_data(file: h5py.File) -> None:
     ------
     InputError : names the place in the file.
     """
-    found: list[InputError] = []
+    errors: list[InputError] = []
 
     def check_link(name: str, link: object) -> bool | None:
         if not isinstance(link, h5py.HardLink):
-            found.append(_refused(name, "is a link to another place"))
+            errors.append(_refused(name, "is a link to another place"))
         else:
             item = file[name]
             if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
-                found.append(_refused(name, "holds the data of other files"))
-        return True if found else None
+                errors.append(_refused(name, "holds the data of other files"))
+        return True if errors else None
 
     file.visititems_links(check_link)
-    if found:
-        raise found[0]
+    if errors:
+        raise errors[0]
 
 
 def check_sizes(file: h5py.File) -> None:

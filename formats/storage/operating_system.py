@@ -130,29 +130,31 @@ def make_trusted_folder(folder: Path, like: Path | None = None) -> None:
     folder.mkdir(mode=0o755, exist_ok=True)
     if WINDOWS:
         return
-    found = folder.lstat()
-    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
-    if own and found.st_mode & OF_OTHERS and like is None:
-        folder.chmod(stat.S_IMODE(found.st_mode) & ~OF_OTHERS)
+    status = folder.lstat()
+    own = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
+    if own and status.st_mode & OF_OTHERS and like is None:
+        folder.chmod(stat.S_IMODE(status.st_mode) & ~OF_OTHERS)
     _check_trusted_folder(folder.stat(), folder, like)
 
 
-def _check_trusted_folder(found: os.stat_result, path: Path, like: Path | None) -> None:
+def _check_trusted_folder(
+    status: os.stat_result, path: Path, like: Path | None
+) -> None:
     """Check a folder, and the link that may refer to it."""
-    _check_trusted(found, path, like)
+    _check_trusted(status, path, like)
     link = path.lstat()
     if stat.S_ISLNK(link.st_mode):
         _check_trusted(link, path, like)
 
 
-def _check_trusted(found: os.stat_result, path: Path, like: Path | None) -> None:
-    owners, writable = {0, os.geteuid()}, found.st_mode & OF_OTHERS
+def _check_trusted(status: os.stat_result, path: Path, like: Path | None) -> None:
+    owners, writable = {0, os.geteuid()}, status.st_mode & OF_OTHERS
     if like is not None:
         trusted = like.stat()
         owners.add(trusted.st_uid)
         writable &= ~trusted.st_mode
-    problem = "belongs to another user" if found.st_uid not in owners else ""
-    if writable and not problem and not stat.S_ISLNK(found.st_mode):
+    problem = "belongs to another user" if status.st_uid not in owners else ""
+    if writable and not problem and not stat.S_ISLNK(status.st_mode):
         problem = "others may write to it"
     if problem:
         raise Untrusted(errno.EACCES, problem, os.fspath(path))
@@ -160,8 +162,8 @@ def _check_trusted(found: os.stat_result, path: Path, like: Path | None) -> None
 
 def is_own_folder(path: Path) -> bool:
     """Whether a path is a folder of this user, and no link to one."""
-    found = path.lstat()
-    return stat.S_ISDIR(found.st_mode) and (WINDOWS or found.st_uid == os.geteuid())
+    status = path.lstat()
+    return stat.S_ISDIR(status.st_mode) and (WINDOWS or status.st_uid == os.geteuid())
 
 
 def flush_to_disk(path: Path) -> None:
@@ -199,8 +201,8 @@ def replace_file(source: Path, target: Path) -> None:
 
 
 def _is_locked(error: OSError) -> bool:
-    held = _SHARING_VIOLATION, _LOCK_VIOLATION, _ACCESS_DENIED
-    return getattr(error, "winerror", None) in held
+    codes = _SHARING_VIOLATION, _LOCK_VIOLATION, _ACCESS_DENIED
+    return getattr(error, "winerror", None) in codes
 
 
 def is_open_in_other_program(path: Path) -> bool:
@@ -283,9 +285,9 @@ def windows_path_problem(path: str) -> str:
             continue
         if part[-1] in ". ":
             return f"{part!r} ends with a dot or space, which Windows drops"
-        found = [c for c in part if c in '<>:"|?*' or ord(c) < 32]
-        if found:
-            return f"{part!r} holds {found[0]!r}, which Windows forbids in names"
+        invalid = [c for c in part if c in '<>:"|?*' or ord(c) < 32]
+        if invalid:
+            return f"{part!r} holds {invalid[0]!r}, which Windows forbids in names"
     return ""
 
 
@@ -469,10 +471,14 @@ def handle_console_close() -> None:
         import _thread
         import ctypes
 
-        closing = 2, 5, 6  # CTRL_CLOSE_EVENT, CTRL_LOGOFF_EVENT, CTRL_SHUTDOWN_EVENT
+        close_events = (
+            2,
+            5,
+            6,
+        )  # CTRL_CLOSE_EVENT, CTRL_LOGOFF_EVENT, CTRL_SHUTDOWN_EVENT
 
         def on_close(kind: int) -> bool:
-            if kind not in closing:
+            if kind not in close_events:
                 return False
             _thread.interrupt_main(signal.SIGBREAK)
             time.sleep(CLOSING)

@@ -31,8 +31,8 @@ def unreadable_error(
     path is too long or holds what a backslash in TOML has made of a letter.
     """
     path = Path(path)
-    if found := re.search(f"[{''.join(_ESCAPED)}]", str(path)):
-        pair, text = _ESCAPED[found[0]], str(path)
+    if match := re.search(f"[{''.join(_ESCAPED)}]", str(path)):
+        pair, text = _ESCAPED[match[0]], str(path)
         for character, written in _ESCAPED.items():
             text = text.replace(character, written)
         problem = f"there is no such file, as {pair} in double quotes is one character"

@@ -37,9 +37,9 @@ def evaluate_formulas(
     given = data.get(PARAMETERS)
     if PARAMETERS in model.model_fields and isinstance(given, Mapping):
         for name, value in given.items():
-            found = walk.value(value, [float], (PARAMETERS, name))
-            if isinstance(found, int | float) and not isinstance(found, bool):
-                walk.parameters[name] = found
+            number = walk.value(value, [float], (PARAMETERS, name))
+            if isinstance(number, int | float) and not isinstance(number, bool):
+                walk.parameters[name] = number
                 walk.unchecked.append(name)
     return walk.value(data, [model], ()), walk.formulas
 
@@ -49,12 +49,12 @@ def required_keys(model: type[BaseModel]) -> dict[str, Any]:
     """Return the keys with one possible value, such as `type`, which files must
     contain.
     """
-    found = {}
+    required = {}
     for name, info in model.model_fields.items():
         values = get_args(info.annotation)
         if get_origin(info.annotation) is Literal and values == (info.default,):
-            found[name] = info.default
-    return found
+            required[name] = info.default
+    return required
 
 
 class _FormulaEvaluation:
@@ -92,11 +92,11 @@ class _FormulaEvaluation:
             _check_tags(models[0], data, place)
         entries = [get_args(k)[1] for k in kinds if get_origin(k) in (dict, _MAPPING)]
         others = _flat_types(entries)
-        found = {}
+        evaluated = {}
         for key, part in data.items():
             fields = [kind for m in models for kind in _types_of_key(m, key)]
-            found[key] = self.value(part, [*others, *fields], (*place, key))
-        return found
+            evaluated[key] = self.value(part, [*others, *fields], (*place, key))
+        return evaluated
 
     def _number(self, text: str, kinds: list[Any], place: Place) -> str | float:
         fixed = [v for k in kinds if get_origin(k) is Literal for v in get_args(k)]

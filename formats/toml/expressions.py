@@ -132,12 +132,12 @@ def evaluate_number(text: str, parameters: Mapping[str, float]) -> float:
 
 def _apply(operation: Callable[..., Any], operands: list[float], text: str) -> float:
     try:
-        found = float(operation(*operands))
+        result = float(operation(*operands))
     except (ArithmeticError, ValueError, TypeError):  # a complex power: TypeError
-        found = math.nan
-    if not math.isfinite(found):
+        result = math.nan
+    if not math.isfinite(result):
         raise InputError(f"{quoted_formula(text)} has no finite value")
-    return found
+    return result
 
 
 _OPERATIONS: Mapping[str, Callable[..., Any]] = {
@@ -162,13 +162,13 @@ class _Parser:
         self.text, self.parameters = text, parameters
         self.tokens = _tokenise(text)
         self.next, self.depth = 0, 0
-        self.found: list[Instruction] = []
+        self.instructions: list[Instruction] = []
 
     def whole(self) -> Postfix:
         self._sum()
         if self.next < len(self.tokens):
             self._fail("an operator, or the end")
-        return tuple(self.found)
+        return tuple(self.instructions)
 
     def _sum(self) -> None:
         self._chain(self._product, "+-")
@@ -181,7 +181,7 @@ class _Parser:
         while self._peek() in tuple(operators):
             operator = self._take()
             part()
-            self.found.append(Instruction(operator))
+            self.instructions.append(Instruction(operator))
 
     def _sign(self) -> None:
         self.depth += 1
@@ -191,13 +191,13 @@ class _Parser:
             operator = self._take()
             self._sign()
             if operator == "-":
-                self.found.append(Instruction("negative"))
+                self.instructions.append(Instruction("negative"))
         else:
             self._atom()
             if self._peek() in ("**", "^"):
                 self._take()
                 self._sign()
-                self.found.append(Instruction("**"))
+                self.instructions.append(Instruction("**"))
         self.depth -= 1
 
     def _atom(self) -> None:
@@ -209,11 +209,11 @@ class _Parser:
             if not math.isfinite(float(text)):
                 self.next -= 1
                 self._fail("a finite number")
-            self.found.append(Instruction("number", float(text)))
+            self.instructions.append(Instruction("number", float(text)))
         elif kind == "name" and self._peek() == "(":
             self._function(text)
         elif kind in ("name", "quoted"):
-            self.found.append(self._named(text, kind))
+            self.instructions.append(self._named(text, kind))
         elif text == "(":
             self._sum()
             self._expect(")")
@@ -242,15 +242,15 @@ class _Parser:
             self._sum()
             count += 1
             if name in _MANY:
-                self.found.append(Instruction(name))
+                self.instructions.append(Instruction(name))
             elif name == "clip":
-                self.found.append(Instruction("max" if count == 2 else "min"))
-        wanted = FUNCTIONS[name]
-        if count < wanted or (count > wanted and name not in _MANY):
-            self._fail(f"{wanted} argument{'s' * (wanted > 1)} of {name}")
+                self.instructions.append(Instruction("max" if count == 2 else "min"))
+        n_arguments = FUNCTIONS[name]
+        if count < n_arguments or (count > n_arguments and name not in _MANY):
+            self._fail(f"{n_arguments} argument{'s' * (n_arguments > 1)} of {name}")
         self._expect(")")
         if name not in (*_MANY, "clip"):
-            self.found.append(Instruction(name))
+            self.instructions.append(Instruction(name))
 
     def _peek(self) -> str:
         if self.next == len(self.tokens):
@@ -276,7 +276,7 @@ class _Parser:
 
 def _tokenise(text: str) -> list[tuple[str, str, int]]:
     """Kind, text and place of each word."""
-    found, at, end = [], 0, len(text.rstrip())
+    tokens, at, end = [], 0, len(text.rstrip())
     while at < end:
         match = _TOKEN.match(text, at)
         if match is None:
@@ -285,13 +285,13 @@ def _tokenise(text: str) -> list[tuple[str, str, int]]:
             _raise_syntax_error(text, at, "numbers, names, + - * / ** and parentheses")
         assert match is not None and match.lastgroup is not None
         kind = match.lastgroup
-        word = match.group(kind)
-        found.append((kind.removesuffix("2"), word, match.start(kind)))
+        token = match.group(kind)
+        tokens.append((kind.removesuffix("2"), token, match.start(kind)))
         at = match.end()
-    return found
+    return tokens
 
 
 def _raise_syntax_error(text: str, at: int, expected: str) -> None:
-    rest = text[at : at + 12] + ("..." if len(text) > at + 12 else "")
-    where = f"{rest!r} at character {at + 1}" if rest else "its end"
-    raise InputError(f"{quoted_formula(text)} has {where}", expected=expected)
+    remaining = text[at : at + 12] + ("..." if len(text) > at + 12 else "")
+    location = f"{remaining!r} at character {at + 1}" if remaining else "its end"
+    raise InputError(f"{quoted_formula(text)} has {location}", expected=expected)

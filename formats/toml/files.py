@@ -92,16 +92,16 @@ class File(Table):
         ------
         InputError : there is no such key, or the value does not fit.
         """
-        data = with_changes(self.said(), {**(changes or {}), **more}, type(self))
+        data = with_changes(self.file_data(), {**(changes or {}), **more}, type(self))
         content = self.checked(data, type(self).__name__)
         content._source = self._source
         return content
 
-    def said(self) -> dict[str, Any]:
+    def file_data(self) -> dict[str, Any]:
         """Return the explicit content as in the file, with formulas that are still
         valid.
         """
-        data = super().said()
+        data = super().file_data()
         numbers = dict(data.get(PARAMETERS, {}))
         for place, text in self._formulas.items():
             try:
@@ -124,7 +124,7 @@ class File(Table):
         path = Path(path)
         if path.suffix != ".toml":
             raise InputError("is no TOML file", source=path, expected="NAME.toml")
-        data = self.said()
+        data = self.file_data()
         _refuse_objects(data, "")
         for place in self.paths:
             relocate_paths(data, place, self.folder, path.parent)
@@ -168,7 +168,7 @@ def parse_settings(texts: Iterable[str], option: str = "--set") -> dict[str, Any
     ------
     InputError : a text has another form.
     """
-    found = {}
+    changes = {}
     for text in texts:
         key, equals, value = text.partition("=")
         if not (key.strip() and equals and value.strip()):
@@ -176,10 +176,10 @@ def parse_settings(texts: Iterable[str], option: str = "--set") -> dict[str, Any
                 f"found {text!r}", place=option, expected="KEY=VALUE, as in time.end=2"
             )
         try:
-            found[key.strip()] = tomllib.loads(f"value = {value}")["value"]
+            changes[key.strip()] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
-            found[key.strip()] = value.strip()
-    return found
+            changes[key.strip()] = value.strip()
+    return changes
 
 
 def with_changes(
@@ -198,9 +198,9 @@ def with_changes(
 
 def _equivalent_keys(file: type[File], place: list[str | int]) -> list[list[str | int]]:
     """Return the places of keys that are equivalent to a key."""
-    *above, last = place
+    *parents, last = place
     pairs = [pair for pair in file.either if last in pair]
-    return [[*above, other] for pair in pairs for other in pair if other != last]
+    return [[*parents, other] for pair in pairs for other in pair if other != last]
 
 
 def set_at(table: Any, place: list[str | int], value: Any, key: str) -> None:
@@ -210,8 +210,8 @@ def set_at(table: Any, place: list[str | int], value: Any, key: str) -> None:
     ------
     InputError : there is no such place.
     """
-    *above, last = place
-    for part in above:
+    *parents, last = place
+    for part in parents:
         table = _enter(table, part, key)
     _enter(table, last, key)
     table[last] = to_plain(value)
@@ -243,8 +243,10 @@ def key_path(key: str, data: Mapping[str, Any], file: type[File]) -> list[str | 
     if len(homes) == 1:
         return [homes[0], *parts]
     if homes:
-        whole = " or ".join(f"{home}.{key}" for home in homes)
-        raise InputError(f"{first!r} is the name of several", place=key, expected=whole)
+        full_keys = " or ".join(f"{owner}.{key}" for owner in homes)
+        raise InputError(
+            f"{first!r} is the name of several", place=key, expected=full_keys
+        )
     known = [
         *file.model_fields,
         *(n for table in file.named for n in data.get(table, {})),
@@ -273,13 +275,13 @@ def _value_at(data: Any, place: Iterable[str | int]) -> Any:
 def relocate_paths(data: Any, place: tuple[str, ...], old: Path, new: Path) -> None:
     """Rewrites relative paths at a place, `*` for any key, so that they name the same
     files from another folder."""
-    first, *rest = place
+    first, *inner_keys = place
     if not isinstance(data, dict) or old == new:
         return
     for key in data if first == "*" else [first] if first in data else []:
-        if rest:
-            relocate_paths(data[key], tuple(rest), old, new)
+        if inner_keys:
+            relocate_paths(data[key], tuple(inner_keys), old, new)
         elif isinstance(data[key], str):
-            there = old / data[key]
-            stays = there.is_absolute() or new == Path(".")
-            data[key] = str(there) if stays else path_from(new, there)
+            target = old / data[key]
+            stays = target.is_absolute() or new == Path(".")
+            data[key] = str(target) if stays else path_from(new, target)

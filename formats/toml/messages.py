@@ -52,8 +52,8 @@ def input_error(
     meant = _intended_keys(problems, model)
     others = {p["loc"]: p for p in problems if not _is_inside(p, first)}
     others = {loc: p for loc, p in others.items() if loc not in meant}
-    shown = [_describe_problem(p, data, model) for p in list(others.values())[:_SHOWN]]
-    also = [str(InputError(w, place=p or None, expected=e)) for p, w, e in shown]
+    listed = [_describe_problem(p, data, model) for p in list(others.values())[:_SHOWN]]
+    also = [str(InputError(w, place=p or None, expected=e)) for p, w, e in listed]
     if len(others) > _SHOWN:
         also.append(f"{len(others) - _SHOWN} more problems in this file")
     return InputError(problem, place=place or None, expected=expected, also=also)
@@ -196,9 +196,9 @@ def _allowed_values(tables: Iterable[Any], key: str) -> list[str]:
 def type_in_words(info: FieldInfo) -> str | None:
     if get_origin(info.annotation) is Literal:
         return " or ".join(repr(value) for value in get_args(info.annotation))
-    words = {float: "a number", int: "a whole number", str: "a text in quotes"}
+    names = {float: "a number", int: "a whole number", str: "a text in quotes"}
     annotation = info.annotation
-    return words.get(annotation) if isinstance(annotation, type) else None
+    return names.get(annotation) if isinstance(annotation, type) else None
 
 
 def _known_keys(model: type[BaseModel], location: Location) -> list[str]:
@@ -214,8 +214,8 @@ def nearest_key(key: str, known: list[str]) -> str | None:
 def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
     candidates: list[Any] = [model]
     for depth, part in enumerate(location):
-        named = depth == len(location) - 1 or _is_key_next(location, depth)
-        candidates = [c for a in candidates for c in _schema_step(a, part, named)]
+        is_name = depth == len(location) - 1 or _is_key_next(location, depth)
+        candidates = [c for a in candidates for c in _schema_step(a, part, is_name)]
     flat = [alternative for a in candidates for alternative in union_members(a)]
     return [c for c in flat if isinstance(c, type) and issubclass(c, BaseModel)]
 
@@ -235,27 +235,27 @@ def union_members(annotation: Any) -> list[Any]:
     return [annotation]
 
 
-def _schema_step(annotation: Any, part: str | int, named: bool) -> list[Any]:
+def _schema_step(annotation: Any, part: str | int, is_name: bool) -> list[Any]:
     """Return the schema one step deeper; a tag selects the members it may mean.
 
     Parameters
     ----------
     named : a key follows, see `_is_key_next`
     """
-    deeper: list[Any] = []
+    inner: list[Any] = []
     same: list[Any] = []
     tagged: list[Any] = []
     for candidate in union_members(annotation):
         if isinstance(candidate, type) and issubclass(candidate, BaseModel):
             fields = candidate.model_fields
             field = fields.get(str(part))
-            deeper += [field.annotation] if field is not None else []
+            inner += [field.annotation] if field is not None else []
             kind = fields.get("type")
             tags = get_args(kind.annotation) if kind is not None else (part,)
             same += [candidate] if part in tags else []
             tagged += [candidate] if kind is not None and part in tags else []
         elif get_origin(candidate) in (dict, Mapping):
-            deeper.append(get_args(candidate)[1])
+            inner.append(get_args(candidate)[1])
         elif get_origin(candidate) in (list, tuple, Sequence):
-            deeper.append(get_args(candidate)[0])
-    return (named and tagged) or deeper or same
+            inner.append(get_args(candidate)[0])
+    return (is_name and tagged) or inner or same

@@ -69,18 +69,18 @@ def with_formulas(
         text = json.dumps(data, default=str)
         return model.model_validate_json(text, strict=True), formulas
     except ValidationError as error:
-        found = input_error(error, data, model)
+        problem = input_error(error, data, model)
         if error.errors(include_url=False)[0]["type"] == "json_invalid":
             try:
                 _check_values(data)
             except InputError as reason:
-                found = reason
+                problem = reason
     except InputError as error:
-        found = error
+        problem = error
     for place, text in formulas.items():
-        if dotted_key(place) == found.place:
-            found.problem += f", which is {shortened_text(text)}"
-    raise found.located(source or "input") from None
+        if dotted_key(place) == problem.place:
+            problem.problem += f", which is {shortened_text(text)}"
+    raise problem.located(source or "input") from None
 
 
 def read_data(path: str | Path) -> dict[str, Any]:
@@ -131,9 +131,9 @@ def _read_text(path: Path) -> str:
 
 
 def _parse_toml(text: str) -> Any:
-    found = _ENDLESS_KEY.search(text)
-    if found:
-        line = text.count("\n", 0, found.start() + 1) + 1
+    match = _ENDLESS_KEY.search(text)
+    if match:
+        line = text.count("\n", 0, match.start() + 1) + 1
         raise InputError(
             f"has a key of more than {DEEPEST} parts",
             place=f"line {line}",
@@ -188,8 +188,8 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
     if len(table) < len(pairs):
         counts = Counter(key for key, _ in pairs)
-        twice = next(key for key, count in counts.items() if count > 1)
-        raise InputError("appears twice", place=twice, expected="one value per key")
+        repeated = next(key for key, count in counts.items() if count > 1)
+        raise InputError("appears twice", place=repeated, expected="one value per key")
     return table
 
 

@@ -76,7 +76,7 @@ class Table(_Checked):
         """The table of data as TOML holds them; errors name the source."""
         return validate_data(data, cls, source=os.fspath(source))
 
-    def said(self) -> dict[str, Any]:
+    def file_data(self) -> dict[str, Any]:
         """Return the explicit content as TOML holds it: no defaults, tables
         and lists.
         """
@@ -99,7 +99,7 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, SID) or getattr(value, "is_file", False) is True:
         return name_object(value)
     if isinstance(value, Table):
-        return value.said()
+        return value.file_data()
     if isinstance(value, Mapping):
         return {str(key): to_plain(part) for key, part in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -130,10 +130,10 @@ def _table_lines(data: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
     ]
     if path and (lines or not inner):
         lines.insert(0, f"[{'.'.join(map(_format_key, path))}]")
-    found = ["\n".join(lines)] if lines else []
+    texts = ["\n".join(lines)] if lines else []
     for key, table in inner.items():
-        found += _table_lines(table, (*path, key))
-    return found
+        texts += _table_lines(table, (*path, key))
+    return texts
 
 
 def _is_table(value: Any) -> bool:

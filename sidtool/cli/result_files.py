@@ -36,9 +36,9 @@ class OutputFiles:
     def __init__(self, result: Path | None, table: Path | None) -> None:
         self._open: dict[Path, File] = {}
         if table is not None:
-            self._open[table] = TableFile(table, elsewhere=True)
+            self._open[table] = TableFile(table, use_fallback_folder=True)
         if result is not None:
-            self._open[result] = ResultFile(result, elsewhere=True)
+            self._open[result] = ResultFile(result, use_fallback_folder=True)
         self._messages: list[str] = []
         self.span: tuple[float, float, int] = (0.0, 0.0, 0)
         self.failed = False

@@ -80,7 +80,7 @@ def _describe_model_file(content: Any, path: Path) -> None:
         failure = None
     except InputError as error:
         text, failure = describe_model(content), error
-    print_result(text, content.said)
+    print_result(text, content.file_data)
     if failure is not None:
         raise failure.located(path)
 

@@ -27,7 +27,7 @@ def content_data(content: Any) -> Any:
     """Return the numbers of a SID or a result, or the content of a scene or model."""
     if isinstance(content, SID):
         return sid_data(content)
-    return content.said() if isinstance(content, File) else result_data(content)
+    return content.file_data() if isinstance(content, File) else result_data(content)
 
 
 def sid_data(sid: SID) -> dict[str, Any]:

@@ -146,7 +146,7 @@ class Designs:
             if key_of_model is not None:
                 content = self._model(content, key_of_model[0], {})
                 key = key_of_model[1]
-            places = key_path(key, content.said(), type(content))
+            places = key_path(key, content.file_data(), type(content))
             while isinstance(places[-1], int):  # a component of a vector
                 places.pop()
             for place in places[:-1]:

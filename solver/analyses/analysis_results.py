@@ -75,9 +75,9 @@ def result_of_states(
     known = sample_known_motion(
         system, sampler.work, times, z, v, a, multipliers, friction
     )
-    found = columns.evaluate_outputs(sampler, times, z, v, history, known)
+    outputs_ = columns.evaluate_outputs(sampler, times, z, v, history, known)
     remarks = OutputNotes(system)
-    remarks.add(times, found)
+    remarks.add(times, outputs_)
     undefined = remarks.undefined_notes()
     if undefined:
         raise SimulationError(undefined[0])
@@ -85,12 +85,12 @@ def result_of_states(
     all_notes = (*warnings, *notes, *callable_notes(system), *remarks.sentences())
     return Result(
         title=system.scene.title,
-        names=found.names,
+        names=outputs_.names,
         t=times,
-        values=found.values,
+        values=outputs_.values,
         positions=z,
         velocities=v,
-        multipliers=found.multipliers,
+        multipliers=outputs_.multipliers,
         position_names=columns.position_names(system),
         velocity_names=columns.velocity_names(system),
         multiplier_names=columns.multiplier_names(system),

@@ -121,8 +121,8 @@ class DenseEquations:
         The sum is what is left of them in equilibrium: rounding, if nothing but springs
         and loads acts. The state is evaluated.
         """
-        system, rest = self.system, np.zeros(self.system.n_velocities)
-        self.evaluate(z, rest)
+        system, zero = self.system, np.zeros(self.system.n_velocities)
+        self.evaluate(z, zero)
         total = self.force
         sizes = [self.weight, float(np.linalg.norm(total)), *self._elastic_sizes(z)]
         table = system.arrays.force
@@ -133,10 +133,10 @@ class DenseEquations:
             others[k, at.F_KIND] = at.PRESCRIBED_VALUE  # no force
             arrays = system.arrays.replaced(force=others)
             work_arrays.evaluate(
-                replace(system, arrays=arrays), self.work, self.t, z, rest
+                replace(system, arrays=arrays), self.work, self.t, z, zero
             )
             sizes.append(float(np.linalg.norm(total - self.force)))
-        self.evaluate(z, rest)
+        self.evaluate(z, zero)
         return float(np.linalg.norm(sizes))
 
     def _elastic_sizes(self, z: Array) -> Iterator[float]:
@@ -218,10 +218,10 @@ class DenseEquations:
         SimulationError
             More of them depend on others than at the start.
         """
-        n, wanted = self.system.n_velocities, self.system.n_rows
-        wanted -= len(self.system.redundant)
+        n, n_independent = self.system.n_velocities, self.system.n_rows
+        n_independent -= len(self.system.redundant)
         C = dense_jacobian(self.system, self.work.C) * self.scale
-        if n - null_space(C).shape[1] < wanted:
+        if n - null_space(C).shape[1] < n_independent:
             raise SimulationError(
                 f"the constraints depend on each other at t = {self.t:.9g} s (singular "
                 "configuration): the mechanism could move on in several ways"
@@ -285,9 +285,9 @@ class DenseEquations:
 
     def closed(self, z: Array) -> Array:
         """z moved onto the constraints; where they cannot be met it stays open."""
-        rest = np.zeros(self.system.n_velocities)
+        zero = np.zeros(self.system.n_velocities)
         for _ in range(20):
-            self.evaluate(z, rest)
+            self.evaluate(z, zero)
             if self.scaled_residual < 1e-14:
                 break
             step = least_squares(self.jacobian, -self.residual)

@@ -80,12 +80,14 @@ def with_law_states(system: System) -> System:
         code, n_measures = int(table[k, at.F_CODE]), int(element.code[0])
         first = code + control_laws.HEADER_SIZE
         last = first + control_laws.INSTRUCTION_SIZE * int(element.code[1])
-        for word in real_data[first:last].reshape(-1, control_laws.INSTRUCTION_SIZE):
-            if word[0] == control_laws.MEASURE:
-                sensor = table[k - n_measures + int(word[1])]
+        for instruction in real_data[first:last].reshape(
+            -1, control_laws.INSTRUCTION_SIZE
+        ):
+            if instruction[0] == control_laws.MEASURE:
+                sensor = table[k - n_measures + int(instruction[1])]
                 of_state = sensor[at.F_KIND] == at.COORDINATE_MEASURE
                 if of_state and is_state(system, int(sensor[at.F_B])):
-                    word[2] = 0.0
+                    instruction[2] = 0.0
     return replace(system, arrays=system.arrays.replaced(real_data=real_data))
 
 

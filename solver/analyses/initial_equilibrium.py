@@ -48,18 +48,18 @@ def start_in_equilibrium(
         z = relative_equilibrium(integrated)
         if z is not None:
             return with_bodies(system, scene_at(integrated, z)), {}, ()
-        found = static_equilibrium(system)
+        equilibrium = static_equilibrium(system)
     except SimulationError as error:
         raise InputError(
             str(error), place="initial.state", expected="a scene that can rest"
         ) from None
-    system = found.system
+    system = equilibrium.system
     states = {
-        data.name: float(found.v[system.arrays.body[b, at.VEL]])
+        data.name: float(equilibrium.v[system.arrays.body[b, at.VEL]])
         for b, data in enumerate(system.bodies)
         if is_state(system, b)
     }
-    return scene_at(system, found.z), states, found.notes
+    return scene_at(system, equilibrium.z), states, equilibrium.notes
 
 
 def with_bodies(system: System, other: SceneFile) -> SceneFile:
@@ -135,13 +135,13 @@ def start_in_steady_rotation(system: System) -> tuple[SceneFile, tuple[str, ...]
         return system.scene, ()
     try:
         refuse_law_states(assembled)
-        found = _deformed_start(assembled, start)
+        deformed = _deformed_start(assembled, start)
     except (InputError, SimulationError) as error:
         return system.scene, (
             f"{', '.join(flexible)} start deformed as at rest, without the loads of "
             f"the velocities at the start: {error}",
         )
-    return with_bodies(system, scene_at(assembled, found.z)), ()
+    return with_bodies(system, scene_at(assembled, deformed.z)), ()
 
 
 def _deformed_start(system: System, start: StateVectors) -> StateVectors:
@@ -161,17 +161,17 @@ def _deformed_start(system: System, start: StateVectors) -> StateVectors:
     for _ in range(MAX_ROUNDS):
         mechanics = DenseEquations(system, t, clock)
         mechanics.scale = coordinate_sizes(system)
-        found = _SpecifiedVelocities(mechanics, start.v).deformed(start.z)
-        if found is None:
+        z = _SpecifiedVelocities(mechanics, start.v).deformed(start.z)
+        if z is None:
             raise SimulationError("joints come apart without the deformation of bodies")
         if not system.friction_joints:
-            return found
-        next_system = with_friction_states_of(system, t, found)
+            return z
+        next_system = with_friction_states_of(system, t, z)
         if (
             next_system.arrays.friction_state[:, at.SLIP_DIRECTION]
             == system.arrays.friction_state[:, at.SLIP_DIRECTION]
         ).all():
-            return found
+            return z
         system = next_system
     raise SimulationError("joints with friction find no way to stick or slide")
 
@@ -218,18 +218,18 @@ class _SpecifiedVelocities(PrescribedMotion):
         mechanics.evaluate(state.z, state.v)
         C, f = mechanics.jacobian[:, driven], mechanics.force[driven]
         M = mechanics.mass[np.ix_(driven, driven)]
-        demanded, N = least_squares(C, mechanics.gamma), null_space(C)
+        constrained_part, N = least_squares(C, mechanics.gamma), null_space(C)
 
         def all_accelerations(a: Array, f: Array) -> Array:
             """Of a that constraints demand, and forces f."""
-            found = np.zeros(self.system.n_velocities)
-            found[driven] = a
+            total = np.zeros(self.system.n_velocities)
+            total[driven] = a
             if N.shape[1]:
                 free = mechanics.solve_inertia(N.T @ M @ N, N.T @ (f - M @ a))
-                found[driven] += N @ free
-            return found
+                total[driven] += N @ free
+            return total
 
-        a = all_accelerations(demanded, f)
+        a = all_accelerations(constrained_part, f)
         if self.system.friction_joints:
             directions = mechanics.directions[:, driven]
             unit = np.array(

@@ -93,16 +93,16 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     for target_time in times:
         try:
             state = _advance_to(motion, state, float(target_time))
-            states.append(motion.found(state))
+            states.append(motion.with_accelerations(state))
         except SimulationError as error:
             done = np.array(times[: len(states)])
             error.result = result_of_states(system, kind, done, states, str(error))
             raise
-    found = result_of_states(system, kind, times, states, notes=notes)
-    if failure := find_state_failure(system, found.positions):
-        found = replace(found, completed=False, message=failure)
-        raise SimulationError(failure, found)
-    return found
+    result = result_of_states(system, kind, times, states, notes=notes)
+    if failure := find_state_failure(system, result.positions):
+        result = replace(result, completed=False, message=failure)
+        raise SimulationError(failure, result)
+    return result
 
 
 def refuse_law_states(system: System, instead: str = "") -> None:
@@ -144,8 +144,8 @@ def relative_equilibrium(system: System) -> Array | None:
         return None
     if motion.driven.all() or not motion.velocities(start.z).any():
         return None
-    found = motion.deformed(start.z)
-    return None if found is None else found.z
+    z = motion.deformed(start.z)
+    return None if z is None else z.z
 
 
 def _initial_motion(
@@ -180,13 +180,13 @@ class PrescribedMotion:
         free = null_space(self.mechanics.jacobian[:, self.driven]).shape[1]
         if not free:
             return
-        wanted = "as many drives as the mechanism has degrees of freedom"
+        expected = "as many drives as the mechanism has degrees of freedom"
         if self.system.flexible and self.driven.all():
-            wanted += ", and the option quasi-static, which leaves out vibrations"
+            expected += ", and the option quasi-static, which leaves out vibrations"
         raise InputError(
             f"{free} of {int(self.driven.sum())} coordinates can move freely",
             place="drives",
-            expected=wanted,
+            expected=expected,
         )
 
     def set_friction(self, start: StateVectors) -> None:
@@ -211,10 +211,10 @@ class PrescribedMotion:
 
     def closed(self, z: Array) -> Array | None:
         """z moved onto the constraints; None if it is too far away."""
-        mechanics, rest = self.mechanics, np.zeros(self.system.n_velocities)
+        mechanics, zero = self.mechanics, np.zeros(self.system.n_velocities)
         opening = np.inf
         for iteration in range(12):
-            mechanics.evaluate(z, rest)
+            mechanics.evaluate(z, zero)
             before, opening = opening, mechanics.scaled_residual
             if iteration > 2 and opening > max(RESIDUAL_TOLERANCE, 0.5 * before):
                 return None
@@ -237,7 +237,7 @@ class PrescribedMotion:
         self.mechanics.evaluate(state.z, state.v)
         return self.driven_solution(self.mechanics.gamma)
 
-    def found(self, state: StateVectors) -> MotionState:
+    def with_accelerations(self, state: StateVectors) -> MotionState:
         """A state with the accelerations that the drives demand, and their forces.
 
         Raises

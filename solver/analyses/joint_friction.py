@@ -209,7 +209,7 @@ class FrictionEquations(DenseEquations):
 
     @property
     def _sliding_friction(self) -> Array:
-        arrays, found = self.system.arrays, []
+        arrays, columns = self.system.arrays, []
         for j in self.sliding_joints:
             rate = float(self.work.friction_subsystem.row[j, at.C_RATE])
             size = (
@@ -217,8 +217,8 @@ class FrictionEquations(DenseEquations):
                 * friction_limit.py_func(arrays, j, rate)[0]
             )
             viscous = arrays.real_data[arrays.friction[j, at.R_LAW] + at.L_VISCOUS]
-            found.append(-size * self._loads[j] - viscous * rate)
-        return np.array(found)
+            columns.append(-size * self._loads[j] - viscous * rate)
+        return np.array(columns)
 
     def test_directions(self, motion: Array) -> Array:
         """With friction t = -R lambda, those along which C^T - B^T R has no part."""
@@ -231,10 +231,10 @@ class FrictionEquations(DenseEquations):
             row = self.system.arrays.friction[j]
             for r in range(row[at.R_COUNT]):
                 C[row[at.R_ROWS + r]] -= self._changes[j, r] * direction
-        found = null_space(C)
-        if found.shape != motion.shape:
+        directions = null_space(C)
+        if directions.shape != motion.shape:
             raise SimulationError(f"at t = {self.t:.9g} s: {NO_SOLUTION}")
-        return found
+        return directions
 
     def solve_inertia(self, inertia: Array, right: Array) -> Array:
         """Solve in the unconstrained directions, where the matrix is not symmetric."""

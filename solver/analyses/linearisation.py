@@ -136,8 +136,13 @@ def linearise(
         _check_size(system, z, v)
         system, z, v = _with_integrated_rates(system, z, v)
     elif about == "static":
-        found = static_equilibrium(system)
-        system, z, v, of_state = found.system, found.z, found.v, found.notes
+        equilibrium = static_equilibrium(system)
+        system, z, v, of_state = (
+            equilibrium.system,
+            equilibrium.z,
+            equilibrium.v,
+            equilibrium.notes,
+        )
     else:
         system, start = assemble(with_integrated_drives(system))
         z, v = start.z, start.v
@@ -209,15 +214,17 @@ def _unsteady_notes(mechanics: DenseEquations, small: SmallMotions) -> tuple[str
     )
 
 
-def _changed_mode_notes(here: Array, there: Array, first: str) -> tuple[str, ...]:
+def _changed_mode_notes(
+    matrix: Array, other_matrix: Array, first: str
+) -> tuple[str, ...]:
     """True if the matrix of the state of rest beside the own has other frequencies."""
-    values = [np.linalg.eigvals(m) for m in (here, there)]
+    values = [np.linalg.eigvals(m) for m in (matrix, other_matrix)]
     values = [v[np.argsort(np.abs(v), kind="stable")] for v in values]
     if values[0].shape != values[1].shape:
         return ()
     own, other = np.abs(values)
-    apart = np.abs(own**2 - other**2)
-    change = apart / np.maximum(own**2, ROUNDING * own.max(initial=0.0) ** 2)
+    distances = np.abs(own**2 - other**2)
+    change = distances / np.maximum(own**2, ROUNDING * own.max(initial=0.0) ** 2)
     k = int(np.argmax(change > 2 * EQUAL_FREQUENCY)) if len(change) else 0
     if not len(change) or change[k] <= 2 * EQUAL_FREQUENCY:
         return ()
@@ -242,22 +249,22 @@ def _with_integrated_rates(
     if integrated is system:
         return system, z, v
     integrated, _ = assemble(integrated)
-    found = []
+    rates = []
     for names, part in ((position_names, z), (velocity_names, v)):
         columns = {name: i for i, name in enumerate(names(system))}
         if not columns.keys() >= set(names(integrated)):
             return system, z, v
-        found.append(part[[columns[name] for name in names(integrated)]])
-    return integrated, found[0], found[1]
+        rates.append(part[[columns[name] for name in names(integrated)]])
+    return integrated, rates[0], rates[1]
 
 
 def _check_size(system: System, z: Array, v: Array) -> None:
-    wanted = (system.n_positions,), (system.n_velocities,)
-    if (z.shape, v.shape) != wanted:
+    shapes = (system.n_positions,), (system.n_velocities,)
+    if (z.shape, v.shape) != shapes:
         raise InputError(
             f"the state has {z.size} positions and {v.size} velocities",
             place="state",
-            expected=f"{wanted[0][0]} and {wanted[1][0]} of the same scene, compiled "
+            expected=f"{shapes[0][0]} and {shapes[1][0]} of the same scene, compiled "
             "in the same way",
         )
 
@@ -265,11 +272,13 @@ def _check_size(system: System, z: Array, v: Array) -> None:
 def _natural_modes(mechanics: DenseEquations, small: SmallMotions) -> Linearisation:
     """Natural modes of the matrix of small motions, of pairs one, by frequency."""
     z, v, spins = small.z, small.v, small.omegas
-    found = spectrum(mechanics, small)
-    order = np.argsort(np.abs(found.values), kind="stable")
-    kept = [k for k in order if found.values[k].imag >= 0.0]
-    values, rigid = found.values[kept], found.rigid[kept]
-    shapes = (small.position_directions @ found.vectors[:, kept]).T * mechanics.scale
+    modes = spectrum(mechanics, small)
+    order = np.argsort(np.abs(modes.values), kind="stable")
+    selected = [k for k in order if modes.values[k].imag >= 0.0]
+    values, rigid = modes.values[selected], modes.rigid[selected]
+    shapes = (
+        small.position_directions @ modes.vectors[:, selected]
+    ).T * mechanics.scale
     for shape in shapes:
         largest = shape[np.argmax(np.abs(shape))] if len(shape) else 1.0
         shape /= largest if largest != 0.0 else 1.0

@@ -57,7 +57,7 @@ def body_axes(mechanics: DenseEquations, v: Array, a: Array) -> Array:
         candidates.sort(key=lambda spin: not spin.any())
         if candidates:
             rotations = [skew(spin)[:size, :size] for spin in candidates]
-            residuals = [np.linalg.norm(a[own] - turn @ v[own]) for turn in rotations]
+            residuals = [np.linalg.norm(a[own] - R @ v[own]) for R in rotations]
             omegas[k] = candidates[int(np.argmin(residuals))]
     return omegas
 
@@ -93,12 +93,12 @@ def independent_rows(mechanics: DenseEquations) -> Array:
                 (leader[name] for name in ends), key=list(rows).index
             )
             leader = {n: first if x == second else x for n, x in leader.items()}
-    found = np.ones(system.n_velocities, bool)
+    independent = np.ones(system.n_velocities, bool)
     for name, first in leader.items():
         if name != first:
             row = rows[name]
-            found[row[at.VEL] : row[at.VEL] + row[at.NV]] = False
-    return found
+            independent[row[at.VEL] : row[at.VEL] + row[at.NV]] = False
+    return independent
 
 
 def frame_rotation_matrix(mechanics: DenseEquations, omegas: Array) -> Array:

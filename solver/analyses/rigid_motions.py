@@ -106,9 +106,9 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
         none = [
             k for k in range(len(right)) if k >= len(strains) or strains[k] <= tolerance
         ]
-        found = states @ right[none].conj().T
-        if found.size:
-            known.append((value, np.asarray(orth(found))))
+        eigenvectors = states @ right[none].conj().T
+        if eigenvectors.size:
+            known.append((value, np.asarray(orth(eigenvectors))))
     if not known:
         values, vectors = np.linalg.eig(matrix)
         return Spectrum(values, vectors, np.zeros(len(values), bool))
@@ -128,10 +128,10 @@ def _deflated_spectrum(
     """
     first = np.hstack([vectors for _, vectors in known])
     first = np.asarray(orth(first, rcond=1e-8))
-    rest = np.asarray(kernel(first.conj().T))
+    complement = np.asarray(kernel(first.conj().T))
     own = first.conj().T @ matrix @ first
-    coupled = first.conj().T @ matrix @ rest
-    values, within = np.linalg.eig(rest.conj().T @ matrix @ rest)
+    coupled = first.conj().T @ matrix @ complement
+    values, inner_vectors = np.linalg.eig(complement.conj().T @ matrix @ complement)
     is_kept = np.ones(len(values), bool)
     tolerance = FREE_MOTION * (fastest + np.sqrt(preload))
     tolerance += second * float(np.abs(values).max(initial=0.0))
@@ -143,8 +143,8 @@ def _deflated_spectrum(
     columns = []
     for k in np.flatnonzero(is_kept):
         shift = own - values[k] * np.eye(len(own))
-        along = np.linalg.lstsq(shift, -coupled @ within[:, k])[0]
-        columns.append(rest @ within[:, k] + first @ along)
+        along = np.linalg.lstsq(shift, -coupled @ inner_vectors[:, k])[0]
+        columns.append(complement @ inner_vectors[:, k] + first @ along)
     rigid = [(value, x) for value, vectors in known for x in vectors.T]
     return Spectrum(
         np.array([*(value for value, _ in rigid), *values[is_kept]], complex),

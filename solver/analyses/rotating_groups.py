@@ -47,10 +47,10 @@ class RotationAxis:
 
     def displaced(self, x: Array) -> RotationAxis:
         """Displaced and tilted by two components each, across it, (4,)."""
-        across = null_space(self.omega[None] / self.speed).T
-        spin = self.omega + self.speed * (x[2:] @ across)
+        normals = null_space(self.omega[None] / self.speed).T
+        spin = self.omega + self.speed * (x[2:] @ normals)
         spin *= self.speed / np.linalg.norm(spin)
-        return RotationAxis(spin, self.point + x[:2] @ across)
+        return RotationAxis(spin, self.point + x[:2] @ normals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,12 +133,12 @@ def _find_groups(
     omegas = axis_angular_velocities(mechanics)
     velocities = (rotations @ to_3d(frames["v"])[..., None])[..., 0]
     fastest = float(np.linalg.norm(omegas, axis=1).max(initial=0.0))
-    found: list[RotatingGroup] = []
+    groups: list[RotatingGroup] = []
     free: dict[int, int] = {}
     for part, is_grounded in connected_components(system):
         rotating = [b for b in part if np.linalg.norm(omegas[b]) > EQUAL_RATE * fastest]
         rotating.sort(key=lambda b: not _has_specified_velocity(system, b))
-        first = len(found)
+        first = len(groups)
         drift = np.zeros(3)
         if rotating and not is_grounded:
             if system.arrays.gravity.any():
@@ -147,39 +147,39 @@ def _find_groups(
         for b in rotating:
             moving = velocities[b] - drift
             point = positions[b] + np.cross(omegas[b], moving) / (omegas[b] @ omegas[b])
-            for k in range(first, len(found)):
-                axis = found[k].leading_axis
+            for k in range(first, len(groups)):
+                axis = groups[k].leading_axis
                 difference = np.linalg.norm(axis.omega - omegas[b])
                 offset = np.cross(axis.omega, point - axis.point) / axis.speed
                 is_near = np.linalg.norm(offset) < EQUAL_AXIS * system.length
                 if difference < EQUAL_RATE * fastest and (
                     is_near or not _has_specified_origin_velocity(system, b)
                 ):
-                    found[k] = found[k].with_bodies([b])
+                    groups[k] = groups[k].with_bodies([b])
                     break
             else:
-                found.append(RotatingGroup({b: RotationAxis(omegas[b], point)}, drift))
+                groups.append(RotatingGroup({b: RotationAxis(omegas[b], point)}, drift))
         for b in part:
-            if b in rotating or not (found[first:] or velocities[b].any()):
+            if b in rotating or not (groups[first:] or velocities[b].any()):
                 continue
-            for k in range(first, len(found)):
-                axis = found[k].leading_axis
+            for k in range(first, len(groups)):
+                axis = groups[k].leading_axis
                 offset = drift + np.cross(axis.omega, positions[b] - axis.point)
                 residual = np.linalg.norm(velocities[b] - offset)
                 if velocities[b].any() and residual < EQUAL_AXIS * np.linalg.norm(
                     offset
                 ):
-                    found[k] = found[k].with_bodies([b])
+                    groups[k] = groups[k].with_bodies([b])
                     break
             else:
                 if velocities[b].any():
                     return (), ()
-                if len(found) == first + 1 and not _has_specified_velocity(system, b):
+                if len(groups) == first + 1 and not _has_specified_velocity(system, b):
                     free[b] = first
     if not free:
-        return tuple(found), ()
-    more = [tuple(b for b, k in free.items() if k == g) for g in range(len(found))]
-    return tuple(found), tuple(more)
+        return tuple(groups), ()
+    more = [tuple(b for b, k in free.items() if k == g) for g in range(len(groups))]
+    return tuple(groups), tuple(more)
 
 
 def _mean_velocity(

@@ -97,21 +97,21 @@ def state_matrix(
     E, by_v = E - W, replace(by_v, force=by_v.force - M @ W, gamma=by_v.gamma - C @ W)
     states = np.zeros_like(N)
     states[:, n_positions:] = N[:, n_positions:]
-    moved = np.hstack([N, least_squares(C, -by_v.value @ states)])
-    rates = by_z.rate @ moved
+    motions = np.hstack([N, least_squares(C, -by_v.value @ states)])
+    rates = by_z.rate @ motions
     rates[:, d:] += by_v.rate @ states
     driven = particular(-rates)
     driven[:, d:] += N
     matrix = np.zeros((2 * d, 2 * d))
-    matrix[:d] = left_inverse @ (E @ moved)[rows]
+    matrix[:d] = left_inverse @ (E @ motions)[rows]
     matrix[:d, d:] += np.eye(d)
-    force = by_z.force @ moved + by_v.force @ driven
-    gamma = by_z.gamma @ moved + by_v.gamma @ driven
+    force = by_z.force @ motions + by_v.force @ driven
+    gamma = by_z.gamma @ motions + by_v.gamma @ driven
     right = Z.T @ (force - M @ particular(gamma))
     matrix[d:] = mechanics.solve_inertia(inertia, right)
     selected = [*range(n_positions), *range(d, 2 * d)]
     return SmallMotions(
-        matrix[np.ix_(selected, selected)], N, moved[:, selected], z, v, omegas
+        matrix[np.ix_(selected, selected)], N, motions[:, selected], z, v, omegas
     )
 
 
@@ -134,7 +134,7 @@ def _free_directions(system: System, C: Array, momenta: Array) -> tuple[Array, i
 
 def _out_of_plane_momenta(system: System) -> Array:
     """(n, velocities) momenta across the plane of a planar scene, which are zero."""
-    found = [np.zeros((0, system.n_velocities))]
+    momenta = [np.zeros((0, system.n_velocities))]
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         if data.out_of_plane_momenta is not None:
             first = int(row[at.VEL] + row[at.RD])
@@ -142,8 +142,8 @@ def _out_of_plane_momenta(system: System) -> Array:
             rows[:, first : first + data.out_of_plane_momenta.shape[1]] = (
                 data.out_of_plane_momenta
             )
-            found.append(rows)
-    return np.concatenate(found)
+            momenta.append(rows)
+    return np.concatenate(momenta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ def _state_derivatives(
 ) -> tuple[_StateDerivatives, _StateDerivatives]:
     """Central differences by positions and by velocities, at fixed a and lambda."""
     n, rows = len(v), len(multipliers)
-    found = []
+    derivatives = []
     deltas = PERTURBATION * coordinate_sizes(mechanics.system) / mechanics.scale
     for moves in (True, False):
         change = _StateDerivatives(
@@ -183,8 +183,8 @@ def _state_derivatives(
                 change.value[: len(residual), k] += weight * residual
                 change.rate[:, k] += weight * mechanics.constraint_rates
                 change.gamma[:, k] += weight * (mechanics.gamma - C @ a)
-        found.append(change)
-    return found[0], found[1]
+        derivatives.append(change)
+    return derivatives[0], derivatives[1]
 
 
 def _frame_matrix(mechanics: DenseEquations) -> Array:
@@ -247,7 +247,7 @@ def _matrix_change(
     """How much the matrix changes along a motion that is steady in these axes, relative
     to each of its modes."""
     small = state_matrix(mechanics, z, v, omegas)
-    here, N = small.matrix, small.free_directions
+    matrix, N = small.matrix, small.free_directions
     mechanics.evaluate(z, v)
     own = axis_angular_velocities(mechanics)
     spin = float(np.linalg.norm(np.vstack([own, omegas]), axis=1).max())
@@ -257,22 +257,22 @@ def _matrix_change(
         )
     except SimulationError:
         return np.inf
-    if later_matrix.shape != here.shape:
+    if later_matrix.shape != matrix.shape:
         return np.inf
-    n_positions = len(here) - N.shape[1]
+    n_positions = len(matrix) - N.shape[1]
     own_rows = independent_rows(mechanics)
     back = [(rotation @ N)[own_rows][:, :count] for count in (n_positions, N.shape[1])]
     free = [N_there[own_rows][:, :count] for count in (n_positions, N.shape[1])]
     X = block_diag(*(np.linalg.lstsq(a, b)[0] for a, b in zip(free, back, strict=True)))
     if not len(X) or np.linalg.svd(X, compute_uv=False)[-1] < 0.5:
         return 0.0 if not len(X) else np.inf
-    change = np.linalg.solve(X, later_matrix @ X) - here
-    values, vectors = np.linalg.eig(here)
+    change = np.linalg.solve(X, later_matrix @ X) - matrix
+    values, vectors = np.linalg.eig(matrix)
     sizes = np.maximum(np.abs(values), spin) * (
         np.linalg.norm(vectors[n_positions:], axis=0)
         + spin * np.linalg.norm(vectors[:n_positions], axis=0)
     )
-    noise = ROUNDING * np.linalg.norm(here, 2)
+    noise = ROUNDING * np.linalg.norm(matrix, 2)
     return float(np.max((np.linalg.norm(change @ vectors, axis=0) - noise) / sizes))
 
 

@@ -151,13 +151,15 @@ def static_equilibrium(system: System) -> Equilibrium:
             notes += _friction_notes(system)
             v = np.zeros(system.n_velocities)
             v[velocities] = z[state_positions]
-            found = Equilibrium(
+            equilibrium = Equilibrium(
                 z, v, multipliers, residual, iteration, system, notes, warnings
             )
             if failure := find_state_failure(system, z[None]):
-                meaningless = replace(found.result(), completed=False, message=failure)
+                meaningless = replace(
+                    equilibrium.result(), completed=False, message=failure
+                )
                 raise SimulationError(failure, meaningless)
-            return found
+            return equilibrium
         step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
@@ -275,14 +277,14 @@ def tangent_stiffness(
 ) -> Array:
     """-N^T d(f + C^T lambda)/dz N at rest, by central differences."""
     system = mechanics.system
-    rest = np.zeros(system.n_velocities)
+    zero = np.zeros(system.n_velocities)
     columns = []
     for direction in motion.T:
         delta = PERTURBATION / max(_largest_extent(mechanics, direction), 1e-300)
         forces = []
         for sign in (1.0, -1.0):
-            moved = mechanics.displaced(z, sign * delta * direction)
-            mechanics.evaluate(moved, rest)
+            displaced = mechanics.displaced(z, sign * delta * direction)
+            mechanics.evaluate(displaced, zero)
             forces.append(mechanics.force + mechanics.jacobian.T @ multipliers)
         columns.append((forces[1] - forces[0]) / (2.0 * delta))
     return motion.T @ np.column_stack(columns)
@@ -301,14 +303,14 @@ def _line_search(
     """A step that is not too large, and at whose end the force is not reversed."""
     step = step * min(1.0, LARGEST_STEP / max(_largest_extent(mechanics, step), 1e-300))
     work = float(force @ step)
-    moved = z
+    displaced = z
     for _ in range(12):
-        moved = mechanics.closed(mechanics.displaced(z, step))
-        motion, remaining, _, _ = _force_balance(mechanics, moved)
+        displaced = mechanics.closed(mechanics.displaced(z, step))
+        motion, remaining, _, _ = _force_balance(mechanics, displaced)
         if float((motion @ remaining) @ step) > -0.5 * abs(work) or work <= 0.0:
-            return moved
+            return displaced
         step, work = 0.5 * step, 0.5 * work
-    return moved
+    return displaced
 
 
 #: A value is at a limit within this part of it, which differences do not blur.

@@ -101,11 +101,11 @@ def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
             return None, (_failure_note(search, f"the friction of {names} is in it"),)
         try:
             refuse_law_states(assembled)
-            found, reason = search.solve()
+            rotating, reason = search.solve()
         except (InputError, SimulationError, np.linalg.LinAlgError) as error:
-            found, reason = None, str(error)
-        if found is not None:
-            return with_bodies(system, found), ()
+            rotating, reason = None, str(error)
+        if rotating is not None:
+            return with_bodies(system, rotating), ()
         notes = notes or ((_failure_note(search, reason),) if reason else ())
     return None, notes
 
@@ -209,7 +209,9 @@ class _SteadyRotationSearch:
     def has_elastic_support(self) -> bool:
         """True if bodies can move in other ways than to rotate so and to deform."""
         mechanics = self.mechanics
-        spun = np.array(self._rotation_velocities(self.start, self.groups)).T
+        rotation_velocities = np.array(
+            self._rotation_velocities(self.start, self.groups)
+        ).T
         mechanics.evaluate(self.start, np.zeros(self.n))
         turning = {b for group in self.groups for b in group.axes}
         rigid = np.zeros(self.n, bool)
@@ -217,9 +219,11 @@ class _SteadyRotationSearch:
             for row in self.system.arrays.body[part] if turning & set(part) else ():
                 rigid[row[at.VEL] : row[at.VEL] + row[at.RD]] = True
         N = null_space(mechanics.jacobian[:, rigid])
-        spins = spun[rigid] / np.linalg.norm(spun[rigid], axis=0)
-        seen = np.linalg.svd(N.T @ spins, compute_uv=False)
-        return bool(N.shape[1] > np.sum(seen > EQUAL_RATE))
+        spins = rotation_velocities[rigid] / np.linalg.norm(
+            rotation_velocities[rigid], axis=0
+        )
+        singular_values = np.linalg.svd(N.T @ spins, compute_uv=False)
+        return bool(N.shape[1] > np.sum(singular_values > EQUAL_RATE))
 
     def solve(self) -> tuple[SceneFile | None, str]:
         """The scene that starts in it, or None and why there is none; no reason where
@@ -285,8 +289,12 @@ class _SteadyRotationSearch:
             mechanics.evaluate(z_there, v)
             C, sizes = mechanics.jacobian, mechanics.constraint_sizes
             if angle == 0.0:
-                demanded = (C @ a - mechanics.gamma) / (self.fastest**2 * sizes)
-                closure = np.concatenate([mechanics.residual / sizes, demanded])
+                acceleration_residual = (C @ a - mechanics.gamma) / (
+                    self.fastest**2 * sizes
+                )
+                closure = np.concatenate(
+                    [mechanics.residual / sizes, acceleration_residual]
+                )
             rates.append(mechanics.constraint_rates / sizes)
             unbalanced = _project_forces(C, mechanics.mass @ a - mechanics.force)
             along = np.zeros(len(groups))
@@ -314,8 +322,8 @@ class _SteadyRotationSearch:
         time
             That has passed since the axes were where the groups say.
         """
-        resting = (group.at(time) for group in groups)
-        velocities = (self._state(z, (group,), 0.0)[1] for group in resting)
+        current_groups = (group.at(time) for group in groups)
+        velocities = (self._state(z, (group,), 0.0)[1] for group in current_groups)
         return [v / self.mechanics.scale for v in velocities]
 
     def _rows(self, left: _Residual) -> Array:
@@ -342,11 +350,11 @@ class _SteadyRotationSearch:
 
     def _units(self, groups: tuple[RotatingGroup, ...]) -> Array:
         """Sizes of all unknowns: of the mechanism, a radian, the square of the rate."""
-        found = [self.sizes / self.mechanics.scale]
+        units = [self.sizes / self.mechanics.scale]
         for group in groups:
-            found += [np.array([self.system.length] * 2 + [1.0] * 2)] * len(group.axes)
-            found.append(np.array([group.leading_axis.speed**2]))
-        return np.concatenate(found)
+            units += [np.array([self.system.length] * 2 + [1.0] * 2)] * len(group.axes)
+            units.append(np.array([group.leading_axis.speed**2]))
+        return np.concatenate(units)
 
     def _extent(self, x: Array) -> float:
         """The largest change of a coordinate, in sizes of the mechanism and radians."""
@@ -354,12 +362,12 @@ class _SteadyRotationSearch:
 
     def _angle(self, x: Array) -> float:
         """The largest rotation of a frame [rad]."""
-        found = 0.0
+        largest = 0.0
         for row in self.system.arrays.body:
-            turn = slice(row[at.VEL] + self.axes, row[at.VEL] + row[at.RD])
-            angles = x[: self.n][turn] * self.mechanics.scale[turn]
-            found = max(found, float(np.max(np.abs(angles), initial=0.0)))
-        return found
+            rotation = slice(row[at.VEL] + self.axes, row[at.VEL] + row[at.RD])
+            angles = x[: self.n][rotation] * self.mechanics.scale[rotation]
+            largest = max(largest, float(np.max(np.abs(angles), initial=0.0)))
+        return largest
 
     def _step(
         self,
@@ -375,8 +383,8 @@ class _SteadyRotationSearch:
         self.mechanics.evaluate(z, np.zeros(self.n))
         C = self.mechanics.jacobian
         for tangent in tangents:
-            held = np.linalg.norm(tangent - _project_forces(C, tangent))
-            if held > EQUAL_RATE * np.linalg.norm(tangent):
+            constraint_part = np.linalg.norm(tangent - _project_forces(C, tangent))
+            if constraint_part > EQUAL_RATE * np.linalg.norm(tangent):
                 continue  # a drive or a joint says how far it has turned
             spin = np.append(tangent, np.zeros(count - self.n))
             spin /= np.linalg.norm(spin)
@@ -393,21 +401,25 @@ class _SteadyRotationSearch:
     def _displaced(
         self, z: Array, groups: tuple[RotatingGroup, ...], x: Array
     ) -> tuple[Array, tuple[RotatingGroup, ...]]:
-        moved = self.mechanics.displaced(z, x[: self.n])
+        displaced = self.mechanics.displaced(z, x[: self.n])
         ends = self.n + np.cumsum([group.unknowns for group in groups])
         own = np.split(x, [self.n, *ends])[1:-1]
         if self.system.planar:
             for y in own:
                 y[:-1].reshape(-1, 4)[:, 2:] = 0.0  # axes stay perpendicular
-        return moved, tuple(g.displaced(y) for g, y in zip(groups, own, strict=True))
+        return displaced, tuple(
+            g.displaced(y) for g, y in zip(groups, own, strict=True)
+        )
 
-    def _set_frame_motion(self, x: Array, b: int, way: Array, turn: Array) -> None:
+    def _set_frame_motion(
+        self, x: Array, b: int, translation: Array, rotation: Array
+    ) -> None:
         """Writes the motion of a frame, in its axes, into velocity coordinates."""
         row = self.system.arrays.body[b]
         u, rd = int(row[at.VEL]), int(row[at.RD])
-        x[u : u + self.axes] = way[: self.axes]
+        x[u : u + self.axes] = translation[: self.axes]
         if rd > self.axes:
-            x[u + self.axes : u + rd] = turn[3 - (rd - self.axes) :]
+            x[u + self.axes : u + rd] = rotation[3 - (rd - self.axes) :]
 
     def _state(
         self, z: Array, groups: tuple[RotatingGroup, ...], time: float

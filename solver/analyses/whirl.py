@@ -114,11 +114,11 @@ def _body_point_motions(
     system = mechanics.system
     size = 2 if system.planar else 3
     rotations = to_rotation_matrices(system.frames(mechanics.work.frame)["R"])
-    leads, found = independent_rows(mechanics), []
+    leads, motions = independent_rows(mechanics), []
     for row, R, body in zip(system.arrays.body, rotations, system.bodies, strict=True):
         u, rd, n = int(row[at.VEL]), int(row[at.RD]), int(row[at.NV])
         if not body.is_scene_body or not leads[min(row[at.VEL], len(leads) - 1)]:
-            found.append(np.zeros((1, 3)))
+            motions.append(np.zeros((1, 3)))
             continue
         translation, rotation = np.zeros(3, complex), np.zeros(3, complex)
         translation[:size] = shape[u : u + min(size, rd)] if rd else 0.0
@@ -139,5 +139,5 @@ def _body_point_motions(
         omegas = (rotation + psi @ q) * np.sqrt(np.abs(J))
         axes = np.eye(3) if rd == size else R
         both = np.vstack([np.sqrt(body.sid.mass) * displacements_, omegas])
-        found.append(both @ axes.T / np.sqrt(len(displacements_)))
-    return found
+        motions.append(both @ axes.T / np.sqrt(len(displacements_)))
+    return motions

@@ -56,14 +56,14 @@ class Unit:
 
     def with_callees(self) -> list[Unit]:
         """It and all that it needs."""
-        found: dict[str, Unit] = {}
+        units: dict[str, Unit] = {}
         left = [self]
         while left:
             unit = left.pop()
-            if unit.name not in found:
-                found[unit.name] = unit
+            if unit.name not in units:
+                units[unit.name] = unit
                 left += unit.calls
-        return list(found.values())
+        return list(units.values())
 
 
 class Inner:
@@ -148,9 +148,9 @@ def _lower(function: FunctionType, signature: Any) -> fast_lowering.LoweredFunct
     (known,) = jitted.nopython_signatures
     # numba forbids to put a function in line where it is called as by C
     text = jitted.inspect_llvm(arguments).replace("noinline", "nounwind")
-    found = C_WRAPPER_NAME.search(text)
-    assert found is not None
-    return fast_lowering.LoweredFunction(found.group(1), text, known.return_type)
+    match = C_WRAPPER_NAME.search(text)
+    assert match is not None
+    return fast_lowering.LoweredFunction(match.group(1), text, known.return_type)
 
 
 class InnerType(types.Callable, types.Opaque):  # type: ignore[misc]
@@ -229,16 +229,16 @@ def _reduce_lanes(builder: Any, lanes: Any, components: int) -> list[Any]:
 def _lane_products(typing: Any, a: Any, i: Any, x: Any, k: Any, n: Any):  # type: ignore[no-untyped-def]
     """Sum of a[i + j] x[k + j] over j below n, a multiple of the lanes."""
     components = 2 if isinstance(x.dtype, types.Complex) else 1
-    many = LANES // components
+    groups = LANES // components
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         a, i, x, k, n = values
         zeros = [ir.Constant(REAL, 0.0)] * LANES
         none = ir.Constant(ir.VectorType(REAL, LANES), zeros)
         total = cgutils.alloca_once_value(builder, none)
-        with cgutils.for_range(builder, builder.sdiv(n, INDEX(many))) as loop:
-            at = builder.mul(loop.index, INDEX(many))
-            left = _load_lanes(builder, a, builder.add(i, at), many)
+        with cgutils.for_range(builder, builder.sdiv(n, INDEX(groups))) as loop:
+            at = builder.mul(loop.index, INDEX(groups))
+            left = _load_lanes(builder, a, builder.add(i, at), groups)
             left = _select_lanes(
                 builder, left, [lane // components for lane in range(LANES)]
             )

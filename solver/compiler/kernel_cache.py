@@ -55,8 +55,8 @@ def cache_folders() -> list[Path]:
     configured = os.environ.get("NUMBA_CACHE_DIR")
     if configured:
         return [Path(configured).absolute() / f"sidtool-{package}"]
-    found, users = [COMPILER_FOLDER / "__pycache__"], cache_folder()
-    return found if users is None else [*found, users / package]
+    folders, users = [COMPILER_FOLDER / "__pycache__"], cache_folder()
+    return folders if users is None else [*folders, users / package]
 
 
 def read_code(name: str, key: str) -> bytes | None:
@@ -72,11 +72,11 @@ def read_code(name: str, key: str) -> bytes | None:
         except OSError:
             continue
         try:
-            found, code = _decode(content)
+            stored_version, code = _decode(content)
         except ValueError:
             warn_once("damaged", f"{path} is damaged: what it held is compiled anew")
             continue
-        if found == key:
+        if stored_version == key:
             return code
     return None
 
@@ -160,8 +160,8 @@ def _decode(content: bytes) -> tuple[str, bytes]:
         These are not the bytes that were written.
     """
     start = len(MAGIC) + DIGEST_SIZE
-    head, body = content[:start], content[start:]
-    if head != MAGIC + hashlib.sha256(body).digest():
+    header, body = content[:start], content[start:]
+    if header != MAGIC + hashlib.sha256(body).digest():
         raise ValueError("checksum")
     end = LENGTH_SIZE + int.from_bytes(body[:LENGTH_SIZE], "little")
     return body[LENGTH_SIZE:end].decode(), body[end:]
@@ -249,12 +249,12 @@ def _code_text(code: CodeType) -> str:
     """Bytecode, names and constants, also of functions within."""
     parts = [code.co_code.hex(), repr(code.co_varnames), repr(code.co_names)]
     for constant in code.co_consts:
-        within = isinstance(constant, CodeType)
-        parts.append(_code_text(constant) if within else repr(constant))
+        is_code = isinstance(constant, CodeType)
+        parts.append(_code_text(constant) if is_code else repr(constant))
     return " ".join(parts)
 
 
 def _looked_up_names(code: CodeType) -> list[str]:
     """Names that a function and those within it look up."""
-    within = [c for c in code.co_consts if isinstance(c, CodeType)]
-    return [*code.co_names, *(name for c in within for name in _looked_up_names(c))]
+    nested = [c for c in code.co_consts if isinstance(c, CodeType)]
+    return [*code.co_names, *(name for c in nested for name in _looked_up_names(c))]

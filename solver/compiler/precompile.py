@@ -157,11 +157,11 @@ def _compile(
 ) -> None:
     """On all processors, if what they compile can be kept on disk for this one."""
     count = sum(map(len, groups))
-    many = count >= max(at_least, 1)
-    if many and say is not None and not has_listener():
+    is_announced = count >= max(at_least, 1)
+    if is_announced and say is not None and not has_listener():
         say(f"compiling {count} kernels, once (half a minute or less)")
     queue, done = deque(groups), list[Group]()
-    width = processors() if many and kernel_cache.is_writable() else 0
+    width = processors() if is_announced and kernel_cache.is_writable() else 0
 
     def report() -> None:
         if count:

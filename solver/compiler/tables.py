@@ -45,12 +45,12 @@ class TableType(types.Type):
         Types of fields that they see otherwise.
     """
 
-    def __init__(self, owner: type[Table], name: str = "", **seen: Any) -> None:
+    def __init__(self, owner: type[Table], name: str = "", **members: Any) -> None:
         super().__init__(f"{owner.__module__}.{owner.__qualname__}{name}")
         hints = get_type_hints(owner, include_extras=True)
         self.fields = tuple(owner.__annotations__)
         known = {field: self._member(owner, hints[field]) for field in self.fields}
-        self.members = known | seen
+        self.members = known | members
         self.scalars: dict[str, int] = {
             field: _NUMBER_TYPE_LIST.index(kind)
             for field, kind in self.members.items()
@@ -133,9 +133,11 @@ def _array_layout(kind: TableType, shapes: Mapping[str, tuple[int, ...]]) -> Any
 
 def _check_names(kind: TableType, given: Mapping[str, Any]) -> None:
     """Raises TypeError where a field that is no number lacks, or one does not exist."""
-    wrong = ({*kind.members} ^ {*given}) - {*kind.scalars}
-    if wrong:
-        raise TypeError(f"lacking or no fields of {kind}: {', '.join(sorted(wrong))}")
+    unexpected = ({*kind.members} ^ {*given}) - {*kind.scalars}
+    if unexpected:
+        raise TypeError(
+            f"lacking or no fields of {kind}: {', '.join(sorted(unexpected))}"
+        )
 
 
 def _address_of(array: np.ndarray) -> int:
@@ -202,7 +204,7 @@ class Table:
             gap = -base % ALIGNMENT
             table = cls.__new__(cls)
             table.__dict__.update(unchanged, _views=views, _zeros=memory[gap:])
-            tables = {field: made() for field, made in makers.items()}
+            tables = {field: make_table() for field, make_table in makers.items()}
             table._set(tables, known + (base + gap) * inside)
             return table
 

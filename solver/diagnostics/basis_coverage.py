@@ -54,7 +54,7 @@ def unrepresented_loads(system: System, start: StateVectors) -> Iterator[str]:
     """
     ends = _loaded_markers(system.scene)
     checks = (_may_be_rigid, is_poorly_represented, is_unassessed)
-    if any(doubt(system, *end) for doubt in checks for end in ends):
+    if any(check(system, *end) for check in checks for end in ends):
         loads = list(_body_loads(system, start))
         yield from _rigid_directions(system, loads)
         yield from poor_direction_notes(system, loads)
@@ -74,10 +74,10 @@ def _body_loads(system: System, start: StateVectors) -> Iterator[Load]:
 
 def _rigid_directions(system: System, loads: list[Load]) -> Iterator[str]:
     """Of markers that no shape function moves where they are loaded."""
-    found: RigidDirections = {}
+    by_marker: RigidDirections = {}
     for load in loads:
-        _find_rigid_direction(system, *load, found)
-    for (body, marker), directions in found.items():
+        _find_rigid_direction(system, *load, by_marker)
+    for (body, marker), directions in by_marker.items():
         names = list(dict.fromkeys(directions.values()))
         shapes = suggested_shapes(system.bodies[system.index(body)].sid)
         yield (
@@ -105,14 +105,14 @@ def _may_be_rigid(system: System, body: str, marker: str) -> bool:
     node = data.node(marker)
     if _is_frame_node(data.sid, node):
         return False
-    move, turn = (slice(2), slice(2, 3)) if system.planar else (slice(3), slice(3))
+    move, rotation = (slice(2), slice(2, 3)) if system.planar else (slice(3), slice(3))
     least = MIN_DISPLACEMENT * data.sid.nq**0.5
     return any(
         len(shapes) > data.sid.nq
         or np.linalg.svd(shapes, compute_uv=False)[-1] <= least * largest
         for shapes, largest in (
             (node.phi.m0[move], _largest_shape_entry(data.sid)),
-            (node.psi.m0[turn], _largest_rotation_entry(data.sid)),
+            (node.psi.m0[rotation], _largest_rotation_entry(data.sid)),
         )
     )
 
@@ -136,7 +136,7 @@ def _joint_loads(state: InitialState) -> Iterator[Load]:
                 continue
             C = state.work.C[offset : offset + rd + nq]
             axes = 2 if system.planar else 3
-            f, m = _row_as_3d(C[:axes]), _row_as_3d(C[axes:rd], turn=True)
+            f, m = _row_as_3d(C[:axes]), _row_as_3d(C[axes:rd], is_rotation=True)
             m = m - np.cross(body.node(marker).position, f)
             if np.linalg.norm(f) > MIN_DISPLACEMENT:
                 m = np.zeros(3)
@@ -158,8 +158,8 @@ def _force_loads(state: InitialState) -> Iterator[Load]:
             R = np.asarray(system.bodies[b].node(marker).AP.m0).T
         f = R.T @ _pad_vector(force.force)
         torque = np.ravel(force.torque or 0.0)
-        turn = torque if len(torque) == 3 else np.array([0.0, 0.0, torque[0]])
-        for kind, vector in enumerate((f, R.T @ turn)):
+        moment = torque if len(torque) == 3 else np.array([0.0, 0.0, torque[0]])
+        for kind, vector in enumerate((f, R.T @ moment)):
             if np.any(vector):
                 pair = [np.zeros(3), np.zeros(3)]
                 pair[kind] = vector
@@ -172,7 +172,7 @@ def _find_rigid_direction(
     f: Array,
     m: Array,
     owner: str,
-    found: RigidDirections,
+    directions: RigidDirections,
 ) -> None:
     """Enters a force f or a moment m at a marker that does not deform its body."""
     body = system.bodies[system.index(position[0])]
@@ -193,15 +193,15 @@ def _find_rigid_direction(
         direction_text = (
             f"{'about' if is_moment else 'along'} {_direction_text(vector / size)}"
         )
-        found.setdefault(position, {}).setdefault(direction_text, owner)
+        directions.setdefault(position, {}).setdefault(direction_text, owner)
 
 
 def _largest_shape_entry(sid: SID) -> float:
     """The size of what shape functions move, also if they turn the nodes only."""
     size = max(float(np.abs(n.position).max(initial=0.0)) for n in sid.nodes)
-    moved = [float(np.abs(n.phi.m0).max(initial=0.0)) for n in sid.nodes]
-    turned = [float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes]
-    return max(*moved, *(size * turn for turn in turned)) or 1.0
+    displacements = [float(np.abs(n.phi.m0).max(initial=0.0)) for n in sid.nodes]
+    rotations = [float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes]
+    return max(*displacements, *(size * rotation for rotation in rotations)) or 1.0
 
 
 def _largest_rotation_entry(sid: SID) -> float:
@@ -210,11 +210,11 @@ def _largest_rotation_entry(sid: SID) -> float:
 
 def _is_frame_node(sid: SID, node: Node) -> bool:
     """True if the body frame moves with a node: no shape function does."""
-    moved, turned = (
+    displacement, rotation = (
         _is_zero(node.phi.m0, _largest_shape_entry(sid)),
         _largest_rotation_entry(sid),
     )
-    return moved and _is_zero(node.psi.m0, turned)
+    return displacement and _is_zero(node.psi.m0, rotation)
 
 
 def _is_zero(shapes: Array, largest: float) -> bool:
@@ -255,10 +255,10 @@ def _pad_vector(values: tuple[float, ...] | None) -> Array:
     return full
 
 
-def _row_as_3d(part: Array, turn: bool = False) -> Array:
+def _row_as_3d(part: Array, is_rotation: bool = False) -> Array:
     """Components of a planar or spatial row, in three dimensions."""
     full = np.zeros(3)
-    if turn and len(part) == 1:
+    if is_rotation and len(part) == 1:
         full[2] = part[0]
     else:
         full[: len(part)] = part

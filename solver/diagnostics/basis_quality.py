@@ -69,8 +69,8 @@ def loads_at_markers(
 ) -> dict[tuple[str, str], list[tuple[Array, str]]]:
     """Forces and moments (6,) with what exerts them, by body and marker."""
     loads_by_marker: dict[tuple[str, str], list[tuple[Array, str]]] = {}
-    for where, force, moment, name in loads:
-        loads_by_marker.setdefault(where, []).append(
+    for end, force, moment, name in loads:
+        loads_by_marker.setdefault(end, []).append(
             (np.concatenate([force, moment]), name)
         )
     return loads_by_marker
@@ -88,15 +88,15 @@ def _poor_shares(system: System, data: BodyData, marker: str) -> dict[int, float
     known = np.array([np.nan if x is None else x for x in row])
     own = unit_load_compliances(data.sid, compliance.free)[0][node]
     full = own / np.maximum(known, MISSING_SHARE)
-    found: dict[int, float] = {}
+    shares: dict[int, float] = {}
     for kind in load_directions(system):
         full[kind] = np.where(known[kind] > MISSING_SHARE, full[kind], 0.0)
         largest = np.nanmax(full[kind], initial=0.0)
         for k in kind:
             small = full[k] - own[k] <= SMALL_FRACTION * largest
             if MISSING_SHARE < known[k] < (HALF_SHARE if small else MIN_SHARE):
-                found[k] = float(known[k])
-    return found
+                shares[k] = float(known[k])
+    return shares
 
 
 def load_directions(system: System) -> tuple[list[int], list[int]]:
@@ -159,10 +159,10 @@ def poor_inertia_notes(system: System, start: StateVectors) -> Iterator[str]:
             frame = start_frame(system, start.z, start.v, data.name)
         loads = expected_loads(system, frame, history.times, data.name)
         both = np.hstack([loads.acceleration, loads.angular_acceleration])
-        found = _poor_inertia_shares(system, data, np.abs(both).max(axis=0))
-        if found:
+        shares = _poor_inertia_shares(system, data, np.abs(both).max(axis=0))
+        if shares:
             yield (
-                f"the shape functions of {data.name} carry {_shares_text(found)} "
+                f"the shape functions of {data.name} carry {_shares_text(shares)} "
                 "under its "
                 "own weight and inertia: more modes, or attachment modes, carry it"
             )
@@ -183,7 +183,7 @@ def _poor_inertia_shares(
     assert compliance is not None
     own = unit_load_compliances(data.sid, compliance.free)[1]
     full = inertia_work_of_full_body(compliance.lost, own)
-    found = {}
+    poor = {}
     for kind, directions in zip(
         (_FORCES, _MOMENTS), load_directions(system), strict=True
     ):
@@ -191,8 +191,8 @@ def _poor_inertia_shares(
         for k in directions:
             loaded = largest > 0.0 and size[k] > LOADED_FRACTION * largest
             if loaded and compliance.lost[k] > 1.0 - MIN_SHARE:
-                found[k] = float(own[k] / full[k]) if full[k] else 0.0
-    return found
+                poor[k] = float(own[k] / full[k]) if full[k] else 0.0
+    return poor
 
 
 #: Words of labels of shape functions that are answers to static loads.
@@ -219,17 +219,17 @@ def unassessed_loads(system: System, loads: Iterable[Load]) -> Iterator[str]:
     texts: dict[str, list[str]] = {}
     for (body, marker), acting in loads_at_markers(loads).items():
         spanned_ = spanned_fraction(np.array([vector for vector, _ in acting]))
-        found = _upper_half_shares(system, body, marker)
-        found = {k: share for k, share in found.items() if spanned_[k] > HALF_SHARE}
-        if found:
-            worst = max(found, key=lambda k: found[k])
-            names = dict.fromkeys(name for v, name in acting if v[list(found)].any())
+        shares = _upper_half_shares(system, body, marker)
+        shares = {k: share for k, share in shares.items() if spanned_[k] > HALF_SHARE}
+        if shares:
+            worst = max(shares, key=lambda k: shares[k])
+            names = dict.fromkeys(name for v, name in acting if v[list(shares)].any())
             where = f"that {direction_text(worst)} at {marker} ({', '.join(names)})"
             text = (
-                f"{100.0 * found[worst]:.0f} % of {where} rests on the upper half of "
+                f"{100.0 * shares[worst]:.0f} % of {where} rests on the upper half of "
                 "the natural modes that take part in it, and more modes may add as much"
             )
-            if found[worst] > _FULL_SHARE:
+            if shares[worst] > _FULL_SHARE:
                 text = (
                     f"{where} rests on natural modes of one frequency alone, and "
                     "nothing tells how much more modes would add"
@@ -251,27 +251,27 @@ def _upper_half_shares(system: System, body: str, marker: str) -> dict[int, floa
     if halves is None:
         return {}
     lower, own = halves[data.node(marker).id]
-    found: dict[int, float] = {}
+    shares: dict[int, float] = {}
     for kind in load_directions(system):
         largest = max((own[k] for k in kind), default=0.0)
         for k in kind:
             share = 1.0 - lower[k] / own[k] if own[k] > _NEGLIGIBLE * largest else 0.0
             small = own[k] - lower[k] <= SMALL_FRACTION * largest
             if share > (HALF_SHARE if small else 1.0 - MIN_SHARE):
-                found[k] = float(share)
-    return found
+                shares[k] = float(share)
+    return shares
 
 
 def _half_compliances(system: System) -> dict[str, HalfCompliances]:
     """Of the bodies of which nothing is known."""
-    found = {}
+    compliances = {}
     for data in system.bodies:
         known = data.sid.carried is not None or _has_static_shapes(data.sid)
         if data.is_scene_body and data.sid.nq and not known:
             halves = _natural_mode_halves(data.sid)
             if halves is not None:
-                found[data.name] = halves
-    return found
+                compliances[data.name] = halves
+    return compliances
 
 
 def _has_static_shapes(sid: SID) -> bool:
@@ -289,12 +289,12 @@ def _natural_mode_halves(sid: SID) -> HalfCompliances | None:
     if not squares[0] > 0.0:
         return None
     modes = inverse.T @ vectors / np.sqrt(squares)
-    found = {}
+    halves = {}
     for node in sid.nodes:
         parts = (np.vstack([node.phi.m0, node.psi.m0]) @ modes) ** 2
         lower = [_lower_half_sum(squares, part) for part in parts]
-        found[node.id] = (np.array(lower), parts.sum(axis=1))
-    return found
+        halves[node.id] = (np.array(lower), parts.sum(axis=1))
+    return halves
 
 
 def _lower_half_sum(squares: Array, parts: Array) -> float:

@@ -164,21 +164,21 @@ def expected_bodies(system: System, start: StateVectors) -> dict[str, FlexibleBo
     history = system.cached(drive_history)
     excited = excitation(system, history)
     frames = prescribed_frames(system, history)
-    found: dict[str, FlexibleBody] = {}
+    bodies: dict[str, FlexibleBody] = {}
     for data in system.flexible:
         frame = frames.get(data.name)
         if frame is None:
             frame = start_frame(system, start.z, start.v, data.name)
         loads = expected_loads(system, frame, history.times, data.name)
         expected = largest_stiffening(data.sid, loads, history.times)
-        found[data.name] = FlexibleBody(
+        bodies[data.name] = FlexibleBody(
             highest_frequency(data.sid),
             excited,
             expected,
             labels=data.sid.labels,
             names=tuple(f"q{number}" for number in data.coordinate_numbers),
         )
-    return found
+    return bodies
 
 
 class LoadExtrema:
@@ -206,12 +206,12 @@ class LoadExtrema:
             q, _ = elastic_coordinates(self.system, samples, self.system.index(name))
             loads = recorded_loads(evaluated, name)
             least = abs(body.found.ratio) if body.found else 0.0
-            found = largest_stiffening(sid, loads, times, least)
+            stiffness = largest_stiffening(sid, loads, times, least)
             largest = np.nanmax(np.abs(q), axis=0, initial=0.0)
             self.bodies[name] = replace(
                 body,
                 found=_combine_stiffening(
-                    body.found, replace(found, inertia=inertia[name])
+                    body.found, replace(stiffness, inertia=inertia[name])
                 ),
                 amplitudes=np.maximum(body.amplitudes, largest)
                 if body.found
@@ -262,13 +262,13 @@ def _larger_stiffening(one: LoadStiffening, other: LoadStiffening) -> LoadStiffe
 
 
 def _combine_stiffening(
-    before: LoadStiffening | None, found: LoadStiffening
+    before: LoadStiffening | None, new: LoadStiffening
 ) -> LoadStiffening:
     """The worse one, with the largest change of inertia of both."""
     if before is None:
-        return found
-    largest = max(before.inertia, found.inertia)
-    return replace(_larger_stiffening(before, found), inertia=largest)
+        return new
+    largest = max(before.inertia, new.inertia)
+    return replace(_larger_stiffening(before, new), inertia=largest)
 
 
 def relative_deflection(sid: SID, q: Array, least: float) -> float:
@@ -316,14 +316,14 @@ def _largest_displacement(shapes: Array, q: Array, least: float) -> float:
     bounds = np.zeros(len(q))
     for part in _row_groups(len(q), len(shapes)):
         bounds[part] = np.nan_to_num((np.abs(q[part]) @ lengths.T).max(axis=1))
-    order, found = np.argsort(-bounds), least
+    order, largest = np.argsort(-bounds), least
     for part in _row_groups(len(q), shapes.size):
         rows = order[part]
-        if bounds[rows[0]] <= found:
+        if bounds[rows[0]] <= largest:
             break
         u = np.einsum("tl,nal->tna", q[rows], shapes)
-        found = max(found, float(np.nanmax(np.linalg.norm(u, axis=2))))
-    return found
+        largest = max(largest, float(np.nanmax(np.linalg.norm(u, axis=2))))
+    return largest
 
 
 def _row_groups(count: int, numbers: int) -> Iterator[slice]:
@@ -350,16 +350,16 @@ def find_state_warnings(system: System, z: Array) -> tuple[str, ...]:
 
 def find_state_failure(system: System, z: Array) -> str:
     """Why states z (nt, n positions) mean nothing; empty where they mean something."""
-    found = _measure_deformations(system, z)
-    worst = max(found, key=lambda name: found[name][0], default="")
-    if not worst or not found[worst][0] > MEANINGLESS_DEFLECTION:
+    measured = _measure_deformations(system, z)
+    worst = max(measured, key=lambda name: measured[name][0], default="")
+    if not worst or not measured[worst][0] > MEANINGLESS_DEFLECTION:
         return ""
-    return f"gives numbers without meaning: {deformation_text(worst, *found[worst])}"
+    return f"gives numbers without meaning: {deformation_text(worst, *measured[worst])}"
 
 
 def _measure_deformations(system: System, z: Array) -> dict[str, tuple[float, float]]:
     """Largest deflection over size, and largest elastic rotation [rad], by body."""
-    found = {}
+    deformations = {}
     for data in system.flexible if len(z) else ():
         row = system.arrays.body[system.index(data.name)]
         end = int(row[at.POS] + row[at.NP])
@@ -368,5 +368,5 @@ def _measure_deformations(system: System, z: Array) -> dict[str, tuple[float, fl
             relative_deflection(data.sid, q, 0.0),
             largest_elastic_rotation(data.sid, q, 0.0),
         )
-        found[data.name] = deformation
-    return found
+        deformations[data.name] = deformation
+    return deformations

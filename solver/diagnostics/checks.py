@@ -172,10 +172,10 @@ def _check_orientations(system: System) -> None:
         if body not in bodies:
             continue
         node = bodies[body].node(marker)
-        wrong = orientation_fault(node.AP.m0)
-        if wrong:
+        fault = orientation_fault(node.AP.m0)
+        if fault:
             raise InputError(
-                f"{what} acts on node {node.id} of {body}, whose AP {wrong}",
+                f"{what} acts on node {node.id} of {body}, whose AP {fault}",
                 place=place,
                 expected="a rotation (`sidtool validate`, I18; `convert --repair` may "
                 "mend it), or --accept-defects",

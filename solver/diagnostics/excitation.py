@@ -62,17 +62,19 @@ def excitation(system: System, history: DriveHistory) -> Excitation:
     with kinks also as a triangular wave of its range and its steepest slope; a
     prescribed angle that goes round also as its rotation.
     """
-    found = [Excitation()]
+    excitations = [Excitation()]
     for row, name in enumerate(system.scene.drives):
-        found += [
+        excitations += [
             _function_excitation(system, row, name),
             _rotation_excitation(system, history, name),
         ]
     for element in system.forces:
         given = element.kind <= at.FOLLOWER_LOAD
         if element.function >= 0 and (any(element.data) or not given):
-            found.append(_function_excitation(system, element.function, element.name))
-    return max(found, key=lambda e: e.frequency)
+            excitations.append(
+                _function_excitation(system, element.function, element.name)
+            )
+    return max(excitations, key=lambda e: e.frequency)
 
 
 def _function_excitation(system: System, row: int, name: str) -> Excitation:
@@ -85,8 +87,8 @@ def _function_excitation(system: System, row: int, name: str) -> Excitation:
         omega, amplitude = _harmonic_parameters(system, row)
         return Excitation(omega / (2.0 * math.pi), name) if amplitude else Excitation()
     t, interval_times = _sample_times(system, row)
-    found = function_history(system, row, interval_times.ravel(), t.ravel())
-    f, slope = found[:, :2].T.reshape(2, *t.shape)
+    histories = function_history(system, row, interval_times.ravel(), t.ravel())
+    f, slope = histories[:, :2].T.reshape(2, *t.shape)
     amplitude = 0.5 * np.ptp(f)
     if amplitude <= NO_VARIATION * np.abs(f).max():
         return Excitation()
@@ -145,8 +147,8 @@ def _rotation_excitation(
     rate = _largest_angular_rate(system, history, name)
     if np.ptp(history.values[name][0]) < 2.0 * math.pi:
         return Excitation()
-    words = f"{name} turns at up to {rate:.4g} rad/s"
-    return Excitation(rate / (2.0 * math.pi), words)
+    text = f"{name} turns at up to {rate:.4g} rad/s"
+    return Excitation(rate / (2.0 * math.pi), text)
 
 
 def _largest_angular_rate(system: System, history: DriveHistory, name: str) -> float:

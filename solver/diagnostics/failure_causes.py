@@ -166,18 +166,18 @@ def mass_rounding_cause(system: System, work: at.WorkArrays) -> str:
 
     Compared are mass and moments of inertia over the size of the mechanism squared.
     """
-    sizes, found = coordinate_sizes(system), {}
+    sizes, diagonals = coordinate_sizes(system), {}
     for row, body in zip(system.arrays.body, system.bodies, strict=True):
         n, rd, first = int(row[at.NV]), int(row[at.RD]), int(row[at.BLOCK])
         M = work.M[first : first + n * n].reshape(n, n)
         if rd and np.isfinite(M).all():
-            found[body.name] = (M.diagonal() * sizes[row[at.VEL] :][:n] ** 2)[:rd]
-    largest = max((inertia.max() for inertia in found.values()), default=0.0)
-    lightest = min(found, key=lambda name: found[name].min(), default="")
-    if not lightest or found[lightest].min() > LIGHT_BODY_RATIO * largest:
+            diagonals[body.name] = (M.diagonal() * sizes[row[at.VEL] :][:n] ** 2)[:rd]
+    largest = max((inertia.max() for inertia in diagonals.values()), default=0.0)
+    lightest = min(diagonals, key=lambda name: diagonals[name].min(), default="")
+    if not lightest or diagonals[lightest].min() > LIGHT_BODY_RATIO * largest:
         return ""
-    heaviest = max(found, key=lambda name: found[name].max())
-    ratio = found[lightest].min() / largest
+    heaviest = max(diagonals, key=lambda name: diagonals[name].max())
+    ratio = diagonals[lightest].min() / largest
     return (
         f"; the inertia of {lightest} is {ratio:.1g} of that of {heaviest}, which "
         "rounding hides: give it more, or put a joint in its place (a massless rod is "

@@ -136,16 +136,16 @@ def _without_whirl_softening(
     axes: list[Array] = []
     corrections: list[Array] = []
     while True:
-        found = _largest_eigenvalue(loading.columns, loading.reduced, least=least)
-        w = loads.angular_velocity[found.row]
-        if not found.shape.any() or not w.any() or len(axes) == _MAX_PAIRS:
-            return loading, found
+        extreme = _largest_eigenvalue(loading.columns, loading.reduced, least=least)
+        w = loads.angular_velocity[extreme.row]
+        if not extreme.shape.any() or not w.any() or len(axes) == _MAX_PAIRS:
+            return loading, extreme
         main = _main_load(
-            loading.columns[found.row], loading.reduced, loading.owners, found.shape
+            loading.columns[extreme.row], loading.reduced, loading.owners, extreme.shape
         )
-        x = basis @ found.shape
+        x = basis @ extreme.shape
         if main != "rotation" or not _is_whirl_pair(sid, w, x):
-            return loading, found
+            return loading, extreme
         axis = w / np.linalg.norm(w)
         softening = np.tensordot(rotation_products(axis), units, 1)
         for other, change in zip(axes, corrections, strict=True):
@@ -262,18 +262,18 @@ def _largest_eigenvalue(
     gram = np.einsum("iab,jab->ij", reduced, reduced)
     norms = np.sqrt(np.maximum(np.einsum("ti,ij,tj->t", columns, gram, columns), 0.0))
     order = np.argsort(-norms, kind="stable")
-    found = _ExtremeEigenvalue(int(order[0]), 0.0, np.zeros(reduced.shape[1]))
+    extreme = _ExtremeEigenvalue(int(order[0]), 0.0, np.zeros(reduced.shape[1]))
     for first in range(0, len(order), BATCH_SIZE):
         rows = order[first : first + BATCH_SIZE]
-        if norms[rows[0]] <= max(abs(found.ratio), least):
+        if norms[rows[0]] <= max(abs(extreme.ratio), least):
             break
         values, vectors = np.linalg.eigh(np.tensordot(columns[rows], reduced, 1))
         sizes = values if signed else np.abs(values)
         k, mode = np.unravel_index(sizes.argmax(), values.shape)
-        if sizes[k, mode] > abs(found.ratio):
+        if sizes[k, mode] > abs(extreme.ratio):
             row, shape = int(rows[k]), vectors[k, :, mode]
-            found = _ExtremeEigenvalue(row, float(values[k, mode]), shape)
-    return found
+            extreme = _ExtremeEigenvalue(row, float(values[k, mode]), shape)
+    return extreme
 
 
 def _is_unstable(sid: SID, w: Array, added: Array) -> bool:
@@ -284,8 +284,8 @@ def _is_unstable(sid: SID, w: Array, added: Array) -> bool:
     n, gyroscopic = sid.nq, np.einsum("akl,a->kl", ge(sid), w)
     stiffness = symmetrise(sid.Ke.m0) + added
     inverse = np.linalg.pinv(symmetrise(sid.Me.m0))
-    below = np.hstack([-inverse @ stiffness, -inverse @ gyroscopic])
-    matrix = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), below])
+    accelerations = np.hstack([-inverse @ stiffness, -inverse @ gyroscopic])
+    matrix = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), accelerations])
     values = np.linalg.eigvals(matrix)
     return bool(values.real.max() > GROWTH_TOLERANCE * np.abs(values).max())
 
@@ -331,10 +331,10 @@ def changes_of_inertia(
     rows
         States to look at, by body.
     """
-    found = dict.fromkeys(rows, 0.0)
+    changes = dict.fromkeys(rows, 0.0)
     states = set[int]().union(*(states.tolist() for states in rows.values()))
     if not states:
-        return found
+        return changes
     work = new_work_arrays(system)
     bodies = {name: system.index(name) for name in rows if len(rows[name])}
     bases = {
@@ -347,8 +347,8 @@ def changes_of_inertia(
                 change = _elastic_block(system, work.M, b)
                 change = change - symmetrise(system.bodies[b].sid.Me.m0)
                 share = _largest_inertia(bases[name].T @ change @ bases[name])
-                found[name] = max(found[name], share)
-    return found
+                changes[name] = max(changes[name], share)
+    return changes
 
 
 def _mass_normalised_basis(sid: SID) -> Array:

@@ -69,14 +69,14 @@ def controllers(scene: SceneFile) -> Iterator[tuple[str, Pid]]:
 
 def _length_warnings(system: System, size: float) -> Iterator[str]:
     """What is to be reached far beyond the mechanism."""
-    found = []
+    lengths = []
     for name, law in controllers(system.scene):
         if law.measured.endswith(_LENGTH_OUTPUTS) and isinstance(law.reference, float):
-            found.append((f"the reference of {name}", law.reference))
+            lengths.append((f"the reference of {name}", law.reference))
     for name, force in system.scene.forces.items():
         if isinstance(force, SpringDamper) and force.markers is not None:
-            found.append((f"the rest length of {name}", force.rest))
-    for what, length in found:
+            lengths.append((f"the rest length of {name}", force.rest))
+    for what, length in lengths:
         if abs(length) > _MAX_LENGTH_RATIO * size > 0.0:
             yield (
                 f"{what} is {length:g} m, and the mechanism is {size:.3g} m "

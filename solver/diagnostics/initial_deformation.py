@@ -96,8 +96,10 @@ def _with_sampled_friction_states(system: System, first: Samples) -> System:
     if not system.friction_joints:
         return system
     friction_state = system.arrays.friction_state.copy()
-    sense = -np.sign(first.friction[0, :, OUTPUT_FRICTION])
-    friction_state[:, at.SLIP_DIRECTION] = np.where(first.sticking[0], 0.0, sense)
+    slip_direction = -np.sign(first.friction[0, :, OUTPUT_FRICTION])
+    friction_state[:, at.SLIP_DIRECTION] = np.where(
+        first.sticking[0], 0.0, slip_direction
+    )
     friction_state[:, at.CONTACT_SIDE :] = 0.0
     return replace(system, arrays=system.arrays.replaced(friction_state=friction_state))
 
@@ -123,16 +125,17 @@ def _missing_deformation(
     values, U = np.linalg.eigh(stiffness)
     values = np.maximum(values, CONSTRAINED_FREQUENCY * values[-1])
     root = U * np.sqrt(values)
-    rest = acceleration_under(np.zeros(len(values)))
+    free_acceleration = acceleration_under(np.zeros(len(values)))
     responses = np.array(
-        [acceleration_under(UNIT_FORCE_FACTOR * column) - rest for column in root.T]
+        [
+            acceleration_under(UNIT_FORCE_FACTOR * column) - free_acceleration
+            for column in root.T
+        ]
     ).T
     responses /= UNIT_FORCE_FACTOR
     squares = root.T @ responses
     y = np.linalg.pinv(
         (squares + squares.T) / 2, rcond=CONSTRAINED_FREQUENCY, hermitian=True
     )
-    found: Array = U @ (
-        y @ (root.T @ first.accelerations[0, elastic]) / np.sqrt(values)
-    )
-    return found
+    q: Array = U @ (y @ (root.T @ first.accelerations[0, elastic]) / np.sqrt(values))
+    return q

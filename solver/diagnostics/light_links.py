@@ -65,8 +65,8 @@ def refuse_light_links(system: System, start: StateVectors) -> None:
     for b, data in enumerate(system.bodies):
         least = _inertia_range(system, data)[0]
         links = attached.get(data.name, [])
-        beside = [marker_reference(link.other)[0] for link in links]
-        others = [name for name in beside if name != GROUND_NAME]
+        neighbours = [marker_reference(link.other)[0] for link in links]
+        others = [name for name in neighbours if name != GROUND_NAME]
         if data.sid.nq or len(links) < 2 or not others or not data.is_scene_body:
             continue
         heavy = max(others, key=lambda name: heaviest[name])
@@ -81,17 +81,17 @@ def refuse_light_links(system: System, start: StateVectors) -> None:
 
 
 def _joints_by_body(system: System) -> dict[str, list[_AttachedJoint]]:
-    found: dict[str, list[_AttachedJoint]] = {}
+    joints: dict[str, list[_AttachedJoint]] = {}
     for name, joint in system.scene.joints.items():
         ends: dict[str, str] = {}
         for text in marker_names(joint):
             ends.setdefault(marker_reference(text)[0], text)
         for body, own in ends.items():
-            for other in (text for there, text in ends.items() if there != body):
-                found.setdefault(body, []).append(
+            for other in (text for end_body, text in ends.items() if end_body != body):
+                joints.setdefault(body, []).append(
                     _AttachedJoint(name, joint, own, other)
                 )
-    return found
+    return joints
 
 
 def _inertia_range(system: System, data: BodyData) -> tuple[float, float]:
@@ -144,19 +144,21 @@ def _replacement_text(
     """The joint that does what a link without inertia does."""
     pins = _PINS["planar" if system.planar else "spatial"]
     moment = limit * _body_size(data) ** 2
-    enough = f"a mass of {_RECOMMENDED_FACTOR * limit:.2g} kg or more"
+    suggestion = f"a mass of {_RECOMMENDED_FACTOR * limit:.2g} kg or more"
     if data.rotates:
-        enough += (
+        suggestion += (
             f" and moments of inertia of {_RECOMMENDED_FACTOR * moment:.2g} kg "
             "m2 or more"
         )
     if len(links) != 2 or any(link.joint.type not in pins for link in links):
-        return f"joints between the bodies that it connects in its place, or {enough}"
+        return (
+            f"joints between the bodies that it connects in its place, or {suggestion}"
+        )
     one, two = links
     ends = [data.node(marker_reference(link.own)[1]).position for link in links]
     length = float(np.linalg.norm(ends[1] - ends[0]))
     return (
         f"in the place of {data.name}, {one.name} and {two.name} a joint of type "
         f'distance, markers = ["{one.other}", "{two.other}"], length = {length:.6g}; '
-        f"or {enough}"
+        f"or {suggestion}"
     )

@@ -62,10 +62,10 @@ class OutputNotes:
         self._names = (*recorded.names, *multiplier_names(self.system))
         values = np.hstack([recorded.values, recorded.multipliers])
         missing = ~np.isfinite(values)
-        when = t[missing.any(axis=1)]
-        if len(when):
-            self._first = self._first if self._count else float(when[0])
-            self._count += len(when)
+        missing_times = t[missing.any(axis=1)]
+        if len(missing_times):
+            self._first = self._first if self._count else float(missing_times[0])
+            self._count += len(missing_times)
             columns = zip(self._names, np.any(missing, axis=0).tolist(), strict=True)
             self._undefined.update(name for name, bad in columns if bad)
 
@@ -85,10 +85,10 @@ class OutputNotes:
         """Of outputs and multipliers that are not numbers."""
         if not self._count:
             return []
-        what = [name for name in self._names if name in self._undefined]
+        names = ", ".join(n for n in self._names if n in self._undefined)
         more = f" and at {self._count - 1} other times" if self._count > 1 else ""
         return [
-            f"{', '.join(what)} could not be computed at t = {self._first:.9g} s{more}:"
+            f"{names} could not be computed at t = {self._first:.9g} s{more}:"
             " the constraints depend on each other there (singular configuration)"
         ]
 
@@ -235,9 +235,13 @@ def rotation_error_notes(
     """Of rotations in which what Newton's iteration leaves of long steps adds up."""
     turns = float(control.largest_angular_velocity * control.duration)
     turns /= 2.0 * np.pi
-    loose = settings.rtol > MAX_RADAU13_TOLERANCE and settings.step is None
+    is_loose = settings.rtol > MAX_RADAU13_TOLERANCE and settings.step is None
     free = control.errors_accumulate == 1
-    if settings.integrator != "radau13" or not (loose and free) or turns < MANY_TURNS:
+    if (
+        settings.integrator != "radau13"
+        or not (is_loose and free)
+        or turns < MANY_TURNS
+    ):
         return []
     return [
         f"radau13 takes so long steps that errors add up over {turns:.0f} turns: "
@@ -264,14 +268,14 @@ def skipped_feature_notes(
             begin = max(float(known.starts[k]), system.scene.time.start)
             narrow = known.lengths[is_skipped].min()
             notes.append(f"{name} changes within {narrow:.3g} s (t = {begin:.6g} s)")
-    for k, (count, when) in enumerate(control.passed_features):
+    for k, (count, last_time) in enumerate(control.passed_features):
         force = system.forces[k // 2]
         known = force.law.rate_features() if k % 2 else force.law.features()
         if count:
             what = "rate" if k % 2 else "deflection"
             notes.append(
                 f"{force.name} changes within {known.lengths.min():.3g} of its {what}, "
-                f"passed {_count_text(int(count))} (first after t = {when:.6g} s)"
+                f"passed {_count_text(int(count))} (first after t = {last_time:.6g} s)"
             )
     if not notes:
         return []

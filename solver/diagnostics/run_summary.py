@@ -70,12 +70,12 @@ class RunDiagnostics:
         """True if what is added may be kept for later."""
         return self._numbers <= MAX_PENDING_NUMBERS
 
-    def add(self, found: RecordedOutputs, t: Array) -> None:
+    def add(self, recorded: RecordedOutputs, t: Array) -> None:
         """Recorded rows."""
-        samples = found.samples
+        samples = recorded.samples
 
         def process() -> None:
-            self._found.output_notes.add(t, found)
+            self._found.output_notes.add(t, recorded)
             self._found.vibrations.add(samples)
             self._found.load_extrema.add(samples, t)
 
@@ -107,8 +107,8 @@ class RunDiagnostics:
 
     def _process_pending(self) -> None:
         waiting, self._waiting = self._waiting, []
-        for look in waiting:
-            look()
+        for process in waiting:
+            process()
 
     @property
     def found(self) -> DiagnosticsResult:
@@ -275,11 +275,13 @@ def _marker_stiffening_lines(system: System, data: BodyData) -> list[str]:
     }
     least = _NEGLIGIBLE * max(sizes.values(), default=0.0)
     lines = []
-    for wanted, what in (("phi", "forces kept"), ("psi", "moments kept")):
-        found = [m for (m, entry), s in sizes.items() if entry == wanted and s > least]
-        if found:
-            listed = ", ".join(found)
-            lines.append(f"body {data.name}: stiffening by {what} at {listed}")
+    for shape_matrix, title in (("phi", "forces kept"), ("psi", "moments kept")):
+        stiffened = [
+            m for (m, entry), s in sizes.items() if entry == shape_matrix and s > least
+        ]
+        if stiffened:
+            listed = ", ".join(stiffened)
+            lines.append(f"body {data.name}: stiffening by {title} at {listed}")
     return lines
 
 

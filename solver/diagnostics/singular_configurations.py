@@ -101,16 +101,16 @@ def singular_passage_notes(
         return
     limit = min(MAX_INDEPENDENCE, max(NEAR_INDEPENDENCE, TOLERANCE_FACTOR * rtol**0.5))
     usual = _independence_at(system, begin)
-    found: list[SingularPassage] = []
+    passages: list[SingularPassage] = []
     for row in control.crossing_steps[: min(MAX_CROSSINGS, steps)]:
         nearest = _StepMotion(system, kernels, row).nearest_passage(limit, usual)
         if nearest is None:
             continue
-        if found and nearest.t - found[-1].t < 2.0 * row[STEP_LENGTH]:
-            found[-1] = min(found[-1], nearest, key=lambda p: p.independence)
+        if passages and nearest.t - passages[-1].t < 2.0 * row[STEP_LENGTH]:
+            passages[-1] = min(passages[-1], nearest, key=lambda p: p.independence)
         else:
-            found.append(nearest)
-    for passage in found[:MAX_REPORTED]:
+            passages.append(nearest)
+    for passage in passages[:MAX_REPORTED]:
         names, near = ", ".join(passage.names), passage.independence
         yield (
             f"at t = {passage.t:.6g} s the run passes a singular configuration: the "
@@ -118,7 +118,10 @@ def singular_passage_notes(
             "cross there (a bifurcation); which of them goes on may be decided by "
             "rounding, tolerance and integrator, not by the model"
         )
-    more, many = len(found) - MAX_REPORTED, " or more" if steps > MAX_CROSSINGS else ""
+    more, many = (
+        len(passages) - MAX_REPORTED,
+        " or more" if steps > MAX_CROSSINGS else "",
+    )
     if more > 0:
         yield f"the run passes singular configurations {more}{many} times later"
 

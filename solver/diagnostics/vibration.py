@@ -80,10 +80,10 @@ class Vibrations:
         """Of a run of so many steps over a span [s]."""
         if steps < _MIN_STEPS or self.rows < _MIN_ROWS:
             return
-        found = sorted(self._found(), key=lambda each: -each.step_demand)
-        if not found:
+        modes = sorted(self._found(), key=lambda each: -each.step_demand)
+        if not modes:
             return
-        fastest, others = found[0], [each.step_demand for each in found[1:2]]
+        fastest, others = modes[0], [each.step_demand for each in modes[1:2]]
         period = 2.0 * np.pi / fastest.omega
         # Half of the energy of a vibration is elastic, in the mean.
         elastic = 0.5 * fastest.energy

@@ -146,10 +146,10 @@ def _sample_times(program: Derivatives, span: tuple[float, float], place: str) -
 
 
 def _monomial_coefficients(series: Array) -> Array:
-    found = np.zeros(DEGREE + 1)
+    coefficients = np.zeros(DEGREE + 1)
     powers = chebyshev.cheb2poly(series)
-    found[: len(powers)] = powers
-    return found
+    coefficients[: len(powers)] = powers
+    return coefficients
 
 
 def _evaluate_callable(

@@ -121,7 +121,7 @@ def bisected_fit(
     check = chebyshev.chebvander(CHECK_POINTS, degree)
     span = edges[-1] - edges[0]
     size = float(np.max(np.abs(scan.values), initial=0.0))
-    found: list[tuple[float, Array, float, bool]] = []
+    pieces: list[tuple[float, Array, float, bool]] = []
     waiting = list(zip(edges[:-1], edges[1:], strict=True))[::-1]
     while waiting:
         low, high = waiting.pop()
@@ -133,13 +133,13 @@ def bisected_fit(
         limit = tolerance * size + 4e-16 * _derivative_bound(terms) * abs(middle) / half
         resolved_ = np.max(np.abs(terms[-2:])) <= limit and error <= 10.0 * limit
         if resolved_ and _fits_samples(terms, scan, low, high, 10.0 * limit):
-            found.append((high, terms, limit, True))
+            pieces.append((high, terms, limit, True))
         elif half < MIN_PIECE_FRACTION * span:
             _check_continuous(evaluate, low, high, size, place)
             line = np.zeros(degree + 1)
             line[:2] = chebyshev.chebfit(points, values, 1)
-            found.append((high, line, limit, False))
-        elif len(found) + len(waiting) > MAX_PIECES:
+            pieces.append((high, line, limit, False))
+        elif len(pieces) + len(waiting) > MAX_PIECES:
             raise InputError(
                 f"the callable is not smooth near t = {middle:.9g} s",
                 place=place,
@@ -147,7 +147,7 @@ def bisected_fit(
             )
         else:
             waiting += [(middle, high), (low, middle)]
-    ends, series, limits, resolved = zip(*found, strict=True)
+    ends, series, limits, resolved = zip(*pieces, strict=True)
     return ChebyshevSeries(
         np.array([edges[0], *ends]),
         np.array(series),

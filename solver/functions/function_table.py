@@ -139,17 +139,17 @@ class FunctionTable:
                 *interpolate_callable(program, self._span, place, continuity == 2)
             )
             self.given_functions[place] = _to_sampled(curve)
-            found = _table_entry(curve, self._span)
+            entry = _table_entry(curve, self._span)
             self.shortest_features[name] = shortest_resolved_feature(
                 program, self._span
             )
         else:
-            found = _checked_entry(function, self._span, place, continuity)
-        data = self._pool.add(found.data)
-        self._features.setdefault(name, []).append(found.features)
-        for t in found.breaks:
+            entry = _checked_entry(function, self._span, place, continuity)
+        data = self._pool.add(entry.data)
+        self._features.setdefault(name, []).append(entry.features)
+        for t in entry.breaks:
             self._breaks.setdefault(t, []).append(name)
-        return (*found.shape, data, found.kind)
+        return (*entry.shape, data, entry.kind)
 
     def add_law_features(self, program: Callable[[float], float], name: str) -> None:
         """Has steps look at what a law makes of time; what jumps is left to them."""
@@ -157,10 +157,10 @@ class FunctionTable:
             curve = SmoothCurve(
                 *interpolate_callable(program, self._span, name, smooth=False)
             )
-            found = curve.features(self._span)
+            features_ = curve.features(self._span)
         except InputError:
             return
-        self._features.setdefault(name, []).append(found)
+        self._features.setdefault(name, []).append(features_)
         for t in curve.breaks():
             self._breaks.setdefault(t, []).append(name)
 
@@ -178,7 +178,10 @@ class FunctionTable:
     def features(self) -> dict[str, Features]:
         """What no step may pass, by drives and forces."""
         parts = self._features.items()
-        return {name: features.merge_features(found) for name, found in parts}
+        return {
+            name: features.merge_features(parts_of_drive)
+            for name, parts_of_drive in parts
+        }
 
     def break_causes(self) -> dict[float, tuple[str, ...]]:
         """Drives and forces by the times inside the span at which they break."""

@@ -130,9 +130,9 @@ def _solve_fit(columns: Array, values: Array) -> tuple[Array, float, Array]:
     """Coefficients of a fit, its largest residual, and all residuals."""
     scales = np.linalg.norm(columns, axis=0)
     scales[scales == 0.0] = 1.0
-    found = np.linalg.lstsq(columns / scales, values, rcond=1e-14)[0]
-    residual = values - columns / scales @ found
-    return found / scales, float(np.abs(residual).max()), residual
+    solution = np.linalg.lstsq(columns / scales, values, rcond=1e-14)[0]
+    residual = values - columns / scales @ solution
+    return solution / scales, float(np.abs(residual).max()), residual
 
 
 #: Pieces around a kink are shorter than this part of the longest one.
@@ -176,8 +176,12 @@ def fit_with_kinks(
     known: list[float] = []
     series = fit(known)
     for _ in range(MAX_ROUNDS):
-        found = _kink_candidates(series, evaluate, known)
-        new = _confirmed_kinks(fit([*known, *found]), found) if found else []
+        candidates = _kink_candidates(series, evaluate, known)
+        new = (
+            _confirmed_kinks(fit([*known, *candidates]), candidates)
+            if candidates
+            else []
+        )
         if not new:
             break
         known = sorted([*known, *new])
@@ -197,7 +201,7 @@ def _kink_candidates(
     ]
     ends = [(series.edges[first], series.edges[last + 1]) for first, last in runs]
     walls = np.sort([series.edges[0], *np.ravel(ends), *known, series.edges[-1]])
-    found = {}
+    candidates = {}
     for (first, last), (begin, end) in zip(runs, ends, strict=True):
         low = walls[max(np.searchsorted(walls, begin) - 1, 0)]
         high = walls[min(np.searchsorted(walls, end, "right"), len(walls) - 1)]
@@ -207,8 +211,8 @@ def _kink_candidates(
             better = fit_kink(evaluate, low, (begin, end), high, limit)
             t = t if better is None else better
         if t is not None:
-            found[t] = float(series.lengths[first : last + 1].min())
-    return _kinks_at_piece_ends(series, evaluate, known, walls) | found
+            candidates[t] = float(series.lengths[first : last + 1].min())
+    return _kinks_at_piece_ends(series, evaluate, known, walls) | candidates
 
 
 def _kinks_at_piece_ends(
@@ -221,7 +225,7 @@ def _kinks_at_piece_ends(
     walls
         Ends of what is smooth, sorted.
     """
-    found: dict[float, float] = {}
+    candidates: dict[float, float] = {}
     for t in kinks_at_piece_ends(series):
         k = int(np.searchsorted(series.edges, t))
         near = NEAR_EDGE * float(series.lengths[k - 1 : k + 1].min())
@@ -232,14 +236,16 @@ def _kinks_at_piece_ends(
         limit = float(series.limits[k - 1 : k + 1].max())
         position = fit_kink(evaluate, low, (t - near, t + near), high, limit)
         if position is not None:
-            found[position] = 0.0
-    return found
+            candidates[position] = 0.0
+    return candidates
 
 
-def _confirmed_kinks(series: ChebyshevSeries, found: dict[float, float]) -> list[float]:
+def _confirmed_kinks(
+    series: ChebyshevSeries, candidates: dict[float, float]
+) -> list[float]:
     """The places beside which the pieces of a series that ends there became long."""
     confirmed = []
-    for t, least in found.items():
+    for t, least in candidates.items():
         k = int(np.searchsorted(series.edges, t))
         if series.lengths[k - 1 : k + 1].min() > MIN_GROWTH * least:
             confirmed.append(t)
@@ -257,8 +263,8 @@ def _kink_in_bracket(
     whether no other derivative may be the one that jumps, close by."""
     width = bracket[1] - bracket[0]
     begin, end = bracket[0] - width, bracket[1] + width
-    before = _polynomial_beside(evaluate, begin, low, limit, width)
-    after = _polynomial_beside(evaluate, end, high, limit, width)
+    before = _polynomial_on_side(evaluate, begin, low, limit, width)
+    after = _polynomial_on_side(evaluate, end, high, limit, width)
     if before is None or after is None:
         return None, False
     orders = {t: k for k, t in _crossing_times(before, after, begin, end)}
@@ -281,7 +287,7 @@ def _kink_in_bracket(
     return t, orders[t] <= CERTAIN_ORDER and jump > width * next_jump
 
 
-def _polynomial_beside(
+def _polynomial_on_side(
     evaluate: Values, near: float, far: float, limit: float, width: float
 ) -> Chebyshev | None:
     """The polynomial that follows the function from `near` on, as far as one does."""

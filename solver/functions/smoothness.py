@@ -34,11 +34,11 @@ def kink_times(
     """Times at which the function, its rate or its acceleration is not smooth."""
     intervals = _kink_intervals(series.lengths)
     at_piece_ends = kinks_at_piece_ends(series)
-    found = {_kink_time(series, *pit) for pit in intervals}
+    times = {_kink_time(series, *pit) for pit in intervals}
     for t in {*known, *(float(t) for t in at_piece_ends)}:
         if not any(_is_inside(series, *pit, t) for pit in intervals):
-            found.add(t)
-    return tuple(sorted(found))
+            times.add(t)
+    return tuple(sorted(times))
 
 
 def check_rates(series: ChebyshevSeries, place: str) -> None:
@@ -100,10 +100,10 @@ def short_intervals(lengths: Array, share: float) -> list[tuple[int, int]]:
     share
         Of the longest piece, below which they are.
     """
-    found: list[tuple[int, int]] = []
+    intervals: list[tuple[int, int]] = []
     for k in np.flatnonzero(lengths < share * lengths.max()).tolist():
         least = lengths[k]
-        if least > lengths[max(k - 1, 0) : k + 2].min() or _contains(found, k):
+        if least > lengths[max(k - 1, 0) : k + 2].min() or _contains(intervals, k):
             continue
         first = last = k
         while first > 0 and lengths[first - 1] <= 2.5 * least:
@@ -111,8 +111,8 @@ def short_intervals(lengths: Array, share: float) -> list[tuple[int, int]]:
         while last + 1 < len(lengths) and lengths[last + 1] <= 2.5 * least:
             last += 1
         if last - first < MAX_SHORTEST:
-            found.append((first, last))
-    return found
+            intervals.append((first, last))
+    return intervals
 
 
 def _contains(intervals: list[tuple[int, int]], k: int) -> bool:

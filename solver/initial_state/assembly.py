@@ -214,17 +214,17 @@ def _assemble_velocities(state: InitialState) -> None:
     rates = state.work.row[:, at.C_RATE].copy()
     if not rates.any():
         return
-    state.kept = is_velocity_specified(system)
-    expected = state.v[state.kept]
-    for _ in range(MAX_PASSES if state.kept.any() else 1):
+    state.is_preserved = is_velocity_specified(system)
+    expected = state.v[state.is_preserved]
+    for _ in range(MAX_PASSES if state.is_preserved.any() else 1):
         before = state.v.copy()
-        state.v[state.kept] = expected
+        state.v[state.is_preserved] = expected
         state.evaluate()
         change, residual_rates = state.minimum_norm(-state.work.row[:, at.C_RATE])
         state.v += change
         if state.scaled_speed(state.v - before) <= CONVERGED * state.speed:
             break
-    state.kept = np.zeros_like(state.kept)
+    state.is_preserved = np.zeros_like(state.is_preserved)
     state.evaluate()
     size = max(1.0 / state.duration, state.speed, state.largest_relative(rates))
     if state.largest_relative(residual_rates) > 1e-8 * size:

@@ -178,14 +178,14 @@ def _universal_joint_goal(
 
 def _driven_angles(system: System, joint: str) -> dict[str, float]:
     """Driven angles of a joint at the start."""
-    scene, found = system.scene, {}
+    scene, angles = system.scene, {}
     for name, drive in scene.drives.items():
         if drive.joint != joint:
             continue
         coordinate = driven_coordinate(drive, scene.joints)
         if coordinate.startswith("angle"):
-            found[coordinate] = _driven_value(system, name)
-    return found
+            angles[coordinate] = _driven_value(system, name)
+    return angles
 
 
 def _driven_value(system: System, drive: str) -> float:

@@ -98,13 +98,15 @@ def _squared_entries(
     segment = np.repeat(np.arange(len(body)), system.arrays.body[body, at.NV])
     groups = 3 * segment + kinds[columns] % 3
     squares = np.bincount(groups, (values * sizes[columns]) ** 2, 3 * len(body))
-    found = np.asarray(squares, float).reshape(-1, 3)
+    squares_by_row = np.asarray(squares, float).reshape(-1, 3)
     arms = (body_extents(system) / system.length)[body]
-    found[:, 1] = np.maximum(found[:, 1], arms**2 * found[:, 0])
-    found[:, 2] = np.maximum(found[:, 2], found[:, 0])
-    rows = np.bincount(row, found.sum(axis=1), system.n_rows)
-    found[found < NEGLIGIBLE * rows[row, None]] = 0.0
-    return found
+    squares_by_row[:, 1] = np.maximum(
+        squares_by_row[:, 1], arms**2 * squares_by_row[:, 0]
+    )
+    squares_by_row[:, 2] = np.maximum(squares_by_row[:, 2], squares_by_row[:, 0])
+    rows = np.bincount(row, squares_by_row.sum(axis=1), system.n_rows)
+    squares_by_row[squares_by_row < NEGLIGIBLE * rows[row, None]] = 0.0
+    return squares_by_row
 
 
 MAX_ITERATIONS = 60
@@ -147,7 +149,7 @@ class InitialState:
         self.metric = system.cached(stiffness_metric)
         self.t = system.scene.time.start
         self.free = _free_coordinates(system)
-        self.kept = np.zeros(system.n_velocities, bool)
+        self.is_preserved = np.zeros(system.n_velocities, bool)
         self.ignored = np.zeros(system.n_rows, bool)
         self.ignored[[row for _, row in system.set_at_start]] = True
         self.sizes = system.cached(constraint_sizes)
@@ -205,9 +207,9 @@ class InitialState:
             Constraints count as dependent below this relative size.
         """
         if len(self.ignored) >= LARGE_SCENE_ROWS and not self.ignored.any():
-            found = self._sparse_minimum_norm_solution(right, rank_tolerance)
-            if found is not None:
-                return found
+            solution = self._sparse_minimum_norm_solution(right, rank_tolerance)
+            if solution is not None:
+                return solution
         C = self.dense_jacobian()
         N = np.zeros((len(self.free), len(self.free)))
         for part, block in self.metric_roots():
@@ -236,8 +238,8 @@ class InitialState:
             x = rows.minimum_norm_solution(right)
         elif (without := rows.small_singular_vectors(rank_tolerance)) is not None:
             x = rows.minimum_norm_solution(right, without)
-        elif (found := rows.least_squares(right, rank_tolerance)) is not None:
-            x = found
+        elif (solution := rows.least_squares(right, rank_tolerance)) is not None:
+            x = solution
         else:
             return None
         x = N @ x
@@ -316,7 +318,7 @@ class InitialState:
             column = scale[part, None]
             W = blocks[o : o + n * n].reshape(n, n) * column * scale[part]
             W += np.diag(least[part] * scale[part] ** 2)
-            preserved = self.kept[part]
+            preserved = self.is_preserved[part]
             W[np.not_equal.outer(preserved, preserved)] = 0.0
             column = np.where(preserved[:, None], PRESERVED_MOBILITY, 1.0) * column
             inertias, directions = np.linalg.eigh(W)
@@ -384,8 +386,8 @@ def dense_jacobian(system: System, C: Array) -> Array:
     rows, columns, values = jacobian_entries(system, C)
     shape = system.n_rows, system.n_velocities
     indices = rows * shape[1] + columns
-    found = np.bincount(indices, values, shape[0] * shape[1])
-    return np.asarray(found, float).reshape(shape)
+    flat = np.bincount(indices, values, shape[0] * shape[1])
+    return np.asarray(flat, float).reshape(shape)
 
 
 def dense_jacobians(system: System, C: Array) -> Array:

@@ -56,8 +56,8 @@ def least_squares_state(state: InitialState, weight: Array) -> None:
             step = sizes * _solve_damped(A, damping, right)
             retract(state.system.arrays, frame, state.z, step)
             state.evaluate()
-            found = weight * state.residual
-            if float(found @ found) < cost:
+            weighted = weight * state.residual
+            if float(weighted @ weighted) < cost:
                 damping = max(0.2 * damping, MIN_DAMPING)
                 break
             damping *= 4.0
@@ -219,8 +219,8 @@ def _candidate_names(state: InitialState, residual: Array) -> list[str]:
     if not _is_large_scene(state):
         return list(dict.fromkeys(row.name for row in rows))
     open_ = np.abs(residual) > RELEVANT_PART * np.abs(residual).max()
-    found = [r.name for r in rows if open_[r.first : r.first + r.count].any()]
-    return sorted(dict.fromkeys(found), key=lambda name: name not in drives)
+    candidates = [r.name for r in rows if open_[r.first : r.first + r.count].any()]
+    return sorted(dict.fromkeys(candidates), key=lambda name: name not in drives)
 
 
 def _contradicting_names(
@@ -232,13 +232,13 @@ def _contradicting_names(
     """
     if _is_large_scene(state) and len(names) > FEW_NAMES:
         return names
-    ignored_before, found = state.ignored.copy(), []
+    ignored_before, contradicting = state.ignored.copy(), []
     for name in names[:MAX_TESTED]:
         state.ignored[_row_mask(state.system, name)] = True
         if is_satisfied():
-            found.append(name)
+            contradicting.append(name)
         state.ignored[:] = ignored_before
-    return found
+    return contradicting
 
 
 def _contradiction_text(system: System, names: list[str]) -> str:

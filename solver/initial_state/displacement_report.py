@@ -24,7 +24,7 @@ MAX_LISTED = 3
 def displacements(system: System, work: WorkArrays) -> dict[str, tuple[float, float]]:
     """How far bodies lie from where the scene file puts them, by name: of the origin
     [m], and the angle [rad]; `work` holds the frames."""
-    found = {}
+    result = {}
     for b, data in enumerate(system.bodies):
         if not data.is_scene_body:
             continue
@@ -38,8 +38,8 @@ def displacements(system: System, work: WorkArrays) -> dict[str, tuple[float, fl
             )
             angle = 2.0 * np.arctan2(np.linalg.norm(q[1:]), q[0])
         displacement = np.linalg.norm(to_3d(frame["x"]) - as_3d(initial.position))
-        found[data.name] = float(displacement), float(angle)
-    return found
+        result[data.name] = float(displacement), float(angle)
+    return result
 
 
 def displacement_notes(
@@ -128,11 +128,11 @@ def _deformation_changes(
         specified = getattr(initial, "elastic_velocity", None)
         if specified is not None:
             change = _largest_node_displacement(shapes, vq - _vector(specified, nq))
-            whole = max(
+            body_size = max(
                 _largest_node_displacement(shapes, x)
                 for x in (vq, _vector(specified, nq))
             )
-            velocity_changes[data.name] = change, change / (whole or 1.0)
+            velocity_changes[data.name] = change, change / (body_size or 1.0)
     return deformations, velocity_changes
 
 
@@ -163,11 +163,11 @@ def _velocity_changes(
         if not data.is_scene_body:
             continue
         initial = system.scene.initial_of(data.name)
-        found = _frame_velocities(system, work.frame[b])
+        velocities = _frame_velocities(system, work.frame[b])
         specified = initial.velocity, initial.angular_velocity
         pairs = [
             (np.zeros(3), 0.0) if given is None else _vector_change(given, now)
-            for given, now in zip(specified, found, strict=True)
+            for given, now in zip(specified, velocities, strict=True)
         ]
         (dv, _), (dw, _) = pairs
         elastic, share = velocity_changes.get(data.name, (0.0, 0.0))

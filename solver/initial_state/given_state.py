@@ -81,7 +81,7 @@ def set_prescribed_frame(
 
 def initial_rotations(system: System) -> Array:
     """What counted rotations are nearest to at the start, (n_turns,) [rad]."""
-    t, found = system.scene.time.start, []
+    t, angles = system.scene.time.start, []
     clock = 0.5 * (t + system.breaks[0])
     for counted_rotation in system.rotations:
         rest_angle = counted_rotation.rest
@@ -90,8 +90,8 @@ def initial_rotations(system: System) -> Array:
                 system.arrays, counted_rotation.drive, clock, t
             )[0]
         counted = system.scene.initial.rotations or {}
-        found += [counted.get(name, rest_angle) for name in counted_rotation.angles]
-    return np.array(found[: system.n_rotation_counters])
+        angles += [counted.get(name, rest_angle) for name in counted_rotation.angles]
+    return np.array(angles[: system.n_rotation_counters])
 
 
 def store_rotations(system: System, work: WorkArrays, z: Array) -> None:
@@ -107,9 +107,9 @@ def lost_rotation_text(
     """Why the last step could not be counted; empty if it could."""
     fixed = control.fixed_step == 1
     n, h = system.n_rotation_counters, control.step if fixed else 0.0
-    known, reached = control.z[len(control.z) - n :], work.rotation_counter[:n]
-    change = abs(reached[:, at.ROTATION_VALUE] - known)
-    change = np.maximum(change, h * abs(reached[:, at.ROTATION_RATE]))
+    known, evaluated = control.z[len(control.z) - n :], work.rotation_counter[:n]
+    change = abs(evaluated[:, at.ROTATION_VALUE] - known)
+    change = np.maximum(change, h * abs(evaluated[:, at.ROTATION_RATE]))
     for counted_rotation in system.rotations:
         part = slice(
             counted_rotation.entry,
@@ -156,10 +156,10 @@ def initial_estimate(system: System) -> StateVectors:
     z, v = np.zeros(system.n_positions), np.zeros(system.n_velocities)
     for row, data in zip(system.arrays.body.tolist(), system.bodies, strict=True):
         if not data.is_scene_body:
-            began = (system.scene.initial.states or {}).get(
+            given_states = (system.scene.initial.states or {}).get(
                 data.name, data.initial_state
             )
-            v[row[at.VEL] : row[at.VEL] + row[at.NV]] = began
+            v[row[at.VEL] : row[at.VEL] + row[at.NV]] = given_states
             continue
         initial = system.scene.initial_of(data.name)
         rigid = row[at.NP] - row[at.NQ]
@@ -210,8 +210,8 @@ def _quaternion(system: System, body: str) -> Array:
     initial = system.scene.initial_of(body)
     if initial is system.scene.bodies[body].initial or initial.quaternion is None:
         return quaternion(orientation_matrix(initial))
-    found = np.array(initial.quaternion)
-    return found / np.linalg.norm(found)
+    given = np.array(initial.quaternion)
+    return given / np.linalg.norm(given)
 
 
 def _in_frame(initial: Initial, value: Any) -> Array:

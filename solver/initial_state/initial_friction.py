@@ -105,21 +105,22 @@ def _is_prescribed(
     curvature, curvature_along = _curvatures(state, scale * motion)
     right = curvature[rows] / constraint_sizes(state.system)[rows]
     a = np.linalg.lstsq(C[rows], right, rcond=DEPENDENCE_TOLERANCE)[0]
-    moved = np.abs(directions @ a - curvature_along)
+    differences = np.abs(directions @ a - curvature_along)
     return np.asarray(
-        is_held & (moved <= DEPENDENCE_TOLERANCE * largest * (motion @ motion)), bool
+        is_held & (differences <= DEPENDENCE_TOLERANCE * largest * (motion @ motion)),
+        bool,
     )
 
 
 def _curvatures(state: InitialState, v: Array) -> tuple[Array, Array]:
     """What accelerations of constraints and of coordinates with friction are quadratic
     in velocities v, with a minus; (rows,) and (frictions,)."""
-    work, found = state.work, []
+    work, curvatures = state.work, []
     for sign in (1.0, -1.0, 0.0):
         work_arrays.evaluate(state.system, work, state.t, state.z, sign * v)
         rows = work.row[:, at.C_GAMMA], work.friction_subsystem.row[:, at.C_GAMMA]
-        found.append([np.array(part) for part in rows])
-    (a, b), (c, d), (e, f) = found
+        curvatures.append([np.array(part) for part in rows])
+    (a, b), (c, d), (e, f) = curvatures
     return 0.5 * (a + c) - e, 0.5 * (b + d) - f
 
 

@@ -185,8 +185,12 @@ def new_step_loop_state(
     control.fixed_step = int(settings.step is not None)
     control.shares_tolerance = int(shares_tolerance)
     order = INTEGRATORS[settings.integrator].order
-    control.accumulation_radians, most = ACCUMULATION.get(order, NO_ACCUMULATION)
-    control.max_reduction = min(most, max(1.0, settings.rtol / MIN_REDUCED_TOLERANCE))
+    control.accumulation_radians, largest_accumulation = ACCUMULATION.get(
+        order, NO_ACCUMULATION
+    )
+    control.max_reduction = min(
+        largest_accumulation, max(1.0, settings.rtol / MIN_REDUCED_TOLERANCE)
+    )
     control.errors_accumulate = int(_has_free_motion(system, start))
     control.z[:] = control.initial_position[:] = start.z
     control.v[:] = start.v
@@ -261,11 +265,11 @@ def _state_maker(
 
 def _coordinate_frequencies_of(system: System) -> Array:
     """Of elastic coordinates [rad/s], and 1 of others, (n velocities,)."""
-    found = np.ones(system.n_velocities)
+    frequencies = np.ones(system.n_velocities)
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
-        found[elastic] = coordinate_frequencies(data.sid)
-    return found
+        frequencies[elastic] = coordinate_frequencies(data.sid)
+    return frequencies
 
 
 def _feature_arrays(system: System) -> tuple[IntTable, Array, Array, Array]:

@@ -70,8 +70,8 @@ def _axes_text(system: System, rows: tuple[int, ...], name: str, freer: str) -> 
     for con in system.arrays.constraint:
         row, kind = int(con[at.ROW]), int(con[at.KIND])
         if kind in removed and row_names(system, (row,)) == [name]:
-            found = removed if row in rows else remaining
-            found[kind].append(system.arrays.real_data[con[at.C_DATA] :][:6])
+            axes = removed if row in rows else remaining
+            axes[kind].append(system.arrays.real_data[con[at.C_DATA] :][:6])
     joint_type = system.scene.joints[name].type
     if freer == "universal":
         axis, second = remaining[at.PERPENDICULAR][0].reshape(2, 3)
@@ -272,9 +272,9 @@ def _choose_rows(system: System, bases: list[Array], count: int) -> tuple[int, .
     rotation_rows = {i for i in involved if row_kind(system, i) in ROTATION_CONSTRAINTS}
     involved.sort(key=lambda i: i not in rotation_rows)
     pivoted = qr(bases[0][involved].T, mode="r", pivoting=True)[1][:count]
-    found = [[involved[i] for i in pivoted]]
+    first_choice = [[involved[i] for i in pivoted]]
     choices = np.array(
-        [*found, *islice(combinations(involved, count), MAX_CHOICES)], int
+        [*first_choice, *islice(combinations(involved, count), MAX_CHOICES)], int
     )
     worst_values = np.min(
         [np.linalg.svd(basis[choices], compute_uv=False)[:, -1] for basis in bases],
@@ -300,7 +300,7 @@ def _dependencies(state: InitialState) -> list[Array]:
     Along free motions both ways, and with the drives. None where nothing that it could
     move to keeps the joints together. The state is as before afterwards.
     """
-    z, t, found = state.z.copy(), state.t, [_dependency_basis(state)]
+    z, t, bases = state.z.copy(), state.t, [_dependency_basis(state)]
     can_move = False
     for sign in (1.0, -1.0):
         state.z[:], state.t = z, t
@@ -312,10 +312,10 @@ def _dependencies(state: InitialState) -> list[Array]:
             can_move = True
             if not _move_along(state, step, duration):
                 break
-            found.append(_dependency_basis(state))
+            bases.append(_dependency_basis(state))
     state.z[:], state.t = z, t
     state.evaluate()
-    return found if len(found) > 1 or not can_move else []
+    return bases if len(bases) > 1 or not can_move else []
 
 
 def _next_step(state: InitialState, sign: float) -> tuple[Array, float]:

@@ -129,16 +129,16 @@ def _dependent_near_start(
     if not _is_at_rest(state):
         later = t + OFFSET / state.speed
         trials.insert(0, ((later - t) * state.v, later))
-    for step, when in trials:
-        state.z[:], state.t = z, when
+    for step, time in trials:
+        state.z[:], state.t = z, time
         retract(state.system.arrays, frames, state.z, step)
         state.evaluate()
         residual = assemble_position(state)
         if residual < MAX_RESIDUAL:
-            found = _dependent_rows(
+            dependent_there = _dependent_rows(
                 state, max(RANK_TOLERANCE, DEPENDENCE_FACTOR * residual)
             )
-            dependent = min(dependent, found, key=len)
+            dependent = min(dependent, dependent_there, key=len)
     state.z[:], state.t = z, t
     state.evaluate()
     return dependent
@@ -196,9 +196,9 @@ def _can_accelerate(state: InitialState) -> bool:
     gamma = state.work.row[:, at.C_GAMMA] / state.sizes
     rows = state.classified_rows()
     if rows is not None:
-        demanded = gamma * state.sizes
+        right_side = gamma * state.sizes
         open_rows = (
-            rows.matrix @ rows.solve_independent(demanded) - demanded
+            rows.matrix @ rows.solve_independent(right_side) - right_side
         ) / state.sizes
     else:
         C = (
@@ -271,13 +271,13 @@ def minimum_norm_multipliers(
     for first in range(0, len(times), block):
         part = slice(first, first + block)
         states = times[part], z[part], v[part]
-        C, found = _state_jacobians(system, work, *states), None
+        C, solution = _state_jacobians(system, work, *states), None
         full_jacobians = C if full is system else _state_jacobians(full, work, *states)
         if is_large and full_jacobians is C:
-            found = _sparse_minimum_norm(system, C[0], multipliers[part])
-        if found is None:
-            found = _dense_minimum_norm(system, C, full_jacobians, multipliers[part])
-        result[part], determined = found
+            solution = _sparse_minimum_norm(system, C[0], multipliers[part])
+        if solution is None:
+            solution = _dense_minimum_norm(system, C, full_jacobians, multipliers[part])
+        result[part], determined = solution
         known_part = np.minimum(known_part, determined)
     return result, tuple(map(int, np.flatnonzero(1.0 - known_part > UNDETERMINED_PART)))
 
@@ -286,7 +286,7 @@ def _state_jacobians(
     system: System, work: WorkArrays, times: Array, z: Array, v: Array
 ) -> Array:
     """`WorkArrays.C` of some states, (nt, .)."""
-    found = np.zeros((len(times), len(work.C)))
+    jacobians = np.zeros((len(times), len(work.C)))
     interval_times = system.clocks(times)
     output_sampling.evaluate_jacobians(
         kernel_pointers(system.planar),
@@ -296,10 +296,10 @@ def _state_jacobians(
         interval_times,
         z,
         v,
-        found,
+        jacobians,
     )
     raise_pending(system)
-    return found
+    return jacobians
 
 
 def _dense_minimum_norm(

@@ -58,9 +58,9 @@ def _jacobian_indices(system: System) -> tuple[np.ndarray, np.ndarray, np.ndarra
     """Rows and columns of its entries, and where their values stand."""
     row, body, offset = system.arrays.segment.T
     counts = system.arrays.body[body, at.NV]
-    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    columns = np.repeat(system.arrays.body[body, at.VEL], counts) + within
-    return np.repeat(row, counts), columns, np.repeat(offset, counts) + within
+    offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    columns = np.repeat(system.arrays.body[body, at.VEL], counts) + offsets
+    return np.repeat(row, counts), columns, np.repeat(offset, counts) + offsets
 
 
 def sparse_constraint_jacobian(system: System, C: Array) -> csr_array:
@@ -142,8 +142,8 @@ class IndependentRows:
         self._factor = factor or OrthogonalFactor(self._B[candidates])
         if factor is None:
             self.dependent[candidates] = self._factor.dependent
-        clear = self._factor.diagonal.min(initial=1.0) > CLEARLY_INDEPENDENT
-        if clear and not self.dependent.any():
+        is_clear = self._factor.diagonal.min(initial=1.0) > CLEARLY_INDEPENDENT
+        if is_clear and not self.dependent.any():
             self.smallest_singular_value = self._least_singular_value()
 
     @cached_property
@@ -210,8 +210,8 @@ class IndependentRows:
             if abs(least - before) <= VALUE_TOLERANCE * least:
                 break
         largest = float(abs(self._B @ self._B.T).sum(axis=1).max()) ** 0.5
-        found = least / VALUE_FACTOR / max(1.0, largest)
-        return found if found > CLEARLY_INDEPENDENT else 0.0
+        relative = least / VALUE_FACTOR / max(1.0, largest)
+        return relative if relative > CLEARLY_INDEPENDENT else 0.0
 
     def minimum_norm_solution(
         self, right: Array, excluded: Array | None = None
@@ -267,10 +267,10 @@ class IndependentRows:
         if self.smallest_singular_value == 0.0:
             return False
         for squares, directions in self._smallest_values():
-            found = (directions**2 / squares).sum(axis=1).max()
-            if found + 1.0 / squares.max() < bound**-2:
+            remainder = (directions**2 / squares).sum(axis=1).max()
+            if remainder + 1.0 / squares.max() < bound**-2:
                 return True
-            if found > bound**-2:
+            if remainder > bound**-2:
                 return False
         return False
 

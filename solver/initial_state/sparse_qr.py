@@ -49,17 +49,17 @@ class OrthogonalFactor:
         T.eliminate_zeros()
         T.sort_indices()
         T = T[np.diff(T.indptr) > 0]
-        lead: Any = T.indices[T.indptr[:-1]]
+        leading: Any = T.indices[T.indptr[:-1]]
         last: Any = T.indices[T.indptr[1:] - 1]
-        order = np.argsort(lead, kind="stable")
-        T, lead, last = T[order], lead[order], last[order]
+        order = np.argsort(leading, kind="stable")
+        T, leading, last = T[order], leading[order], last[order]
         count = B.shape[0]
         self.dependent = np.zeros(count, bool)
         rows_of_R: list[tuple[int, Array]] = []
         front = np.zeros((0, 0))
         for first in range(0, count, BLOCK_ROWS):
             end = min(first + BLOCK_ROWS, count)
-            begin, stop = np.searchsorted(lead, [first, end])
+            begin, stop = np.searchsorted(leading, [first, end])
             new = slice(int(begin), int(stop))
             last_column = int(max(end, first + front.shape[1], *(last[new] + 1)))
             rows = np.zeros((len(front) + new.stop - new.start, last_column - first))
@@ -92,14 +92,14 @@ class OrthogonalFactor:
 
         x = np.array(right, float)
         for first, own, coupling in self._blocks:
-            end, reach = first + len(own), first + len(own) + coupling.shape[1]
+            end, front_end = first + len(own), first + len(own) + coupling.shape[1]
             if end > first:
                 x[first:end] = dtrtrs(own, x[first:end], trans=1)[0]
-                x[end:reach] -= coupling.T @ x[first:end]
+                x[end:front_end] -= coupling.T @ x[first:end]
         for first, own, coupling in reversed(self._blocks):
-            end, reach = first + len(own), first + len(own) + coupling.shape[1]
+            end, front_end = first + len(own), first + len(own) + coupling.shape[1]
             if end > first:
-                residual = x[first:end] - coupling @ x[end:reach]
+                residual = x[first:end] - coupling @ x[end:front_end]
                 x[first:end] = dtrtrs(own, residual)[0]
         return x
 
@@ -155,8 +155,8 @@ class RowRange:
         A.eliminate_zeros()
         A.sort_indices()
         A = A[np.diff(A.indptr) > 0]
-        lead: Any = A.indices[A.indptr[:-1]]
-        A = A[np.argsort(lead, kind="stable")]
+        leading: Any = A.indices[A.indptr[:-1]]
+        A = A[np.argsort(leading, kind="stable")]
         lengths = np.sqrt(A.multiply(A).sum(axis=1))
         A = (diags_array(1.0 / lengths) @ A).tocsr()
         self._factor = OrthogonalFactor(A)
@@ -166,10 +166,10 @@ class RowRange:
 
     def project(self, right: Array) -> Array:
         """The nearest of them to some right sides, (rows,) or (rows, k)."""
-        found = np.zeros_like(right)
+        projection = np.zeros_like(right)
         for _ in range(REFINEMENTS):
-            found += self._A.T @ self._factor.solve(self._A @ (right - found))
-        return found
+            projection += self._A.T @ self._factor.solve(self._A @ (right - projection))
+        return projection
 
     def dependence_shares(self, count: int) -> Array:
         """How large a part each of so many rows has in what is not met, (rows,): root

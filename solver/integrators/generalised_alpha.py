@@ -198,7 +198,7 @@ def _newton(kernels, system, work, memory, control, alpha, h):
     """Finds a1 and lambda; iterations used, or 0 without convergence."""
     h2 = h * h
     by_a = 1.0 / (alpha.coefficients.beta * h2)
-    goal = error_tolerances(system, control, alpha, h)
+    tolerance = error_tolerances(system, control, alpha, h)
     _predict_step(kernels, system, work, memory, control, alpha, h)
     decay_contraction_rate(control)
     stagnation_limit = STAGNATION_FACTOR / max(control.independence, SINGULAR_START)
@@ -217,7 +217,7 @@ def _newton(kernels, system, work, memory, control, alpha, h):
             norm = max(norm, abs(p[i]) / alpha.position_rounding[i])
             size = max(size, abs(p[i]) / alpha.rounding_position[i])
         if control.fixed_step == 0:
-            size = norm / goal
+            size = norm / tolerance
         for i in range(len(alpha.newton_rows)):
             if alpha.newton_rows[i] >= 0:
                 lam1[i] += g[alpha.newton_rows[i]] / h2

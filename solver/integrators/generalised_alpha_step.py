@@ -249,7 +249,7 @@ def error_tolerances(system, control, alpha, h):
     Returns the residual that the Newton iteration may leave, in units of rounding:
     constraints turn errors of large motions into errors of small deformations.
     """
-    goal, rate = math.inf, alpha.coefficients.beta * h / alpha.coefficients.gamma
+    tolerance, rate = math.inf, alpha.coefficients.beta * h / alpha.coefficients.gamma
     for b in range(len(system.body)):
         row = system.body[b]
         rd, nq, u, p = row.rd, row.nq, row.vel, row.pos
@@ -262,8 +262,8 @@ def error_tolerances(system, control, alpha, h):
         alpha.rounding_position[i] = max(alpha.error_tolerance[i], least)
         alpha.rounding_velocity[i] = max(control.scale_v[i], least / h)
         tolerated = min(alpha.rounding_position[i], rate * alpha.rounding_velocity[i])
-        goal = min(goal, tolerated / alpha.position_rounding[i])
-    return goal
+        tolerance = min(tolerance, tolerated / alpha.position_rounding[i])
+    return tolerance
 
 
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))

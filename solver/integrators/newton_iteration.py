@@ -50,7 +50,7 @@ def newton_goal(control):
 
 
 @inner(int64(CONTROL, float64, int64, float64, float64))
-def check_convergence(control, goal, iteration, norm, old_norm):
+def check_convergence(control, tolerance, iteration, norm, old_norm):
     """Convergence test of a Newton correction of scaled size `norm`.
 
     Returns 1 if converged, 0 to continue, -1 to stop. The contraction of the iteration
@@ -64,11 +64,11 @@ def check_convergence(control, goal, iteration, norm, old_norm):
     if iteration > 0:
         control.contraction = norm / old_norm
     contraction = control.contraction
-    if contraction < 1.0 and contraction / (1.0 - contraction) * norm < goal:
+    if contraction < 1.0 and contraction / (1.0 - contraction) * norm < tolerance:
         return 1
     if iteration == 0:
         return 0
-    if contraction >= 1.0 and norm < max(STAGNATION, goal):
+    if contraction >= 1.0 and norm < max(STAGNATION, tolerance):
         return 1
     if control.fixed_step == 1 and iteration < UNJUDGED_ITERATIONS:
         return 0
@@ -76,7 +76,7 @@ def check_convergence(control, goal, iteration, norm, old_norm):
     if (
         contraction >= 1.0
         or math.pow(contraction, float(iterations_left)) / (1.0 - contraction) * norm
-        > goal
+        > tolerance
     ):
         return -1
     return 0

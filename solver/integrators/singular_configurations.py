@@ -239,9 +239,11 @@ def record_crossing(control, h, before, slope, z1, v1):
     before, slope
         Of the independence, at its beginning and over the step before.
     """
-    now, fall = control.independence, -slope * h
-    passes = before + now < RISE_FACTOR * fall and now > before - FALL_FACTOR * fall
-    turns_back = fall > 0.0 and before < LOW_INDEPENDENCE and now > before
+    now, decrease = control.independence, -slope * h
+    passes = (
+        before + now < RISE_FACTOR * decrease and now > before - FALL_FACTOR * decrease
+    )
+    turns_back = decrease > 0.0 and before < LOW_INDEPENDENCE and now > before
     if not (passes or turns_back):
         return
     k = control.n_crossings

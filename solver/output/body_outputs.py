@@ -87,9 +87,9 @@ def momentum_column(evaluated: EvaluatedForces, owner: str, quantity: str) -> Ar
 
     Inertial components [kg m/s]; angular ones about the inertial origin [kg m2/s].
     """
-    which, axis = divmod(MOMENTA.index(quantity), 3)
+    kind, axis = divmod(MOMENTA.index(quantity), 3)
     rows = [evaluated.system.index(owner)] if owner else slice(None)
-    values = evaluated.bodies[("momentum", "angular")[which]][:, rows, axis]
+    values = evaluated.bodies[("momentum", "angular")[kind]][:, rows, axis]
     return np.asarray(values.sum(axis=1))
 
 

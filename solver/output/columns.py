@@ -194,11 +194,11 @@ def _body_column(system: System, samples: Samples, owner: str, quantity: str) ->
         return np.asarray(
             frame["angle"] if system.planar else _rotation_angle(frame["p"])
         )
-    axis, what = "xyz".index(quantity[-1]), quantity[0]
+    axis, kind = "xyz".index(quantity[-1]), quantity[0]
     if len(quantity) == 1:
         return np.asarray(to_3d(frame["x"])[:, axis])
     along = to_rotation_matrices(frame["R"])[:, axis]
-    return np.asarray(np.einsum("tj,tj->t", along, to_3d(frame[what])))
+    return np.asarray(np.einsum("tj,tj->t", along, to_3d(frame[kind])))
 
 
 def _rotation_angle(p: Array) -> Array:
@@ -213,8 +213,8 @@ def _marker_column(system: System, samples: Samples, m: int, quantity: str) -> A
     axis = "xyz".index(quantity[-1])
     if quantity[0] == "u":
         return _elastic_displacement(system, samples, m)[:, axis]
-    what = "x" if len(quantity) == 1 else quantity[0]
-    return np.asarray(to_3d(point[what])[:, axis])
+    kind = "x" if len(quantity) == 1 else quantity[0]
+    return np.asarray(to_3d(point[kind])[:, axis])
 
 
 def _rotation_column(motion: MarkerMotion, quantity: str) -> Array:
@@ -244,7 +244,10 @@ def position_names(system: System) -> tuple[str, ...]:
     rigid = {2: "x y", 3: "x y angle" if system.planar else "x y z", 0: ""}
     rigid |= {7: "x y z e0 e1 e2 e3"}
     turns = [
-        name for turn in system.rotations if turn.is_counted for name in turn.angles
+        name
+        for rotation in system.rotations
+        if rotation.is_counted
+        for name in rotation.angles
     ]
     names = _coordinate_names(system, at.NP, rigid, "q", " (integral)")
     return (*names, *turns)

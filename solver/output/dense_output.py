@@ -182,9 +182,9 @@ class OutputTimeBuffer:
     def fill_next(self, control: StepLoopState) -> None:
         """Has the next times in the control, from its first row on."""
         control.next_output = 0
-        coming = self.times[self._first : self._first + len(control.output_times)]
-        control.output_times[: len(coming)] = coming
-        control.output_times[len(coming) :] = np.inf
+        next_times = self.times[self._first : self._first + len(control.output_times)]
+        control.output_times[: len(next_times)] = next_times
+        control.output_times[len(next_times) :] = np.inf
 
     def reached_states(self, control: StepLoopState) -> tuple[Array, Array, Array]:
         """Times and states of the rows so far; see `go_on`."""
@@ -317,18 +317,18 @@ class StepEndStates:
         places = places[times <= end]
         block = max(1, MAX_NUMBERS // parts[0].z.shape[1])
         for first in range(0, len(places), block):
-            wanted = np.sort(places[first : first + block])
-            cuts = np.searchsorted(wanted, ends)
-            rows = np.split(wanted, cuts[:-1])
+            selected = np.sort(places[first : first + block])
+            cuts = np.searchsorted(selected, ends)
+            rows = np.split(selected, cuts[:-1])
             begins = ends - [len(part.t) for part in parts]
-            found = zip(parts, rows, begins, strict=True)
+            blocks = zip(parts, rows, begins, strict=True)
             states = join_steps(
-                [_select_states(part, k - begin) for part, k, begin in found]
+                [_select_states(part, k - begin) for part, k, begin in blocks]
             )
             yield _select_states(states, np.argsort(states.t, kind="stable"))
 
 
-def _select_states(steps: StepStates, which: slice | np.ndarray) -> StepStates:
+def _select_states(steps: StepStates, selection: slice | np.ndarray) -> StepStates:
     return StepStates(
-        steps.t[which].copy(), steps.z[which].copy(), steps.v[which].copy()
+        steps.t[selection].copy(), steps.z[selection].copy(), steps.v[selection].copy()
     )

@@ -160,6 +160,6 @@ def integrals_between(
     nodes = times[:-1, None] + lengths * history.points.fractions
     nodes[:, 0], nodes[:, -1] = np.nextafter(times[:-1], np.inf), times[1:]
     nodes[:, -1] = np.nextafter(nodes[:, -1], -np.inf)
-    found = interpolate_states(sampler, (times, z, v), nodes.ravel())
-    history.add(StepStates(nodes.ravel(), *found))
+    states = interpolate_states(sampler, (times, z, v), nodes.ravel())
+    history.add(StepStates(nodes.ravel(), *states))
     return history

@@ -81,13 +81,13 @@ class EventDetector:
         if not len(steps.t):
             return False
         heights = self._distances_to_values(steps.t, steps.z.copy(), steps.v.copy())
-        found = [
+        changed = [
             self._locate_event(steps, heights, k, low, high)
             for k in range(len(self.levels))
             for low, high in self._crossings(k, heights[:, k])
         ]
         latest = np.inf
-        for event in sorted(found, key=lambda m: m.t):
+        for event in sorted(changed, key=lambda m: m.t):
             if event.t > latest:
                 break
             self._record_event(event)
@@ -168,8 +168,8 @@ def complete_events(
     """Located events with the outputs of the scene, which `record` evaluates."""
     t = np.array([m.t for m in located])
     z, v = np.array([m.z for m in located]), np.array([m.v for m in located])
-    found = record(t, z, v).values
+    values = record(t, z, v).values
     return tuple(
         Event(m.name, m.kind, m.t, *states)
-        for m, *states in zip(located, found, z, v, strict=True)
+        for m, *states in zip(located, values, z, v, strict=True)
     )

@@ -146,11 +146,11 @@ def _power_sources(owner: str, table: str, scene: SceneFile) -> set[str]:
         return {f"forces.{owner}"}
     if table == "drives":
         return {owner}
-    found = {owner}
+    sources = {owner}
     for coordinate in scene.joints[owner].coordinates:
         for kind, name in actions_on_coordinate(owner, coordinate, scene):
-            found.add(name if kind == "drives" else f"forces.{name}")
-    return found
+            sources.add(name if kind == "drives" else f"forces.{name}")
+    return sources
 
 
 def _drive_effort(evaluated: EvaluatedForces, drive: str) -> Array:
@@ -214,8 +214,10 @@ def restore_eliminated_joints(
         _expand_body(system, full, b, samples, (z, v, acc))
     full = restore_constraints(full)
     multipliers = _full_multipliers(system, full, times, samples, (z, v, acc))
-    found = replace(samples, z=z, v=v, accelerations=acc, multipliers=multipliers)
-    return full, replace(found, undetermined=())
+    full_samples = replace(
+        samples, z=z, v=v, accelerations=acc, multipliers=multipliers
+    )
+    return full, replace(full_samples, undetermined=())
 
 
 def _expand_body(

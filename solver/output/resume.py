@@ -179,10 +179,16 @@ def _changed_keys(before: Any, now: Any, key: str = "") -> list[str]:
         return []
     if isinstance(before, dict) and isinstance(now, dict):
         names = dict.fromkeys([*before, *now])
-        found = (_changed_keys(before.get(n), now.get(n), f"{key}.{n}") for n in names)
-        return [text for texts in found for text in texts]
-    there, here = json.dumps(before), json.dumps(now)
-    values = f" ({there} there, {here} here)" if len(there + here) < 60 else ""
+        changes = (
+            _changed_keys(before.get(n), now.get(n), f"{key}.{n}") for n in names
+        )
+        return [text for texts in changes for text in texts]
+    before_text, now_text = json.dumps(before), json.dumps(now)
+    values = (
+        f" ({before_text} there, {now_text} here)"
+        if len(before_text + now_text) < 60
+        else ""
+    )
     return [key.removeprefix(".") + values]
 
 
@@ -190,8 +196,8 @@ def _check_same_run(system: System, settings: RunSettings, result: Result) -> No
     now = scene_with_settings(system.scene, settings)
     if result.scene != now:
         scene = json.loads(now)
-        begun = _with_time(json.loads(result.scene or "{}"), scene)
-        changed = _changed_keys(begun, scene)
+        previous_scene = _with_time(json.loads(result.scene or "{}"), scene)
+        changed = _changed_keys(previous_scene, scene)
     else:
         changed = []
     if changed:
@@ -232,11 +238,11 @@ def _stored_energy(system: System, settings: RunSettings, result: Result) -> flo
     """Kinetic, elastic and potential energy at the last state [J]."""
     t, z, v = result.t[-1:], result.positions[-1:].copy(), result.velocities[-1:].copy()
     sampler = StateSampler(system, constraint_tolerances(system, settings))
-    whole, motion = restore_eliminated_joints(system, t, sampler.sample(t, z, v))
-    told = EvaluatedForces(whole, motion, t)
+    full_system, motion = restore_eliminated_joints(system, t, sampler.sample(t, z, v))
+    evaluated = EvaluatedForces(full_system, motion, t)
     parts = (
-        energies.kinetic_energy(told),
-        energies.elastic_energy(told),
-        energies.potential_energy(told),
+        energies.kinetic_energy(evaluated),
+        energies.elastic_energy(evaluated),
+        energies.potential_energy(evaluated),
     )
     return float(sum(part[-1] for part in parts))

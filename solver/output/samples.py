@@ -114,18 +114,18 @@ class StateSampler:
                     factors[part],
                     friction[part],
                 )
-                sense, rest_rates = (
+                slip_direction, rest_rates = (
                     history.current_states[:, at.SLIP_DIRECTION],
                     history.current_states[:, at.REST_RATE],
                 )
-                rests = (
+                slow = (
                     np.abs(friction[part][:, :, output_sampling.OUTPUT_RATE])
                     <= rest_rates
                 )
-                sticking[part] = np.where(rest_rates > 0.0, rests, sense == 0.0)
+                sticking[part] = np.where(rest_rates > 0.0, slow, slip_direction == 0.0)
         work_arrays.raise_pending(system)
-        found = (z, v, frames, points, accelerations, multipliers, factors, ())
-        return Samples(*found, friction, sticking)
+        fields = (z, v, frames, points, accelerations, multipliers, factors, ())
+        return Samples(*fields, friction, sticking)
 
 
 def with_minimum_norm_multipliers(
@@ -135,8 +135,10 @@ def with_minimum_norm_multipliers(
     if not system.redundant:
         return samples
     states = times, samples.z, samples.v
-    found, rows = minimum_norm_multipliers(system, work, *states, samples.multipliers)
-    return replace(samples, multipliers=found, undetermined=rows)
+    multipliers, rows = minimum_norm_multipliers(
+        system, work, *states, samples.multipliers
+    )
+    return replace(samples, multipliers=multipliers, undetermined=rows)
 
 
 def sample_known_motion(
@@ -180,9 +182,9 @@ def sample_known_motion(
         loads = np.linalg.norm(contact_forces, axis=2).sum(axis=1)
         friction[:, j, output_sampling.OUTPUT_LOAD] = loads
     rates = friction[:, :, output_sampling.OUTPUT_RATE]
-    rest = np.less_equal(np.abs(rates), resting_rates(system))
-    found = (z, v, frames, points, accelerations, smallest, factors, rows)
-    return Samples(*found, friction, rest)
+    at_rest = np.less_equal(np.abs(rates), resting_rates(system))
+    fields = (z, v, frames, points, accelerations, smallest, factors, rows)
+    return Samples(*fields, friction, at_rest)
 
 
 def interpolate_states(
@@ -217,8 +219,8 @@ def interpolate_states(
     after, before = np.nextafter(t[:-1], np.inf), t[1:]
     if forces_known:
         accelerations = [
-            sampler.sample(when, a.copy(), b.copy()).accelerations
-            for when, a, b in ((after, z[:-1], v[:-1]), (before, z[1:], v[1:]))
+            sampler.sample(times_, a.copy(), b.copy()).accelerations
+            for times_, a, b in ((after, z[:-1], v[:-1]), (before, z[1:], v[1:]))
         ]
     else:
         slopes = np.gradient(v, t, axis=0, edge_order=2 if len(t) > 2 else 1)

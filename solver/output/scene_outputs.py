@@ -39,11 +39,11 @@ class SceneOutputs:
         times: Array,
         samples: Samples,
         history: EnergyIntegrals | None,
-        told: EvaluatedForces,
+        evaluated: EvaluatedForces,
     ) -> None:
         self.system, self.work = system, work
         self.times, self.samples, self.history = times, samples, history
-        self.told = told
+        self.evaluated = evaluated
 
     def column(self, owner: str, quantity: str) -> Array:
         """Values (nt,) of one of `sidtool.formats.scene.outputs.SCENE_QUANTITIES`."""
@@ -51,20 +51,20 @@ class SceneOutputs:
             return self._residuals[quantity]
         if owner in ("momentum", "angular_momentum"):
             name = f"{owner}_{quantity}"
-            return momentum_column(self.told, "", name)
+            return momentum_column(self.evaluated, "", name)
         return getattr(self, quantity)  # type: ignore[no-any-return]
 
     @cached_property
     def kinetic(self) -> Array:
-        return energies.kinetic_energy(self.told)
+        return energies.kinetic_energy(self.evaluated)
 
     @cached_property
     def elastic(self) -> Array:
-        return energies.elastic_energy(self.told)
+        return energies.elastic_energy(self.evaluated)
 
     @cached_property
     def potential(self) -> Array:
-        return energies.potential_energy(self.told)
+        return energies.potential_energy(self.evaluated)
 
     @property
     def dissipated(self) -> Array:
@@ -87,15 +87,15 @@ class SceneOutputs:
     @cached_property
     def _residuals(self) -> dict[str, Array]:
         """Largest |c| and |dc/dt|."""
-        found = np.zeros((len(self.times), 2))
+        residuals = np.zeros((len(self.times), 2))
         clocks = self.system.clocks(self.times)
         for i, (t, clock) in enumerate(zip(self.times, clocks, strict=True)):
             self.work.interval_time[0] = clock
             z, v = self.samples.z[i], self.samples.v[i]
             work_arrays.evaluate(self.system, self.work, t, z, v)
             rows = np.abs(self.work.row[:, [at.C_VALUE, at.C_RATE]])
-            found[i] = rows.max(axis=0, initial=0.0)
-        return {"position": found[:, 0], "velocity": found[:, 1]}
+            residuals[i] = rows.max(axis=0, initial=0.0)
+        return {"position": residuals[:, 0], "velocity": residuals[:, 1]}
 
 
 _ACCELERATIONS = ("ax", "ay", "az")
@@ -141,23 +141,23 @@ def unavailable_outputs(
     """
     missing = missing_laws(scene, known)
     sampled = sampled_laws(scene, known) if between else ()
-    found: dict[str, tuple[str, str]] = {}
+    unavailable: dict[str, tuple[str, str]] = {}
     for text in names:
         name = parse_output(text)
         if name.owner == "energy" and name.quantity in INTEGRATED:
             why = "is an integral along the steps of the run, which are not kept"
-            found[text] = why, MUST_BE_RECORDED
+            unavailable[text] = why, MUST_BE_RECORDED
         elif missing and _depends_on(name, scene, missing):
             why = f"depends on the law of {', '.join(missing)}, which a program gave"
-            found[text] = (
+            unavailable[text] = (
                 why,
                 "it recorded in the run, or the law in `forces`, `drives`",
             )
         elif sampled and _depends_on(name, scene, sampled):
             laws = ", ".join(sampled)
             why = f"depends on what {laws} holds between samples, which is not kept"
-            found[text] = why, "the output times of the result"
-    return found
+            unavailable[text] = why, "the output times of the result"
+    return unavailable
 
 
 def _depends_on(name: OutputName, scene: SceneFile, forces: tuple[str, ...]) -> bool:

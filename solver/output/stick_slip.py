@@ -120,29 +120,29 @@ class StickSlipDecision:
     def _static_limit(self, j: int) -> float:
         """Largest friction force per unit of load of a sticking joint."""
         law = self.system.arrays.friction[j, at.R_LAW]
-        pool = self.system.arrays.real_data
-        return float(pool[law + at.L_STATIC] * pool[law + at.L_RADIUS])
+        real_data = self.system.arrays.real_data
+        return float(real_data[law + at.L_STATIC] * real_data[law + at.L_RADIUS])
 
     def _has_single_direction(self, j: int) -> list[bool]:
         """True if what presses each place of a joint has a single direction."""
-        across = [
+        counts = [
             bool(place[1].any()) for place in self.system.friction_joints[j].weights
         ]
-        return [k < len(across) and not across[k] for k in range(at.MAX_CONTACTS)]
+        return [k < len(counts) and not counts[k] for k in range(at.MAX_CONTACTS)]
 
     def friction_output(self, t: Array, z: Array, v: Array) -> Array:
         """Friction quantities in states of one smooth interval, (nt,
         n_frictions, .).
         """
-        found = np.zeros((len(t), len(self.friction_state), N_FRICTION_OUTPUT))
+        output = np.zeros((len(t), len(self.friction_state), N_FRICTION_OUTPUT))
         self.work.interval_time[0] = self.system.clocks(t[len(t) // 2 :])[0]
         arrays = self.system.arrays
         calls = self.sampler.kernels
         output_sampling.evaluate_friction(
-            calls, arrays, self.work, self.memory, t, z, v, found
+            calls, arrays, self.work, self.memory, t, z, v, output
         )
         work_arrays.raise_pending(self.system)
-        return found
+        return output
 
     def choose_states(self, t: float, z: Array, v: Array) -> str:
         """Decide the friction states from an instant on, into the history.
@@ -161,31 +161,31 @@ class StickSlipDecision:
             return f"{self._joint_names(joints)} change between stick and slip at once"
         states = np.array([t]), z[None], v[None]
         before, changing = self.friction_state.copy(), self.changing_joints
-        sense = self.friction_state[:, at.SLIP_DIRECTION]
+        slip_direction = self.friction_state[:, at.SLIP_DIRECTION]
         self.friction_state[:] = 0.0
         self.friction_state[:, at.REST_RATE] = before[:, at.REST_RATE]
         output = self.friction_output(*states)[0]
         stops = any(before[j, at.SLIP_DIRECTION] != 0.0 for j in changing)
         noise = self.rtol * self.largest_rate if stops else 0.0
-        rests = np.abs(output[:, OUTPUT_RATE]) <= self.is_at_rest + noise
-        rests[changing] = True
-        sense[:] = np.where(rests, 0.0, np.sign(output[:, OUTPUT_RATE]))
+        at_rest = np.abs(output[:, OUTPUT_RATE]) <= self.is_at_rest + noise
+        at_rest[changing] = True
+        slip_direction[:] = np.where(at_rest, 0.0, np.sign(output[:, OUTPUT_RATE]))
         self._set_prescribed_directions(output)
-        rests &= ~self.prescribed
-        stays_stuck = (before[:, at.SLIP_DIRECTION] == 0.0) & rests & self.is_started
+        at_rest &= ~self.prescribed
+        stays_stuck = (before[:, at.SLIP_DIRECTION] == 0.0) & at_rest & self.is_started
         self.friction_state[:, at.STICK_POSITION] = np.where(
             stays_stuck, before[:, at.STICK_POSITION], output[:, OUTPUT_POSITION]
         )
-        for j in np.intersect1d(changing, np.flatnonzero(rests & ~stays_stuck)):
+        for j in np.intersect1d(changing, np.flatnonzero(at_rest & ~stays_stuck)):
             if self._reverses(states, int(j), -before[j, at.SLIP_DIRECTION]):
-                rests[j] = False
+                at_rest[j] = False
         self.changing_joints = []
         reason = self._release_overloaded(
-            states, rests, [j for j in changing if stays_stuck[j]]
+            states, at_rest, [j for j in changing if stays_stuck[j]]
         )
         self.friction_state[~self._is_sticking, at.STICK_POSITION] = 0.0
         self._set_contact_sides(states, before[:, at.CONTACT_SIDE :])
-        changed = (before[:, at.SLIP_DIRECTION] != sense) & self.is_started
+        changed = (before[:, at.SLIP_DIRECTION] != slip_direction) & self.is_started
         self.changed_joints = {*np.flatnonzero(changed).tolist(), *changing}
         self.is_started = True
         return reason
@@ -212,8 +212,8 @@ class StickSlipDecision:
             self.largest_compliance, np.finfo(float).tiny
         )
         moving[self.prescribed] = 0.0
-        press = np.abs(output[:, :, OUTPUT_CONTACT_FORCE:]).max(axis=0)
-        self.largest_contact_force = np.fmax(self.largest_contact_force, press)
+        contact_force = np.abs(output[:, :, OUTPUT_CONTACT_FORCE:]).max(axis=0)
+        self.largest_contact_force = np.fmax(self.largest_contact_force, contact_force)
         return max(LIMIT_TOLERANCE, self.rtol) * np.fmax(
             self.largest_contact_force, moving[:, None]
         )
@@ -239,27 +239,29 @@ class StickSlipDecision:
     def _set_contact_sides(self, states: StateOfMotion, before: Array) -> None:
         """Store the contact sides of sliding joints, until they change."""
         output = self.friction_output(*states)
-        press, certain = (
+        contact_force, certain_force = (
             output[0, :, OUTPUT_CONTACT_FORCE:],
             self._certain_contact_force(output),
         )
         sides = np.where(before == 0.0, 1.0, before)
         sides.ravel()[self.reversing_contacts] *= -1.0
-        sides = np.where(np.abs(press) > certain, np.sign(press), sides)
+        sides = np.where(
+            np.abs(contact_force) > certain_force, np.sign(contact_force), sides
+        )
         slides = self.friction_state[:, at.SLIP_DIRECTION, None] != 0.0
         self.friction_state[:, at.CONTACT_SIDE :] = np.where(
             self.has_single_direction & slides, sides, 0.0
         )
         self.reversing_contacts = []
 
-    def _reverses(self, states: StateOfMotion, j: int, sense: float) -> bool:
+    def _reverses(self, states: StateOfMotion, j: int, slip_direction: float) -> bool:
         """True if a joint that turns round does so far above what could stop it.
 
         To stop it might take any force: where other joints move on, its coordinate may
         have a stationary value. Its sense is the new one then.
         """
         self._mark_shared()
-        self.friction_state[j, at.SLIP_DIRECTION] = sense
+        self.friction_state[j, at.SLIP_DIRECTION] = slip_direction
         output = self.friction_output(*states)[0]
         needed = (
             output[j, OUTPUT_FRICTION] * self.memory.friction_P[j, j]
@@ -269,7 +271,7 @@ class StickSlipDecision:
             self.rest_speed[j] * output[j, OUTPUT_LOAD] * self.memory.friction_P[j, j]
         )
         if (
-            sense * output[j, OUTPUT_ACCELERATION] > 0.0
+            slip_direction * output[j, OUTPUT_ACCELERATION] > 0.0
             and abs(needed) > CLEAR_REVERSAL * limit
         ):
             return True
@@ -281,12 +283,14 @@ class StickSlipDecision:
         stuck = np.flatnonzero(self._is_sticking)
         P = self.memory.friction_P[np.ix_(stuck, stuck)]
         size = np.sqrt(np.maximum(P.diagonal(), np.finfo(float).tiny))
-        alone = np.linalg.eigvalsh(P / np.outer(size, size)).min(initial=1.0)
+        least_eigenvalue = np.linalg.eigvalsh(P / np.outer(size, size)).min(initial=1.0)
         self.friction_state[:, at.SHARES_MOTION] = 0.0
-        self.friction_state[stuck, at.SHARES_MOTION] = float(alone < SHARED_MOTION)
+        self.friction_state[stuck, at.SHARES_MOTION] = float(
+            least_eigenvalue < SHARED_MOTION
+        )
 
     def _release_overloaded(
-        self, states: StateOfMotion, rests: Array, observed_slips: list[int]
+        self, states: StateOfMotion, at_rest: Array, observed_slips: list[int]
     ) -> str:
         """Lets go, in sequence, what friction cannot hold.
 
@@ -295,15 +299,15 @@ class StickSlipDecision:
         observed_slips
             Joints that were seen to break loose.
         """
-        sense, names = (
+        slip_direction, names = (
             self.friction_state[:, at.SLIP_DIRECTION],
-            self._joint_names(np.flatnonzero(rests)),
+            self._joint_names(np.flatnonzero(at_rest)),
         )
-        for _ in range(4 * len(sense) + 1):
+        for _ in range(4 * len(slip_direction) + 1):
             self._mark_shared()
             output = self.friction_output(*states)[0]
             if not np.isfinite(output[:, OUTPUT_FRICTION]).all():
-                moves = self._release_together(states, rests)
+                moves = self._release_together(states, at_rest)
                 return "" if moves else f"{NO_SOLUTION} ({names})"
             limits = self.rest_speed * output[:, OUTPUT_LOAD]
             negligible = self._negligible()
@@ -315,15 +319,19 @@ class StickSlipDecision:
             excess[~self._is_sticking] = -np.inf
             most_loaded = int(np.argmax(excess - LIMIT_TOLERANCE * limits))
             if excess[most_loaded] > LIMIT_TOLERANCE * limits[most_loaded]:
-                sense[most_loaded] = -np.sign(output[most_loaded, OUTPUT_FRICTION])
+                slip_direction[most_loaded] = -np.sign(
+                    output[most_loaded, OUTPUT_FRICTION]
+                )
                 continue
             least = self.memory.friction_P.diagonal() * (
                 LIMIT_TOLERANCE * limits + negligible
             )
-            must_stick = rests & (sense * output[:, OUTPUT_ACCELERATION] < -least)
+            must_stick = at_rest & (
+                slip_direction * output[:, OUTPUT_ACCELERATION] < -least
+            )
             if not must_stick.any():
                 return ""
-            sense[must_stick] = 0.0
+            slip_direction[must_stick] = 0.0
         return f"friction allows neither stick nor slip ({names})"
 
     def _negligible(self) -> Array:
@@ -334,13 +342,13 @@ class StickSlipDecision:
         mobility = np.maximum(self.memory.friction_P.diagonal(), np.finfo(float).tiny)
         return np.asarray(self.is_at_rest / (self.span * mobility))
 
-    def _release_together(self, states: StateOfMotion, rests: Array) -> bool:
+    def _release_together(self, states: StateOfMotion, slow: Array) -> bool:
         """Lets go all that rests and holds one motion together, one way or the other.
 
         Where in sequence lets go, what the last of them holds may feed loads without
         bound, though the mechanism can move.
         """
-        at_rest, P = np.flatnonzero(rests), self.memory.friction_P.copy()
+        at_rest, P = np.flatnonzero(slow), self.memory.friction_P.copy()
         if not len(at_rest):
             return False
         first = at_rest[0]
@@ -351,8 +359,10 @@ class StickSlipDecision:
         for sign in (signs, -signs):
             self.friction_state[at_rest, at.SLIP_DIRECTION] = sign
             self._mark_shared()
-            push = self.friction_output(*states)[0][at_rest, OUTPUT_ACCELERATION]
-            if np.isfinite(push).all() and (sign * push > 0.0).all():
+            acceleration = self.friction_output(*states)[0][
+                at_rest, OUTPUT_ACCELERATION
+            ]
+            if np.isfinite(acceleration).all() and (sign * acceleration > 0.0).all():
                 return True
         return False
 
@@ -419,27 +429,30 @@ class StickSlipEvents(StickSlipDecision):
         self.history.store(t)
         self._project(t, z, v)
         state = t, z.copy(), v.copy()
-        sense, joints = (
+        slip_direction, joints = (
             self.friction_state[:, at.SLIP_DIRECTION],
             self.system.friction_joints,
         )
         kinds = [
-            (j, "slip" if sense[j] else "stick") for j in sorted(self.changed_joints)
+            (j, "slip" if slip_direction[j] else "stick")
+            for j in sorted(self.changed_joints)
         ]
         return why, [LocatedEvent(joints[j].joint, kind, *state) for j, kind in kinds]
 
     def steps_before(self, steps: StepStates, end: float) -> StepStates:
         """The parts of steps before an instant."""
         count = self.points.count
-        whole = count * int(np.searchsorted(steps.t[count - 1 :: count], end))
-        before = StepStates(steps.t[:whole], steps.z[:whole], steps.v[:whole])
-        begin = steps.t[whole]
+        n_complete = count * int(np.searchsorted(steps.t[count - 1 :: count], end))
+        before = StepStates(
+            steps.t[:n_complete], steps.z[:n_complete], steps.v[:n_complete]
+        )
+        begin = steps.t[n_complete]
         if not end > begin:
             return before
         t = begin + self.points.fractions * (end - begin)
         t[-1] = np.nextafter(end, -np.inf)
         z, v = zip(
-            *(self.points.interpolate_state(steps, when) for when in t), strict=True
+            *(self.points.interpolate_state(steps, time) for time in t), strict=True
         )
         return join_steps([before, StepStates(t, np.array(z), np.array(v))])
 
@@ -449,7 +462,7 @@ class StickSlipEvents(StickSlipDecision):
         """The steps as far as no friction state changes; there the control
         goes back.
         """
-        t = self.look(steps) if len(steps.t) else None
+        t = self.first_state_change(steps) if len(steps.t) else None
         self.steps_since_change += len(steps.t) // self.points.count
         self.stride = max(
             min(2 * self.stride, MAX_STRIDE),
@@ -464,22 +477,22 @@ class StickSlipEvents(StickSlipDecision):
         control.next_output = int(np.searchsorted(known, t, "right"))
         return self.steps_before(steps, t)
 
-    def look(self, steps: StepStates) -> float | None:
+    def first_state_change(self, steps: StepStates) -> float | None:
         """The first instant in some steps at which a friction state changes."""
         output = self.friction_output(steps.t, steps.z, steps.v)
         margins, bounds = self._margins(output), self._margin_bounds(output)
         first, changing = np.inf, list[int]()
         for j, bound in enumerate(bounds):
-            below = np.flatnonzero(margins[:, j] < -bound)
-            if not len(below):
+            negative = np.flatnonzero(margins[:, j] < -bound)
+            if not len(negative):
                 continue
-            before = np.flatnonzero(margins[: below[0], j] > 0.0)
-            when = self._change_time(
-                steps, j, before[-1] if len(before) else 0, below[0]
+            before = np.flatnonzero(margins[: negative[0], j] > 0.0)
+            time = self._change_time(
+                steps, j, before[-1] if len(before) else 0, negative[0]
             )
-            if when < first:
-                first, changing = when, []
-            if when <= first:
+            if time < first:
+                first, changing = time, []
+            if time <= first:
                 changing.append(j)
         count = len(self.friction_state)
         self.changing_joints = [j for j in changing if j < count]
@@ -494,7 +507,7 @@ class StickSlipEvents(StickSlipDecision):
         they need, of those that drives keep at rest how much slower they are than what
         counts as motion. Behind them the forces that press their places of contact.
         """
-        sense, rate = (
+        slip_direction, rate = (
             self.friction_state[:, at.SLIP_DIRECTION],
             output[:, :, OUTPUT_RATE],
         )
@@ -504,7 +517,7 @@ class StickSlipEvents(StickSlipDecision):
         margin_of_sticking = np.where(
             self.prescribed, 2.0 * self.is_at_rest - np.abs(rate), margin_of_sticking
         )
-        own = np.where(sense == 0.0, margin_of_sticking, sense * rate)
+        own = np.where(slip_direction == 0.0, margin_of_sticking, slip_direction * rate)
         side = self.friction_state[:, at.CONTACT_SIDE :]
         contact_margin = np.where(
             side == 0.0, np.inf, side * output[:, :, OUTPUT_CONTACT_FORCE:]

@@ -53,15 +53,17 @@ FRAME_NODE = "held frame"
 def with_held_frames(scene: SceneFile) -> SceneFile:
     """The scene with a fixed joint "NAME held" for each body whose frame is held."""
     markers, joints = dict(scene.ground.markers), dict(scene.joints)
-    held = {n: body for n, body in scene.sid_bodies.items() if body.frame == "held"}
-    for body, content in held.items():
+    held_bodies = {
+        n: body for n, body in scene.sid_bodies.items() if body.frame == "held"
+    }
+    for body, content in held_bodies.items():
         name = f"{body} held"
         start = content.initial
         pose: dict[str, Any] = {k: getattr(start, k) for k in Placement.model_fields}
         markers[name] = Marker(**pose)
         ends = (f"ground.{name}", f"{body}.{FRAME_NODE}")
         joints[name] = Fixed(type="fixed", markers=ends)
-    if not held:
+    if not held_bodies:
         return scene
     ground = scene.ground.model_copy(update={"markers": markers})
     return scene.model_copy(update={"ground": ground, "joints": joints})
@@ -69,9 +71,9 @@ def with_held_frames(scene: SceneFile) -> SceneFile:
 
 def without_held_frames(scene: SceneFile) -> SceneFile:
     """The scene that became this one, as files hold it."""
-    held = {f"{name} held" for name in scene.bodies}
-    joints = {n: joint for n, joint in scene.joints.items() if n not in held}
-    markers = {n: m for n, m in scene.ground.markers.items() if n not in held}
+    held_markers = {f"{name} held" for name in scene.bodies}
+    joints = {n: joint for n, joint in scene.joints.items() if n not in held_markers}
+    markers = {n: m for n, m in scene.ground.markers.items() if n not in held_markers}
     ground = scene.ground.model_copy(update={"markers": markers})
     return scene.model_copy(update={"ground": ground, "joints": joints})
 
@@ -93,15 +95,15 @@ def is_taken_as_rigid(scene: SceneFile, name: str) -> bool:
 
 def elastic_outputs(scene: SceneFile) -> list[str]:
     """Outputs that only the flexibility of rigid bodies would give."""
-    found = []
+    names = []
     for text in scene.outputs.record:
         if has_wildcard(text):
             continue
         name = parse_output(text)
         elastic = is_elastic(name.quantity) or is_stress(name.quantity)
         if elastic and is_taken_as_rigid(scene, name.owner):
-            found.append(text)
-    return found
+            names.append(text)
+    return names
 
 
 def without_elasticity(scene: SceneFile) -> SceneFile:
@@ -182,10 +184,10 @@ class BodyData:
         """The node behind a marker name; no name is the origin of a rigid body."""
         if marker not in self.rotated_markers:
             return self.sid.node(self.nodes.get(marker, marker))
-        marker, turn = self.rotated_markers[marker]
+        marker, rotation = self.rotated_markers[marker]
         node = self.node(marker)
-        m1 = None if node.AP.m1 is None else node.AP.m1 @ turn
-        return replace(node, AP=Taylor(node.AP.m0 @ turn, m1))
+        m1 = None if node.AP.m1 is None else node.AP.m1 @ rotation
+        return replace(node, AP=Taylor(node.AP.m0 @ rotation, m1))
 
     def elastic_number(self, quantity: str, place: str) -> int:
         """Number of the elastic coordinate that qN, vqN, bending_yN, ... stand for.
@@ -227,8 +229,8 @@ class BodyData:
 def listed_numbers(numbers: Sequence[int], prefix: str) -> str:
     """ "q1 to q5", or "q1, q3" where some are left out."""
     names = [f"{prefix}{k}" for k in numbers]
-    whole = list(numbers) == list(range(1, len(names) + 1))
-    if len(names) > 1 and whole:
+    is_complete = list(numbers) == list(range(1, len(names) + 1))
+    if len(names) > 1 and is_complete:
         return f"{names[0]} to {names[-1]}"
     return ", ".join(names) or "another name"
 
@@ -243,7 +245,7 @@ def read_sids(
     InputError
         A SID cannot be read.
     """
-    found = {}
+    read = {}
     for name, body in scene.sid_bodies.items():
         if name not in sids and not body.sid:
             raise InputError(
@@ -251,8 +253,8 @@ def read_sids(
                 place=f"bodies.{name}.model",
                 expected="a command of sidtool, which converts it, or a SID",
             )
-        found[name] = sids[name] if name in sids else read_sid(folder / body.sid)
-    return found
+        read[name] = sids[name] if name in sids else read_sid(folder / body.sid)
+    return read
 
 
 def body_data(name: str, body: Body, sids: Mapping[str, SID], planar: bool) -> BodyData:
@@ -279,25 +281,27 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
                 expected=error.expected,
             ) from None
     nodes, place, given = dict(body.markers), f"bodies.{name}", sid
-    kept = selected_indices(body.shape_functions, sid.nq, f"{place}.shape_functions")
-    across: Array | None = None
+    selected = selected_indices(
+        body.shape_functions, sid.nq, f"{place}.shape_functions"
+    )
+    momenta: Array | None = None
     if body.rigid:
-        sid, kept = as_rigid_sid(sid), ()
+        sid, selected = as_rigid_sid(sid), ()
     else:
         check_first_order(sid, body.sid, f"{place}.sid")
         sid = sid_with_damping(sid, body.damping, name)
         if not body.geometric_stiffening:
             stiffening = f"{place}.geometric_stiffening"
             sid = without_stiffening(sid, planar, stiffening)
-        sid = select_shape_functions(sid, kept)
+        sid = select_shape_functions(sid, selected)
         if planar:
             ids = map(str, body.markers.values())
-            across = out_of_plane_momenta(
+            momenta = out_of_plane_momenta(
                 sid, ids, body.frame == "held", f"{place}.sid"
             )
-            sid = unloaded_across(sid, across)
+            sid = unloaded_across(sid, momenta)
     sid = with_frame_node(sid) if body.frame == "held" else sid
-    numbers = tuple(k + 1 for k in kept)
+    numbers = tuple(k + 1 for k in selected)
     return BodyData(
         name,
         sid,
@@ -306,7 +310,7 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
         nodes,
         numbers,
         given_sid=given,
-        out_of_plane_momenta=across,
+        out_of_plane_momenta=momenta,
     )
 
 

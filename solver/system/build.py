@@ -251,7 +251,7 @@ def _assemble_tables(
         tables.constraint,
     )
     set_newton_rows(friction, tables.segment, friction_segments, rows_of_newton.segment)
-    counted = sum(len(turn.angles) for turn in rotations if turn.is_counted)
+    counted = sum(len(rotation.angles) for rotation in rotations if rotation.is_counted)
     arrays = at.SystemArrays(
         body=body,
         marker=marker,

@@ -70,8 +70,8 @@ class BuildInputs:
 
 def driven_coordinates(scene: SceneFile) -> dict[str, dict[str, str]]:
     """Drive of each driven coordinate, for all joints."""
-    found: dict[str, dict[str, str]] = {name: {} for name in scene.joints}
+    coordinates: dict[str, dict[str, str]] = {name: {} for name in scene.joints}
     for name, drive in scene.drives.items():
         if drive.joint is not None:
-            found[drive.joint][driven_coordinate(drive, scene.joints)] = name
-    return found
+            coordinates[drive.joint][driven_coordinate(drive, scene.joints)] = name
+    return coordinates

@@ -80,9 +80,9 @@ def _free_flight_distance(scene: SceneFile) -> float:
     """How far initial velocities and gravity carry a body at most."""
     starts = map(scene.initial_of, scene.bodies)
     speeds = [np.linalg.norm(as_3d(start.velocity)) for start in starts]
-    fall = 0.5 * np.linalg.norm(as_3d(scene.gravity))
+    gravity_distance = 0.5 * np.linalg.norm(as_3d(scene.gravity))
     duration = scene.time.end - scene.time.start
-    return float(duration * (max(speeds) + duration * fall))
+    return float(duration * (max(speeds) + duration * gravity_distance))
 
 
 def body_extents(system: System) -> Array:
@@ -104,19 +104,19 @@ def coordinate_amplitudes(system: System) -> Array:
     """Displacement per unit of each elastic coordinate, and 1 of others, (n
     velocities,); see `displacement_amplitudes`.
     """
-    found, axes = np.ones(system.n_velocities), 2 if system.planar else 3
+    amplitudes, axes = np.ones(system.n_velocities), 2 if system.planar else 3
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
-        found[elastic] = displacement_amplitudes(data.sid, axes)
-    return found
+        amplitudes[elastic] = displacement_amplitudes(data.sid, axes)
+    return amplitudes
 
 
 def _is_rotation(system: System) -> NDArray[np.bool_]:
     """Velocity coordinates that turn a body, (n velocities,)."""
-    found, axes = np.zeros(system.n_velocities, bool), 2 if system.planar else 3
+    is_rotation, axes = np.zeros(system.n_velocities, bool), 2 if system.planar else 3
     for row in system.arrays.body:
-        found[row[at.VEL] + axes : row[at.VEL] + row[at.RD]] = True
-    return found
+        is_rotation[row[at.VEL] + axes : row[at.VEL] + row[at.RD]] = True
+    return is_rotation
 
 
 def constraint_sizes(system: System) -> Array:

@@ -38,7 +38,7 @@ def integrate_constant_rates(
     given
         Drives whose functions a program gives.
     """
-    found: dict[str, Drive] = {}
+    changed: dict[str, Drive] = {}
     for name, drive in scene.drives.items():
         if drive.of == "value" or name in given:
             continue
@@ -47,17 +47,19 @@ def integrate_constant_rates(
             coefficients = (
                 (value,) if drive.of == "rate" else (drive.start_rate, value / 2.0)
             )
-            found[name] = _polynomial_drive(
+            changed[name] = _polynomial_drive(
                 drive, scene.time.start, (drive.start, *coefficients)
             )
-    if not found:
+    if not changed:
         return None
-    removed = tuple(f"{name}.{part}" for name in found for part in ("state.", "value"))
+    removed = tuple(
+        f"{name}.{part}" for name in changed for part in ("state.", "value")
+    )
     recorded = tuple(
         name for name in scene.outputs.record if not name.startswith(removed)
     )
     outputs = scene.outputs.model_copy(update={"record": recorded})
-    drives = {**scene.drives, **found}
+    drives = {**scene.drives, **changed}
     return scene.model_copy(update={"drives": drives, "outputs": outputs})
 
 

@@ -44,17 +44,17 @@ def reverse_cuthill_mckee(
                 touching.setdefault(b, []).append(i)
     neighbours = [set().union(*(touching.get(b, []) for b in pair)) for pair in owners]
     order: list[int] = []
-    seen: set[int] = set()
+    visited: set[int] = set()
     for start in sorted(range(n), key=lambda i: (len(neighbours[i]), i)):
-        if start in seen:
+        if start in visited:
             continue
         queue = [start]
-        seen.add(start)
+        visited.add(start)
         for i in queue:
             order.append(i)
-            fresh = [k for k in neighbours[i] if k not in seen]
+            fresh = [k for k in neighbours[i] if k not in visited]
             fresh.sort(key=lambda k: (len(neighbours[k]), k))
-            seen.update(fresh)
+            visited.update(fresh)
             queue.extend(fresh)
     order.reverse()
     return order, _bandwidth(order, neighbours, counts)
@@ -161,17 +161,17 @@ def _segments(
     table: IntTable, counts: list[int], owners: list[tuple[int, ...]], body: IntTable
 ) -> IntTable:
     """Entries of the constraint Jacobian by body; fills the references to them."""
-    found = []
+    segments = []
     for i, pair in enumerate(owners):
         for side, b in enumerate(pair):
             column = (at.SEG_A, at.SEG_B)[side]
             table[i, column] = -1
             if body[b, at.NV] > 0:
-                found += [(b, i, column, k) for k in range(counts[i])]
-    found.sort()
-    segment = np.zeros((len(found), at.N_SEGMENT), np.int64)
+                segments += [(b, i, column, k) for k in range(counts[i])]
+    segments.sort()
+    segment = np.zeros((len(segments), at.N_SEGMENT), np.int64)
     offset = 0
-    for s, (b, i, column, k) in enumerate(found):
+    for s, (b, i, column, k) in enumerate(segments):
         segment[s] = table[i, at.ROW] + k, b, offset
         offset += body[b, at.NV]
         if k == 0:

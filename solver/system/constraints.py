@@ -53,14 +53,14 @@ def coupling_terms(
     InputError
         Weights of angles in space are not in ratios of whole numbers.
     """
-    found = []
+    coupled = []
     for other, coordinate, weight in coupled_coordinates(joint, dict(joints)):
         parts = joint_primitives(joints[other], planar)
-        found.append((other, parts.coordinates[coordinate], weight))
-    weights = [weight for _, part, weight in found if part.kind == ANGLE]
+        coupled.append((other, parts.coordinates[coordinate], weight))
+    weights = [weight for _, part, weight in coupled if part.kind == ANGLE]
     period = 0.0 if planar else 2.0 * math.pi * _common_unit(weights, name)
-    terms = coupling_row([term[1:] for term in found], joint.offset, period)
-    return list(zip((name for name, _, _ in found), terms, strict=True))
+    terms = coupling_row([term[1:] for term in coupled], joint.offset, period)
+    return list(zip((name for name, _, _ in coupled), terms, strict=True))
 
 
 def _common_unit(weights: list[float], name: str) -> float:
@@ -118,16 +118,16 @@ def constraints_of(parts: BuildInputs) -> list[Constraint]:
     scene = parts.scene
     prescribing_joints = [frame.joint for frame in parts.frames.values()]
     driven = driven_coordinates(scene)
-    found: list[Constraint] = []
+    constraints: list[Constraint] = []
     for name, joint in scene.joints.items():
         if isinstance(joint, Gear | Coupling):
-            found += _coupling_constraints(parts, name, joint)
+            constraints += _coupling_constraints(parts, name, joint)
         elif not any(joint is other for other in prescribing_joints):
-            found += _joint_constraints(parts, name, joint, driven[name])
+            constraints += _joint_constraints(parts, name, joint, driven[name])
     for name, drive in scene.drives.items():
         if drive.marker is not None:
-            found += _marker_drive_constraints(parts, name, drive)
-    return found
+            constraints += _marker_drive_constraints(parts, name, drive)
+    return constraints
 
 
 def _joint_constraints(
@@ -142,28 +142,28 @@ def _joint_constraints(
     primitives = joint_primitives(joint, parts.planar)
     if is_point_mass_joint(joint, parts.data):
         primitives = JointPrimitives([Primitive(COINCIDENT)])
-    found = [Constraint(name, part, a, b) for part in primitives.constraints]
+    constraints = [Constraint(name, part, a, b) for part in primitives.constraints]
     if "length" in drives:
-        found = []
+        constraints = []
     for coordinate, drive in drives.items():
         part = primitives.coordinates[coordinate]
         first, second = (b, a) if part.swapped else (a, b)
         index = parts.drive_index[drive]
         law = parts.drive_law_rows.get(drive, -1)
-        found.append(Constraint(drive, part, first, second, index, law))
-    return found
+        constraints.append(Constraint(drive, part, first, second, index, law))
+    return constraints
 
 
 def _coupling_constraints(
     parts: BuildInputs, name: str, joint: Gear | Coupling
 ) -> list[Constraint]:
-    found: list[Constraint] = []
+    constraints: list[Constraint] = []
     joints = parts.scene.joints
     for other, part in coupling_terms(name, joint, joints, parts.planar):
         a, b = (marker_reference(text) for text in marker_names(joints[other]))
         first, second = (b, a) if part.swapped else (a, b)
-        found.append(Constraint(name, part, first, second))
-    return found
+        constraints.append(Constraint(name, part, first, second))
+    return constraints
 
 
 def _marker_drive_constraints(

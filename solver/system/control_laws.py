@@ -112,23 +112,23 @@ def compile_laws(
     InputError
         One is not sound.
     """
-    found = {}
+    compiled = {}
     for name, force in scene.forces.items():
         law = forces.get(name, getattr(force, "function", None))
         if isinstance(law, Expression | Pid | GivenLaw):
-            found[name] = _compile_checked(
+            compiled[name] = _compile_checked(
                 law, scene, f"forces.{name}.function", sampled
             )
     for name, drive in scene.drives.items():
         function = drives.get(name, drive.function)
         if isinstance(function, Expression | Pid | GivenLaw) or drive.of != "value":
             place = f"drives.{name}.function"
-            _check_drive(function, drive, name in found, place)
+            _check_drive(function, drive, name in compiled, place)
             parts = _compile_checked(function, scene, place, sampled)
-            found[name] = prescribed_law(
+            compiled[name] = prescribed_law(
                 parts, drive.of, drive.start, drive.start_rate, place
             )
-    return found
+    return compiled
 
 
 def _check_drive(function: Any, drive: Drive, is_force: bool, place: str) -> None:
@@ -173,10 +173,10 @@ def state_bodies(laws: Mapping[str, CompiledLaw]) -> dict[str, BodyData]:
             False,
             {},
             is_scene_body=False,
-            initial_state=kept.initial,
+            initial_state=state.initial,
         )
         for force, parts in laws.items()
-        for name, kept in _all_states(parts).items()
+        for name, state in _all_states(parts).items()
     }
 
 
@@ -271,7 +271,7 @@ class LawTable:
 
     def _add_features(self, law: CompiledLaw, force: str) -> None:
         """Tells the table of functions what a law makes of time."""
-        for parts in (law.value, *(kept.change for kept in law.states.values())):
+        for parts in (law.value, *(state.change for state in law.states.values())):
             program = function_of_time(parts)
             if program is not None:
                 self._functions.add_law_features(program, force)
@@ -329,8 +329,8 @@ class _LawCompiler:
             )
 
     def code(self) -> tuple[float, ...]:
-        words = [word for words in self.instructions for word in words]
-        return (float(len(self.sensors)), float(len(self.instructions)), *words)
+        numbers = [number for numbers in self.instructions for number in numbers]
+        return (float(len(self.sensors)), float(len(self.instructions)), *numbers)
 
     def _add_instruction(
         self, part: Instruction | CallableInstruction | TimeLaw | OutputRate
@@ -347,16 +347,16 @@ class _LawCompiler:
                 self.rows[id(part.function)] = row
             self._emit(op.FUNCTION, row, part.order, 1)
         elif isinstance(part, OutputRate):
-            found = self.table.read(part.name, self.force)
+            signal = self.table.read(part.name, self.force)
             prescribed = self.table.laws[self.force].prescribed
-            if found.order == 1:
+            if signal.order == 1:
                 raise InputError(
                     f"the rate of {part.name} is an acceleration or unknown, which a "
                     "law cannot read",
                     place=self.table.place(self.force),
                     expected=_POSITION_OUTPUTS if prescribed is None else _LAGGING_LAW,
                 )
-            self._emit_measure(f"rate of {part.name}", SensorSignal(found.element, 1))
+            self._emit_measure(f"rate of {part.name}", SensorSignal(signal.element, 1))
         elif part.kind == "name":
             self._emit_name(str(part.value))
         elif part.kind == "number":
@@ -428,8 +428,8 @@ class _LawCompiler:
             self.force = outer
         self.open_forces.pop()
 
-    def _emit_measure(self, name: str, found: SensorSignal) -> None:
-        index, order, constant = self._sensor_index(found.element), *found[1:]
+    def _emit_measure(self, name: str, signal: SensorSignal) -> None:
+        index, order, constant = self._sensor_index(signal.element), *signal[1:]
         self.reads[name] = index, partial(_measured_output, order, constant)
         self._emit(op.MEASURE, index, order, 1)
         if constant:
@@ -497,9 +497,9 @@ def law_error(system: System, work: at.WorkArrays, since: float = -np.inf) -> st
             t, np.array(list(values.values())[: native.count])
         )
     known = {name: value for name, value in values.items() if value == value}
-    where = ", ".join(f"{name} = {value:.6g}" for name, value in known.items())
+    arguments = ", ".join(f"{name} = {value:.6g}" for name, value in known.items())
     text = f"the law of {element.name} {problem} at t = {t:.9g} s"
-    return f"{text}, where {where}" if where else text
+    return f"{text}, where {arguments}" if arguments else text
 
 
 def _natives(system: System, name: str) -> Iterator[NativeCallable]:
@@ -515,15 +515,15 @@ def rejected_trials(system: System, work: at.WorkArrays) -> list[str]:
     An exception of a callable is a defect of a program, whether the run needed the
     number or not.
     """
-    said = law_error(system, work)
-    last, found = (
+    error = law_error(system, work)
+    last, compiled = (
         float(work.law_failure[control_laws.FAILURE_TIME]),
-        [said] if said else [],
+        [error] if error else [],
     )
     for name in dict.fromkeys(element.name for element in system.forces):
         for native in _natives(system, name):
-            if native.failure is not None and not (said and native.failure[0] == last):
+            if native.failure is not None and not (error and native.failure[0] == last):
                 t, why = native.failure
-                found.append(f"the law of {name} {why} at t = {t:.9g} s")
+                compiled.append(f"the law of {name} {why} at t = {t:.9g} s")
     end = "; steps that ask for it are repeated, outputs that need it are no numbers"
-    return [f"{text}{end}" for text in dict.fromkeys(found)]
+    return [f"{text}{end}" for text in dict.fromkeys(compiled)]

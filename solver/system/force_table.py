@@ -64,7 +64,7 @@ def compile_forces(
         A callable for a force that does not exist or is no function of time.
     """
     _check_programs(scene, programs)
-    found: list[ForceRow] = []
+    rows: list[ForceRow] = []
     for name, force in scene.forces.items():
         function, row = getattr(force, "function", None), -1
         program = programs.get(name)
@@ -74,8 +74,8 @@ def compile_forces(
             row = functions.add(function or Given(type="callable"), place, program)
         context = _Context(name, scene, planar, row)
         for element in _COMPILERS[type(force)](force, context):
-            found += rows_of(element)
-    return tuple(found)
+            rows += rows_of(element)
+    return tuple(rows)
 
 
 def force_element(scene: SceneFile, name: str) -> ForceRow:
@@ -90,11 +90,11 @@ def _check_programs(scene: SceneFile, programs: Mapping[str, Any]) -> None:
     for name in programs:
         if name not in timed:
             known = scene.forces.get(name)
-            found = f"there is no force {name!r} for a callable"
+            problem = f"there is no force {name!r} for a callable"
             if known is not None:
-                found = f"{name} is a {known.type}, which is no function of time"
+                problem = f"{name} is a {known.type}, which is no function of time"
             raise InputError(
-                found,
+                problem,
                 place="forces",
                 expected=", ".join(timed) or "a force or an actuator in the scene",
             )
@@ -182,12 +182,12 @@ def _bushing(force: Bushing, context: _Context) -> list[ForceRow]:
         measures += (
             _shaft_measures(force.shaft) if force.shaft else _rotation_vector_measures()
         )
-    each = [
+    rows = [
         ForceRow(context.name, kind, a, b, data, ForceLaw()) for kind, data in measures
     ]
     K = as_matrix(force.stiffness)
     D = np.zeros(K.shape) if force.damping is None else as_matrix(force.damping)
-    return [*symmetric_force_rows(each, K, D), *antisymmetric_force_rows(each, K, D)]
+    return [*symmetric_force_rows(rows, K, D), *antisymmetric_force_rows(rows, K, D)]
 
 
 _AXES = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
@@ -204,12 +204,12 @@ def _shaft_measures(shaft: str) -> list[tuple[int, tuple[float, ...]]]:
     k = "xyz".index(shaft)
     i, j = (k + 1) % 3, (k + 2) % 3
     minus_j = tuple(-c for c in _AXES[j])
-    found = {
+    angles = {
         i: (at.DIRECTION_COSINE_MEASURE, (*minus_j, *_AXES[k])),
         j: (at.DIRECTION_COSINE_MEASURE, (*_AXES[i], *_AXES[k])),
         k: (at.ANGLE_MEASURE, (*_AXES[i], *_AXES[j])),
     }
-    return [found[axis] for axis in range(3)]
+    return [angles[axis] for axis in range(3)]
 
 
 _COMPILERS: dict[type[Force], Callable[..., list[ForceRow]]] = {

@@ -61,7 +61,7 @@ def compile_friction_joints(
     constraints, table
         Those of the scene, in one order.
     """
-    found = []
+    joints = []
     for name, joint in parts.scene.joints.items():
         friction = getattr(joint, "friction", None)
         if friction is None:
@@ -71,8 +71,8 @@ def compile_friction_joints(
             if constraint.owner == name:
                 point = constraint.primitive.kind == at.COINCIDENT
                 rows += [int(row[at.ROW]) + k for k in range(2 if point else 1)]
-        found.append(_friction_joint(name, joint, friction, parts.planar, tuple(rows)))
-    return tuple(found)
+        joints.append(_friction_joint(name, joint, friction, parts.planar, tuple(rows)))
+    return tuple(joints)
 
 
 def _friction_joint(
@@ -161,11 +161,11 @@ def friction_tables(
                 offset += int(body[b, at.NV])
         contacts, _, count = friction_joint.weights.shape
         law = friction_joint.friction
-        rest = law.coefficient if law.static is None else law.static
+        static_coefficient = law.coefficient if law.static is None else law.static
         width = law.stribeck_velocity or 0.0
         numbers = (
             law.coefficient,
-            rest,
+            static_coefficient,
             width,
             law.viscous,
             friction_joint.arm,
@@ -217,9 +217,9 @@ class FrictionStateHistory:
     def store(self, t: float) -> None:
         """Stores what holds from now on."""
         self._times.append(t)
-        kept = self.current_states.copy()
-        kept[:, at.CONTACT_SIDE :] = 0.0
-        self._kept.append(kept)
+        stored = self.current_states.copy()
+        stored[:, at.CONTACT_SIDE :] = 0.0
+        self._kept.append(stored)
 
     def clear(self) -> None:
         """Nothing is kept any more."""

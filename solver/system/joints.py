@@ -205,7 +205,7 @@ def coupling_row(
 ) -> list[Primitive]:
     """One row: the sum of coordinates times weights is an offset, None for that of the
     start; it is known up to multiples of a period, 0 for exactly."""
-    found = []
+    primitives = []
     for k, (part, weight) in enumerate(terms):
         is_first, set_at_start = float(k == 0), -1
         if k == 0 and offset is None:
@@ -213,8 +213,8 @@ def coupling_row(
         constant = (offset or 0.0) * is_first
         data = (*part.data, weight, constant, period, is_first)
         kind = COUPLED_ANGLE if part.kind == ANGLE else COUPLED_DISPLACEMENT
-        found.append(Primitive(kind, data, part.swapped, set_at_start, k > 0))
-    return found
+        primitives.append(Primitive(kind, data, part.swapped, set_at_start, k > 0))
+    return primitives
 
 
 def _screw(joint: Joint, axis: Array) -> JointPrimitives:

@@ -36,7 +36,7 @@ def symmetric_force_rows(
     uncoupled = ~np.array(
         [np.delete(np.abs(K[i]) + np.abs(D[i]), i).any() for i in range(len(K))]
     )
-    found = [
+    rows = [
         replace(
             measure,
             law=ForceLaw(
@@ -51,14 +51,14 @@ def symmetric_force_rows(
     coupled = [int(i) for i in np.flatnonzero(~uncoupled)]
     coupled_measures = [measures[i] for i in coupled]
     for size, weights in _rank_one_terms(K[np.ix_(coupled, coupled)]):
-        found += _combined_force_rows(
+        rows += _combined_force_rows(
             coupled_measures, weights, ForceLaw(stiffness=polynomial_force((size,)))
         )
     for size, weights in _rank_one_terms(D[np.ix_(coupled, coupled)]):
-        found += _combined_force_rows(
+        rows += _combined_force_rows(
             coupled_measures, weights, ForceLaw(damping=polynomial_force((size,)))
         )
-    return found
+    return rows
 
 
 def _rank_one_terms(matrix: Array) -> Iterator[tuple[float, Array]]:
@@ -90,24 +90,24 @@ def antisymmetric_force_rows(
 ) -> list[ForceRow]:
     """The rows of laws that give each measure its force of the others."""
     K, D = (K - K.T) / 2.0, (D - D.T) / 2.0
-    found: list[ForceRow] = []
+    rows: list[ForceRow] = []
     for i, measure in enumerate(measures):
         others = [int(j) for j in np.flatnonzero((K[i] != 0.0) | (D[i] != 0.0))]
         if not others:
             continue
-        words: list[tuple[float, float, float]] = []
+        entries: list[tuple[float, float, float]] = []
         for number, j in enumerate(others):
             for order, factor in enumerate((K[i, j], D[i, j])):
-                is_first = not words
-                words.append((op.MEASURE, number, order))
-                words.append((op.CONSTANT, -factor, 0.0))
-                words.append((op.MULTIPLY, 0.0, 0.0))
+                is_first = not entries
+                entries.append((op.MEASURE, number, order))
+                entries.append((op.CONSTANT, -factor, 0.0))
+                entries.append((op.MULTIPLY, 0.0, 0.0))
                 if not is_first:
-                    words.append((op.ADD, 0.0, 0.0))
-        flat = [float(entry) for word in words for entry in word]
-        code = (float(len(others)), float(len(words)), *flat)
-        found += [replace(measures[j], is_measure=True) for j in others]
+                    entries.append((op.ADD, 0.0, 0.0))
+        flat = [float(entry) for triple in entries for entry in triple]
+        code = (float(len(others)), float(len(entries)), *flat)
+        rows += [replace(measures[j], is_measure=True) for j in others]
         law = ForceLaw(applied=1.0)
         control = ControlledForce({}, ())
-        found.append(replace(measure, law=law, code=code, control=control))
-    return found
+        rows.append(replace(measure, law=law, code=code, control=control))
+    return rows

@@ -59,7 +59,7 @@ def out_of_plane_momenta(
             place=place,
             expected='dimension = "spatial"',
         )
-    found = []
+    momenta = []
     for modes in _modes(sid):
         planar_motion, transverse_motion = in_plane @ modes, transverse @ modes
         largest = max(
@@ -69,8 +69,8 @@ def out_of_plane_momenta(
         excited = int(np.sum(sizes > NEGLIGIBLE * largest))
         unexcited = right[excited:].T
         if np.abs(transverse_motion @ unexcited).max(initial=0.0) > 0.0:
-            found.append((sid.Me.m0 @ modes @ unexcited).T)
-    return np.concatenate([np.zeros((0, sid.nq)), *found])
+            momenta.append((sid.Me.m0 @ modes @ unexcited).T)
+    return np.concatenate([np.zeros((0, sid.nq)), *momenta])
 
 
 def unloaded_across(sid: SID, transverse: Array) -> SID:
@@ -130,9 +130,9 @@ def _node_motions(sid: SID, nodes: Iterable[str], is_held: bool) -> tuple[Array,
     in_plane, transverse = [np.zeros(sid.nq)], [np.zeros(sid.nq)]
     for node in sid.nodes:
         if node.id in known:
-            move, turn = node.phi.m0, size * node.psi.m0
-            in_plane += [move[0], move[1], turn[2]]
-            transverse += [move[2], turn[0], turn[1]]
+            displacement, rotation = node.phi.m0, size * node.psi.m0
+            in_plane += [displacement[0], displacement[1], rotation[2]]
+            transverse += [displacement[2], rotation[0], rotation[1]]
     Ct, Cr = sid.Ct.m0.T / sid.mass, sid.Cr.m0.T / (sid.mass * size)
     in_plane += [Ct[0], Ct[1], Cr[2]]
     transverse += [] if is_held else [Ct[2], Cr[0], Cr[1]]
@@ -144,8 +144,8 @@ def _coupling(sid: SID, in_plane: Array, transverse: Array) -> float:
     across it is held: the squared correlation of both by the compliance."""
     Ke = 0.5 * (sid.Ke.m0 + sid.Ke.m0.T)
     values, vectors = np.linalg.eigh(Ke)
-    firm = values > 1e-12 * values.max()
-    soft = vectors[:, firm] / np.sqrt(values[firm])
+    significant = values > 1e-12 * values.max()
+    soft = vectors[:, significant] / np.sqrt(values[significant])
     one, other = in_plane @ soft, transverse @ soft
     inner, outer = (np.square(part).sum(axis=1) for part in (one, other))
     least = NEGLIGIBLE**2 * max(inner.max(), outer.max())

@@ -44,18 +44,18 @@ def with_rotated_markers(
 
     A rotated marker is called "MARKER rotated by JOINT".
     """
-    found, joints = dict(data), dict(scene.joints)
+    rotated, joints = dict(data), dict(scene.joints)
     for name, rotation_ in _marker_rotations(scene, data):
         first, second = marker_names(joints[name])
         body, marker = marker_reference(second)
         key = marker + _suffix(name)
-        known = found[body]
-        found[body] = replace(
+        known = rotated[body]
+        rotated[body] = replace(
             known, rotated_markers={**known.rotated_markers, key: (marker, rotation_)}
         )
         pair = first, f"{body}.{key}"
         joints[name] = joints[name].model_copy(update={"markers": pair})
-    return scene.model_copy(update={"joints": joints}), found
+    return scene.model_copy(update={"joints": joints}), rotated
 
 
 def original_scene(scene: SceneFile) -> SceneFile:
@@ -117,9 +117,7 @@ def _marker_rotation(
             Q.T if keeps_orientation else shortest_rotation(axis, Q.T @ axis)
             for Q in specified
         ]
-        if all(
-            np.linalg.norm(rotation_vector(turn)) > ROUNDED_ANGLE for turn in rotations_
-        ):
+        if all(np.linalg.norm(rotation_vector(R)) > ROUNDED_ANGLE for R in rotations_):
             rotation_ = rotations_[-1] if rotations_ else rotation_
     if second is not None:
         target = as_3d(second) / np.linalg.norm(second)
@@ -135,17 +133,17 @@ def _relative_orientations(
     Of the bodies as they are, and as stated elastic coordinates deform them: a start
     that is deformed may be stated either way.
     """
-    found = []
+    orientations = []
     for body, marker in map(marker_reference, (a, b)):
         specified = (
             np.eye(3) if body == GROUND_NAME else _specified_orientation(scene, body)
         )
         if specified is None:
             return ()
-        found.append(
+        orientations.append(
             [specified @ axes for axes in _marker_axes(scene, data[body], marker)]
         )
-    return tuple(np.asarray(A.T @ B) for A, B in zip(*found, strict=True))
+    return tuple(np.asarray(A.T @ B) for A, B in zip(*orientations, strict=True))
 
 
 def _marker_axes(scene: SceneFile, data: BodyData, marker: str) -> tuple[Array, Array]:

@@ -111,9 +111,9 @@ class RotationTable:
     def __init__(
         self,
         drives: Mapping[Coordinate, int],
-        rests: Mapping[Coordinate | None, float],
+        rest_angles: Mapping[Coordinate | None, float],
     ) -> None:
-        self.drives, self.rest_angles = drives, rests
+        self.drives, self.rest_angles = drives, rest_angles
         self.rotations: list[CountedRotation] = []
 
     def with_counter(self, element: ForceRow) -> ForceRow:
@@ -121,12 +121,14 @@ class RotationTable:
         if element.kind not in (at.ANGLE_MEASURE, at.ROTATION_VECTOR_MEASURE):
             return element
         drive = self.drives.get(element.coordinate, -1) if element.coordinate else -1
-        rest = element.law.rest
+        rest_angle = element.law.rest
         if not _has_spring(element):
-            rest = self.rest_angles.get(element.coordinate, rest)
-        rest = rest if drive < 0 else 0.0
-        same = [t for t in self._at(element) if (t.rest, t.drive) == (rest, drive)]
-        rotation = same[0] if same else self._add(element, True, rest, drive)
+            rest_angle = self.rest_angles.get(element.coordinate, rest_angle)
+        rest_angle = rest_angle if drive < 0 else 0.0
+        same = [
+            t for t in self._at(element) if (t.rest, t.drive) == (rest_angle, drive)
+        ]
+        rotation = same[0] if same else self._add(element, True, rest_angle, drive)
         component = (
             int(np.argmax(element.data))
             if element.kind == at.ROTATION_VECTOR_MEASURE
@@ -156,14 +158,14 @@ class RotationTable:
         return [t for t in self.rotations if (t.kind, t.a, t.b, t.data) == key]
 
     def _add(
-        self, element: ForceRow, counted: bool, rest: float = 0.0, drive: int = -1
+        self, element: ForceRow, counted: bool, rest_angle: float = 0.0, drive: int = -1
     ) -> CountedRotation:
-        what = element.coordinate[1] if element.coordinate else "turn"
-        entry = sum(len(turn.angles) for turn in self.rotations)
+        coordinate = element.coordinate[1] if element.coordinate else "turn"
+        entry = sum(len(rotation.angles) for rotation in self.rotations)
         kind, a, b, data = _rotation_key(element)
-        name = f"{element.name}.{what}"
+        name = f"{element.name}.{coordinate}"
         self.rotations.append(
-            CountedRotation(name, kind, a, b, data, entry, counted, rest, drive)
+            CountedRotation(name, kind, a, b, data, entry, counted, rest_angle, drive)
         )
         return self.rotations[-1]
 

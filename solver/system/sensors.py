@@ -87,9 +87,9 @@ def sensor_signal(
     coordinate = coordinate_of(quantity)
     if owner in scene.joints and not marker and coordinate:
         if coordinate not in scene.joints[owner].coordinates:
-            found = f"{owner} has no coordinate {coordinate}"
+            problem = f"{owner} has no coordinate {coordinate}"
             listed = " or ".join(scene.joints[owner].coordinates) or "another joint"
-            raise InputError(found, place=place, expected=listed)
+            raise InputError(problem, place=place, expected=listed)
         element = joint_coordinate(scene, owner, coordinate)
         return SensorSignal(element, int(is_rate(quantity)))
     if owner in scene.bodies and is_elastic(quantity) and not marker:
@@ -216,19 +216,19 @@ def add_sample_times(
     breaks: tuple[float, ...], elements: tuple[ForceRow, ...], time: Time
 ) -> tuple[float, ...]:
     """Breaks of functions and the samples of all laws inside the span, growing."""
-    found = np.array(breaks)
+    times = np.array(breaks)
     for period in sorted({e.sample_period for e in elements if e.sample_period}):
         count = int(np.ceil((time.end - time.start) / period))
         samples = time.start + period * np.arange(1, count)
-        near = np.searchsorted(found, samples)
+        near = np.searchsorted(times, samples)
         distances = [
-            np.abs(found[np.clip(near - side, 0, len(found) - 1)] - samples)
+            np.abs(times[np.clip(near - side, 0, len(times) - 1)] - samples)
             for side in (0, 1)
         ]
         new = samples[np.minimum(*distances) > SAMPLE_TOLERANCE * period]
         new = new[new < time.end - SAMPLE_TOLERANCE * period]
-        found = np.sort(np.concatenate([found, new]))
-    return tuple(float(t) for t in found)
+        times = np.sort(np.concatenate([times, new]))
+    return tuple(float(t) for t in times)
 
 
 class OutputTimesAtSamples(OutputTimes):

@@ -86,9 +86,9 @@ def mean_axes(sid: SID, ct1: Array, cr1: Array, oe1: Array, planar: bool) -> Mea
     return MeanAxes(theta, J, d_inertia, d2_inertia, np.moveaxis(coupling, 2, 0))
 
 
-def _commutator(J: Array, turn: Array) -> Array:
+def _commutator(J: Array, generator: Array) -> Array:
     """J turn - turn J for each rotation: what axes turned so add to J, (nq, 3, 3)."""
-    return J @ turn - turn @ J
+    return J @ generator - generator @ J
 
 
 def _central_inertia(sid: SID, ct1: Array, oe1: Array) -> tuple[Array, Array, Array]:
@@ -167,11 +167,11 @@ def _first_moments(sid: SID) -> Array:
     return -0.5 * J1 + 0.25 * trace * np.eye(3) + 0.5 * skew(sid.Cr.m0)
 
 
-def _rotation_moments(turn: Array, moments: Array) -> Array:
+def _rotation_moments(rotation: Array, moments: Array) -> Array:
     """(k, l, 3): integral of (theta_k x c) x Phi_l, for the first moments of Phi_l."""
     trace = np.trace(moments, axis1=1, axis2=2)
-    pulled = np.einsum("kb,lba->kla", turn, moments)
-    return pulled - turn[:, None] * trace[None, :, None]
+    product = np.einsum("kb,lba->kla", rotation, moments)
+    return product - rotation[:, None] * trace[None, :, None]
 
 
 #: A shape function does not move along an axis when it does by less than this part.
@@ -245,23 +245,23 @@ def _spatial_oe1(sid: SID, antisymmetric: Array) -> Array:
     assert axes is not None
     me = 0.5 * (sid.Me.m0 + sid.Me.m0.T)
     columns = [frozenset(pair) for pair in OE_INDICES]
-    found = np.zeros((sid.nq, sid.nq, 6))
+    oe1 = np.zeros((sid.nq, sid.nq, 6))
     for (k, a), (i, b) in product(enumerate(axes), repeat=2):
         if a == b:
-            found[k, i, :3] = -me[k, i]
-            found[k, i, a] = 0.0
+            oe1[k, i, :3] = -me[k, i]
+            oe1[k, i, a] = 0.0
         else:
             sign = 1.0 if (b - a) % 3 == 1 else -1.0
             crossed = sign * antisymmetric[k, i, 3 - a - b]
-            found[k, i, columns.index(frozenset((a, b)))] = crossed
-    return found
+            oe1[k, i, columns.index(frozenset((a, b)))] = crossed
+    return oe1
 
 
 def _motion_axes(sid: SID) -> list[int] | None:
     """The axis 0 to 2 along which each shape function moves all nodes, if it does."""
     phi, _ = sid.shapes
-    most = np.abs(phi).max(axis=0, initial=0.0)
-    is_moving = most > NO_MOTION * most.max(axis=0, initial=0.0)
+    largest = np.abs(phi).max(axis=0, initial=0.0)
+    is_moving = largest > NO_MOTION * largest.max(axis=0, initial=0.0)
     if not (is_moving.sum(axis=0) == 1).all():
         return None
     axes = is_moving.argmax(axis=0)

@@ -205,12 +205,12 @@ class System:
         owners = [names[first] for first in constraints[:, at.ROW]]
         owners += [rub.joint for rub in self.friction_joints]
         owners += [f"forces.{e.name}" if e.is_force else "" for e in self.forces]
-        found: dict[int, list[tuple[int, str, bool]]] = {}
+        forces: dict[int, list[tuple[int, str, bool]]] = {}
         for k, (owner, markers) in enumerate(zip(owners, self.ends, strict=True)):
             for marker, is_second in zip(markers, (False, True), strict=True):
                 if owner:
-                    found.setdefault(int(marker), []).append((k, owner, is_second))
-        return found
+                    forces.setdefault(int(marker), []).append((k, owner, is_second))
+        return forces
 
     @property
     def flexible(self) -> tuple[BodyData, ...]:

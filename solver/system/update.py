@@ -106,7 +106,7 @@ def _changed_bodies(
     """The data of the bodies that changed; None where they change tables."""
     known = {data.name: data for data in before.bodies}
     has_points = any(one.is_scene_body and not one.rotates for one in before.bodies)
-    found = {}
+    bodies = {}
     for name, body in scene.bodies.items():
         old, data = previous.bodies[name], known[name]
         if body is old:
@@ -115,28 +115,28 @@ def _changed_bodies(
             body.markers
         ):
             return None
-        if has_points and not _keeps_point_masses(old, body, data):
+        if has_points and not _has_same_point_masses(old, body, data):
             return None
         if isinstance(body, RigidBody):
             same = body.markers == old.markers
             nodes = data.sid.nodes if same else rigid_nodes(body.markers)
-            found[name] = rigid_body(name, body, nodes)
+            bodies[name] = rigid_body(name, body, nodes)
         else:
-            found[name] = data
-        if found[name].rotates != data.rotates:
+            bodies[name] = data
+        if bodies[name].rotates != data.rotates:
             return None
-    return found
+    return bodies
 
 
-def _keeps_point_masses(previous: Body, body: Body, data: BodyData) -> bool:
+def _has_same_point_masses(previous: Body, body: Body, data: BodyData) -> bool:
     """True if point masses, which have no orientation, stay where joints take them for
     places or for prescribed frames.
     """
     if not data.rotates:
-        turned = (
+        has_changed = (
             orientation_matrix(previous.initial) != orientation_matrix(body.initial)
         ).any()
-        return previous.markers == body.markers and not turned
+        return previous.markers == body.markers and not has_changed
     if isinstance(previous, SidBody) or isinstance(body, SidBody):
         return True
     pairs = zip(previous.markers.values(), body.markers.values(), strict=True)
@@ -164,11 +164,11 @@ def _changed_functions(
         place = f"drives.{name}.function"
         if name in scene.forces or not _has_same_structure(old, drive):
             return None
-        found = replacement_entry(old.function, drive.function, span, place, 2)
-        if found is None:
+        entry = replacement_entry(old.function, drive.function, span, place, 2)
+        if entry is None:
             return None
-        entries.append((int(row[at.D_DATA]), found.data))
-        features[name] = merge_features([found.features])
+        entries.append((int(row[at.D_DATA]), entry.data))
+        features[name] = merge_features([entry.features])
     return entries, features
 
 

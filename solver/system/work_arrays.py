@@ -48,9 +48,9 @@ def _work_maker(system: System) -> Callable[[], at.WorkArrays]:
     blocks = int((body[:, at.NV] ** 2).sum())
     entries = segment_entries(system)
     largest = max(1, int(body[:, at.NV].max()))
-    n_rotations = sum(len(turn.angles) for turn in system.rotations)
+    n_rotations = sum(len(rotation.angles) for rotation in system.rotations)
     n_measures = max_measures_read(system.forces)
-    most, space = int(body[:, at.NQ].max()), system.space
+    largest_nq, space = int(body[:, at.NQ].max()), system.space
     frame, point = FRAMES[space].record.size, POINTS[space].record.size
     n_friction = len(system.friction_joints)
     return at.WorkArrays.maker(
@@ -73,8 +73,8 @@ def _work_maker(system: System) -> Callable[[], at.WorkArrays]:
         law_failure=(control_laws.FAILURE_MEASURES + 2 * n_measures,),
         interval_time=(1,),
         scratch=(max(2 * largest, MIN_SCRATCH),),
-        modal_scratch=(MODES[space].record.size * most,),
-        stiffened_scratch=(STIFFENED_COORDINATE[space].record.size * most,),
+        modal_scratch=(MODES[space].record.size * largest_nq,),
+        stiffened_scratch=(STIFFENED_COORDINATE[space].record.size * largest_nq,),
         rotation_scratch=(MEAN_AXES[space].record.size,),
         friction_force=(n_friction,),
         joint_load=(n_friction,),
@@ -260,10 +260,10 @@ def function_history(
     interval_times : (nt,)
         Times inside the smooth intervals that the times count to, see `System.clocks`.
     """
-    found = np.zeros((len(times), 3))
+    histories = np.zeros((len(times), 3))
     interval_times, times = (
         np.ascontiguousarray(interval_times),
         np.ascontiguousarray(times),
     )
-    function_values(system.arrays, row, interval_times, times, found)
-    return found
+    function_values(system.arrays, row, interval_times, times, histories)
+    return histories

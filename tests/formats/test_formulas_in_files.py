@@ -120,9 +120,9 @@ def test_saved_files_keep_formulas_that_still_hold(tmp_path: Path) -> None:
     ) == tomllib.loads(SCENE)
     assert SceneFile.load(tmp_path / "same.toml") == scene
     by_hand = scene.model_copy(update={"parameters": {"n": 3.0, "m": 1.0}})
-    said = by_hand.said()
-    assert said["bodies"]["rod"]["mass"] == 3.0
-    assert said["time"]["end"] == 2.0
+    data = by_hand.file_data()
+    assert data["bodies"]["rod"]["mass"] == 3.0
+    assert data["time"]["end"] == 2.0
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.rglob("*.toml")), ids=str)
@@ -137,8 +137,8 @@ def test_examples_are_the_same_after_saving(path: Path, tmp_path: Path) -> None:
     for body in getattr(read, "flexible", ()):
         one, other = (s.folder / s.bodies[body].sid for s in (read, again))  # type: ignore
         assert one.resolve() == other.resolve()
-    same = read.said() | {"bodies": None}
-    assert same == again.said() | {"bodies": None}
+    same = read.file_data() | {"bodies": None}
+    assert same == again.file_data() | {"bodies": None}
 
 
 def test_models_count_by_formulas() -> None:

@@ -101,7 +101,7 @@ def test_a_file_without_room_goes_on_elsewhere(
     there.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(there))
     little_room(monkeypatch, room, here)
-    file = SealedFile(here / "file.h5", elsewhere=True)
+    file = SealedFile(here / "file.h5", use_fallback_folder=True)
     for k in range(10):
         file.put(lambda h5, k=k: h5.create_dataset(f"d{k}", data=np.full(999, k)))
     file.close()
@@ -127,7 +127,7 @@ def test_what_others_plant_elsewhere_is_not_followed(
     monkeypatch.setattr(tempfile, "tempdir", str(there))
     little_room(monkeypatch, 10, here)
     for name in ("file", "gone"):
-        file = GrowingFile(here / name, elsewhere=True)
+        file = GrowingFile(here / name, use_fallback_folder=True)
         file.write(b"x" * 100)
         file.close()
         folder = file.target.parent
@@ -146,7 +146,7 @@ def test_what_is_discarded_elsewhere_leaves_no_trace(
     there.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(there))
     little_room(monkeypatch, 10, here)
-    file = GrowingFile(here / "file", elsewhere=True)
+    file = GrowingFile(here / "file", use_fallback_folder=True)
     file.write(b"x" * 100)
     assert len(list(there.iterdir())) == 1
     file.discard()

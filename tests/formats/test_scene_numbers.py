@@ -78,7 +78,7 @@ def test_one_number_is_as_the_whole(
     scene: sidtool.Scene, changes: dict[str, Any]
 ) -> None:
     found, expected = scene.with_(changes), File.with_(scene, changes)
-    assert found == expected and found.said() == expected.said()
+    assert found == expected and found.file_data() == expected.file_data()
     assert found.model_dump_json() == expected.model_dump_json()
     assert found.source == expected.source and type(found) is sidtool.Scene
     again = {"parameters.reach": 0.9}

@@ -122,7 +122,7 @@ def test_a_drive_releases_its_joint() -> None:
     ).simulate()
     start = {"state": "result", "file": driven}
     free = sidtool.Scene.checked(
-        parts | HEAD | {"initial": sidtool.Start(**start).said()}, "s"
+        parts | HEAD | {"initial": sidtool.Start(**start).file_data()}, "s"
     ).simulate()
     assert np.allclose(free["wheel.angle"], 4.0 + 8.0 * free.t, rtol=1e-12)
     assert np.allclose(free["wheel.wz"], 8.0, rtol=1e-12)

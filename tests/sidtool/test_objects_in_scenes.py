@@ -15,7 +15,7 @@ from .models import QM6, rod
 
 @pytest.fixture(scope="module")
 def model() -> sidtool.Model:
-    return sidtool.Model.checked(rod({**QM6, "elements": [12, 2]}).said(), "rod")
+    return sidtool.Model.checked(rod({**QM6, "elements": [12, 2]}).file_data(), "rod")
 
 
 @pytest.fixture(scope="module")

@@ -220,7 +220,7 @@ def test_compiling_is_announced_at_a_prompt_and_in_notebooks(
 
 def test_equal_scenes_may_come_from_anywhere(tmp_path: Path) -> None:
     scene = projectile(parameters={"a": 1.0})
-    plain = SceneFile.checked(scene.said(), "table")
+    plain = SceneFile.checked(scene.file_data(), "table")
     assert plain.model_dump() == scene.model_dump()
 
 

@@ -179,7 +179,7 @@ def test_numbers_in_any_order(make: Any) -> None:
     function is not curved any more, and where springs and other tables change."""
     content, sids = make()
     times = {"end": 0.02, "output_step": 0.01}
-    scene = sidtool.Scene.checked({**content.said(), "time": times}, "scene")
+    scene = sidtool.Scene.checked({**content.file_data(), "time": times}, "scene")
     compiled, rng = scene.compile(sids=sids), np.random.default_rng(3)
     for k in range(8):
         changes = other_numbers(scene, rng)

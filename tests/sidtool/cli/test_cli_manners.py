@@ -64,7 +64,7 @@ def test_numbers_as_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     other, _ = printed_json(capsys, "convert", SID, "-o", tmp_path / "rod.h5")
     assert other["mass"] == sid["mass"] and set(sid["nodes"]) == {"1", "2"}
     scene, _ = printed_json(capsys, "info", SCENE)
-    assert scene == sidtool.Scene.load(SCENE).said()
+    assert scene == sidtool.Scene.load(SCENE).file_data()
     modes, _ = printed_json(capsys, "analyse", "modes", SCENE, "--about", "start")
     assert len(modes["modes"]) == 5
     forces, _ = printed_json(

@@ -94,7 +94,7 @@ def probed(path: Path) -> dict[str, Any]:
 def test_mp4(tmp_path: Path) -> None:
     """Frames, length and format by ffprobe; a turning point is where it should be."""
     places = {"one": [0.0, 0.0, 0.0], "two": [1.0, 0.0, 0.0]}
-    scene = bodies(places, [0.0, 0.0, 0.0]).said()
+    scene = bodies(places, [0.0, 0.0, 0.0]).file_data()
     # the second one moves away by its own length of the mechanism
     result = scene.with_({"bodies.two.initial.velocity": [1.0, 0.0, 0.0]}).simulate()
     notes = result.animate(tmp_path / "m.mp4")

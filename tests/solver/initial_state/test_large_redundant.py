@@ -108,15 +108,15 @@ def test_many_bodies_that_are_held_twice() -> None:
 def ladder_said_twice(cells: int) -> System:
     """A ladder whose rungs are pinned twice at one end, swinging."""
     once = ladder(cells).scene
-    bodies: Any = {n: b.said() for n, b in once.bodies.items()}
-    joints: Any = {n: j.said() for n, j in once.joints.items()}
+    bodies: Any = {n: b.file_data() for n, b in once.bodies.items()}
+    joints: Any = {n: j.file_data() for n, j in once.joints.items()}
     for k in range(cells):
         joints[f"again{k}"] = {
             "type": "revolute",
             "markers": [f"low{k}.b", f"rung{k}.a"],
         }
     bodies["low0"]["initial"]["angular_velocity"] = 0.3
-    more: Any = {"ground": once.ground.said(), "gravity": [0.0, -9.81]}
+    more: Any = {"ground": once.ground.file_data(), "gravity": [0.0, -9.81]}
     return compiled(scene(bodies, joints, **more))
 
 

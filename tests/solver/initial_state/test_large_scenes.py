@@ -341,9 +341,9 @@ def test_no_constraint_of_a_long_ladder_is_left_out(
 def ladder_that(kind: str, space: bool) -> System:
     """A ladder whose joints and struts have dependencies of one kind."""
     once = ladder(6, space).scene
-    bodies: Any = {n: b.said() for n, b in once.bodies.items()}
-    joints: Any = {n: j.said() for n, j in once.joints.items()}
-    ground: Any = once.ground.said()
+    bodies: Any = {n: b.file_data() for n, b in once.bodies.items()}
+    joints: Any = {n: j.file_data() for n, j in once.joints.items()}
+    ground: Any = once.ground.file_data()
     across = [0.0] * space
     if kind == "said twice":
         joints["again"] = joints["p4"]
