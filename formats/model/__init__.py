@@ -194,6 +194,26 @@ class ModelFile(File):
         return self
 
     @model_validator(mode="after")
+    def _choices_have_effect(self) -> Self:
+        """Elements have the choices that the discretisation makes for them."""
+        chosen = self.discretisation
+        given = chosen.model_fields_set
+        if chosen.type in ("hex20", "tet4", "tet10") and "formulation" in given:
+            raise InputError(
+                f"is not for {chosen.type}, which has no incompatible modes",
+                place="discretisation.formulation",
+                expected="hex8, or no formulation",
+            )
+        is_volume = isinstance(chosen, IgaDiscretisation) and len(chosen.degrees) == 3
+        if is_volume and "state" in given:
+            raise InputError(
+                "is not for a volume",
+                place="discretisation.state",
+                expected="a plane patch, or no state",
+            )
+        return self
+
+    @model_validator(mode="after")
     def _references(self) -> Self:
         edges = self.geometry.edge_names
         for name in self.frame.clamped_edges:

@@ -65,6 +65,10 @@ def _check_pair(force: Force, place: str, scene: SceneTables) -> None:
     if joint is not None:
         _check_joint(joint, getattr(force, "coordinate", None), place, scene)
         return
+    if getattr(force, "coordinate", None) is not None:
+        raise_failure(
+            f"{place}.coordinate", "stands beside markers", "a coordinate of a joint"
+        )
     assert markers is not None
     for index, text in enumerate(markers):
         check_reference(text, f"{place}.markers[{index}]", scene)

@@ -144,6 +144,9 @@ class Start(Table):
             raise ValueError("the name of a result as `file`")
         if self.state != "result" and not (self.file is None is self.bodies):
             raise ValueError('`state = "result"` beside `file`')
+        for key in ("time", "rotations", "states", "sids"):
+            if self.state != "result" and getattr(self, key) is not None:
+                raise ValueError(f'`state = "result"` beside `{key}`')
         return self
 
 

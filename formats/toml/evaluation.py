@@ -69,6 +69,8 @@ class _FormulaEvaluation:
         self.formulas: Formulas = {}
 
     def value(self, data: Any, kinds: list[Any], place: Place) -> Any:
+        if isinstance(data, bool):
+            _check_truth_value(data, kinds, place)
         if isinstance(data, str):
             return self._number(data, kinds, place)
         if isinstance(data, list):
@@ -132,6 +134,17 @@ _MAPPING = get_origin(Mapping[str, Any])
 
 def _flat_types(annotations: Any) -> list[Any]:
     return [kind for a in annotations for kind in union_members(a)]
+
+
+def _check_truth_value(data: bool, kinds: list[Any], place: Place) -> None:
+    """Refuse true where only the number 1 is allowed, to which it is equal."""
+    fixed = [v for k in kinds if get_origin(k) is Literal for v in get_args(k)]
+    if data in fixed and bool not in kinds and not any(v is data for v in fixed):
+        raise InputError(
+            f"found {shorten_value(data)}",
+            place=dotted_key(place),
+            expected=" or ".join(map(repr, fixed)),
+        )
 
 
 def _is_model(kind: Any) -> bool:

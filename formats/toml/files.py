@@ -114,6 +114,11 @@ class File(Table):
                 table[place[-1]] = text
         return data
 
+    def reads_parameter(self, name: str) -> bool:
+        """Whether a formula contains the name of a parameter."""
+        whole_name = re.compile(rf"(?<![\w.]){re.escape(name)}(?![\w.])")
+        return any(whole_name.search(text) for text in _texts_in(self.said()))
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a TOML file; relative paths in it begin at its folder.
 
@@ -130,6 +135,19 @@ class File(Table):
             relocate_paths(data, place, self.folder, path.parent)
         with atomic_path(path) as temporary:
             temporary.write_text(toml_text(data), encoding="utf-8")
+
+
+def _texts_in(data: Any) -> Iterator[str]:
+    """Yield all texts in plain data."""
+    waiting = [data]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, str):
+            yield part
+        elif isinstance(part, dict):
+            waiting += part.values()
+        elif isinstance(part, list):
+            waiting += part
 
 
 def _refuse_objects(data: Any, place: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -76,6 +77,11 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
             f"{reason}, which CalculiX does not have or joins by rigid knots as large "
             "as the sections are thick",
         )
+        if geometry.order is not None:
+            engine_notes += (
+                f"geometry.order = {geometry.order} has no effect: it is for elements "
+                "of CalculiX alone",
+            )
     elif geometry.order is not None:
         raise InputError(
             "is for elements of CalculiX alone",
@@ -96,7 +102,12 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         if imported.is_structure:
             held = _file_materials(imported, geometry, units)
             laws = _body_materials(model, imported.mesh, held)
-            return bars_model(model, imported, units, laws)
+            body = bars_model(model, imported, units, laws)
+            known = [m.density for m in held.values()]
+            factor = units.mass / units.length**3
+            known += [bar.density * factor for bar in imported.bars]
+            return replace(body, notes=(*body.notes, *_density_notes(geometry, known)))
+        _check_element_choices(geometry, settings, imported)
         upright, turned = counter_clockwise(imported.mesh)
         whole = _scale_mesh(upright, geometry, settings, units)
         mesh = without_free_nodes(whole)
@@ -176,6 +187,49 @@ def file_density(model: ModelFile, units: UnitSystem) -> float | None:
             expected="one of them",
         )
     return geometry.density * units.length**3 / units.mass
+
+
+def _check_element_choices(
+    geometry: MeshGeometry, settings: MeshDiscretisation, imported: ImportedMesh
+) -> None:
+    """Refuse choices for elements that the mesh does not have.
+
+    Raises
+    ------
+    InputError : names the choice.
+    """
+    plane = imported.mesh.dimension == 2
+    linear = any(b.kind in ("hex8", "quad4") for b in imported.mesh.blocks)
+    for place, value, has_effect, elements in (
+        ("geometry.thickness", geometry.thickness, plane, "plane elements"),
+        ("discretisation.state", settings.state, plane, "plane elements"),
+        ("discretisation.formulation", settings.formulation, linear, "hex8 and quad4"),
+    ):
+        if value is not None and not has_effect:
+            raise InputError(
+                f"is for {elements}, which this mesh does not have",
+                place=place,
+                expected="no such key",
+            )
+
+
+def _density_notes(geometry: MeshGeometry, densities: list[float]) -> Iterator[str]:
+    """Yield what `geometry.density` did.
+
+    Parameters
+    ----------
+    densities : of the materials of the file, after they were completed [kg/m^3]
+    """
+    given = geometry.density
+    if given is None:
+        return
+    if any(math.isclose(own, given, rel_tol=1e-9) for own in densities):
+        yield f"materials without a density have {given:g} kg/m^3"
+    else:
+        yield (
+            f"geometry.density = {given:g} has no effect: all materials of the file "
+            "have a density"
+        )
 
 
 def _file_units(geometry: MeshGeometry) -> UnitSystem:
@@ -295,8 +349,7 @@ def _import_notes(
     assert isinstance(geometry, MeshGeometry)
     assert isinstance(settings, MeshDiscretisation)
     named = {b.material for b in blocks if b.material is not None}
-    if geometry.density is not None:
-        yield f"materials without a density have {geometry.density:g} kg/m^3"
+    yield from _density_notes(geometry, [m.density for m in own.values()])
     if model.material is None:
         for name in sorted(named):
             description = _describe_material(own[name], imported.mesh.dimension)

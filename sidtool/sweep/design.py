@@ -15,7 +15,8 @@ from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid
-from sidtool.formats.toml.files import key_path
+from sidtool.formats.toml.evaluation import PARAMETERS
+from sidtool.formats.toml.files import File, key_path
 from sidtool.formats.toml.objects import named_object
 
 from ..pipeline.model_cache import model_digest
@@ -82,6 +83,12 @@ class Designs:
                 of_scene[key] = value
             else:
                 of_models.setdefault(key_of_model[0], {})[key_of_model[1]] = value
+        for key in of_scene:
+            _check_parameter(self.scene, key, key)
+        for name, keys in of_models.items():
+            for key in keys if name in self.scene.sid_bodies else ():
+                model = self._model(self.scene, name, {})
+                _check_parameter(model, key, f"{name}.model.{key}")
         content = self.scene.with_({**of_scene, "outputs.record": list(self.record)})
         if content.accuracy.wanted is not None:
             raise InputError(
@@ -155,6 +162,22 @@ class Designs:
             return ""
         units = set(_UNIT.findall(_key_description(content, places[-1])))
         return units.pop() if len(units) == 1 else ""
+
+
+def _check_parameter(content: File, key: str, place: str) -> None:
+    """Refuse a parameter that no formula of a file reads.
+
+    Raises
+    ------
+    InputError : every point would have the same result.
+    """
+    _, dot, name = key.rpartition(f"{PARAMETERS}.")
+    if dot and not content.reads_parameter(name):
+        raise InputError(
+            "no formula reads this parameter",
+            place=place,
+            expected=f'a parameter that a value uses, as in mass = "2*{name}"',
+        )
 
 
 def _key_description(content: Any, key: str | int) -> str:

@@ -20,6 +20,7 @@ from sidtool.formats.result.accuracy_report import (
 )
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import observed_outputs
+from sidtool.formats.scene.unused_keys import unused_keys
 from sidtool.formats.storage.hdf5_files import versions
 
 from ..diagnostics import result_notes
@@ -215,6 +216,11 @@ def _run_notes(run: Run) -> Iterator[str]:
             system.scene, float(run.start.times[-1:][0])
         )
     yield from result_notes.callable_notes(system)
+    yield from unused_keys(
+        system.scene,
+        fixed_step=run.settings.step is not None,
+        spectral_radius=run.method.has_spectral_radius,
+    )
     yield from result_notes.peak_stress_notes(system)
     yield from result_notes.sampled_loop_notes(system, run.control, initial.z)
     if run.control.fixed_step != 1:

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from sidtool.discretisation.mesh_body import imported_mesh_model
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
+from sidtool.formats.model import ModelFile
 from sidtool.pipeline.model_to_sid import sid_from_model
 
 from .decks import MATERIAL, STEEL, Block, frequencies
-from .mesh_files import mesh_model
+from .mesh_files import bdf_text, mesh_model, rod_mesh
 
 BLOCK = Block((4, 1, 1), (0.4, 0.1, 0.1))
 
@@ -185,3 +187,55 @@ def test_engine_gets_the_density_too(tmp_path: Path, ending: str) -> None:
     found = converted(tmp_path, f"b.{ending}", plain, density=7850.0, **engine)
     assert found.mass == pytest.approx(7850 * 0.02, rel=1e-9)
     assert_allclose(frequencies(found), frequencies(expected), rtol=1e-9)
+
+
+@pytest.mark.parametrize("ending", DECKS)
+def test_density_without_effect_is_named(tmp_path: Path, ending: str) -> None:
+    for text, is_idle in ((DECKS[ending][0], True), (DECKS[ending][2], False)):
+        (tmp_path / f"a.{ending}").write_text(text, encoding="utf-8")
+        path = mesh_model(tmp_path, f"a.{ending}", frame={"type": "buckens"})
+        data = json.loads(path.read_text(encoding="utf-8"))
+        del data["material"]
+        data["markers"] = {"p": {"node": 1, "mesh_node": 1}}
+        data["geometry"] |= {"density": 5000.0, "file": str(tmp_path / f"a.{ending}")}
+        notes = imported_mesh_model(ModelFile.checked(data, "test")).notes
+        found = [note for note in notes if note.startswith("geometry.density")]
+        assert bool(found) == is_idle
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("geometry.thickness", 0.1),
+        ("discretisation.state", "plane_strain"),
+        ("discretisation.formulation", "full_integration"),
+    ],
+)
+def test_choices_for_elements_that_a_mesh_lacks_are_refused(
+    tmp_path: Path, key: str, value: Any
+) -> None:
+    tets = bdf_text(rod_mesh("tet10"))
+    (tmp_path / "a.bdf").write_text(tets, encoding="utf-8")
+    path = mesh_model(tmp_path, "a.bdf")
+    with pytest.raises(InputError) as caught:
+        imported_mesh_model(ModelFile.load(path, {key: value}))
+    assert caught.value.place == key
+
+
+def test_order_of_elements_beside_own_shells_is_named(tmp_path: Path) -> None:
+    """A shell with an offset is none of CalculiX."""
+    text = (
+        "BEGIN BULK\nGRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,1.,1.,0.\n"
+        "GRID,4,,0.,1.,0.\nCQUAD4,1,1,1,2,3,4,,0.1\nPSHELL,1,1,0.02,1,,1\n"
+        "MAT1,1,2.1+11,,0.3,7850.\nENDDATA\n"
+    )
+    (tmp_path / "a.bdf").write_text(text, encoding="utf-8")
+    path = mesh_model(tmp_path, "a.bdf", frame={"type": "buckens"})
+    data = json.loads(path.read_text(encoding="utf-8"))
+    del data["material"]
+    data["markers"] = {"p": {"node": 1, "mesh_node": 1}}
+    for order in (1, 2):
+        data["geometry"] |= {"engine": "calculix", "order": order}
+        data["geometry"]["file"] = str(tmp_path / "a.bdf")
+        notes = imported_mesh_model(ModelFile.checked(data, "test")).notes
+        assert any(note.startswith("geometry.order") for note in notes)

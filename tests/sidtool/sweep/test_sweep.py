@@ -30,6 +30,7 @@ dimension = "planar"
 gravity = [0.0, -{GRAVITY}]
 [parameters]
 length = 1.0
+unused = 1.0
 [time]
 end = 3.0
 output_step = 0.1
@@ -199,6 +200,7 @@ def test_a_table_without_and_with_pandas(pendulum: Path, tmp_path: Path) -> None
         ("length=1,2", "*.q1.max"),
         ("length=1,2", "bob.q1.max"),
         ("bob.model.height=1,2", "bob.x.max"),
+        ("parameters.unused=1,2", "bob.x.max"),
     ],
 )
 def test_wrong_wishes_are_refused(
