@@ -293,11 +293,23 @@ class InitialState:
         return IndependentRows(C)
 
     def metric_root(self) -> csr_array:
-        """N of `roots` as a whole."""
-        from scipy.sparse import block_diag, csr_array
+        """N of `metric_roots` as a whole."""
+        from scipy.sparse import coo_array
 
-        blocks = [csr_array(block) for _, block in self.metric_roots() if len(block)]
-        return block_diag(blocks, "csr") if blocks else csr_array((0, 0))
+        rows, columns, values = [], [], []
+        for part, blocks in self._stacked_metric_roots():
+            shape = blocks.shape
+            rows.append(np.broadcast_to(part[:, :, None], shape).ravel())
+            columns.append(np.broadcast_to(part[:, None, :], shape).ravel())
+            values.append(blocks.ravel())
+        count = len(self.free)
+        if not values:
+            return coo_array((count, count)).tocsr()
+        entries = np.concatenate(values)
+        indices = np.concatenate(rows), np.concatenate(columns)
+        root = coo_array((entries, indices), (count, count)).tocsr()
+        root.eliminate_zeros()
+        return root
 
     def metric_roots(self) -> Iterator[tuple[slice, Array]]:
         """The blocks of N with N N^T = W^-1 of all bodies, and their coordinates.
@@ -305,24 +317,34 @@ class InitialState:
         With x = N y, the metric x^T W x is y^T y. C N has the digits that C N N^T C^T
         loses where bodies are stiff.
         """
+        for parts, blocks in self._stacked_metric_roots():
+            for part, block in zip(parts, blocks, strict=True):
+                yield slice(int(part[0]), int(part[-1]) + 1), block
+
+    def _stacked_metric_roots(self) -> Iterator[tuple[np.ndarray, Array]]:
+        """Those of all bodies with n coordinates: coordinates (k, n), blocks (k, n, n).
+
+        Large scenes have thousands of bodies, most of them with as many coordinates.
+        """
         blocks = self.work.M + self.stiffness * self.metric
         diagonal = blocks[self.system.cached_by_topology(_diagonal_indices)]
         squares = self.system.cached(coordinate_sizes) ** 2
         least = MIN_INERTIA * (diagonal @ squares) / max(1, len(squares)) / squares
         scale = 1.0 / np.sqrt(np.maximum(diagonal, 0.0) + least)
-        for row in self.system.arrays.body.tolist():
-            n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
-            if n == 0:
-                continue
-            part = slice(first, first + n)
-            column = scale[part, None]
-            W = blocks[o : o + n * n].reshape(n, n) * column * scale[part]
-            W += np.diag(least[part] * scale[part] ** 2)
+        body = self.system.arrays.body
+        for n in sorted(set(body[:, at.NV].tolist()) - {0}):
+            of_n = body[body[:, at.NV] == n]
+            part = of_n[:, at.VEL, None] + np.arange(n)
+            entries = of_n[:, at.BLOCK, None] + np.arange(n * n)
+            column = scale[part][:, :, None]
+            W = blocks[entries].reshape(-1, n, n) * column * scale[part][:, None, :]
+            W[:, range(n), range(n)] += least[part] * scale[part] ** 2
             preserved = self.is_preserved[part]
-            W[np.not_equal.outer(preserved, preserved)] = 0.0
-            column = np.where(preserved[:, None], PRESERVED_MOBILITY, 1.0) * column
+            W[preserved[:, :, None] != preserved[:, None, :]] = 0.0
+            mobility = np.where(preserved[:, :, None], PRESERVED_MOBILITY, 1.0)
             inertias, directions = np.linalg.eigh(W)
-            yield part, column * directions / np.sqrt(np.maximum(inertias, MIN_INERTIA))
+            roots = np.sqrt(np.maximum(inertias, MIN_INERTIA))
+            yield part, mobility * column * directions / roots[:, None, :]
 
 
 def _diagonal_indices(system: System) -> np.ndarray:
