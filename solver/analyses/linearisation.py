@@ -24,7 +24,7 @@ from .frozen_inputs import with_continuous_laws, with_integrated_drives
 from .joint_friction import equations_at
 from .reference_axes import axis_angular_velocities, frame_rotation_matrix
 from .rigid_motions import spectrum
-from .state_matrix import CHANGING_EQUATIONS, SmallMotions, state_matrix, steady_axes
+from .state_matrix import SmallMotions, state_matrix, steady_axes
 from .static_equilibrium import static_equilibrium
 from .whirl import Whirl, mode_whirl
 
@@ -36,6 +36,10 @@ NEAR_STATE, STEADY_RESIDUAL = 0.05, 1e-6
 #: this share are the same, and those below this share of the square of the highest are
 #: rounding.
 NO_DISPLACEMENT, EQUAL_FREQUENCY, ROUNDING = 1e-12, 0.01, 1e-11
+SAG_ADVICE = (
+    "; a shaft that sags in its static equilibrium would rotate about its bent axis: "
+    'without state = "static" modes are those about the straight shaft'
+)
 #: Axes in which modes are seen.
 INERTIAL, ROTATING = "inertial", "rotating with each body"
 #: Accelerations below this part of those of the forces are rounding.
@@ -149,27 +153,36 @@ def linearise(
     t = system.scene.time.start if time is None else time
     mechanics = equations_at(system, t, z, v)
     mechanics.set_scale(z, stiffness=0.0)
-    omegas, axes_notes = steady_axes(mechanics, z, v)
-    small = state_matrix(mechanics, z, v, omegas)
-    unsteady = _unsteady_notes(mechanics, small)
-    causes = unsteady or tuple(
-        text for text in axes_notes if text == CHANGING_EQUATIONS
-    )
+    axes = steady_axes(mechanics, z, v)
+    small = state_matrix(mechanics, z, v, axes.omegas)
+    causes = _unsteady_notes(mechanics, small)
+    causes = causes or ((axes.changing,) if axes.changing else ())
     if causes and not frozen:
-        raise SimulationError(f"there are no natural modes: {causes[0]}")
-    axes_notes = tuple(text for text in axes_notes if text != CHANGING_EQUATIONS)
+        mechanics.evaluate(z, v)
+        is_rotating = axis_angular_velocities(mechanics).any()
+        is_static = is_rotating and system.scene.initial.state == "static"
+        advice = SAG_ADVICE if is_static else ""
+        raise SimulationError(f"there are no natural modes: {causes[0]}{advice}")
     unsteady = tuple(f"frozen values of one instant: {text}" for text in causes)
     warnings = find_state_warnings(system, z[None])
     notes = (
         *warnings,
         *of_state,
         *unsteady,
-        *axes_notes,
+        *axes.notes,
         *mechanics.notes(),
         *notes_of_laws,
     )
-    modes = _natural_modes(mechanics, small)
+    modes = _natural_modes(mechanics, small, axes.highest)
     return replace(modes, notes=tuple(dict.fromkeys(notes)), warnings=warnings)
+
+
+def _residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
+    """Rates of (y, w) at the state, zero in a steady motion."""
+    mechanics.evaluate(small.z, small.v)
+    a, slow = mechanics.accelerations()[0], small.v / mechanics.scale
+    W = frame_rotation_matrix(mechanics, small.omegas)
+    return np.concatenate([small.drift, small.free_directions.T @ (a - W @ slow)])
 
 
 def _unsteady_notes(mechanics: DenseEquations, small: SmallMotions) -> tuple[str, ...]:
@@ -184,15 +197,13 @@ def _unsteady_notes(mechanics: DenseEquations, small: SmallMotions) -> tuple[str
         small.position_directions,
     )
     z, v, spins = small.z, small.v, small.omegas
-    mechanics.evaluate(z, v)
-    a, slow = mechanics.accelerations()[0], v / mechanics.scale
-    residual = motion.T @ (a - frame_rotation_matrix(mechanics, spins) @ slow)
+    forces = -_residual(mechanics, small)
+    residual = -forces[len(small.drift) :]
     force = np.abs(mechanics.force).max(initial=0.0)
     force = max(force, mechanics.force_size(z))
     mechanics.evaluate(z, v)
     if np.abs(residual).max(initial=0.0) <= FORCE_ROUNDING * force:
         return ()
-    forces = np.concatenate([np.zeros(len(matrix) - len(residual)), -residual])
     shift = np.linalg.lstsq(matrix, forces, rcond=1e-10)[0]
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
     displacement = np.abs(moved @ shift) / sizes
@@ -205,7 +216,8 @@ def _unsteady_notes(mechanics: DenseEquations, small: SmallMotions) -> tuple[str
         if displacement.max(initial=0.0) < NO_DISPLACEMENT:
             return ()
         near_z = mechanics.displaced(z, moved @ shift)
-        near_matrix = state_matrix(mechanics, near_z, v, spins).matrix
+        near_v = v + mechanics.scale * (small.velocity_directions @ shift)
+        near_matrix = state_matrix(mechanics, near_z, near_v, spins).matrix
         mechanics.evaluate(z, v)
         return _changed_mode_notes(matrix, near_matrix, first)
     return (
@@ -223,8 +235,9 @@ def _changed_mode_notes(
     if values[0].shape != values[1].shape:
         return ()
     own, other = np.abs(values)
-    distances = np.abs(own**2 - other**2)
-    change = distances / np.maximum(own**2, ROUNDING * own.max(initial=0.0) ** 2)
+    rounding = ROUNDING * own.max(initial=0.0) ** 2
+    distances = np.abs(own**2 - other**2) - rounding
+    change = distances / np.maximum(own**2, rounding)
     k = int(np.argmax(change > 2 * EQUAL_FREQUENCY)) if len(change) else 0
     if not len(change) or change[k] <= 2 * EQUAL_FREQUENCY:
         return ()
@@ -232,7 +245,7 @@ def _changed_mode_notes(
     return (
         f"the state is near rest or steady motion, but {first} accelerates, so that "
         f"loads which stiffen or soften are not there yet: {f:.4g} Hz here is {g:.4g} "
-        'Hz in that state; look about it, by initial = { state = "static" }',
+        'Hz in that state, from which initial = { state = "static" } starts',
     )
 
 
@@ -269,12 +282,16 @@ def _check_size(system: System, z: Array, v: Array) -> None:
         )
 
 
-def _natural_modes(mechanics: DenseEquations, small: SmallMotions) -> Linearisation:
-    """Natural modes of the matrix of small motions, of pairs one, by frequency."""
+def _natural_modes(
+    mechanics: DenseEquations, small: SmallMotions, highest: float
+) -> Linearisation:
+    """Natural modes of the matrix of small motions, of pairs one, by frequency, below
+    an angular frequency."""
     z, v, spins = small.z, small.v, small.omegas
     modes = spectrum(mechanics, small)
     order = np.argsort(np.abs(modes.values), kind="stable")
-    selected = [k for k in order if modes.values[k].imag >= 0.0]
+    below = np.abs(modes.values) < highest * (1.0 - 1e-9)
+    selected = [k for k in order if modes.values[k].imag >= 0.0 and below[k]]
     values, rigid = modes.values[selected], modes.rigid[selected]
     shapes = (
         small.position_directions @ modes.vectors[:, selected]

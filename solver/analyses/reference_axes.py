@@ -4,7 +4,7 @@ The coordinates of a body are resolved in its own axes, in which a steady rotati
 rest. A point mass has no axes; on a rotor it is resolved in the axes of the body that
 carries it. A body that rotates in bearings that do not rotate, such as a gyroscope in
 its ring or a rotor on anisotropic springs, has a constant matrix in the axes of what
-supports it, not in its own.
+supports it, not in its own. The deformation of a round shaft is resolved in these, too.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from sidtool.formats.sid_mass import skew
 from ..spatial import system_arrays as at
 from ..system.rotations import to_3d, to_rotation_matrices
 from .dense_equations import DenseEquations
+from .rotated_shapes import rotate_shapes
 
 #: Angular velocities that differ by less than this part of the largest are the same.
 EQUAL_ANGULAR_VELOCITY = 1e-9
@@ -63,8 +64,11 @@ def body_axes(mechanics: DenseEquations, v: Array, a: Array) -> Array:
 
 
 def shared_axes(mechanics: DenseEquations, own: Array) -> Iterator[tuple[Array, str]]:
-    """Axes that all rigid bodies and point masses share: those of one of the bodies,
-    with its name, slow ones first. Flexible bodies are seen in their own."""
+    """Axes that bodies share: those of one of them, with its name, slow ones first.
+
+    First rigid bodies and point masses share them, and flexible bodies are seen in
+    their own, then all bodies do. Flexible ones have to be round, see `rotated_shapes`.
+    """
     body, bodies = mechanics.system.arrays.body, mechanics.system.bodies
     rigid = body[:, at.NV] == body[:, at.RD]
     yielded: list[Array] = []
@@ -74,6 +78,8 @@ def shared_axes(mechanics: DenseEquations, own: Array) -> Iterator[tuple[Array, 
         if min(distances, default=np.inf) > EQUAL_ANGULAR_VELOCITY * sizes.max():
             yielded.append(own[k])
             yield np.where(rigid[:, None], own[k], own), bodies[k].name
+            if not rigid.all():
+                yield np.broadcast_to(own[k], own.shape).copy(), bodies[k].name
 
 
 def independent_rows(mechanics: DenseEquations) -> Array:
@@ -108,12 +114,35 @@ def frame_rotation_matrix(mechanics: DenseEquations, omegas: Array) -> Array:
     size = 2 if system.planar else 3
     rotations = to_rotation_matrices(system.frames(mechanics.work.frame)["R"])
     rates = omegas - axis_angular_velocities(mechanics)
-    for row, R, rate in zip(system.arrays.body, rotations, rates, strict=True):
-        u, rd = int(row[at.VEL]), int(row[at.RD])
-        block = skew((np.eye(3) if rd == size else R).T @ rate)
+    bodies = zip(system.arrays.body, system.bodies, rotations, rates, strict=True)
+    for row, data, R, rate in bodies:
+        u, rd, end = (
+            int(x) for x in (row[at.VEL], row[at.RD], row[at.VEL] + row[at.NV])
+        )
+        local = (np.eye(3) if rd == size else R).T @ rate
+        block = skew(local)
         for part in range(u, u + rd, 3) if not system.planar else (u,) if rd else ():
             W[part : part + size, part : part + size] = block[:size, :size]
+        if end > u + rd and data.is_scene_body and local.any():
+            speed = float(np.linalg.norm(local))
+            W[u + rd : end, u + rd : end] = (
+                speed * rotate_shapes(data.sid, local / speed).generator
+            )
     return W * mechanics.scale / mechanics.scale[:, None]
+
+
+def unpaired_frequency(mechanics: DenseEquations, omegas: Array) -> float:
+    """Lowest angular frequency of a flexible body, seen in axes of these spins, that
+    has no partner across the axis; inf if all have."""
+    system = mechanics.system
+    rotations = to_rotation_matrices(system.frames(mechanics.work.frame)["R"])
+    rates = omegas - axis_angular_velocities(mechanics)
+    lowest = np.inf
+    for data, R, rate in zip(system.bodies, rotations, rates, strict=True):
+        if data.is_scene_body and data.sid.nq and rate.any():
+            axis = R.T @ rate / np.linalg.norm(rate)
+            lowest = min(lowest, rotate_shapes(data.sid, axis).unpaired)
+    return lowest
 
 
 def _is_point_mass(row: Array, body: object, size: int) -> bool:

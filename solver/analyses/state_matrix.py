@@ -30,6 +30,7 @@ from .reference_axes import (
     frame_rotation_matrix,
     independent_rows,
     shared_axes,
+    unpaired_frequency,
 )
 
 #: Perturbation, relative to the size of the mechanism.
@@ -48,6 +49,10 @@ class SmallMotions:
         Scaled free directions N, states of laws last.
     position_directions : (n, y and w)
         How (y, w) move the positions.
+    velocity_directions : (n, y and w)
+        How they change the velocities.
+    drift : (y,)
+        Rates of y at the state: deformations that do not stand still in the axes.
     z, v
         The state.
     omegas : (bodies, 3)
@@ -57,6 +62,8 @@ class SmallMotions:
     matrix: Array
     free_directions: Array
     position_directions: Array
+    velocity_directions: Array
+    drift: Array
     z: Array
     v: Array
     omegas: Array
@@ -111,8 +118,33 @@ def state_matrix(
     matrix[d:] = mechanics.solve_inertia(inertia, right)
     selected = [*range(n_positions), *range(d, 2 * d)]
     return SmallMotions(
-        matrix[np.ix_(selected, selected)], N, motions[:, selected], z, v, omegas
+        matrix[np.ix_(selected, selected)],
+        N,
+        motions[:, selected],
+        driven[:, selected],
+        (left_inverse @ _elastic_drift(mechanics, z, v, W)[rows])[:n_positions],
+        z,
+        v,
+        omegas,
     )
+
+
+def _elastic_coordinates(system: System) -> Iterator[tuple[slice, slice]]:
+    """Where positions and velocities hold the elastic coordinates of each body."""
+    for row in system.arrays.body:
+        position, velocity = row[at.POS] + row[at.NP], row[at.VEL] + row[at.NV]
+        count = row[at.NQ]
+        yield slice(position - count, position), slice(velocity - count, velocity)
+
+
+def _elastic_drift(mechanics: DenseEquations, z: Array, v: Array, W: Array) -> Array:
+    """Scaled rates (n,) of the elastic coordinates in axes with the matrix W."""
+    drift = np.zeros(len(v))
+    for positions, velocities in _elastic_coordinates(mechanics.system):
+        scale = mechanics.scale[velocities]
+        turned = W[velocities, velocities] @ (z[positions] / scale)
+        drift[velocities] = v[velocities] / scale - turned
+    return drift
 
 
 def _free_directions(system: System, C: Array, momenta: Array) -> tuple[Array, int]:
@@ -215,6 +247,8 @@ TEST_ANGLE = 0.4
 ROTATION_ROUNDING = 1e-9
 #: Changes of modes by this part, or by rounding of the matrix, are none.
 MODE_TOLERANCE, ROUNDING = 1e-3, 1e-8
+#: Modes may change above this part of the frequency of a shape without partner.
+UNPAIRED_MODE = 0.5
 CHANGING_EQUATIONS = (
     "the equations of small motions change as the bodies turn, in their own axes and "
     "in those that they share: modes are those of this instant, and tell nothing of "
@@ -222,30 +256,77 @@ CHANGING_EQUATIONS = (
 )
 
 
-def steady_axes(
-    mechanics: DenseEquations, z: Array, v: Array
-) -> tuple[Array, tuple[str, ...]]:
-    """Spins (bodies, 3) of the axes in which modes are those of a constant matrix, and
-    what is to be known of them; the bodies' own if there are none."""
+@dataclass(frozen=True, eq=False)
+class SteadyAxes:
+    """Axes in which the equations of small motions are constant.
+
+    Attributes
+    ----------
+    omegas : (bodies, 3)
+        Spins of the axes in which each body is seen; its own if there are none.
+    notes
+        What is to be known of them.
+    changing
+        Why the equations change as the bodies turn; empty if they are constant.
+    highest
+        Angular frequency [rad/s] from which on modes change as the bodies turn, inf if
+        none does.
+    """
+
+    omegas: Array
+    notes: tuple[str, ...] = ()
+    changing: str = ""
+    highest: float = np.inf
+
+
+def steady_axes(mechanics: DenseEquations, z: Array, v: Array) -> SteadyAxes:
+    """Return axes in which modes are those of a constant matrix.
+
+    Of a round body whose reduction keeps one of a pair of shape functions only, higher
+    modes change, and lower ones do not.
+    """
     mechanics.evaluate(z, v)
     own = body_axes(mechanics, v / mechanics.scale, mechanics.accelerations()[0])
     time = mechanics.system.scene.time
     if np.abs(own).max(initial=0.0) * (time.end - time.start) < ROTATION_ROUNDING:
-        return np.zeros_like(own), ()
-    if _matrix_change(mechanics, z, v, own) < MODE_TOLERANCE:
-        return own, ()
+        return SteadyAxes(np.zeros_like(own))
+    if _lowest_changing_mode(mechanics, z, v, own) == np.inf:
+        return SteadyAxes(own)
+    unpaired = np.inf
     for omegas, name in shared_axes(mechanics, own):
-        if _matrix_change(mechanics, z, v, omegas) < MODE_TOLERANCE:
-            of = "that do not turn" if name == "ground" else f"that turn with {name}"
-            return omegas, (f"rigid bodies are seen in axes {of}, others in their own",)
-    return own, (CHANGING_EQUATIONS,)
+        lowest = _lowest_changing_mode(mechanics, z, v, omegas)
+        mechanics.evaluate(z, v)
+        of_shapes = unpaired_frequency(mechanics, omegas)
+        unpaired = min(unpaired, of_shapes)
+        if lowest < UNPAIRED_MODE * of_shapes:
+            continue
+        of = "that do not turn" if name == "ground" else f"that turn with {name}"
+        alike = not np.ptp(omegas, axis=0).any()
+        seen, rest = ("bodies", "") if alike else ("rigid bodies", ", others in theirs")
+        notes = [f"{seen} are seen in axes {of}{rest}"]
+        if lowest < np.inf:
+            notes.append(
+                f"modes from {lowest / (2.0 * np.pi):.4g} Hz on are left out, as they "
+                f"change while the bodies turn: {_unpaired_text(unpaired)}"
+            )
+        return SteadyAxes(omegas, tuple(notes), highest=lowest)
+    cause = f": {_unpaired_text(unpaired)}" if unpaired < np.inf else ""
+    return SteadyAxes(own, changing=CHANGING_EQUATIONS + cause)
 
 
-def _matrix_change(
+def _unpaired_text(omega: float) -> str:
+    return (
+        f"the shape function of {omega / (2.0 * np.pi):.4g} Hz across the axis has no "
+        "partner at a right angle; either the body is not round, or its reduction "
+        "holds one of two, and with one mode more or less both or none"
+    )
+
+
+def _lowest_changing_mode(
     mechanics: DenseEquations, z: Array, v: Array, omegas: Array
 ) -> float:
-    """How much the matrix changes along a motion that is steady in these axes, relative
-    to each of its modes."""
+    """Angular frequency of the lowest mode that changes along a motion that is steady
+    in these axes, inf if none does."""
     small = state_matrix(mechanics, z, v, omegas)
     matrix, N = small.matrix, small.free_directions
     mechanics.evaluate(z, v)
@@ -256,16 +337,16 @@ def _matrix_change(
             mechanics, z, v, omegas, TEST_ANGLE / spin
         )
     except SimulationError:
-        return np.inf
+        return 0.0
     if later_matrix.shape != matrix.shape:
-        return np.inf
+        return 0.0
     n_positions = len(matrix) - N.shape[1]
     own_rows = independent_rows(mechanics)
     back = [(rotation @ N)[own_rows][:, :count] for count in (n_positions, N.shape[1])]
     free = [N_there[own_rows][:, :count] for count in (n_positions, N.shape[1])]
     X = block_diag(*(np.linalg.lstsq(a, b)[0] for a, b in zip(free, back, strict=True)))
     if not len(X) or np.linalg.svd(X, compute_uv=False)[-1] < 0.5:
-        return 0.0 if not len(X) else np.inf
+        return np.inf if not len(X) else 0.0
     change = np.linalg.solve(X, later_matrix @ X) - matrix
     values, vectors = np.linalg.eig(matrix)
     sizes = np.maximum(np.abs(values), spin) * (
@@ -273,7 +354,9 @@ def _matrix_change(
         + spin * np.linalg.norm(vectors[:n_positions], axis=0)
     )
     noise = ROUNDING * np.linalg.norm(matrix, 2)
-    return float(np.max((np.linalg.norm(change @ vectors, axis=0) - noise) / sizes))
+    changes = (np.linalg.norm(change @ vectors, axis=0) - noise) / sizes
+    changing = np.abs(values)[~(changes < MODE_TOLERANCE)]
+    return float(changing.min(initial=np.inf))
 
 
 def _after_steady_motion(
@@ -282,6 +365,12 @@ def _after_steady_motion(
     """Matrix and free directions after a steady motion, and how tangents (n,), scaled,
     in the axes turn into those of the bodies there."""
     step, after, rotation_ = np.zeros(len(v)), v.copy(), np.eye(len(v))
+    scale, start = mechanics.scale, mechanics.t
+    rates = frame_rotation_matrix(mechanics, omegas) * scale[:, None] / scale
+    for positions, elastic in _elastic_coordinates(mechanics.system):
+        turned = expm(dt * rates[elastic, elastic])
+        step[elastic] = turned @ z[positions] - z[positions]
+        after[elastic], rotation_[elastic, elastic] = turned @ v[elastic], turned
     for row, motion in _steady_motions(mechanics, omegas, dt):
         u, rd, size = int(row[at.VEL]), int(row[at.RD]), len(motion[0])
         displacement, rotation, velocity, rate, block = motion
@@ -291,7 +380,6 @@ def _after_steady_motion(
             rotation_[u + 3 : u + 6, u + 3 : u + 6] = block
         rest = slice(u + size, u + rd)
         step[rest], after[rest] = rotation[3 - rd + size :], rate[3 - rd + size :]
-    scale, start = mechanics.scale, mechanics.t
     later_z = mechanics.displaced(z, step / scale)
     try:
         mechanics.t = start + dt
