@@ -117,7 +117,7 @@ class File(Table):
     def reads_parameter(self, name: str) -> bool:
         """Whether a formula contains the name of a parameter."""
         whole_name = re.compile(rf"(?<![\w.]){re.escape(name)}(?![\w.])")
-        return any(whole_name.search(text) for text in _texts_in(self.said()))
+        return any(whole_name.search(text) for text in _texts_in(self.file_data()))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a TOML file; relative paths in it begin at its folder.
