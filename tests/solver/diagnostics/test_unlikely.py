@@ -127,3 +127,17 @@ def test_inertia_in_other_units_is_asked_about(masses: float, inertias: float) -
     assert any(
         "the inertia of disc" in text for text in implausible_value_warnings(system)
     )
+
+
+@pytest.mark.parametrize(("spin", "count"), [(1900.0, 0), (2100.0, 1)])
+@pytest.mark.parametrize("along", [False, True])
+def test_ends_of_a_body_that_starts_at_the_speed_of_waves_are_asked_about(
+    spin: float, count: int, along: bool
+) -> None:
+    """A bar of 1 m about its end, at 2000 m/s; about its own axis nothing moves."""
+    rod: dict[str, Any] = {"mass": 1.0, "inertia": [0.01, 0.1, 0.1]}
+    rod["markers"] = {"tip": {"position": [1.0, 0.0, 0.0]}}
+    rod["initial"] = {"angular_velocity": [spin, 0, 0] if along else [0, 0, spin]}
+    described = scene({"rod": rod}, dimension="spatial")
+    found = [*implausible_value_warnings(compiled(described))]
+    assert len([text for text in found if "per minute" in text]) == count * (not along)
