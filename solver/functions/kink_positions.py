@@ -88,7 +88,7 @@ def _fit_kink_of_order(
     """Where in [-1, 1] a kink of one order lies, between two places."""
     begin, end = bracket_positions
     trials = np.linspace(begin, end, TRIAL_POSITIONS)
-    sizes = [_gauss_newton_step(x, values, smooth, order, place)[1] for place in trials]
+    sizes = [_residual_size(x, values, smooth, order, place) for place in trials]
     position = float(trials[int(np.argmin(sizes))])
     before, stagnating = np.inf, 0
     for _ in range(MAX_ITERATIONS):
@@ -103,22 +103,34 @@ def _fit_kink_of_order(
         if abs(step) <= POSITION_TOLERANCE * (end - begin):
             break
     inside = begin < position < end
-    size = _gauss_newton_step(x, values, smooth, order, position)[1]
-    return position if inside and size <= limit else None
+    if not inside:
+        return None
+    size = _residual_size(x, values, smooth, order, position)
+    return position if size <= limit else None
+
+
+def _residual_size(
+    x: Array, values: Array, smooth: Array, order: int, position: float
+) -> float:
+    """The largest residual with the kink at a place."""
+    columns = np.hstack([smooth, _powers_beyond(x, order, position)])
+    return _solve_fit(columns, values)[1]
+
+
+def _powers_beyond(x: Array, order: int, position: float) -> Array:
+    """(x - kink)_+^n and higher powers, (nx, terms of Q)."""
+    beyond = np.maximum(x - position, 0.0)
+    return np.asarray(beyond[:, None] ** (order + np.arange(KINK_DEGREE + 1)))
 
 
 def _gauss_newton_step(
     x: Array, values: Array, smooth: Array, order: int, position: float
 ) -> tuple[float, float]:
     """The step to a better place of the kink, and the largest residual at this one."""
-    beyond = np.maximum(x - position, 0.0)
-    powers = beyond[:, None] ** (order + np.arange(KINK_DEGREE + 1))
-    columns = np.hstack([smooth, powers])
+    columns = np.hstack([smooth, _powers_beyond(x, order, position)])
     coefficients, size, residual = _solve_fit(columns, values)
     slopes = (order + np.arange(KINK_DEGREE + 1)) * coefficients[smooth.shape[1] :]
-    lower = np.where(beyond > 0.0, 1.0, 0.0)[:, None] * (
-        beyond[:, None] ** (order - 1 + np.arange(KINK_DEGREE + 1))
-    )
+    lower = (x > position)[:, None] * _powers_beyond(x, order - 1, position)
     slope = -lower @ slopes
     _, _, projected = _solve_fit(columns, slope)
     steepness = float(projected @ projected)

@@ -53,9 +53,9 @@ def impulse(program: Derivatives) -> float:
 @pytest.mark.parametrize("shape", PULSES)
 def test_no_pulse_is_lost(shape: str, part: float) -> None:
     """Its impulse is the exact one, wherever it lies."""
-    random = np.random.default_rng(int(1e6 * part))
+    random = np.random.default_rng([int(1e6 * part), list(PULSES).index(shape)])
     width = part * (SPAN[1] - SPAN[0])
-    for begin in random.uniform(SPAN[0], SPAN[1] - width, 6):
+    for begin in random.uniform(SPAN[0], SPAN[1] - width, 3):
         found = impulse(pulse(shape, begin, width))
         assert found == pytest.approx(500.0 * width * PULSES[shape][1], rel=1e-6)
 
