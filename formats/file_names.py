@@ -75,7 +75,11 @@ OUTPUT_KINDS = {
     "result": OutputFileKind("a result (HDF5)", _HDF5),
     "field": OutputFileKind("a full field (HDF5)", _HDF5),
     "table": OutputFileKind("a table (CSV)", (".csv", ".txt", ".dat")),
-    "sweep": OutputFileKind("a table of a sweep (CSV)", (".csv", ".txt", ".dat")),
+    "sweep": OutputFileKind(
+        "a table of a sweep (CSV) or its picture (PNG, SVG or PDF)",
+        (".csv", ".txt", ".dat"),
+        chooses=True,
+    ),
     "modes": OutputFileKind("modes (JSON)", (".json",)),
     "study": OutputFileKind("a study (JSON)", (".json",)),
     "folder": OutputFileKind("a folder", ()),
@@ -118,7 +122,8 @@ def check_ending(path: str | os.PathLike[str], kind: str, place: str = "") -> No
     )
     expected = f"an ending such as {written.endings[0]}"
     if written.chooses:
-        expected = f"an ending out of {', '.join(written.endings)}"
+        pictures = OUTPUT_KINDS["picture"].endings if kind == "sweep" else ()
+        expected = f"an ending out of {', '.join((*written.endings, *pictures))}"
     raise InputError(
         f"is to hold {written.name}, which {reason}",
         source=path,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sidtool.formats.base.html import html_table
-from sidtool.formats.file_names import kind_by_ending
+from sidtool.formats.file_names import check_ending, kind_by_ending
 from sidtool.formats.storage.atomic import atomic_path
 
 if TYPE_CHECKING:
@@ -169,6 +169,7 @@ class Sweep(Mapping[str, np.ndarray]):
         if kind_by_ending(path, "sweep", "picture") == "picture":
             self.plot(path)
             return
+        check_ending(path, "sweep")
         with (
             atomic_path(Path(path)) as temporary,
             temporary.open("w", newline="", encoding="utf-8") as stream,

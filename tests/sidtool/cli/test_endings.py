@@ -125,7 +125,7 @@ COMMANDS = {
     "study": (["{scene}", "-o"], (".json", ".csv", ".txt", ".png", ".h5")),
     "sweep": (
         ["{scene}", "--over", "time.end=1", "--of", "stone.x.max", "-o"],
-        (".json", ".h5"),
+        (".json", ".h5", ""),
     ),
     "demo": (["-o"], (".html", ".png")),
     "new": ([], (".toml", ".py", ".h5")),

@@ -149,6 +149,22 @@ def test_another_compiler_makes_another_kernel(monkeypatch: pytest.MonkeyPatch) 
     assert not scaled(2.0).is_cached(kernel.signatures[0])
 
 
+def test_another_processor_makes_another_kernel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Caches are on shared disks, and processors differ in their instructions."""
+    kernel = scaled(3.0)
+    assert kernel(1.5) == 4.5
+    name, features = kernels._processor()
+    signature = kernel.signatures[0]
+    for other in (("cortex-a72", features), (name, f"{features},+sve2")):
+        with monkeypatch.context() as patch:
+            patch.setattr(kernels, "_processor", lambda other=other: other)
+            patch.setattr(kernels, "environment", kernels.environment.__wrapped__)
+            assert not scaled(3.0).is_cached(signature)
+    assert scaled(3.0).is_cached(signature)
+
+
 @posix
 def foreign(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets a path belong to another user."""
