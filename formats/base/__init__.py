@@ -6,5 +6,6 @@ compliance_shares   static compliance that the shape functions represent
 sid                 Standard Input Data of one flexible body
 stress              stresses at the nodes of a SID
 progress            progress of long computations
+interruptible       calls of machine code that signals can end
 html                tables for notebooks and reports
 """

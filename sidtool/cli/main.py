@@ -13,6 +13,7 @@ from typing import NoReturn, TextIO
 import click
 
 from sidtool.formats.base.errors import InputError, NoteWarning, ValidityWarning
+from sidtool.formats.base.interruptible import is_work_left
 from sidtool.formats.storage.operating_system import (
     DEFAULT,
     ENDING_SIGNALS,
@@ -143,6 +144,10 @@ def main() -> NoReturn:
     for number, handler in before.items():
         handle_signal(number, handler)
     gc.freeze()
+    if is_work_left():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
     sys.exit(status)
 
 

@@ -21,6 +21,7 @@ from ..beams.integration_points import (
     ParticleCollector,
     scatter_rows,
 )
+from ..eigensolvers.factorisation import symmetric_factors
 from ..elements.finite_element_model import (
     BeamOutline,
     FiniteElementModel,
@@ -534,15 +535,19 @@ def _check_mechanism(body: FiniteElementModel) -> None:
             )
             values = 1 / inverse - shift
         else:
+            factors = symmetric_factors(
+                sp.csr_matrix(k + shift * m), body.dof_positions
+            )
             values = sp.linalg.eigsh(
                 k,
                 count,
                 m,
                 sigma=-shift,
+                OPinv=sp.linalg.LinearOperator(k.shape, factors.solve),
                 return_eigenvectors=False,
                 v0=np.ones(body.ndof),
             )
-    except np.linalg.LinAlgError:
+    except (np.linalg.LinAlgError, RuntimeError):  # of SuperLU: singular
         values = np.zeros(count)
     if max(values) < _MECHANISM_TOLERANCE * largest:
         raise InputError(

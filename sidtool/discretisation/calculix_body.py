@@ -23,6 +23,7 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.model.geometry import MeshGeometry
 
 from ..eigensolvers.eigenpairs import symmetric_factors
+from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import (
     ElementAlternative,
     FiniteElementModel,
@@ -125,6 +126,7 @@ def calculix_model(
             lines = free_deck(deck_file, left_out)
             if density is not None and deck_file == path:
                 lines = with_density(lines, density)
+            notify("CalculiX discretises the deck")
             ours = geometry.order is None and deck_file != path
             if geometry.order == 2 or ours:
                 names = read_deck_names(deck_file, left_out)

@@ -191,15 +191,31 @@ def shell_outlines(
     shells: tuple[RawShell, ...], nodes: BarNodes, motion: NodeMotion, length: float
 ) -> Iterator[BeamOutline]:
     """Return every shell as a plate between two of its edges, for pictures."""
-    for shell in shells:
+    ends_of = np.array(
+        [
+            [[nodes.row[s.nodes[k]] for k in end] for end in _plate_ends(s)]
+            for s in shells
+        ],
+        np.int64,
+    ).reshape(-1, 2)
+    rows_of = 6 * ends_of[:, None, :] + np.arange(6)[:, None]
+    mean = sp.csr_matrix(
+        (
+            np.full(rows_of.size, 0.5),
+            rows_of.ravel(),
+            np.arange(0, rows_of.size + 1, 2),
+        ),
+        shape=(rows_of.size // 2, motion.matrix.shape[0]),
+    )
+    moves = sp.csr_matrix(mean @ motion.matrix)
+    for number, shell in enumerate(shells):
         rows = np.array([nodes.row[n] for n in shell.nodes])
-        ends = ((0, 1), (3, 2)) if len(rows) == 4 else ((0, 1), (2, 2))
         corners = nodes.mesh.positions[rows]
         normal = np.cross(corners[1] - corners[0], corners[-1] - corners[0])
         normal /= np.linalg.norm(normal)
         across = corners[1] - corners[0]
-        axes, halves, places, moves = [], [], [], []
-        for a, b in ends:
+        axes, halves, places = [], [], []
+        for a, b in _plate_ends(shell):
             edge = corners[b] - corners[a]
             size = float(np.linalg.norm(edge))
             axes.append(
@@ -207,14 +223,17 @@ def shell_outlines(
             )
             halves.append([size / 2, shell.section.thickness * length / 2])
             places.append((corners[a] + corners[b]) / 2)
-            first, last = (motion.matrix[6 * rows[k] : 6 * rows[k] + 6] for k in (a, b))
-            moves.append((first + last) / 2)
         yield BeamOutline(
             np.array(places),
             np.array(axes),
             np.array(halves),
-            sp.csr_matrix(sp.vstack(moves)),
+            sp.csr_matrix(moves[12 * number : 12 * number + 12]),
         )
+
+
+def _plate_ends(shell: RawShell) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the corners of two edges that face each other; one may be a point."""
+    return ((0, 1), (3, 2)) if len(shell.nodes) == 4 else ((0, 1), (2, 2))
 
 
 def spring_matrix(

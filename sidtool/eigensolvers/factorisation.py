@@ -25,11 +25,16 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.interruptible import call_interruptibly
 from sidtool.formats.base.taylor import Array
 
 from .slepc import PetscFactors, check_slepc, notify, requested_engine
 
 Indices = NDArray[np.int64]
+
+
+#: Equations from which on the expected memory is reported.
+_LARGE = 10_000
 
 
 class Factors(Protocol):
@@ -52,8 +57,11 @@ def symmetric_factors(matrix: sp.csr_matrix, places: Array | None = None) -> Fac
     InputError : the requested library is not installed.
     RuntimeError, ValueError : the matrix is singular.
     """
-    name = engine_name()
-    notify(f"factorising {matrix.shape[0]} equations by {name}")
+    name, count = engine_name(), matrix.shape[0]
+    memory = ""
+    if places is not None and count >= _LARGE:
+        memory = f", which may take {expected_gigabytes(places, count):.1f} GB"
+    notify(f"factorising {count} equations by {name}{memory}")
     if name == "superlu":
         return _Superlu(matrix, places)
     return ENGINES[name][1](matrix)
@@ -115,11 +123,13 @@ class _Superlu:
         if places is not None:
             self._order = nested_dissection(matrix, places)
             matrix = matrix[self._order][:, self._order]
-        self._factors = splu(
-            _to_csc(matrix),
-            permc_spec="MMD_AT_PLUS_A" if places is None else "NATURAL",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
+        self._factors = call_interruptibly(
+            lambda: splu(
+                _to_csc(matrix),
+                permc_spec="MMD_AT_PLUS_A" if places is None else "NATURAL",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
         )
 
     def solve(self, load: Array) -> Array:

@@ -286,6 +286,15 @@ class FiniteElementModel:
         axes = 3 if self.positions.shape[1] == 3 else 2
         return np.abs(self.rigid_body_modes()[:, :axes]) @ np.arange(1.0, axes + 1.0)
 
+    @cached_property
+    def dof_positions(self) -> Array:
+        """(ndof, d) position of the node of every degree of freedom [m]."""
+        there = self.table >= 0
+        nodes = np.broadcast_to(np.arange(len(self.table))[:, None], there.shape)
+        positions = np.zeros((self.ndof, self.dimension))
+        positions[self.table[there]] = self.positions[nodes[there]]
+        return positions
+
     def linear_fields(self, origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """(ndof, 1 or 6) displacements S r with symmetric S at r from `origin`.
 

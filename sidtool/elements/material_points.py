@@ -151,7 +151,11 @@ class InertiaPoints:
     def mass_matrix(self) -> sp.csr_matrix:
         """(ndof, ndof) their share of the mass matrix."""
         weights = sp.diags_array(np.repeat(self.masses, 3))
-        tensors = sp.block_diag([sp.csr_array(J) for J in self.inertias], format="csr")
+        count = len(self.masses)
+        tensors = sp.bsr_matrix(
+            (self.inertias, np.arange(count), np.arange(count + 1)),
+            shape=(3 * count, 3 * count),
+        ).tocsr()
         moved = self.displacement.T @ weights @ self.displacement
         return sp.csr_matrix(moved + self.rotation.T @ tensors @ self.rotation)
 

@@ -323,12 +323,8 @@ def _coordinate_positions(model: FiniteElementModel, transform: sp.csr_matrix) -
     """Return positions (n, d) of each y: of its node, or the mean of the nodes that it
     moves.
     """
-    there = model.table >= 0
-    nodes = np.broadcast_to(np.arange(len(model.table))[:, None], there.shape)
-    positions = np.zeros((model.ndof, model.dimension))
-    positions[model.table[there]] = model.positions[nodes[there]]
     moved = sp.csr_matrix(abs(transform) > 0).astype(float)
-    return (moved.T @ positions) / (moved.T @ np.ones((model.ndof, 1)))
+    return (moved.T @ model.dof_positions) / (moved.T @ np.ones((model.ndof, 1)))
 
 
 def _coordinates_of(transform: sp.csr_matrix, displacements: Array) -> Array:

@@ -118,6 +118,18 @@ def test_a_terminated_run_cleans_up(name: str, status: int, folder: Path) -> Non
 
 
 @posix
+def test_a_factorisation_can_be_ended(folder: Path) -> None:
+    """It runs beside the main thread, which is torn down while it goes on."""
+    shutil.copy(SLIDER_CRANK / "rod_q4.toml", folder)
+    before, module = names(folder), "sidtool.eigensolvers.factorisation"
+    command = ["convert", "rod_q4.toml", "-o", "rod.h5"]
+    done = killed(folder, command, signal.SIGTERM, "module.splu", module)
+    assert done.returncode == 143, done.stderr
+    assert done.stderr.strip().splitlines()[-1] == "sidtool: ended by a signal"
+    assert names(folder) == before
+
+
+@posix
 @pytest.mark.parametrize("arguments", [["-c", EARLY], ["-c", TWICE]])
 def test_ctrl_c_while_modules_are_imported_and_again_after_it(
     arguments: list[str],
