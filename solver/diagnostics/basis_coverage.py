@@ -184,7 +184,11 @@ def _find_rigid_direction(
     )
     if is_at_origin or _is_frame_node(sid, node):
         return
-    vector = m if is_moment else _chord_component(sid, node, f, largest)
+    vector = (
+        _moment_without_roll(sid, node, m)
+        if is_moment
+        else _chord_component(sid, node, f, largest)
+    )
     if is_moment:
         largest = _largest_rotation_entry(sid)
     displacement = vector @ (node.psi if is_moment else node.phi).m0
@@ -235,6 +239,26 @@ def _chord_component(sid: SID, node: Node, force: Array, largest: float) -> Arra
     if not _is_zero(node.phi.m0 - np.outer(along, along @ node.phi.m0), largest):
         return force
     return np.asarray(along * (along @ force))
+
+
+def _moment_without_roll(sid: SID, node: Node, moment: Array) -> Array:
+    """The part of a moment that meets the shape functions in a chord frame.
+
+    The frame rotates about its chord with the node at its origin, and the other nodes
+    twist relative to that.
+    """
+    largest, largest_rotation = _largest_shape_entry(sid), _largest_rotation_entry(sid)
+    if node.position.any() or not _is_zero(node.phi.m0, largest):
+        return moment
+    for end in sid.nodes:
+        length = float(np.linalg.norm(end.position))
+        along = end.position / length if length else np.zeros(3)
+        across = end.phi.m0 - np.outer(along, along @ end.phi.m0)
+        is_twisted = not _is_zero(along @ end.psi.m0, largest_rotation)
+        is_held = _is_zero(along @ node.psi.m0, largest_rotation)
+        if length and _is_zero(across, largest) and is_twisted and is_held:
+            return np.asarray(moment - along * (along @ moment))
+    return moment
 
 
 def _direction_text(unit: Array) -> str:

@@ -103,6 +103,30 @@ def test_where_a_chord_frame_sits_it_hides_nothing(reduction: Any) -> None:
     )
 
 
+@pytest.mark.parametrize("reduction", [MODAL, ATTACHED])
+def test_a_shaft_in_a_chord_frame_is_driven_at_its_origin(reduction: Any) -> None:
+    """The frame rolls with the marker there; a basis without torsion is still told."""
+    frame = {"type": "chord", "markers": ["root", "tip"]}
+    sid = steel_bar(reduction=reduction, frame=frame)
+    body = {"sid": "-", "markers": {"a": 1, "b": 2}}
+    hub = {"mass": 0.1, "inertia": [1e-4, 1e-4, 1e-4]}
+    joints = {
+        "axle": {"type": "revolute", "markers": ["ground", "hub"], "axis": [1, 0, 0]},
+        "cardan": {
+            "type": "universal",
+            "markers": ["hub", "bar.a"],
+            "axis": [0.0, 1.0, 0.0],
+            "second_axis": [0.0, 0.0, 1.0],
+        },
+    }
+    described = scene(
+        {"hub": hub, "bar": body}, joints, end=1e-5, steps=1, dimension="spatial"
+    )
+    notes = simulate(compiled(described, bar=sid)).notes
+    told = [note.partition(",")[0] for note in notes if "is rigid" in note]
+    assert told == (["bar is rigid about x at a"] if reduction is MODAL else [])
+
+
 @pytest.mark.parametrize("rounding", [0.0, 1e-14])
 def test_a_joint_where_the_body_frame_sits_is_no_missing_shape(rounding: float) -> None:
     """A hinge holds two rotations there; what conversion leaves of them is rounding."""
