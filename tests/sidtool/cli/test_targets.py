@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -169,35 +170,42 @@ def test_the_standard_output_can_be_named(folder: Path) -> None:
 
 
 LIMITED = """
-import resource, sys, tempfile
-tempfile.tempdir = sys.argv[2]
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)
+import contextlib, io, json, os, resource, sys, tempfile
 from sidtool.cli.main import run
-sys.exit(run(sys.argv[3:]))
+tempfile.tempdir, most = os.getcwd(), resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+for arguments in json.loads(sys.argv[1]):
+    size, *words = arguments
+    errors = io.StringIO()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
+    with contextlib.redirect_stderr(errors):
+        status = run(words)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    with open("found.jsonl", "a") as found:
+        print(json.dumps([status, errors.getvalue()]), file=found)
 """
 
 
 @posix
-@pytest.mark.parametrize("size", [0, 600, 20_000])
-@pytest.mark.parametrize("target", ["rod.h5", "rod.SID_FEM"])
-def test_a_limit_on_file_sizes_leaves_nothing_half_written(
-    size: int, target: str, folder: Path
-) -> None:
+def test_a_limit_on_file_sizes_leaves_nothing_half_written(folder: Path) -> None:
     """One message, exit status 1, no temporary files; existing files are unchanged."""
-    old = b"\\x89SID\\r\\n\\x1a\\n" if target == "rod.h5" else b"refmod"
-    (folder / target).write_bytes(old)
+    (folder / "rod.h5").write_bytes(b"\x89SID\r\n\x1a\n")
+    (folder / "rod.SID_FEM").write_bytes(b"refmod")
     before = contents(folder)
-    arguments = ["convert", "rod_q4.SID_FEM", "-o", target, "--force"]
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(size), str(folder), *arguments],
+    convert = ["convert", "rod_q4.SID_FEM", "--force", "-o"]
+    targets = ("rod.h5", "rod.SID_FEM")
+    calls = [[size, *convert, t] for size in (0, 600, 20_000) for t in targets]
+    subprocess.run(
+        [sys.executable, "-c", LIMITED, json.dumps(calls)],
         cwd=folder,
-        capture_output=True,
-        text=True,
+        check=True,
         timeout=120,
-        encoding="utf-8",
     )
-    assert done.returncode == 1, done.stderr
-    assert done.stderr.count("\n") == 1 and "File too large" in done.stderr
+    written = (folder / "found.jsonl").read_text(encoding="utf-8").splitlines()
+    assert len(written) == len(calls)
+    for line in written:
+        status, errors = json.loads(line)
+        assert status == 1 and errors.count("\n") == 1 and "File too large" in errors
+    (folder / "found.jsonl").unlink()
     assert contents(folder) == before
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,19 @@ import pytest
 import scipy.linalg
 
 from sidtool import sid_from_shapes
+from sidtool.conversion.geometric_stiffness import add_geometric_stiffening
+from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.toml.reading import validate_data
-from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from sidtool.pipeline.model_to_sid import (
+    assembled_sid,
+    finite_element_model,
+    sid_from_model,
+)
+from sidtool.reduction.body_frames import FRAMES as BODY_FRAMES
+from sidtool.reduction.methods import REDUCTIONS
 
 from ..beams import beam_data as plane_data
 from ..bodies import beam_data, volume_data
@@ -68,15 +78,38 @@ PARTS = {
 }
 
 
-@pytest.mark.parametrize("table", TABLES)
+@cache
+def discretised(part: str) -> FiniteElementModel:
+    data, _ = PARTS[part]()
+    data |= {"frame": FRAMES["mean axes"]}
+    return finite_element_model(validate_data(data, ModelFile))
+
+
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("part", PARTS)
-def test_stiffening_is_what_stress_does(part: str, frame: str, table: str) -> None:
+def test_stiffening_is_what_stress_does(part: str, frame: str) -> None:
     """Also where it is of rotation alone, in a compact body with one shape function."""
     data, end = PARTS[part]()
     clamp = {"clamp": end} if frame == "tangent" else {}
+    data |= {"frame": FRAMES[frame] | clamp, "stiffening": {}}
+    model, body = validate_data(data, ModelFile), discretised(part)
+    reference = BODY_FRAMES[model.frame.type](body, model.frame)
+    basis = REDUCTIONS[model.reduction.method](body, reference, model.reduction)
+    basis = replace(basis, space=None)
+    plain = assembled_sid(body, reference, basis, model.damping)
+    assert not has_stiffening(plain)
+    for table in ({}, ROTATION_ALONE):
+        requested = validate_data(data | {"stiffening": table}, ModelFile).stiffening
+        assert requested is not None
+        sid = add_geometric_stiffening(plain, body, reference, basis, requested)
+        assert has_stiffening(sid), table
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_model_has_the_stiffening_that_its_file_requests(table: str) -> None:
+    data, end = PARTS["beam that twists"]()
     requested, expected = TABLES[table]
-    data |= {"frame": FRAMES[frame] | clamp}
+    data |= {"frame": FRAMES["tangent"] | {"clamp": end}}
     data |= {} if requested is None else {"stiffening": requested}
     sid = sid_from_model(validate_data(data, ModelFile))
     assert has_stiffening(sid) is expected
