@@ -24,7 +24,12 @@ from .multipatch import (
     side_net,
     sides_of,
 )
-from .nurbs_patch import NurbsPatch, evaluate_grid, scattered_basis
+from .nurbs_patch import (
+    NurbsPatch,
+    evaluate_grid,
+    evaluate_points,
+    scattered_basis,
+)
 from .patch_evaluation import may_be_inside, nearest_parameters
 
 #: Points per direction at which sides and patches are compared, by the dimension.
@@ -66,7 +71,8 @@ def weak_ties(
     for a, b in combinations(free_sides, 2):
         if not _boxes_overlap(patches, a, b, near):
             continue
-        there, back = _side_distances(patches, a, b), _side_distances(patches, b, a)
+        there = _side_distances(patches, a, b, near)
+        back = _side_distances(patches, b, a, near)
         on_a, on_b = back <= near, there <= near
         if on_a.all() and on_b.all():
             raise incompatible_sides(a, b)
@@ -199,31 +205,40 @@ def _side_samples(patch: NurbsPatch, side: Side) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
 
 
-def _side_distances(patches: Mapping[str, NurbsPatch], a: Side, b: Side) -> Array:
-    """Return distances of points inside side a from side b; infinite where
-    they cross.
+def _side_distances(
+    patches: Mapping[str, NurbsPatch], a: Side, b: Side, near: float
+) -> Array:
+    """Return distances of points inside side a from side b; infinite where they cross,
+    and where they are farther than `near` and than sides that are nearly equal.
     """
+    reach = max(near, _NEARLY_EQUAL_TOLERANCE * _side_size(patches, a))
     first, second = patches[a.patch], patches[b.patch]
     grid = _side_samples(first, a)
-    points, normals = _points_and_normals(first, grid, a)
-    parameters, nearest = nearest_parameters(second, points, (b.direction, b.end))
-    _, others = _points_and_normals(second, parameters, b)
-    along = np.abs(np.einsum("nd,nd->n", normals, others)) > 0.5
+    points = evaluate_points(first, grid)
+    parameters, nearest = nearest_parameters(
+        second, points, (b.direction, b.end), reach
+    )
+    distances = np.linalg.norm(nearest - points, axis=1)
     across = [i for i in range(parameters.shape[1]) if i != b.direction]
     inside = ((parameters[:, across] > 0) & (parameters[:, across] < 1)).all(axis=1)
-    distances = np.linalg.norm(nearest - points, axis=1)
-    return np.where(along & inside, distances, np.inf)
+    distances[~inside | (distances > reach)] = np.inf
+    close = np.flatnonzero(np.isfinite(distances))
+    if not close.size:
+        return np.asarray(distances)
+    normals = _normals(first, grid[close], a), _normals(second, parameters[close], b)
+    along = np.abs(np.einsum("nd,nd->n", *normals)) > 0.5
+    distances[close[~along]] = np.inf
+    return np.asarray(distances)
 
 
-def _points_and_normals(
-    patch: NurbsPatch, parameters: Array, side: Side
-) -> tuple[Array, Array]:
+def _normals(patch: NurbsPatch, parameters: Array, side: Side) -> Array:
+    """Unit normals (n, d) of a side at parameters (n, k)."""
     basis = scattered_basis(patch, parameters)
     corners = patch.points[basis.nodes]
     jacobians = np.einsum("nmd,nmk->ndk", corners, basis.gradients)
     normals = np.linalg.pinv(jacobians)[:, side.direction]
     lengths = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return np.einsum("nm,nmd->nd", basis.values, corners), normals / lengths
+    return np.asarray(normals / lengths)
 
 
 def _boxes_overlap(
@@ -253,8 +268,12 @@ def _are_nearly_equal_sides(
         ends = np.ix_(*((0, -1) for _ in net.shape[:-1]))
         corners.append(net[ends].reshape(-1, net.shape[-1]))
     off = np.linalg.norm(corners[0][:, None] - corners[1], axis=2).min(axis=1)
-    size = float(np.ptp(_side_control_points(patches, a), axis=0).max())
-    return bool(off.max() <= near and there.max() < _NEARLY_EQUAL_TOLERANCE * size)
+    limit = _NEARLY_EQUAL_TOLERANCE * _side_size(patches, a)
+    return bool(off.max() <= near and there.max() < limit)
+
+
+def _side_size(patches: Mapping[str, NurbsPatch], side: Side) -> float:
+    return float(np.ptp(_side_control_points(patches, side), axis=0).max())
 
 
 def _distance_to_sides(patch: NurbsPatch, parameters: Array) -> Array:

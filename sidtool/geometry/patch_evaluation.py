@@ -50,15 +50,23 @@ def may_be_inside(patch: NurbsPatch, points: Array) -> NDArray[np.bool_]:
 
     axes = tuple(np.linspace(0, 1, _GRID) for _ in patch.degrees)
     grid = evaluate_grid(patch, axes)
-    cell = sum(
-        np.linalg.norm(np.diff(grid, axis=i), axis=-1).max() for i in range(len(axes))
-    )
     distances, _ = cKDTree(grid.reshape(-1, grid.shape[-1])).query(points)
-    return np.asarray(distances <= cell)
+    return np.asarray(distances <= _cell_size(grid))
+
+
+def _cell_size(grid: Array) -> float:
+    """Sum over the directions of the longest distance between neighbours of a grid
+    (m_1, ..., m_k, d).
+    """
+    lengths = (np.diff(grid, axis=i) for i in range(grid.ndim - 1))
+    return float(sum(np.linalg.norm(x, axis=-1).max(initial=0.0) for x in lengths))
 
 
 def nearest_parameters(
-    patch: NurbsPatch, targets: Array, side: tuple[int, int] | None = None
+    patch: NurbsPatch,
+    targets: Array,
+    side: tuple[int, int] | None = None,
+    reach: float = np.inf,
 ) -> tuple[Array, Array]:
     """Return the parameters (n, k) of the nearest points of the patch, and these
     points.
@@ -70,6 +78,8 @@ def nearest_parameters(
     ----------
     targets : (n, d)
     side : direction and end of the side that the points are on, if they are on one
+    reach : for targets that are farther away than this, any point of the patch farther
+        away is enough
     """
     from scipy.spatial import cKDTree
 
@@ -77,11 +87,15 @@ def nearest_parameters(
     if side is not None:
         axes[side[0]] = np.array([float(side[1])])
     free = np.flatnonzero([len(axis) > 1 for axis in axes])
-    grid = evaluate_grid(patch, tuple(axes)).reshape(-1, targets.shape[1])
-    starts = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(len(grid), -1)
-    parameters = starts[cKDTree(grid).query(targets)[1]]
-    moving = np.arange(len(targets))
+    grid = evaluate_grid(patch, tuple(axes))
+    starts = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
+    distances, numbers = cKDTree(grid.reshape(-1, targets.shape[1])).query(targets)
+    parameters = starts[numbers]
+    # no point of the patch is farther from the grid than a cell
+    moving = np.flatnonzero(distances <= reach + _cell_size(grid))
     for _ in range(_ITERATIONS):
+        if not moving.size:
+            break
         basis = scattered_basis(patch, parameters[moving])
         corners = patch.points[basis.nodes]
         miss = targets[moving] - np.einsum("nm,nmd->nd", basis.values, corners)
@@ -91,8 +105,6 @@ def nearest_parameters(
         after = np.clip(before + step, 0, 1)
         parameters[np.ix_(moving, free)] = after
         moving = moving[np.abs(after - before).max(axis=1) > 1e-15]
-        if not moving.size:
-            break
     return parameters, evaluate_points(patch, parameters)
 
 
