@@ -153,13 +153,13 @@ def _corners(points: Array) -> Array:
 
 def _picture_times(again: Replay, most: int) -> tuple[Array, tuple[str, ...]]:
     """Return output times, with more where bodies rotate far, or fewer."""
-    t, samples = again.t, again.samples()
+    t = again.t
     if len(t) < 2:
         return t, ()
     if len(t) > most:
         rows = np.round(np.linspace(0, len(t) - 1, most)).astype(int)
         return t[rows], (f"{most} of {len(t)} output times are shown",)
-    turned = np.zeros(len(t) - 1)
+    samples, turned = again.samples(), np.zeros(len(t) - 1)
     for b in range(len(again.system.bodies)):
         motion = frame_motion(again.system, samples, b)
         rate = np.linalg.norm(motion.W, axis=1)

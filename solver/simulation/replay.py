@@ -44,6 +44,9 @@ MAX_ROTATION = 0.5 * np.pi
 #: Variations of outputs below this share of their size are none, and the least size.
 _CONSTANT_VARIATION, _MIN_SIZE = 1e-6, 1e-300
 
+#: Output times whose frames, markers and forces are in memory together.
+_ROWS_AT_ONCE = 100_000
+
 GivenFunctions = Mapping[str, Derivatives | Law]
 
 
@@ -78,8 +81,12 @@ class Replay:
         """
         t, z, v = self.states(times)
         set_friction_states(self.system, t, z, v)
-        found = evaluate_outputs(self._sampler, t, z, v)
-        return dict(zip(found.names, found.values.T, strict=True))
+        values = np.empty((len(t), len(self.system.scene.outputs.record)))
+        for row in range(0, len(t), _ROWS_AT_ONCE):
+            rows = slice(row, row + _ROWS_AT_ONCE)
+            block = (part[rows].copy() for part in (t, z, v))
+            values[rows] = evaluate_outputs(self._sampler, *block).values
+        return dict(zip(self.system.scene.outputs.record, values.T, strict=True))
 
     def samples(self, times: Array | None = None) -> Samples:
         """Frames and markers at some times, see `columns`."""

@@ -9,6 +9,7 @@ import sys
 import time
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,9 @@ from sidtool.formats.result.rows import ROWS_PER_BLOCK, Columns, Rows
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.output import dense_output
+from sidtool.solver.simulation import replay as replay_module
 from sidtool.solver.simulation import simulate as simulate_module
+from sidtool.view.motion import sample_motion
 from tests.places import SLIDER_CRANK, posix
 
 RECORD = ["piston.x", "energy.balance", "energy.supplied", "crank_pin.f*", "rod.q*"]
@@ -245,3 +248,33 @@ def test_the_rows_of_a_run_go_to_its_sink(monkeypatch: pytest.MonkeyPatch) -> No
         simulate_module.simulate(
             compile_scene(described(100), SLIDER_CRANK), integrator="rho"
         )
+
+
+def test_outputs_of_a_result_are_evaluated_in_blocks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also forces of a joint, and momenta; all rows at once took 7 times the memory."""
+    scene = described(100, end=0.5, outputs={"record": ["piston.x"]})
+    result = simulate(compile_scene(scene, SLIDER_CRANK))
+    names = ("piston.vx", "rod.q*", "crank_pin.f*", "rod.momentum_x", "crank.angle")
+    whole = replay_module.replay(result, names).outputs()
+    monkeypatch.setattr(replay_module, "_ROWS_AT_ONCE", 7)
+    parts = replay_module.replay(result, names).outputs()
+    assert list(parts) == list(whole) and len(whole) > len(names)
+    for name, values in whole.items():
+        np.testing.assert_allclose(parts[name], values, rtol=1e-9, atol=1e-9)
+
+
+def test_pictures_sample_their_own_times_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = described(200, end=0.5, outputs={"record": ["piston.x"]})
+    result = simulate(compile_scene(scene, SLIDER_CRANK))
+    sizes = []
+    sample = replay_module.Replay.samples
+
+    def record(again: replay_module.Replay, times: Any = None) -> Any:
+        sizes.append(len(again.t) if times is None else len(times))
+        return sample(again, times)
+
+    monkeypatch.setattr(replay_module.Replay, "samples", record)
+    assert len(sample_motion(result, most=20).t) == 20
+    assert max(sizes) == 20
