@@ -84,8 +84,9 @@ class Replay:
         values = np.empty((len(t), len(self.system.scene.outputs.record)))
         for row in range(0, len(t), _ROWS_AT_ONCE):
             rows = slice(row, row + _ROWS_AT_ONCE)
-            block = (part[rows].copy() for part in (t, z, v))
-            values[rows] = evaluate_outputs(self._sampler, *block).values
+            t_block, z_block, v_block = (part[rows].copy() for part in (t, z, v))
+            found = evaluate_outputs(self._sampler, t_block, z_block, v_block)
+            values[rows] = found.values
         return dict(zip(self.system.scene.outputs.record, values.T, strict=True))
 
     def samples(self, times: Array | None = None) -> Samples:
