@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sidtool.formats.base.sid import SID
+    from sidtool.formats.base.sid import SID, Array
     from sidtool.formats.scene import SceneFile
 
     from .analyses.inverse_dynamics import inverse_dynamics as inverse_dynamics
@@ -102,16 +102,27 @@ def compile_scene(
     )
     from .system.body_data import read_sids
     from .system.build import build_system
+    from .system.rotated_markers import marker_rotations, original_scene
     from .system.update import updated_system
 
+    rotations: dict[str, Array] | None = None
+
     def checked(scene: SceneFile, keep_joints: bool) -> System:
-        if before is not None and not (drives or forces or keep_joints):
+        if before is not None and not (drives or forces or keep_joints or rotations):
             system = updated_system(before, scene, known)
             if system is not None:
                 if not accept_defects:
                     check_masses(system)
                 return system
-        system = build_system(scene, known, drives, keep_joints, forces, before=before)
+        system = build_system(
+            original_scene(scene),
+            known,
+            drives,
+            keep_joints,
+            forces,
+            before=before,
+            rotations=rotations,
+        )
         check_outputs(system)
         if not accept_defects:
             check_masses(system)
@@ -133,6 +144,7 @@ def compile_scene(
     from .analyses.steady_rotation import steady_rotation
 
     system = checked(scene, True)
+    rotations = marker_rotations(system.scene, system.bodies)
     rotating, rotation_notes = steady_rotation(system)
     if rotating is not None:
         return checked(rotating, keep_joints)

@@ -133,7 +133,7 @@ def frame_rotation_matrix(mechanics: DenseEquations, omegas: Array) -> Array:
 
 def unpaired_frequency(mechanics: DenseEquations, omegas: Array) -> float:
     """Lowest angular frequency of a flexible body, seen in axes of these spins, that
-    has no partner across the axis; inf if all have."""
+    has no partner across the axis; inf if all have, 0 if a body is not round."""
     system = mechanics.system
     rotations = to_rotation_matrices(system.frames(mechanics.work.frame)["R"])
     rates = omegas - axis_angular_velocities(mechanics)

@@ -51,7 +51,8 @@ class RotatedShapes:
         G, zero for shape functions that do not turn into each other.
     unpaired
         Lowest natural angular frequency [rad/s] of the body, in its frame, whose motion
-        across the axis has no partner; inf if all have one.
+        across the axis has no partner; inf if all have one, and 0 if the lower half has
+        none, as the body is not round.
     """
 
     generator: Array
@@ -86,7 +87,9 @@ def rotate_shapes(sid: SID, axis: Array) -> RotatedShapes:
         generator[group[second], group[first]] = -x
         left = np.linalg.norm(equations @ x - there.ravel())
         if left > UNPAIRED * np.linalg.norm(there):
-            unpaired = min(unpaired, float(np.sqrt(max(squares[group[0]], 0.0))))
+            is_round = 2 * group[0] >= sid.nq
+            lowest = np.sqrt(max(squares[group[0]], 0.0)) if is_round else 0.0
+            unpaired = min(unpaired, float(lowest))
     return RotatedShapes(np.asarray(V @ np.linalg.solve(V.T, generator.T).T), unpaired)
 
 

@@ -298,7 +298,8 @@ def steady_axes(mechanics: DenseEquations, z: Array, v: Array) -> SteadyAxes:
         mechanics.evaluate(z, v)
         of_shapes = unpaired_frequency(mechanics, omegas)
         unpaired = min(unpaired, of_shapes)
-        if lowest < UNPAIRED_MODE * of_shapes:
+        is_partly_steady = 0.0 < UNPAIRED_MODE * of_shapes <= lowest
+        if lowest < np.inf and not is_partly_steady:
             continue
         of = "that do not turn" if name == "ground" else f"that turn with {name}"
         alike = not np.ptp(omegas, axis=0).any()
@@ -310,15 +311,15 @@ def steady_axes(mechanics: DenseEquations, z: Array, v: Array) -> SteadyAxes:
                 f"change while the bodies turn: {_unpaired_text(unpaired)}"
             )
         return SteadyAxes(omegas, tuple(notes), highest=lowest)
-    cause = f": {_unpaired_text(unpaired)}" if unpaired < np.inf else ""
+    cause = f": {_unpaired_text(unpaired)}" if 0.0 < unpaired < np.inf else ""
     return SteadyAxes(own, changing=CHANGING_EQUATIONS + cause)
 
 
 def _unpaired_text(omega: float) -> str:
     return (
         f"the shape function of {omega / (2.0 * np.pi):.4g} Hz across the axis has no "
-        "partner at a right angle; either the body is not round, or its reduction "
-        "holds one of two, and with one mode more or less both or none"
+        "partner at a right angle; with one mode more or less the reduction holds both "
+        "or none"
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import SID, rigid_sid
+from sidtool.formats.base.sid import SID, Array, rigid_sid
 from sidtool.formats.scene import (
     STATE,
     Constant,
@@ -70,6 +70,7 @@ def build_system(
     forces: Mapping[str, Derivatives | Law] | None = None,
     sampled: bool = True,
     before: System | None = None,
+    rotations: Mapping[str, Array] | None = None,
 ) -> System:
     """Flat tables of a scene, before its initial conditions are looked at.
 
@@ -86,6 +87,8 @@ def build_system(
     before
         A system of another such scene, whose bodies are taken where they are the same
         objects.
+    rotations
+        Of second markers of joints, see `with_rotated_markers`.
 
     Raises
     ------
@@ -102,7 +105,7 @@ def build_system(
         for name, body in scene.bodies.items()
     }
     data[GROUND_NAME] = known.get(GROUND_NAME) or _ground_body(scene)
-    scene, data = with_rotated_markers(scene, data)
+    scene, data = with_rotated_markers(scene, data, rotations)
     functions = FunctionTable(real_data, (scene.time.start, scene.time.end))
     _check_drive_names(scene, drives)
     laws = compile_laws(scene, forces, drives, sampled)
@@ -123,13 +126,18 @@ def build_system(
     )
     if any(law.sample_time is not None for law in laws.values()):
         given = original, sids, drives, keep_joints, forces
-        make_continuous = partial(build_system, *given, sampled=False, before=before)
+        make_continuous = partial(
+            build_system, *given, sampled=False, before=before, rotations=rotations
+        )
         reduced = replace(reduced, make_continuous=make_continuous)
     rate_scene = integrate_constant_rates(original, laws, drives)
     if rate_scene is not None:
         with_states = rate_scene, sids, drives, keep_joints, forces, sampled
         reduced = replace(
-            reduced, make_integrated=partial(build_system, *with_states, before=before)
+            reduced,
+            make_integrated=partial(
+                build_system, *with_states, before=before, rotations=rotations
+            ),
         )
     if not frames:
         return reduced

@@ -9,7 +9,7 @@ prismatic joint keeps the whole relative orientation that is stated.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -38,14 +38,24 @@ _ORIENTATION_JOINTS = ("fixed", "prismatic")
 
 
 def with_rotated_markers(
-    scene: SceneFile, data: Mapping[str, BodyData]
+    scene: SceneFile,
+    data: Mapping[str, BodyData],
+    rotations: Mapping[str, Array] | None = None,
 ) -> tuple[SceneFile, dict[str, BodyData]]:
     """The scene whose joints name rotated markers, and the bodies that have them.
 
-    A rotated marker is called "MARKER rotated by JOINT".
+    A rotated marker is called "MARKER turned by JOINT".
+
+    Parameters
+    ----------
+    rotations
+        Of the second markers of joints, by name, from `marker_rotations`; by default
+        they follow from the orientations that the scene states.
     """
     rotated, joints = dict(data), dict(scene.joints)
-    for name, rotation_ in _marker_rotations(scene, data):
+    if rotations is None:
+        rotations = dict(_find_rotations(scene, data))
+    for name, rotation_ in rotations.items():
         first, second = marker_names(joints[name])
         body, marker = marker_reference(second)
         key = marker + _suffix(name)
@@ -56,6 +66,24 @@ def with_rotated_markers(
         pair = first, f"{body}.{key}"
         joints[name] = joints[name].model_copy(update={"markers": pair})
     return scene.model_copy(update={"joints": joints}), rotated
+
+
+def marker_rotations(scene: SceneFile, bodies: Iterable[BodyData]) -> dict[str, Array]:
+    """Rotations of the second markers of joints, by joint.
+
+    Parameters
+    ----------
+    scene, bodies
+        From `with_rotated_markers`.
+    """
+    rotated = {data.name: data.rotated_markers for data in bodies}
+    found = {}
+    for name, joint in scene.joints.items():
+        for text in marker_names(joint)[1:]:
+            body, marker = marker_reference(text)
+            if marker in rotated[body]:
+                found[name] = rotated[body][marker][1]
+    return found
 
 
 def original_scene(scene: SceneFile) -> SceneFile:
@@ -74,7 +102,7 @@ def _suffix(joint: str) -> str:
     return f" turned by {joint}"
 
 
-def _marker_rotations(
+def _find_rotations(
     scene: SceneFile, data: Mapping[str, BodyData]
 ) -> Iterator[tuple[str, Array]]:
     """Joints that turn their second marker, and the rotation of that."""

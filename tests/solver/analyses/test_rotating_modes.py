@@ -345,6 +345,36 @@ def test_modes_that_no_constant_matrix_has_are_told() -> None:
     assert "axes that do not turn" in note
 
 
+def test_flexible_blades_on_springs_of_two_stiffnesses_have_no_modes() -> None:
+    """A blade is not round, and in its own axes the springs turn."""
+    bodies, joints = {}, {}
+    for k, quaternion in enumerate(([1.0, 0, 0, 0], [0, 0, 0, 1.0])):
+        initial = table(20.0, False) | {"quaternion": quaternion}
+        bodies[f"blade{k}"] = {"sid": "-", "markers": {"root": 1}, "initial": initial}
+        joints[f"root{k}"] = {"type": "fixed", "markers": ["hub", f"blade{k}.root"]}
+    hub = {"mass": 5.0, "inertia": [0.1, 0.1, 0.2]}
+    hub["initial"] = table(20.0, False) | {"quaternion": [1.0, 0.0, 0.0, 0.0]}
+    spring = {
+        "type": "bushing",
+        "markers": ["ground", "hub"],
+        "stiffness": [4e4, 9e4, 4e4, 1e4, 1e4, 0.0],
+        "shaft": "z",
+    }
+    described = scene(
+        {"hub": hub, **bodies},
+        joints,
+        forces={"bearing": spring},
+        dimension="spatial",
+        initial={"state": "static"},
+    )
+    blade = steel_bar(modes=4)
+    system = compile_scene(
+        described, ".", {"blade0": blade, "blade1": blade}, keep_joints=True
+    )
+    with pytest.raises(SimulationError, match="change as the bodies turn"):
+        linearise(system, "start")
+
+
 def test_a_pendulum_that_hangs_from_a_cart_is_at_rest() -> None:
     """Its hinge is above it up to rounding; (M + m, m l; m l, J + m l^2) swings."""
     described = scene(

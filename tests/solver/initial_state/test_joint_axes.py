@@ -17,6 +17,7 @@ from sidtool.solver.initial_state.displacement_report import displacements
 from sidtool.solver.system import work_arrays
 from sidtool.solver.system.system import System
 from sidtool.solver.system.work_arrays import new_work_arrays
+from tests.steel_bars import steel_bar
 
 G, LEVER, INERTIA = 9.81, 0.2, 0.01 + 1.0 * 0.2**2
 
@@ -160,3 +161,55 @@ def test_rounded_orientations_leave_parallel_axes_parallel() -> None:
     }
     result = simulate(compile_scene(validate_data(content, SceneFile)))
     assert abs(result["a.angle_rate"][-1]) > 0.1
+
+
+@pytest.mark.parametrize("joint", ["fixed", "prismatic", "revolute"])
+def test_a_static_start_keeps_the_orientation_of_the_scene(joint: str) -> None:
+    """A bar at 2 rad about z sags as one at 0 under gravity at -2 rad.
+
+    Its marker is rotated for the joint, and the static start builds the scene again.
+    """
+    own = {} if joint == "fixed" else {"axis": [0.0, 0.0, 1.0]}
+    angle, found = 2.0, []
+    for turn in (angle, 0.0):
+        gravity = Rotation.from_rotvec([0, 0, turn - angle]).apply([3.0, -G, -2.0])
+        bar: dict[str, Any] = {"sid": "-", "markers": {"root": 1, "tip": 2}}
+        bar["initial"] = {"axis_angle": [0.0, 0.0, turn]}
+        stand: dict[str, Any] = {"mass": 1.0, "inertia": [0.1, 0.1, 0.1]}
+        stand["initial"] = {"axis_angle": [0.0, 0.0, 0.0]}
+        content: dict[str, Any] = {
+            "format": "sidtool scene",
+            "version": 1,
+            "dimension": "spatial",
+            "gravity": gravity.tolist(),
+            "time": {"end": 1.0, "output_step": 0.5},
+            "initial": {"state": "static"},
+            "bodies": {"stand": stand, "bar": bar},
+            "joints": {
+                "hold": {"type": "fixed", "markers": ["ground", "stand"]},
+                "joint": {"type": joint, "markers": ["stand", "bar.root"], **own},
+            },
+            "forces": {
+                "springs": {
+                    "type": "bushing",
+                    "markers": ["ground", "stand"],
+                    "stiffness": [1e4] * 6,
+                }
+            },
+            "outputs": {"record": ["bar.tip.uy", "bar.tip.uz"]},
+        }
+        if joint != "fixed":
+            value = turn if joint == "revolute" else 0.0
+            lock = {"joint": "joint", "function": {"type": "constant", "value": value}}
+            content["drives"] = {"lock": lock}
+        scene = validate_data(content, SceneFile)
+        system = compile_scene(
+            scene, sids={"bar": steel_bar(modes=8)}, keep_joints=True
+        )
+        assert moved(system)["bar"][1] < 1e-12
+        result = simulate(system)
+        found.append([result["bar.tip.uy"][0], result["bar.tip.uz"][0]])
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
+    load = 7850.0 * 4e-4 * 2.0  # N/m along z: q L^4 / 8 E I
+    sag = load / (8.0 * 2.1e11 * 0.02**4 / 12)
+    assert found[0][1] == pytest.approx(-sag, rel=1e-2)
