@@ -188,6 +188,12 @@ def test_seams_that_do_not_match_are_refused(tmp_path: Path) -> None:
     path = patches_model(tmp_path, "a.bottom", settings)
     with pytest.raises(InputError, match="a.top and b.bottom share their corners"):
         sid_from_model(path)
+    bent = finer.control_points.copy()
+    bent[1:-1, 0] += [0.0, 0.005]
+    nearly = NurbsPatch(finer.degrees, finer.knots, bent, finer.weights)
+    written(tmp_path / "patches.json", {"a": first, "b": nearly})
+    with pytest.raises(InputError, match="a.top and b.bottom share their corners"):
+        sid_from_model(path)
     away = NurbsPatch(
         second.degrees, second.knots, second.control_points + 5, second.weights
     )
