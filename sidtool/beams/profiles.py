@@ -26,6 +26,8 @@ class Profile:
 
     def __call__(self, fractions: Array) -> Array:
         """Values at fractions (n,)."""
+        if len(self.pieces) == 1:
+            return np.asarray(self.pieces[0](fractions))
         k = np.searchsorted(self.edges[1:-1], fractions, side="right")
         values = np.zeros(np.shape(fractions))
         for i in np.unique(k):
