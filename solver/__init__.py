@@ -147,7 +147,7 @@ def compile_scene(
     rotations = marker_rotations(system.scene, system.bodies)
     rotating, rotation_notes = steady_rotation(system)
     if rotating is not None:
-        return checked(rotating, keep_joints)
+        return replace(checked(rotating, keep_joints), notes=rotation_notes)
     equilibrium_scene, states, equilibrium_notes = start_in_equilibrium(system)
     rotation_scene, velocity_notes = start_in_steady_rotation(
         checked(equilibrium_scene, True)

@@ -11,10 +11,12 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
 
 from ..initial_state.assembly import StateVectors, assemble
+from ..initial_state.displacement_report import position_notes
 from ..spatial import system_arrays as at
 from ..system.characteristic_sizes import coordinate_sizes
 from ..system.errors import SimulationError
 from ..system.system import System
+from ..system.work_arrays import new_work_arrays
 from .dense_equations import DenseEquations, least_squares, null_space
 from .frozen_inputs import is_state, with_integrated_drives
 from .inverse_dynamics import PrescribedMotion, refuse_law_states, relative_equilibrium
@@ -47,7 +49,8 @@ def start_in_equilibrium(
         integrated = with_integrated_drives(system)
         z = relative_equilibrium(integrated)
         if z is not None:
-            return with_bodies(system, scene_at(integrated, z)), {}, ()
+            found = with_bodies(system, scene_at(integrated, z))
+            return found, {}, assembly_notes(*assemble(integrated))
         equilibrium = static_equilibrium(system)
     except SimulationError as error:
         raise InputError(
@@ -60,6 +63,12 @@ def start_in_equilibrium(
         if is_state(system, b)
     }
     return scene_at(system, equilibrium.z), states, equilibrium.notes
+
+
+def assembly_notes(system: System, start: StateVectors) -> tuple[str, ...]:
+    """Sentences on bodies that the assembly moved or deformed, of its result."""
+    least = system.scene.accuracy.rtol
+    return tuple(position_notes(system, new_work_arrays(system), start, least))
 
 
 def with_bodies(system: System, other: SceneFile) -> SceneFile:

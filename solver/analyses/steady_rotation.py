@@ -38,7 +38,7 @@ from ..system.sid_packing import symmetrise
 from ..system.system import System
 from .dense_equations import DenseEquations, least_squares, null_space
 from .frozen_inputs import with_integrated_drives
-from .initial_equilibrium import scene_at, with_bodies
+from .initial_equilibrium import assembly_notes, scene_at, with_bodies
 from .inverse_dynamics import refuse_law_states
 from .rotating_groups import (
     EQUAL_RATE,
@@ -72,7 +72,8 @@ LISTED = 4
 
 
 def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
-    """The scene of a system that starts in steady rotation, and why there is none.
+    """The scene of a system that starts in steady rotation, and why there is none, or
+    what the assembly moved.
 
     The scene is None where nothing rotates, where joints and drives leave bodies no
     motion besides the rotation, or where there is no steady rotation; the last of these
@@ -105,7 +106,7 @@ def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
         except (InputError, SimulationError, np.linalg.LinAlgError) as error:
             rotating, reason = None, str(error)
         if rotating is not None:
-            return with_bodies(system, rotating), ()
+            return with_bodies(system, rotating), assembly_notes(assembled, start)
         notes = notes or ((_failure_note(search, reason),) if reason else ())
     return None, notes
 

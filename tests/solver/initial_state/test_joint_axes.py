@@ -213,3 +213,44 @@ def test_a_static_start_keeps_the_orientation_of_the_scene(joint: str) -> None:
     load = 7850.0 * 4e-4 * 2.0  # N/m along z: q L^4 / 8 E I
     sag = load / (8.0 * 2.1e11 * 0.02**4 / 12)
     assert found[0][1] == pytest.approx(-sag, rel=1e-2)
+
+
+@pytest.mark.parametrize("motion", ["rest", "driven", "on springs"])
+def test_a_static_start_names_bodies_that_the_assembly_moved(motion: str) -> None:
+    """The scene puts a body 0.1 m away from where its joint holds it."""
+    hub: dict[str, Any] = {"mass": 2.0, "inertia": [0.1, 0.1, 0.2]}
+    disc: dict[str, Any] = {"mass": 1.0, "inertia": [0.1, 0.1, 0.2]}
+    if motion == "driven":
+        disc = {"sid": "-"}
+    disc["initial"] = {"position": [0.1, 0.0, 0.0]}
+    if motion != "rest":
+        for body in (hub, disc):
+            body.setdefault("initial", {})["angular_velocity"] = [0.0, 0.0, 5.0]
+    joints: dict[str, Any] = {"key": {"type": "fixed", "markers": ["hub", "disc"]}}
+    if motion == "driven":
+        joints["key"]["markers"] = ["hub", "disc.1"]
+    content: dict[str, Any] = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "spatial",
+        "time": {"end": 0.1, "output_step": 0.1},
+        "initial": {"state": "static"},
+        "bodies": {"hub": hub, "disc": disc},
+        "joints": joints,
+        "outputs": {"record": ["disc.x"]},
+    }
+    if motion == "on springs":
+        spring = {"type": "bushing", "markers": ["ground", "hub"], "shaft": "z"}
+        spring["stiffness"] = [1e4] * 5 + [0.0]
+        content["forces"] = {"bearing": spring}
+    else:
+        axle = {"type": "revolute", "markers": ["ground", "hub"], "axis": [0, 0, 1]}
+        joints["axle"] = axle
+        rate = 0.0 if motion == "rest" else 5.0
+        pieces = [{"from": 0.0, "to": 0.1, "coefficients": [0.0, rate]}]
+        function = {"type": "polynomial", "pieces": pieces}
+        content["drives"] = {"motor": {"joint": "axle", "function": function}}
+    sids = {"disc": steel_bar()} if motion == "driven" else {}
+    result = simulate(compile_scene(validate_data(content, SceneFile), sids=sids))
+    (note,) = [text for text in result.notes if "moved" in text]
+    assert "disc" in note or "hub" in note
