@@ -96,12 +96,15 @@ class Machine:
     """The programs and packages of this machine, hidden from all but marked tests."""
 
     def __init__(self) -> None:
-        # a worker of pytest-xdist inherits the environment after programs were hidden
+        # a worker of pytest-xdist inherits the environment after programs were hidden,
+        # and uses the links of the process that started it
+        hidden = os.environ.get("SIDTOOL_TESTS_HIDDEN_PATH")
         self._path = os.environ.setdefault("SIDTOOL_TESTS_PATH", os.environ["PATH"])
         sys.path[:] = [entry for entry in sys.path if _PREFIX not in entry]
         self._folder = tempfile.TemporaryDirectory(prefix=_PREFIX)
         self._root = Path(self._folder.name)
-        self._hidden = hidden_path(self._path, self._root)
+        self._hidden = hidden or hidden_path(self._path, self._root)
+        os.environ["SIDTOOL_TESTS_HIDDEN_PATH"] = self._hidden
         self._programs = {
             name: [p for a in aliases if (p := shutil.which(a, path=self._path))]
             for name, aliases in PROGRAMS.items()

@@ -282,8 +282,10 @@ class ElasticEquations:
     def force(self, t: float, q: Array, v: Array) -> Array:
         """Return f - D v - K q."""
         mechanics = self.mechanics
-        mechanics.t = t
-        mechanics.work.interval_time[0] = float(self.system.clocks(np.array([t]))[0])
+        if mechanics.t != t:
+            mechanics.t = t
+            interval_time = self.system.clocks(np.array([t]))[0]
+            mechanics.work.interval_time[0] = float(interval_time)
         mechanics.evaluate(q, v)
         return mechanics.force.copy()
 
@@ -325,12 +327,19 @@ class ElasticEquations:
     def samples(self) -> MatrixSamples:
         """Return samples of K and D over time, only two if they are constant."""
         time = self.system.scene.time
+        generator = np.random.default_rng(1)
+        probes = generator.uniform(time.start, time.end, PROBE_COUNT)
+        there = np.array([self.linear_part(t)[0] for t in probes])
+        known: dict[float, tuple[Array, Array]] = {}
         count = 1
         while True:
             times = np.linspace(time.start, time.end, count + 1)
-            parts = [self.linear_part(t) for t in times]
+            for t in times.tolist():
+                if t not in known:
+                    known[t] = self.linear_part(t)
+            parts = [known[t] for t in times.tolist()]
             K, D = (np.array([part[k] for part in parts]) for k in (0, 1))
-            off = self._interpolation_error(MatrixSamples(times, K, D))
+            off = self._interpolation_error(MatrixSamples(times, K, D), probes, there)
             if (
                 off * (time.end - time.start) <= MAX_ENERGY_CHANGE
                 or count >= MAX_SAMPLES
@@ -338,14 +347,17 @@ class ElasticEquations:
                 return MatrixSamples(times, K, D, off)
             count = max(2 * count, MIN_SAMPLES)
 
-    def _interpolation_error(self, samples: MatrixSamples) -> float:
+    def _interpolation_error(
+        self, samples: MatrixSamples, probes: Array, there: Array
+    ) -> float:
         """Return the largest error found of stiffnesses interpolated between the
         samples.
+
+        Parameters
+        ----------
+        probes, there : other times (nt,), and the stiffnesses (nt, n, n) then
         """
-        times = samples.times
-        probes = np.random.default_rng(1).uniform(times[0], times[-1], PROBE_COUNT)
         root = np.linalg.cholesky(samples.symmetric[0])
-        there = [self.linear_part(t)[0] for t in probes]
         between = samples.at(probes, samples.K)
         return max(map(self.stiffness_norm, there - between, [root] * PROBE_COUNT))
 

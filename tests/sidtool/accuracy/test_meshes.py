@@ -195,9 +195,9 @@ def test_a_coarse_mesh_is_compared_with_all_modes_that_it_has(method: str) -> No
 
 
 def test_the_choice_does_not_depend_on_the_size_of_a_scene() -> None:
-    """Lengths and E times 100 and 1000, times the root of it (Froude's similarity)."""
+    """Lengths and E times 1000, times the root of it (Froude's similarity)."""
     found = []
-    for size in (1.0, 100.0, 1000.0):
+    for size in (1.0, 1000.0):
         bar({"type": "tangent", "marker": "a"}, elements=2)
         model = json.loads(Path("link.json").read_text(encoding="utf-8"))
         model["material"]["youngs_modulus"] *= size
@@ -219,9 +219,9 @@ def test_the_choice_does_not_depend_on_the_size_of_a_scene() -> None:
             re.sub(r"[\d.]+(e[-+]?\d+)? (m in|% of)", "", s) for s in report.sentences
         ]
         found.append((choice, run["link.b.x"] / size))
-    for choice, motion in found[1:]:
-        assert choice == found[0][0]
-        assert motion == pytest.approx(found[0][1], abs=2e-6)
+    (small, motion), (large, larger) = found
+    assert large == small
+    assert larger == pytest.approx(motion, abs=2e-6)
 
 
 def test_loads_that_begin_at_once_are_named_where_modes_have_no_end() -> None:
