@@ -31,6 +31,9 @@ from .state_matrix import SmallMotions
 #: What acts against a rigid motion is less than this part of what preload and spin
 #: could do, or than this part of the largest entries of the matrix, which is rounding.
 FREE_MOTION, ROUNDING = 1e-6, 1e-13
+#: A free rotor sags by less than this multiple of its rigid motion, of one radian about
+#: an axis to which all of it is near.
+SMALL_SAG = 10.0
 #: Of the eigenvalue of its second half, likewise.
 SECOND_EIGENVALUE = 1e-9
 
@@ -99,9 +102,11 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
         states[n_positions : 2 * n_positions] = (
             value * free - matrix[:n_positions, :n_positions] @ free
         )
-        residual = matrix @ states - value * states
         if not free.size:
             continue
+        if value == 0.0:
+            states = _with_sag(matrix, states)
+        residual = matrix @ states - value * states
         _, strains, right = np.linalg.svd(residual)
         none = [
             k for k in range(len(right)) if k >= len(strains) or strains[k] <= tolerance
@@ -113,6 +118,19 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
         values, vectors = np.linalg.eig(matrix)
         return Spectrum(values, vectors, np.zeros(len(values), bool))
     return _deflated_spectrum(matrix, known, SECOND_EIGENVALUE, fastest, preload)
+
+
+def _with_sag(matrix: Array, states: np.ndarray) -> np.ndarray:
+    """Rigid motions with the small displacements that let their residual vanish.
+
+    A rotor under its weight that does not rest in its equilibrium rotates freely, but
+    its acceleration turns in the axes of the bodies. Motions that take more than a
+    small displacement are resisted, and stay as they are.
+    """
+    others = kernel(states.conj().T)
+    shift = np.linalg.lstsq(matrix @ others, -matrix @ states, rcond=1e-10)[0]
+    sizes = np.linalg.norm(shift, axis=0) / np.linalg.norm(states, axis=0)
+    return np.asarray(states + others @ np.where(sizes < SMALL_SAG, shift, 0.0))
 
 
 def _deflated_spectrum(
