@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,11 @@ def test_the_free_body_keeps_its_frequencies(sid: SID, frame: str) -> None:
     assert_allclose(values[1], values[0], rtol=1e-9)
 
 
+@cache
+def undamped(modes: int) -> SID:
+    return sid_from_model(rod(reduction={**MODES, "modes": modes}, damping=None))
+
+
 DAMPING = ["rayleigh:0,3e-5", "rayleigh:40,0", "rayleigh:5,1e-5", "modal:0.1", "random"]
 
 
@@ -106,7 +112,7 @@ DAMPING = ["rayleigh:0,3e-5", "rayleigh:40,0", "rayleigh:5,1e-5", "modal:0.1", "
 @pytest.mark.parametrize("modes", [1, 4])
 def test_the_free_body_keeps_its_damping(modes: int, law: str, frame: str) -> None:
     """Complex frequencies of the free body: its frame is only a way to look at it."""
-    plain = sid_from_model(rod(reduction={**MODES, "modes": modes}, damping=None))
+    plain = undamped(modes)
     if law == "random":
         root = np.random.default_rng(5).normal(size=(modes, modes))
         old = replace(plain, De=Taylor(20 * root @ root.T))
@@ -127,7 +133,7 @@ def decays(sid: SID) -> np.ndarray:
 
 def test_one_mode_keeps_its_ratio() -> None:
     """beta omega / 2 with the frequency of the clamped body, and as it was after."""
-    one = sid_from_model(rod(reduction={**MODES, "modes": 1}, damping=None))
+    one = undamped(1)
     omega = float(np.sqrt(one.Ke.m0[0, 0]))
     damped = with_damping_law(one, f"rayleigh:0,{2 * 0.158 / omega}")
     assert float(damped.De.m0[0, 0]) / (2 * omega) == pytest.approx(0.158)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -48,11 +49,17 @@ TIES = {
 }
 
 
+@cache
+def tied_rod(kind: str) -> FiniteElementModel:
+    """The rod with ties; it is the same in every frame and for every reduction."""
+    return finite_element_model(rod({"q4": Q4, "iga": IGA}[kind], markers=TIES))
+
+
 def settings(method: str, folder: Path | None = None) -> dict[str, Any]:
     given = {"method": method, **METHODS[method]}
     if method == "user":
         assert folder is not None
-        body = finite_element_model(rod(Q4, markers=TIES))
+        body = tied_rod("q4")
         x, y = body.positions.T
         fields = [(0 * x, x**2), (-2 * x * y, x**2), (x, 0 * x), (x, x**3), (-y, x)]
         shapes = np.array([np.stack(f, axis=1).ravel() for f in fields]).T
@@ -65,7 +72,7 @@ def reduced(
     method: dict[str, Any], frame: str, discretisation: dict[str, Any] = Q4
 ) -> tuple[FiniteElementModel, ReducedBasis]:
     model = rod(discretisation, frame=FRAME[frame], markers=TIES, reduction=method)
-    body = finite_element_model(model)
+    body = tied_rod(discretisation["type"])
     axes = FRAMES[frame if frame != "clamped" else "tangent"](body, model.frame)
     return body, REDUCTIONS[model.reduction.method](body, axes, model.reduction)
 
