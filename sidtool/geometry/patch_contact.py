@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import combinations, permutations
 
 import numpy as np
@@ -14,7 +15,9 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
 from .multipatch import (
+    CollapsedSide,
     CommonNumbering,
+    Seam,
     Side,
     Topology,
     find_topology,
@@ -49,6 +52,22 @@ class WeakTie:
     master: Side
 
 
+@dataclass(frozen=True)
+class _Geometry:
+    """Patches and their topology, equal to others of the same numbers.
+
+    Attributes
+    ----------
+    content : names, degrees, knots, control points and weights of all patches
+    """
+
+    content: tuple[object, ...]
+    seams: tuple[Seam, ...]
+    collapsed: tuple[CollapsedSide, ...]
+    tolerance: float
+    patches: Mapping[str, NurbsPatch] = field(compare=False)
+
+
 def weak_ties(
     patches: Mapping[str, NurbsPatch], topology: Topology, tolerance: float
 ) -> list[WeakTie]:
@@ -59,15 +78,29 @@ def weak_ties(
     InputError : two sides touch and neither lies wholly on the other, or they are the
         same in other control points.
     """
-    seamed = {side for seam in topology.seams for side in (seam.first, seam.second)}
+    content = [
+        (name, p.degrees, p.control_points.shape, *map(np.ndarray.tobytes, arrays))
+        for name, p in patches.items()
+        for arrays in [(*p.knots, p.control_points, p.weights)]
+    ]
+    seams, collapsed = topology.seams, topology.collapsed
+    geometry = _Geometry(tuple(content), seams, collapsed, tolerance, dict(patches))
+    return list(_weak_ties(geometry))
+
+
+@lru_cache(maxsize=64)
+def _weak_ties(geometry: _Geometry) -> tuple[WeakTie, ...]:
+    """Compare the sides; searches for a mesh discretise one geometry many times."""
+    patches, tolerance = geometry.patches, geometry.tolerance
+    seamed = {side for seam in geometry.seams for side in (seam.first, seam.second)}
     seamed |= {
         Side(part.patch, *part.fixed[0])
-        for part in topology.collapsed
+        for part in geometry.collapsed
         if len(part.fixed) == 1
     }
     free_sides = [side for side in sides_of(patches) if side not in seamed]
     near = max(tolerance, _CONTACT_TOLERANCE) * largest_extent(patches)
-    ties = []
+    ties: list[WeakTie] = []
     for a, b in combinations(free_sides, 2):
         if not _boxes_overlap(patches, a, b, near):
             continue
@@ -90,7 +123,7 @@ def weak_ties(
             )
         elif a.patch != b.patch and _are_nearly_equal_sides(patches, a, b, there, near):
             raise incompatible_sides(a, b)
-    return ties
+    return tuple(ties)
 
 
 def grid_numbers(
