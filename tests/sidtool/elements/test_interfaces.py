@@ -183,7 +183,7 @@ def test_solids_have_stress_and_stiffening(name: str) -> None:
     """A lift F at the tip: F (L - x) h / (2 I) half-way on the upper face."""
     lift = {"method": "attachment", "interfaces": ["tip"], "modes": 2}
     model = block(SOLIDS[name], {"type": "distributing", "to": "right"})
-    data = model.model_dump(mode="json", exclude_none=True)
+    data: Any = model.file_data()
     data["markers"]["upper"] = {"node": 3, "edge": "top", "at": [0.5, 0.5]}
     data |= {"reduction": lift, "stress": {"peak_points": 3}, "stiffening": {}}
     sid = sid_from_model(validate_data(data, ModelFile))
