@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.compliance_shares import ComplianceShares
-from sidtool.formats.base.errors import warn_caller
+from sidtool.formats.base.errors import InputError, warn_caller
 from sidtool.formats.base.progress import NamedStages, count_within, report_stage
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.field import Field
@@ -105,8 +106,25 @@ def _run_conversion(
     with use_engine(engine, progress):
         content = model if isinstance(model, ModelFile) else read_model(model)
         lengths = _stage_durations(content, with_field)
-        with locate_errors(content), count_within(NamedStages(lengths)) as parts:
+        with (
+            locate_errors(content),
+            _refuse_extreme_numbers(),
+            count_within(NamedStages(lengths)) as parts,
+        ):
             return _convert(content, report, with_field, parts)
+
+
+@contextmanager
+def _refuse_extreme_numbers() -> Iterator[None]:
+    """Refuse a model whose matrices cannot be inverted because of rounding."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"a matrix of the body cannot be computed ({error}): numbers of the model "
+            "are too large, too small or too far apart",
+            expected="lengths, sections and materials in SI units",
+        ) from None
 
 
 def _stage_durations(model: ModelFile, with_field: bool) -> dict[str, float]:

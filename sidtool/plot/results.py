@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 #: Smallest number of points of a curve, and largest number of pairs of axes.
 _MIN_POINTS, _MAX_AXES = 2000, 12
+#: Largest number of numbers of the states at the points of a curve.
+_MAX_STATE_NUMBERS = 5_000_000
 #: Width of a page, height of a row [inch], letters per line of a title.
 _WIDTH, _ROW, _LETTERS = 7.5, 1.55, 90
 #: Uncertainty between output times that gets a note.
@@ -134,7 +136,7 @@ def _dense_outputs(
             columns,
             _unresolved_note([n for n in names if _alternates(columns[n])]),
         )
-    t = _dense_times(result.t)
+    t = _dense_times(result.t, result.positions.shape[1] + result.velocities.shape[1])
     columns, again = interpolated_outputs(result, names, t)
     if again is None:
         return t, columns, []
@@ -160,8 +162,15 @@ def _alternates(values: Array) -> bool:
     return bool(off > _UNRESOLVED_CHANGE * np.ptp(values))
 
 
-def _dense_times(t: Array) -> Array:
-    count = max(1, -(-_MIN_POINTS // (len(t) - 1)))
+def _dense_times(t: Array, numbers: int) -> Array:
+    """Return the output times and times between them.
+
+    Parameters
+    ----------
+    numbers : of one state; states at the points of a curve are in memory together
+    """
+    points = min(_MIN_POINTS, _MAX_STATE_NUMBERS // max(1, numbers))
+    count = max(1, -(-points // (len(t) - 1)))
     shares = np.arange(count) / count
     inner = (t[:-1, None] + np.diff(t)[:, None] * shares).ravel()
     return np.append(inner, t[-1])

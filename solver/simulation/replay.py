@@ -44,8 +44,9 @@ MAX_ROTATION = 0.5 * np.pi
 #: Variations of outputs below this share of their size are none, and the least size.
 _CONSTANT_VARIATION, _MIN_SIZE = 1e-6, 1e-300
 
-#: Output times whose frames, markers and forces are in memory together.
-_ROWS_AT_ONCE = 100_000
+#: Output times whose frames, markers and forces are in memory together, and numbers
+#: of their states.
+_ROWS_AT_ONCE, _NUMBERS_AT_ONCE = 100_000, 5_000_000
 
 GivenFunctions = Mapping[str, Derivatives | Law]
 
@@ -82,8 +83,10 @@ class Replay:
         t, z, v = self.states(times)
         set_friction_states(self.system, t, z, v)
         values = np.empty((len(t), len(self.system.scene.outputs.record)))
-        for row in range(0, len(t), _ROWS_AT_ONCE):
-            rows = slice(row, row + _ROWS_AT_ONCE)
+        numbers = max(1, z.shape[1] + v.shape[1])
+        count = max(1, min(_ROWS_AT_ONCE, _NUMBERS_AT_ONCE // numbers))
+        for row in range(0, len(t), count):
+            rows = slice(row, row + count)
             t_block, z_block, v_block = (part[rows].copy() for part in (t, z, v))
             found = evaluate_outputs(self._sampler, t_block, z_block, v_block)
             values[rows] = found.values

@@ -271,4 +271,9 @@ class System:
 
     def index(self, body: str) -> int:
         """Row of a body in the tables."""
-        return next(i for i, b in enumerate(self.bodies) if b.name == body)
+        return self._body_rows[body]
+
+    @cached_property
+    def _body_rows(self) -> dict[str, int]:
+        """Rows of the bodies by their names."""
+        return {data.name: row for row, data in enumerate(self.bodies)}

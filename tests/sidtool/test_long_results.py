@@ -20,6 +20,7 @@ from sidtool.formats.result import InMemory, read_result
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.result.rows import ROWS_PER_BLOCK, Columns, Rows
 from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.plot import results
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.output import dense_output
 from sidtool.solver.simulation import replay as replay_module
@@ -278,3 +279,12 @@ def test_pictures_sample_their_own_times_only(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(replay_module.Replay, "samples", record)
     assert len(sample_motion(result, most=20).t) == 20
     assert max(sizes) == 20
+
+
+def test_curves_of_large_states_have_fewer_points() -> None:
+    t = np.linspace(0.0, 1.0, 11)
+    for numbers in (6, 10_000, 100_000):
+        points = results._dense_times(t, numbers)
+        assert np.isin(t, points).all()
+        assert len(points) >= min(2000, 5_000_000 // numbers)
+        assert (len(points) - 20) * numbers <= 5_000_000

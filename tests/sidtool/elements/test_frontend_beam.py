@@ -339,3 +339,12 @@ def test_lumped_masses_leave_the_frequencies(elements: int) -> None:
     found = np.sqrt(scipy.linalg.eigh(k, m, eigvals_only=True)[6:8])
     exact = 4.730041**2 * np.sqrt(2.1e11 / 7850 / 12) / 9 * np.array([0.01, 0.02])
     assert_allclose(found, exact, rtol=0.6 / elements**2)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_numbers_that_no_matrix_can_hold_are_refused() -> None:
+    """There was a traceback, "Singular matrix"."""
+    section = {"shape": "general", "area": 4e-4, "iy": 2e-7, "iz": 1e308}
+    model = uniform("euler_bernoulli", 30, 10.0, start=[1e20, 0, 0], section=section)
+    with pytest.raises(InputError):
+        sid_from_model(model)
