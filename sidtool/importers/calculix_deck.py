@@ -10,7 +10,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
-from ..mesh.imported_mesh import ONLY_NODES, IncludedFiles, read_lines
+from ..mesh.imported_mesh import ONLY_NODES, IncludedFiles, named_file, read_lines
 from ..mesh.refusals import RefusalCollector
 from .abaqus.deck import Namespace
 from .abaqus.element_types import POINTS
@@ -230,12 +230,16 @@ def _deck_lines(path: Path, included: IncludedFiles) -> Iterator[tuple[str, str]
         text, place = line.strip(), f"line {number}"
         word, _, rest = text.partition(",")
         if "".join(word.upper().split()) == "*INCLUDE":
-            yield from _deck_lines(path.parent / _included_file(rest, place), included)
+            yield from _deck_lines(
+                named_file(path, _included_file(rest, place)), included
+            )
         elif text.startswith("*") and "INPUT=" in "".join(rest.upper().split()):
             options = rest.split(",")
             own = [x for x in options if not x.strip().upper().startswith("INPUT")]
             yield ",".join([word, *own]), place
-            yield from _deck_lines(path.parent / _included_file(rest, place), included)
+            yield from _deck_lines(
+                named_file(path, _included_file(rest, place)), included
+            )
         elif text:
             yield text, place
     included.open.pop()

@@ -516,6 +516,14 @@ class IncludedFiles:
             )
 
 
+def named_file(deck: Path, name: str) -> Path:
+    r"""Return the file that a deck names, also in the spelling of Windows, ..\FILE."""
+    path = deck.parent / name
+    if "\\" in name and not path.exists():
+        return deck.parent / name.replace("\\", "/")
+    return path
+
+
 def located_line(number: int, file: str) -> str:
     """Return the location of a line, with the name of an included file."""
     return f"{file}, line {number}" if file else f"line {number}"
@@ -548,7 +556,7 @@ def _deck_files(path: Path) -> list[Path]:
         for line in _lines_of_file(file):
             if match := _TAKES_IN.match(line.split("$")[0]):
                 name = (match["inp"] or match["bdf"]).strip().strip("'\"")
-                other = file.parent / name
+                other = named_file(file, name)
                 if other not in files:
                     files.append(other)
                     waiting.append(other)

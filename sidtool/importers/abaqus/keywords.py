@@ -13,7 +13,13 @@ from pathlib import Path
 
 from sidtool.formats.base.errors import InputError
 
-from ...mesh.imported_mesh import ONLY_NODES, IncludedFiles, located_line, read_lines
+from ...mesh.imported_mesh import (
+    ONLY_NODES,
+    IncludedFiles,
+    located_line,
+    named_file,
+    read_lines,
+)
 
 #: Commas outside double quotes.
 _COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
@@ -135,7 +141,7 @@ def _check_names(path: Path, block: Block) -> Path:
             place=block.place,
             expected=f"*{block.keyword}, INPUT=FILE",
         )
-    return path.parent / name
+    return named_file(path, name)
 
 
 def _external_data(file: Path) -> Iterator[tuple[list[str], str]]:

@@ -13,6 +13,7 @@ from ...mesh.imported_mesh import (
     MOST_MEMBERS,
     IncludedFiles,
     located_line,
+    named_file,
     parse_integers,
     parse_numbers,
     read_lines,
@@ -161,7 +162,7 @@ def _included_cards(
             place=place,
             expected="INCLUDE 'FILE'",
         )
-    return read_cards(path.parent / name, included)
+    return read_cards(named_file(path, name), included)
 
 
 def _add_line(cards: list[Card], text: str, place: str) -> None:

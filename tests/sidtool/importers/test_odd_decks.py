@@ -13,7 +13,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.importers.mesh_files import read_mesh
 from tests.places import posix
 
-from .mesh_files import FORMATS, inp_text, rod_mesh
+from .mesh_files import FORMATS, bdf_text, inp_text, rod_mesh
 
 HUGE = "100000000000000000000"
 
@@ -135,3 +135,20 @@ def test_keywords_and_numbers_of_included_files_are_quoted(tmp_path: Path) -> No
     (tmp_path / "deck.inp").write_text(_inp("part.inc"), encoding="utf-8")
     with pytest.raises(InputError, match=r"part\.inc, line 1: \*CRACKING LAW"):
         read_mesh(tmp_path / "deck.inp")
+
+
+@pytest.mark.parametrize(("ending", "include"), [("inp", _inp), ("bdf", _bdf)])
+def test_files_are_found_in_the_spelling_of_windows(
+    tmp_path: Path, ending: str, include: Callable[[str], str]
+) -> None:
+    mesh = rod_mesh("hex8")
+    text = inp_text(mesh) if ending == "inp" else bdf_text(mesh)
+    for folder in ("first", "second"):
+        (tmp_path / folder).mkdir()
+    whole = tmp_path / "second" / f"rod.{ending}"
+    whole.write_text(text, encoding="utf-8")
+    deck = tmp_path / "first" / f"a.{ending}"
+    deck.write_text(include(f"..\\second\\rod.{ending}"), encoding="utf-8")
+    found, expected = read_mesh(deck).mesh, read_mesh(whole).mesh
+    assert (found.positions == expected.positions).all()
+    assert (found.blocks[0].nodes == expected.blocks[0].nodes).all()
