@@ -20,6 +20,7 @@ from sidtool.formats.scene import (
     marker_names,
     marker_reference,
 )
+from sidtool.formats.scene.connections import force_coordinate
 from sidtool.solver.system.rotations import shortest_rotation
 from sidtool.solver.system.system import GROUND_NAME, System
 
@@ -33,6 +34,8 @@ X = np.array([1.0, 0.0, 0.0])
 #: of a wire; number of coils of a spring, and of straight pieces per coil.
 _COIL, _CYLINDER, _ROD, _WIRE = 0.02, 0.012, 0.005, 0.003
 _COILS, _PIECES = 8, 12
+#: Coordinates of joints along which a force is drawn between the markers.
+_DISTANCES = ("displacement", "length")
 #: Fraction of the length of a spring that is straight at each end; fraction of a
 #: cylinder.
 _STRAIGHT, _OUTER = 0.12, 0.55
@@ -125,14 +128,22 @@ def scene_links(system: System, size: float) -> tuple[Link, ...]:
 
 
 def _linked_markers(scene: SceneFile) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Yield name, kind and markers of each link."""
+    """Return name, kind and markers of each link.
+
+    A force on a displacement of a joint is one between the markers of the joint; one on
+    an angle is not drawn.
+    """
     links = []
     for name, joint in scene.joints.items():
         if joint.type == "distance":
             links.append((name, "rod", marker_names(joint)))
     for name, force in scene.forces.items():
-        markers = getattr(force, "markers", None)
-        if isinstance(force, SpringDamper | Actuator) and markers is not None:
+        if not isinstance(force, SpringDamper | Actuator):
+            continue
+        markers: tuple[str, ...] | None = force.markers
+        if force.joint is not None and force_coordinate(force, scene) in _DISTANCES:
+            markers = marker_names(scene.joints[force.joint])
+        if markers is not None:
             links.append((name, _force_kind(force), markers))
     return links
 
