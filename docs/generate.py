@@ -24,9 +24,12 @@ from pydantic_core import PydanticUndefined
 
 import sidtool
 from sidtool.cli.main import cli
+from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS
+from sidtool.formats.diagnostics.record import example_of
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.reference import ReferenceFile, read_reference
 from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.report.diagnostics import diagnostic_line
 
 DOCS = Path(__file__).resolve().parent
 ROOTS = {
@@ -41,7 +44,11 @@ def pages() -> dict[str, str]:
     """Name and content of every page."""
     found = examples()
     created = {f"{kind}.md": format_page(kind, found) for kind in ROOTS}
-    return created | {"commands.md": commands_page(), "names.md": names_page()}
+    return created | {
+        "commands.md": commands_page(),
+        "diagnostics.md": diagnostics_page(),
+        "names.md": names_page(),
+    }
 
 
 def write(folder: Path) -> None:
@@ -83,6 +90,30 @@ def _collect(value: Any, raw: Any, found: dict[Key, Any]) -> None:
     elif isinstance(value, tuple) and isinstance(raw, list):
         for part, single in zip(value, raw, strict=False):
             _collect(part, single, found)
+
+
+def diagnostics_page() -> str:
+    """Every diagnostic with an example, its meaning and its remedy, by subject."""
+    parts = [
+        "# Diagnostics\n",
+        "What sidtool reports beside its numbers has a code. `sidtool explain CODE` "
+        "prints the same text. Errors mean that a number does not exist, warnings that "
+        "it may be wrong or misleading, notes need no action. `[diagnostics] ignore` "
+        "in a scene or `--ignore CODE` switches a warning or note off; `--strict` lets "
+        "warnings count for the exit status.\n",
+    ]
+    for group, title in GROUPS.items():
+        parts.append(f"## {title}\n")
+        for code, entry in CATALOGUE.items():
+            if not code.startswith(group):
+                continue
+            example = example_of(entry)
+            parts.append(f"### {code} ({entry.severity})\n")
+            parts.append(f"```text\n{diagnostic_line(example)}\n```\n")
+            parts.append(entry.explanation + "\n")
+            if example.remedy:
+                parts.append(f"What to do: {example.remedy}\n")
+    return "\n".join(parts)
 
 
 def tables(root: type[BaseModel]) -> list[type[BaseModel]]:

@@ -231,6 +231,12 @@ class LoadStiffening:
         """Is geometric stiffening missing in the SID, where a load asks for it?"""
         return not self.carried and not self.axial
 
+    @property
+    def remedy(self) -> str:
+        """What adds geometric stiffening, as a sentence."""
+        remedy = NO_REMEDY if self.from_matrices else REMEDY
+        return f"{remedy[0].upper()}{remedy[1:]}."
+
     def sentence(self, when: str = "") -> str:
         """How much loads change the stiffness, and whether the SID carries it all.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .base.sid import SID
+from .diagnostics import Diagnostic, diagnose
 from .geometric_stiffening import elastic_basis
 from .sid_mass import body_size
 
@@ -23,25 +24,34 @@ _EARTH_GRAVITY, _MAX_SAG = 9.81, 30.0
 _ROUNDING = 1e-9
 
 
-def material_warnings(youngs_modulus: float, density: float) -> list[str]:
-    """Return warnings on implausible properties of a material in SI units."""
-    texts = []
-    if not _STIFFNESS[0] <= youngs_modulus <= _STIFFNESS[1]:
-        other = _unit_hint(youngs_modulus, _STIFFNESS_UNITS, _USUAL_STIFFNESS, "Pa")
-        texts.append(
-            f"Young's modulus is {youngs_modulus:g} Pa; rubber has 1e6, steel 2.1e11, "
-            f"diamond 1.2e12{other}"
+def material_warnings(youngs_modulus: float, density: float) -> list[Diagnostic]:
+    """Return warnings on implausible properties of a material in SI units (N101)."""
+    return [
+        diagnose(
+            "N101",
+            quantity=quantity,
+            value=value,
+            unit=unit,
+            least=limits[0],
+            most=limits[1],
+            hint=_unit_hint(value, units, usual, unit),
         )
-    if not _DENSITY[0] <= density <= _DENSITY[1]:
-        other = _unit_hint(density, _DENSITY_UNITS, _USUAL_DENSITY, "kg/m3")
-        texts.append(
-            f"the density is {density:g} kg/m3; foam has 30, water 1000, steel 7850"
-            f"{other}"
+        for quantity, value, unit, limits, units, usual in (
+            (
+                "Young's modulus",
+                youngs_modulus,
+                "Pa",
+                _STIFFNESS,
+                _STIFFNESS_UNITS,
+                _USUAL_STIFFNESS,
+            ),
+            ("density", density, "kg/m3", _DENSITY, _DENSITY_UNITS, _USUAL_DENSITY),
         )
-    return texts
+        if not limits[0] <= value <= limits[1]
+    ]
 
 
-def body_warnings(sid: SID, gravity: float | None = None) -> list[str]:
+def body_warnings(sid: SID, gravity: float | None = None) -> list[Diagnostic]:
     """Return warnings on implausible properties of a body in SI units.
 
     Parameters
@@ -52,42 +62,43 @@ def body_warnings(sid: SID, gravity: float | None = None) -> list[str]:
     size = body_size(sid)
     if not size > 0.0:
         return []
-    texts = []
+    found = []
     if size > _MAX_LENGTH:
-        texts.append(f"the body is {size:.3g} m long: are its lengths in mm?")
-    if _adds_energy(sid):
-        texts.append(
-            "its damping De is negative for some motions and feeds what it should "
-            "damp: is its sign meant?"
-        )
+        found.append(diagnose("N103", reason=f"size of {size:.3g} m"))
+    damping = _smallest_damping_ratio(sid)
+    if damping < -_ROUNDING:
+        found.append(diagnose("N104", share=damping))
     omega, ratio = _first_mode(sid)
     if not omega > 0.0:
-        return texts
+        return found
     hertz = omega / (2.0 * np.pi)
     if hertz * size > _MAX_WAVE_SPEED:
-        texts.append(
-            f"the first frequency of {hertz:.3g} Hz in a body of {size:.3g} m is "
-            "faster than sound in any solid: are mass or stiffness in other units?"
+        found.append(
+            diagnose(
+                "N103",
+                reason=f"first frequency of {hertz:.3g} Hz and size of {size:.3g} m: "
+                "faster than sound",
+            )
         )
     sag = (gravity or _EARTH_GRAVITY) / omega**2
     if sag > (1.0 if gravity else _MAX_SAG) * size:
-        texts.append(
-            f"with a first frequency of {hertz:.3g} Hz the body sags by about "
-            f"{sag:.2g} m under {'gravity' if gravity else 'its weight'}, "
-            f"{sag / size:.2g} times its size: are lengths, mass or stiffness in other "
-            "units?"
+        load = "gravity" if gravity else "9.81 m/s2"
+        found.append(
+            diagnose(
+                "N103",
+                reason=f"sags by {sag:.2g} m ({sag / size:.2g} sizes) under {load}",
+            )
         )
     if ratio > 1.0:
-        texts.append(
-            f"its first mode ({hertz:.3g} Hz) has {ratio:.2g} times the critical "
-            "damping and creeps instead of vibrating: 2 % of it are a ratio of 0.02"
-        )
-    return texts
+        found.append(diagnose("N107", frequency=hertz, ratio=ratio))
+    return found
 
 
-def _adds_energy(sid: SID) -> bool:
+def _smallest_damping_ratio(sid: SID) -> float:
+    """Smallest eigenvalue of De over the largest absolute one; 0 without damping."""
     values = np.linalg.eigvalsh((sid.De.m0 + sid.De.m0.T) / 2)
-    return bool(values.size and values[0] < -_ROUNDING * np.abs(values).max())
+    largest = np.abs(values).max(initial=0.0)
+    return float(values[0] / largest) if largest > 0.0 else 0.0
 
 
 def first_frequency(sid: SID) -> float:
@@ -100,11 +111,11 @@ def first_frequency(sid: SID) -> float:
 def _unit_hint(
     value: float, units: dict[str, float], usual: tuple[float, float], si: str
 ) -> str:
-    """ ": is it in GPa? Then it is 2.1e+11 Pa"."""
+    """ "; in GPa it would be 2.1e+11 Pa"; empty if no unit fits."""
     for unit, factor in units.items():
         if usual[0] <= value * factor <= usual[1]:
-            return f": is it in {unit}? In SI units that is {value * factor:.3g} {si}"
-    return ": is it in other units?"
+            return f"; in {unit} it would be {value * factor:.3g} {si}"
+    return ""
 
 
 def _first_mode(sid: SID) -> tuple[float, float]:

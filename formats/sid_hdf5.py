@@ -22,6 +22,7 @@ from .base.compliance_shares import DIRECTIONS, ComplianceShares
 from .base.errors import InputError
 from .base.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Dialect, Node, Taylor
 from .base.stress import has_peak_nodes, stress_nodes
+from .diagnostics.hdf5 import read_diagnostics, write_diagnostics
 from .storage.hdf5_files import (
     HDF5_SIGNATURE,
     SEAL_SIGNATURE,
@@ -135,6 +136,8 @@ def write_sid_group(file: h5py.Group, sid: SID) -> None:
         group.attrs["name"] = name
         _write_block(group, block)
     _write_nodes(file.create_group("nodes"), sid.nodes)
+    if sid.diagnostics:
+        write_diagnostics(file, sid.diagnostics)
     if sid.carried is not None:
         _write_compliance_shares(file.create_group("carried"), sid.carried)
 
@@ -223,6 +226,9 @@ class SidReader:
             dialect=_parse_dialect(file.attrs["dialect"]),
             written_by=_decode_text(file.attrs.get("written_by", "sidtool")),
             carried=self._carried(file),
+            diagnostics=(
+                read_diagnostics(file["diagnostics"]) if "diagnostics" in file else ()
+            ),
             from_matrices=bool(file.attrs.get("from_matrices", False)),
             has_peak_nodes=None if peaks is None else bool(peaks),
             **blocks,

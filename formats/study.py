@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -51,9 +51,8 @@ class StudyFile(Table):
     varied: tuple[str, ...] = Field(
         default=("integrator",), description="axes with several values"
     )
-    notes: tuple[str, ...] = Field(default=(), description="of the reference")
-    warnings: tuple[str, ...] = Field(
-        default=(), description="notes that say that numbers may be wrong"
+    diagnostics: tuple[dict[str, Any], ...] = Field(
+        default=(), description="of the reference, as in JSON of a run"
     )
     points: tuple[StudyPoint, ...]
 

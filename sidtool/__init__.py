@@ -39,8 +39,11 @@ if all(
 
 if TYPE_CHECKING:
     from sidtool.formats.base.errors import InputError as InputError
-    from sidtool.formats.base.errors import ValidityWarning as ValidityWarning
     from sidtool.formats.base.sid import SID as SID
+    from sidtool.formats.diagnostics import Diagnostic as Diagnostic
+    from sidtool.formats.diagnostics.python_warnings import (
+        DiagnosticWarning as DiagnosticWarning,
+    )
     from sidtool.solver.functions.callables import Timed as Timed
     from sidtool.solver.functions.control_laws import Law as Law
     from sidtool.solver.system.errors import SimulationError as SimulationError
@@ -89,7 +92,8 @@ _HOME = {
     **dict.fromkeys(_TABLES, "sidtool.api.tables"),
     "CompiledScene": "sidtool.api.compiled_scene",
     "InputError": "sidtool.formats.base.errors",
-    "ValidityWarning": "sidtool.formats.base.errors",
+    "Diagnostic": "sidtool.formats.diagnostics",
+    "DiagnosticWarning": "sidtool.formats.diagnostics.python_warnings",
     "Interrupted": "sidtool.api.interrupts",
     "Model": "sidtool.api.scene",
     "Result": "sidtool.api.result",

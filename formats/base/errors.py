@@ -1,11 +1,9 @@
-"""The one exception that bad input raises, and warnings, wherever they arise."""
+"""The one exception that bad input raises, wherever it arises."""
 
 from __future__ import annotations
 
-import inspect
 import os
 import re
-import warnings
 from collections.abc import Iterable
 from copy import copy
 
@@ -73,23 +71,3 @@ class TooManyModes(InputError):
     """
 
     available: int = 0
-
-
-class ValidityWarning(UserWarning):
-    """Numbers of a result may be wrong, as a body leaves linear theory."""
-
-
-class NoteWarning(UserWarning):
-    """A note on a model or a run, where nobody listens to notes."""
-
-
-def warn_caller(text: str, category: type[Warning] = NoteWarning) -> None:
-    """Warn of the line outside of sidtool from which it was called."""
-    frame, level = inspect.currentframe(), 1
-    while frame is not None and _is_ours(frame.f_globals.get("__name__", "")):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(text, category, stacklevel=level)
-
-
-def _is_ours(module: str) -> bool:
-    return module.partition(".")[0] == "sidtool"

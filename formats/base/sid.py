@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..diagnostics import Diagnostic
 from .compliance_shares import ComplianceShares
 from .errors import InputError
 from .html import html_table
@@ -187,6 +188,7 @@ class SID:
     dialect: Dialect = field(default_factory=Dialect)
     written_by: str = ""
     carried: ComplianceShares | None = None
+    diagnostics: tuple[Diagnostic, ...] = ()
     from_matrices: bool = False
     has_peak_nodes: bool | None = None
 

@@ -21,6 +21,7 @@ from ..toml.constructor_types import (
     OptionalInteger,
     Takes,
 )
+from ..toml.diagnostics_table import Diagnostics
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File, relocate_paths
 from ..toml.tables import Table
@@ -136,6 +137,9 @@ class ModelFile(File):
     )
     stress: Takes[StressRecovery | None, StressRecovery | Entries | None] = Field(
         default=None
+    )
+    diagnostics: Takes[Diagnostics, Diagnostics | Entries] = Field(
+        default=Diagnostics()
     )
 
     @classmethod

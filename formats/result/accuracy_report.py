@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ..geometric_stiffening import LoadStiffening
+from ..diagnostics import Diagnostic, diagnose
+from ..geometric_stiffening import (
+    SIGNIFICANT_CHANGE,
+    UNBOUNDED_RATIO,
+    LoadStiffening,
+)
 from ..scene.base import Table
 
 
@@ -109,10 +114,11 @@ Array = NDArray[np.float64]
 MAX_DEFLECTION, MAX_ROTATION = 0.1, 0.15
 #: Elastic displacement over the size of a body from which numbers mean nothing.
 MEANINGLESS_DEFLECTION = 1.0
-_REMEDY = (
-    "Cut the body into parts, each with a SID of its own, tied by joints of type fixed."
+#: Diagnostics of flexible bodies, found for the whole of a run.
+BODY_CODES = frozenset(
+    {"N404", "N405", "N406", "N407", "N408", "N411", "N412", "N413", "N419"}
 )
-#: Bodies beyond linear theory that have a sentence of their own.
+#: Bodies beyond linear theory that have diagnostics of their own.
 MAX_WARNINGS = 8
 #: The highest retained frequency should be this many times the excitation.
 MIN_FREQUENCY_RATIO = 3.0
@@ -185,15 +191,45 @@ class FlexibleBody:
             )
         return text
 
-    def beyond_theory(self, name: str) -> str:
-        """How far a body of this name left linear theory in the run; empty if it did
-        not."""
+    def beyond_theory(self, name: str) -> list[Diagnostic]:
+        """How a body of this name left linear theory in the run (N405 to N413)."""
         if self.found is None:
-            return ""
-        cause = ""
+            return []
+        found = deformation_diagnostics(name, self.deflection, self.rotation)
         if self.found.diverges:
-            cause = f"{name} {self.found.sentence(f' at t = {self.found.time:.6g} s')}."
-        return deformation_text(name, self.deflection, self.rotation, cause) or cause
+            found.append(divergence_diagnostic(name, self.found))
+        return found
+
+    def model_limits(self, name: str) -> list[Diagnostic]:
+        """What the SID of a body of this name lacks for the run (N404, N412)."""
+        limits, found, excitation = [], self.found, self.excitation
+        is_limited = found is not None and found.lacks_stiffening and not found.diverges
+        if found and is_limited and abs(found.ratio) >= SIGNIFICANT_CHANGE:
+            limits.append(
+                diagnose(
+                    "N404",
+                    name,
+                    t=found.time,
+                    ratio=found.ratio,
+                    load=found.load,
+                    remedy=found.remedy,
+                )
+            )
+        if 0.0 < excitation.frequency < math.inf:
+            ratio = self.highest_frequency / excitation.frequency
+            if ratio < MIN_FREQUENCY_RATIO:
+                limits.append(
+                    diagnose(
+                        "N412",
+                        name,
+                        highest=self.highest_frequency,
+                        ratio=ratio,
+                        excitation=excitation.frequency,
+                        by=excitation.by,
+                        needed=MIN_FREQUENCY_RATIO * excitation.frequency,
+                    )
+                )
+        return limits
 
     @property
     def severity(self) -> tuple[bool, float, float]:
@@ -240,48 +276,64 @@ class FlexibleBody:
         return text
 
 
-def deformation_text(
-    name: str, deflection: float, rotation: float, cause: str = ""
-) -> str:
-    """How far a deformation leaves linear theory; empty if it does not.
+def deformation_diagnostics(
+    name: str, deflection: float, rotation: float
+) -> list[Diagnostic]:
+    """How far a deformation leaves linear theory (N411, N413).
 
     Parameters
     ----------
     deflection : largest elastic displacement over the size of the body
     rotation : largest elastic rotation [rad]
-    cause : a sentence that replaces the remedy
     """
     if deflection > MAX_DEFLECTION:
-        amount = f"{_per_cent(deflection)} of"
-        if deflection > 1.0:
-            amount = f"{deflection:.2g} times"
-        statement, limit = f"deforms by {amount} its size", _per_cent(MAX_DEFLECTION)
-    elif rotation > MAX_ROTATION:
-        statement, limit = (
-            f"turns elastically by {rotation:.2g} rad",
-            f"{MAX_ROTATION:g} rad",
+        return [diagnose("N411", name, deflection=deflection, limit=MAX_DEFLECTION)]
+    if rotation > MAX_ROTATION:
+        return [diagnose("N413", name, rotation=rotation, limit=MAX_ROTATION)]
+    return []
+
+
+def divergence_diagnostic(name: str, found: LoadStiffening) -> Diagnostic:
+    """Why deformations of a body grow without bound (N405 to N408)."""
+    if abs(found.ratio) > UNBOUNDED_RATIO:
+        return diagnose("N407", name, t=found.time)
+    if found.axial:
+        return diagnose("N406", name, t=found.time, load=found.load)
+    if found.lacks_stiffening:
+        remedy = found.remedy
+        return diagnose(
+            "N405",
+            name,
+            t=found.time,
+            ratio=found.ratio,
+            load=found.load,
+            remedy=remedy,
         )
-    else:
-        return ""
-    return f"{name} {statement}; linear theory holds to {limit}. {cause or _REMEDY}"
+    return diagnose(
+        "N408", name, t=found.time, factor=abs(found.ratio), load=found.load
+    )
 
 
-def validity_warnings(bodies: Mapping[str, FlexibleBody]) -> tuple[str, ...]:
-    """One sentence for each body that left linear theory in a run, the worst first."""
+def validity_diagnostics(
+    bodies: Mapping[str, FlexibleBody],
+) -> tuple[Diagnostic, ...]:
+    """Diagnostics of bodies that left linear theory in a run, the worst first."""
     statements = {name: body.beyond_theory(name) for name, body in bodies.items()}
     order = [
         n for n in sorted(statements, key=lambda n: -bodies[n].excess) if statements[n]
     ]
-    return limit_notes([(name, statements[name]) for name in order])
+    return limit_bodies([(name, statements[name]) for name in order])
 
 
-def limit_notes(statements: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """The first sentences, and of the rest the bodies: (name, sentence), sorted."""
-    notes = tuple(sentence for _, sentence in statements[:MAX_WARNINGS])
+def limit_bodies(
+    statements: Sequence[tuple[str, Sequence[Diagnostic]]],
+) -> tuple[Diagnostic, ...]:
+    """Diagnostics of the first bodies, and the names of the rest (N419)."""
+    first = tuple(d for _, found in statements[:MAX_WARNINGS] for d in found)
     omitted = [name for name, _ in statements[MAX_WARNINGS:]]
     if omitted:
-        notes += (f"{', '.join(omitted)} leave linear theory by less.",)
-    return notes
+        first += (diagnose("N419", ", ".join(omitted)),)
+    return first
 
 
 def failure_text(bodies: Mapping[str, FlexibleBody]) -> str:
@@ -289,8 +341,5 @@ def failure_text(bodies: Mapping[str, FlexibleBody]) -> str:
     worst = max(bodies, key=lambda n: bodies[n].deflection, default="")
     if not worst or not bodies[worst].deflection > MEANINGLESS_DEFLECTION:
         return ""
-    return f"gives numbers without meaning: {bodies[worst].beyond_theory(worst)}"
-
-
-def _per_cent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
+    found = bodies[worst].beyond_theory(worst)
+    return f"gives numbers without meaning: {' '.join(map(str, found))}"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.sid import SID
+from ..diagnostics import Diagnostic, WithDiagnostics
 from .accuracy_report import AccuracyReport, FlexibleBody
 from .events import Event
 
@@ -20,7 +21,7 @@ Scalar = bool | int | float | str
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Result(WithDiagnostics):
     """What a simulation recorded. SI units, angles in radians.
 
     Attributes
@@ -44,9 +45,8 @@ class Result:
     sids : the SIDs of the bodies that have one, by body
     accuracy : how exact the numbers are, of a run that was asked for an accuracy
     versions : of this program and of the libraries under it
-    notes : what a reader has to know of the numbers, one sentence each
-    warnings : those of the notes that say that numbers may be wrong, as a body leaves
-        linear theory
+    diagnostics : what a reader has to know of the numbers, see `Diagnostic`; `notes`
+        and `warnings` give them as sentences
     laws : of the program that the run was made with, by force or drive; files do not
         hold them
     completed : False when the run stopped early, or its numbers mean nothing, for the
@@ -77,8 +77,7 @@ class Result:
     scene: str = field(default_factory=str)
     sids: Mapping[str, SID] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = field(default_factory=tuple)
-    warnings: tuple[str, ...] = field(default_factory=tuple)
+    diagnostics: tuple[Diagnostic, ...] = field(default_factory=tuple)
     completed: bool = True
     message: str = ""
     accuracy: AccuracyReport | None = None

@@ -2,7 +2,8 @@
 
 Attributes of the root: format, format_version, title, completed, message. Datasets: t,
 values, positions, velocities, multipliers, the names of the columns of each of the
-latter four in names/values, ...; notes and warnings, lists of texts; scene (JSON text).
+latter four in names/values, ...; diagnostics, a table of `Diagnostic`; notes and
+warnings, the same as texts; scene (JSON text).
 Groups counters, drift, settings and versions hold their entries as attributes; group
 bodies/NAME for each flexible body; group events, see `events`; group sids: the SIDs of
 all bodies that have one, equal ones once. Dataset accuracy: an `AccuracyReport` as
@@ -23,6 +24,8 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.sid import SID
+from ..diagnostics import INFO, WARNING, Diagnostic, plain_text
+from ..diagnostics.hdf5 import read_diagnostics, write_diagnostics
 from ..file_names import check_ending
 from ..geometric_stiffening import LoadStiffening
 from ..sid_hdf5 import SidReader, write_sid_group
@@ -136,8 +139,9 @@ def _write_metadata(file: h5py.File, result: Result) -> None:
         completed=result.completed,
         message=result.message,
     )
-    put_texts(file, "notes", result.notes)
+    put_texts(file, "notes", result.notes)  # for readers of sidtool 0.1
     put_texts(file, "warnings", result.warnings)
+    write_diagnostics(file, result.diagnostics)
     file.create_dataset("scene", data=result.scene, dtype=h5py.string_dtype())
     for group in _GROUPS:
         file.create_group(group).attrs.update(_without_none(getattr(result, group)))
@@ -214,10 +218,20 @@ def _read_content(file: h5py.File, path: Path) -> Result:
         title=str(file.attrs["title"]),
         completed=bool(file.attrs["completed"]),
         message=str(file.attrs["message"]),
-        notes=_read_text_list(file, "notes", file, "notes"),
-        warnings=_read_text_list(file, "warnings", file, "warnings"),
+        diagnostics=_read_diagnostics(file),
         scene=file["scene"].asstr()[()],
         **parts,
+    )
+
+
+def _read_diagnostics(file: h5py.File) -> tuple[Diagnostic, ...]:
+    """The table of diagnostics; notes of older files are diagnostics without a code."""
+    if "diagnostics" in file:
+        return read_diagnostics(file["diagnostics"])
+    notes = _read_text_list(file, "notes", file, "notes")
+    warnings = _read_text_list(file, "warnings", file, "warnings")
+    return tuple(
+        plain_text(text, WARNING if text in warnings else INFO) for text in notes
     )
 
 

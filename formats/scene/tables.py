@@ -17,6 +17,7 @@ from ..toml.constructor_types import (
     Takes,
     Texts,
 )
+from ..toml.diagnostics_table import Diagnostics
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File
 from .base import Table, Time, Vector
@@ -203,6 +204,9 @@ class SceneTables(File):
         default_factory=dict
     )
     outputs: Takes[Outputs, Outputs | Entries] = Field(default=Outputs())
+    diagnostics: Takes[Diagnostics, Diagnostics | Entries] = Field(
+        default=Diagnostics()
+    )
 
     @property
     def sid_bodies(self) -> dict[str, SidBody]:

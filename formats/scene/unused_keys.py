@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from ..diagnostics import Diagnostic, diagnose
 from ..toml.tables import Table
 from .bodies import SidBody
 from .tables import SceneTables
@@ -21,8 +22,8 @@ _ELASTIC = ("elastic", "elastic_velocity")
 
 def unused_keys(
     scene: SceneTables, *, fixed_step: bool, spectral_radius: bool
-) -> Iterator[str]:
-    """Yield a sentence for each reason why given keys have no effect.
+) -> Iterator[Diagnostic]:
+    """Yield N244 for each reason why given keys have no effect.
 
     A key that has its default value is not mentioned.
 
@@ -33,14 +34,15 @@ def unused_keys(
     """
     given = set(_changed_keys(scene.accuracy, ("rtol", "spectral_radius")))
     if fixed_step and "rtol" in given:
-        yield "accuracy.rtol has no effect: the step is fixed"
+        yield diagnose("N244", "accuracy.rtol", reason="the step is fixed")
     if not spectral_radius and "spectral_radius" in given:
-        yield "accuracy.spectral_radius has no effect: it is for generalised_alpha"
+        reason = "it is for generalised_alpha"
+        yield diagnose("N244", "accuracy.spectral_radius", reason=reason)
     for name, body in scene.sid_bodies.items():
         idle = list(_idle_keys(body)) if body.rigid else []
         if idle:
             listed = ", ".join(f"bodies.{name}.{key}" for key in idle)
-            yield f"{listed}: no effect, as {name} is rigid"
+            yield diagnose("N244", listed, reason=f"{name} is rigid")
 
 
 def _idle_keys(body: SidBody) -> Iterator[str]:

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from sidtool.formats.base.progress import NamedStages, count_within
 from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.diagnostics import Diagnostic, each_once, plain_text, without
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
 from sidtool.formats.result.rows import Columns, Rows
 from sidtool.formats.scene import SceneFile, expand_names, unit_of
@@ -66,22 +67,24 @@ class Plan:
     evaluated_run: Result | None = None
 
     @property
-    def notes(self) -> list[str]:
-        """Return the notes of the result on the selected model."""
-        theory = theory_notes(self.report)
+    def diagnostics(self) -> list[Diagnostic]:
+        """Return the diagnostics of the result on the selected model."""
+        theory = map(plain_text, theory_notes(self.report))
         return [*rigid_body_notes(self.scene), *reduced_body_notes(self.scene), *theory]
 
-    def known_result(self, notes_of_run: Iterable[str]) -> Result | None:
+    def known_result(self, of_run: Iterable[Diagnostic]) -> Result | None:
         """Return the result of the search that a run of this scene would give, or None.
 
         Parameters
         ----------
-        notes_of_run : notes after those of the compiled scene
+        of_run : diagnostics after those of the compiled scene
         """
         if self.evaluated_run is None:
             return None
-        notes = tuple(dict.fromkeys((*notes_of_run, *self.evaluated_run.notes)))
-        return self.with_errors(replace(self.evaluated_run, notes=notes))
+        found = each_once((*of_run, *self.evaluated_run.diagnostics))
+        ignored = self.scene.diagnostics.ignore
+        known = replace(self.evaluated_run, diagnostics=without(found, ignored))
+        return self.with_errors(known)
 
     def with_errors(self, result: Kind) -> Kind:
         """Return the result of the run with the accuracy report."""

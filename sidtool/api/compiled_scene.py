@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.toml.files import locate_errors
@@ -100,13 +101,13 @@ class CompiledScene:
         settings |= {"step": step, "spectral_radius": spectral_radius}
         with locate_errors(self.scene), wrap_errors(*self._programs) as stop:
             system, notes = self._with(changes or {}, sids or {})
-            settings |= {"progress": progress, "told": notes}
+            settings |= {"progress": progress, "diagnostics": notes}
             return run_interruptible(system, stop, *self._programs, **settings)
 
     def _with(
         self, changes: Mapping[str, Any], sids: Sids
-    ) -> tuple[System, Iterable[str]]:
-        """Return the system with other numbers, and the notes on it."""
+    ) -> tuple[System, Iterable[Diagnostic]]:
+        """Return the system with other numbers, and the diagnostics of it."""
         assert self._before is not None
         content = self._content.with_(changes) if changes else self._content
         if _files(content) != _files(self._content):
@@ -122,8 +123,8 @@ class CompiledScene:
 
     def _notes_on_changes(
         self, changes: Mapping[str, Any], sids: Mapping[str, SID]
-    ) -> Iterator[str]:
-        """Yield the notes as of `apply_changes`, computed on demand."""
+    ) -> Iterator[Diagnostic]:
+        """Yield the diagnostics as of `apply_changes`, computed on demand."""
         plain = take_as_rigid(self.scene.with_(changes), self._rigid)
         yield from changed_shape_notes(plain, {**self._given, **sids}, self._former_of)
         yield from rigid_body_notes(plain)

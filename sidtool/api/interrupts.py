@@ -120,10 +120,11 @@ def run_interruptible(
     system: System, stop: StopRequest, *programs: Programs, **settings: Any
 ) -> Result:
     """Run a compiled scene with the settings of `sidtool.solver.simulate`."""
+    from sidtool.formats.diagnostics.python_warnings import warn_of
     from sidtool.solver import simulate
 
-    from .result import to_user_result, warn_of_validity
+    from .result import to_user_result
 
     with stop_on_signals("SIGINT", stop=stop):
-        result = simulate(system, stop=stop, warn=warn_of_validity, **settings)
+        result = simulate(system, stop=stop, **{"emit_warning": warn_of, **settings})
     return to_user_result(result, *programs)

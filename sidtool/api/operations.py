@@ -31,10 +31,13 @@ def convert(model: ModelFile | Path_) -> SID:
     InputError : the model is not valid; the error names file and key.
     """
     from ..pipeline.model_to_sid import sid_from_model
+    from .result import emit_warnings
 
     if not isinstance(model, ModelFile):
         model = path_of(model, "model", "a sidtool.Model")
-    return sid_from_model(model)
+    sid = sid_from_model(model)
+    emit_warnings(sid)
+    return sid
 
 
 def validate(sid: SID | Path_) -> Any:
@@ -101,7 +104,7 @@ def simulate(
     """
     from .interrupts import run_interruptible, wrap_errors
     from .prepared_scene import prepare_scene
-    from .result import to_user_result
+    from .result import emit_warnings, to_user_result
 
     content = scene_given(scene)
     folder = Path(base_folder or content.folder)
@@ -122,8 +125,9 @@ def simulate(
         )
         known = prepared.known_result() if unfinished is None else None
         if known is not None:
-            return to_user_result(known, drives, forces)
+            return emit_warnings(to_user_result(known, drives, forces))
         settings |= {"progress": progress, "unfinished": unfinished}
-        settings["told"] = prepared.notes
+        settings["diagnostics"] = prepared.diagnostics
+        settings["emit_warning"] = None
         result = run_interruptible(prepared.system, stop, drives, forces, **settings)
-        return prepared.with_errors(result)
+        return emit_warnings(prepared.with_errors(result))

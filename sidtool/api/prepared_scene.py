@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.result import Result, Sink
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene
@@ -29,19 +30,19 @@ class PreparedScene:
     Attributes
     ----------
     system : the compiled scene
-    notes : sentences for the notes of its results
+    diagnostics : of the changes of the scene, for its results
     plan : None if no accuracy is requested
     """
 
     system: System
-    notes: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
     plan: Plan | None
 
     def known_result(self) -> Result | None:
         """Return the result that the search for the model has evaluated, if any."""
         if self.plan is None:
             return None
-        return self.plan.known_result((*self.system.notes, *self.notes))
+        return self.plan.known_result((*self.system.diagnostics, *self.diagnostics))
 
     def with_errors(self, result: Any) -> Any:
         """Return a result of the scene with the errors of its outputs, if requested."""
@@ -95,6 +96,6 @@ def prepare_scene(
     )
     chosen: Mapping[str, SID] = replaced
     if plan is not None:
-        scene, chosen, notes = plan.scene, dict(plan.sids), [*notes, *plan.notes]
+        scene, chosen, notes = plan.scene, dict(plan.sids), [*notes, *plan.diagnostics]
     system = compile_scene(scene, folder, chosen, accept_defects, drives, forces=forces)
     return PreparedScene(system, tuple(notes), plan)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from sidtool.formats import result as stored
-from sidtool.formats.base.errors import ValidityWarning, warn_caller
 from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import INFO, Diagnostic, plain_text
+from sidtool.formats.diagnostics.python_warnings import warn_of
 from sidtool.formats.result import units_in
 
 from ..report.tables import import_optional
@@ -25,14 +26,14 @@ if TYPE_CHECKING:
 Names = str | Iterable[str]
 
 
-class HasWarnings(Protocol):
-    """Protocol: an object with warnings."""
+class HasDiagnostics(Protocol):
+    """Protocol: an object with diagnostics."""
 
     @property
-    def warnings(self) -> tuple[str, ...]: ...
+    def diagnostics(self) -> tuple[Diagnostic, ...]: ...
 
 
-Found = TypeVar("Found", bound=HasWarnings)
+Found = TypeVar("Found", bound=HasDiagnostics)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,7 +123,7 @@ class Result(stored.Result):
             if path is not None:
                 save_figure(page, Path(path))
         for sentence in notes:
-            warn_caller(sentence)
+            warn_of(plain_text(sentence))
         return page
 
     def animate(self, path: str | Path, **settings: Any) -> list[str]:
@@ -159,15 +160,11 @@ class Result(stored.Result):
         return run_overview(self).html + html_table(rows, header, self.title)
 
 
-def warn_of_validity(text: str) -> None:
-    """Emit a `ValidityWarning` at the line of the caller outside sidtool."""
-    warn_caller(text, ValidityWarning)
-
-
 def emit_warnings(result: Found) -> Found:
     """Emit the warnings of a result to the caller of sidtool and return the result."""
-    for text in result.warnings:
-        warn_of_validity(text)
+    for diagnostic in result.diagnostics:
+        if diagnostic.severity != INFO:
+            warn_of(diagnostic)
     return result
 
 

@@ -10,6 +10,8 @@ from typing import Any
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import INFO, each_once
+from sidtool.formats.diagnostics.python_warnings import warn_of
 from sidtool.formats.file_names import scene_given
 from sidtool.formats.scene import SceneFile, matching_names, unit_of
 from sidtool.formats.sid_files import read_sid
@@ -24,7 +26,6 @@ from ..sweep.axes import Over, axis_combinations, parse_axes
 from ..sweep.design import Design, Designs, models_of_designs
 from ..sweep.measures import MEASURES, TIME, Measure, parse_measures
 from ..sweep.sweep_result import Sweep, SweepPoint
-from .result import warn_of_validity
 from .study import programs_here
 
 Path_ = str | os.PathLike[str]
@@ -91,8 +92,10 @@ def sweep(
         result = _Sweep(designs, points, measures, doing, programs).run_all(
             title or content.title
         )
-    for text in dict.fromkeys(text for p in result.points for text in p.warnings):
-        warn_of_validity(text)
+    found = each_once(each for p in result.points for each in p.diagnostics)
+    for diagnostic in found:
+        if diagnostic.severity != INFO:
+            warn_of(diagnostic)
     return result
 
 
@@ -171,8 +174,7 @@ class _Sweep:
                 row,
                 self._measured(record),
                 record.message,
-                record.notes,
-                record.warnings,
+                record.diagnostics,
             )
             count += now
             left = (len(self.values) - len(self.points)) * (time.perf_counter() - began)

@@ -16,7 +16,6 @@ from .common import (
     force_option,
     input_files,
     output_path,
-    print_notes,
     print_result,
     read_scene_with_changes,
     result_target,
@@ -84,7 +83,6 @@ def static(
         static_equilibrium, scene, changes, accept_defects=accept_defects
     )
     _write_result(output, equilibrium.result())
-    print_notes(equilibrium, warn=False)
     print_result(
         describe_equilibrium(equilibrium), lambda: equilibrium_data(equilibrium)
     )
@@ -167,7 +165,6 @@ def modes(
                 encoding="utf-8",
             )
         click.echo(f"{output} written")
-    print_notes(natural_modes, warn=False)
     print_result(describe_modes(natural_modes), lambda: modes_as_data(natural_modes))
 
 
@@ -224,7 +221,6 @@ def inverse(
         accept_defects=accept_defects,
     )
     _write_result(output, result)
-    print_notes(result, warn=False)
     print_result(describe_inverse(result), lambda: result_data(result))
 
 

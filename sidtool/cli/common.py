@@ -7,9 +7,10 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
+from functools import update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -26,8 +27,9 @@ from sidtool.formats.storage.operating_system import (
 )
 
 if TYPE_CHECKING:
+    from sidtool.formats.diagnostics import Diagnostic
+
     from ..api.scene import Scene
-    from ..report.result import WithNotes
 
 existing_file = click.Path(path_type=Path)
 output_path = click.Path(path_type=Path)
@@ -81,13 +83,21 @@ def read_scene_with_changes(path: Path, changes: Sequence[str]) -> Scene:
     ------
     InputError : the file is not a scene, or a key or value is not valid.
     """
+    from sidtool.formats.toml.diagnostics_table import ignoring
     from sidtool.formats.toml.files import parse_settings
 
     from ..api.scene import Scene
     from ..pipeline.files import expect_kind
 
     expect_kind(path, "scene")
-    return Scene.load(path, parse_settings(changes))
+    scene = Scene.load(path, parse_settings(changes))
+    ignored = ignored_codes()
+    return ignoring(scene, ignored) if ignored else scene
+
+
+def ignored_codes() -> tuple[str, ...]:
+    """Return the codes of --ignore."""
+    return click.get_current_context().meta.get(_IGNORED, ())
 
 
 def input_files(path: Path) -> list[Path]:
@@ -255,12 +265,64 @@ def set_json(ctx: click.Context, _: click.Parameter, value: bool) -> None:
             ctx.with_resource(redirect_stdout(sys.stderr))
 
 
+def set_ignored(ctx: click.Context, _: click.Parameter, codes: tuple[str, ...]) -> None:
+    """Remember the codes of diagnostics that are not reported (option --ignore).
+
+    Raises
+    ------
+    click.BadParameter : there is no such code.
+    """
+    from ..report.diagnostics import parse_code
+
+    try:
+        ctx.meta[_IGNORED] = tuple(map(parse_code, codes))
+    except InputError as error:
+        raise click.BadParameter(str(error)) from None
+
+
+def set_strict(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+    """Let warnings count for the exit status (option --strict)."""
+    ctx.meta[_STRICT] = value
+
+
+def count_warnings_if_strict(command: click.Command) -> None:
+    """Add --ignore and --strict to a command, whose warnings may then fail it."""
+    callback = command.callback
+    assert callback is not None
+
+    def checked(*arguments: Any, **options: Any) -> Any:
+        outcome = callback(*arguments, **options)
+        meta = click.get_current_context().meta
+        if meta.get(_STRICT) and meta.get(_WARNED):
+            raise click.exceptions.Exit(1)
+        return outcome
+
+    command.callback = update_wrapper(checked, callback)
+    command.params += [IGNORE, STRICT]
+
+
+IGNORE = click.Option(
+    ["--ignore"],
+    metavar="CODE",
+    multiple=True,
+    expose_value=False,
+    callback=set_ignored,
+    help="Do not report warnings of this code, such as N420; may be given several "
+    "times (see `sidtool explain`).",
+)
+STRICT = click.Option(
+    ["--strict"],
+    is_flag=True,
+    expose_value=False,
+    callback=set_strict,
+    help="End with exit status 1 if there are warnings.",
+)
 QUIET = click.Option(
     ["--quiet"],
     is_flag=True,
     expose_value=False,
     callback=set_quiet,
-    help="Print nothing but notes, errors, and the numbers of --json.",
+    help="Print nothing but warnings, errors, and the numbers of --json.",
 )
 JSON = click.Option(
     ["--json"],
@@ -270,6 +332,7 @@ JSON = click.Option(
     help="Print the numbers as JSON; all else goes to the standard error.",
 )
 _QUIET, _JSON = "sidtool.quiet", "sidtool.json"
+_IGNORED, _STRICT, _WARNED = "sidtool.ignored", "sidtool.strict", "sidtool.warned"
 
 
 def is_quiet() -> bool:
@@ -284,17 +347,21 @@ def json_stream() -> TextIO | None:
     return None if ctx is None else ctx.meta.get(_QUIET)
 
 
-def print_notes(result: WithNotes, warn: bool = True) -> None:
-    """Print warnings to the standard error, and with --quiet the other notes, too.
+def print_warnings(
+    diagnostics: Iterable[Diagnostic], printed: Container[Diagnostic] = ()
+) -> None:
+    """Print errors and warnings to the standard error, also with --quiet and --json.
 
-    warn : False where warnings have been written
+    printed : diagnostics that have been printed before
     """
-    for text in result.warnings if warn else ():
-        click.echo(f"warning: {text}", err=True)
-    if is_quiet():
-        for text in result.notes:
-            if text not in result.warnings:
-                click.echo(f"note: {text}", err=True)
+    from sidtool.formats.diagnostics import INFO
+
+    from ..report.diagnostics import diagnostic_line
+
+    for each in diagnostics:
+        if each.severity != INFO and each not in printed:
+            click.echo(diagnostic_line(each), err=True)
+            click.get_current_context().meta[_WARNED] = True
 
 
 def print_remarks(sentences: Iterable[str], err: bool = False) -> None:

@@ -15,10 +15,12 @@ from .common import (
     changes_option,
     check_targets,
     force_option,
+    ignored_codes,
     input_files,
     output_path,
     piped_path,
     print_result,
+    print_warnings,
 )
 from .progress import StageLines
 
@@ -97,6 +99,9 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
         "modal:RATIO[,...] or frequency."
     ),
 )
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Print all notes of the conversion."
+)
 @changes_option
 @force_option
 def convert(
@@ -110,6 +115,7 @@ def convert(
     sigma: str | None,
     frame: str | None,
     damping: str | None,
+    verbose: bool,
     changes: tuple[str, ...],
     force: bool,
 ) -> None:
@@ -150,7 +156,7 @@ def convert(
         sid = _rescale_sid(sid, units, sigma) if units else sid
         sid = _in_frame(sid, frame) if frame else sid
         sid = _with_damping(sid, damping) if damping else sid
-        _write_sid(output, sid, dialect)
+        _write_sid(output, sid, dialect, verbose)
         if field is not None:
             _write_field(field, whole)
 
@@ -192,11 +198,19 @@ def _write_field(path: Path, field: Any) -> None:
     )
 
 
-def _write_sid(output: Path, sid: Any, dialect: str) -> None:
+def _write_sid(output: Path, sid: Any, dialect: str, verbose: bool) -> None:
+    from sidtool.formats.diagnostics import INFO
     from sidtool.formats.sid_files import write_sid
 
+    from ..report.diagnostics import diagnostic_line, severity_counts
+
     write_sid(output, sid, dialect)
-    print_result(f"{output}: {_print_summary(sid)}", lambda: _sid_data(sid))
+    lines = [f"{output}: {_print_summary(sid)}"]
+    if sid.diagnostics:
+        lines.append(f"diagnostics: {severity_counts(sid.diagnostics)}")
+    infos = [each for each in sid.diagnostics if each.severity == INFO]
+    lines += [diagnostic_line(each) for each in infos if verbose or each.code == "N160"]
+    print_result("\n".join(lines), lambda: _sid_data(sid))
 
 
 def _sid_data(sid: Any) -> Any:
@@ -258,6 +272,7 @@ def _read_or_convert(
     """Read or convert the source; return the SID and, on request, the full field."""
     from sidtool.formats.base.errors import InputError
     from sidtool.formats.model import read_model
+    from sidtool.formats.toml.diagnostics_table import ignoring
     from sidtool.formats.toml.files import parse_settings
 
     from ..api.scene import read
@@ -276,10 +291,15 @@ def _read_or_convert(
     with use_engine(engine):
         engine_name()
     model = read_model(source, parse_settings(changes))
+    model = ignoring(model, ignored_codes())
     progress = StageLines() if leading else None
     if with_field:
-        return field_from_model(model, progress, engine)
-    return sid_from_model(model, progress, engine), None
+        sid, field = field_from_model(model, progress, engine)
+    else:
+        sid, field = sid_from_model(model, progress, engine), None
+    if leading:
+        print_warnings(sid.diagnostics)
+    return sid, field
 
 
 def _in_frame(sid: Any, frame: str) -> Any:

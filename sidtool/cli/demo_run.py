@@ -22,6 +22,7 @@ from ..pipeline.examples import example_folder
 from ..pipeline.model_to_sid import field_from_model
 from ..report.sid import natural_modes
 from ..report.tables import text_table
+from .common import print_warnings
 
 Print = Callable[[str], None]
 
@@ -98,6 +99,7 @@ def _convert_rods(
     sids, fields = {}, {}
     for file, name in SOURCES.items():
         sids[name], fields[name] = field_from_model(examples / f"{file}.toml")
+        print_warnings(sids[name].diagnostics)
         write_sid(folder / f"{file}.SID_FEM", sids[name])
         write_field(folder / f"{file}.field.h5", fields[name])
     return sids, fields

@@ -12,8 +12,9 @@ from typing import NoReturn, TextIO
 
 import click
 
-from sidtool.formats.base.errors import InputError, NoteWarning, ValidityWarning
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.interruptible import is_work_left
+from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
 from sidtool.formats.storage.operating_system import (
     DEFAULT,
     ENDING_SIGNALS,
@@ -30,13 +31,13 @@ from sidtool.formats.storage.unreadable import failure_reason
 from .. import __version__
 from .analyse import analyse
 from .animate import animate, export
-from .common import JSON, QUIET
+from .common import JSON, QUIET, count_warnings_if_strict, print_warnings
 from .convert import convert
 from .outputs import outputs
 from .plot import plot, report
 from .progress import show_progress
 from .simulate import simulate
-from .small_commands import demo, info, new, schema, warmup
+from .small_commands import demo, explain, info, new, schema, warmup
 from .study import study, sweep
 from .validate import trim, validate
 
@@ -85,6 +86,7 @@ for command in (
     sweep,
     trim,
     demo,
+    explain,
     schema,
     warmup,
 ):
@@ -101,6 +103,8 @@ for command in (
     *analyse.commands.values(),
 ):
     command.params.append(JSON)
+for command in (convert, simulate, study, sweep, *analyse.commands.values()):
+    count_warnings_if_strict(command)
 for command in (convert, simulate, study, validate, outputs, plot, animate, export):
     command.params.append(QUIET)
 for command in (sweep, report, trim, warmup, demo, *analyse.commands.values()):
@@ -209,10 +213,11 @@ def _print_warning(
     line: str | None = None,
 ) -> None:
     """Print warnings of sidtool as messages, without the source line."""
-    if issubclass(category, ValidityWarning):
-        click.echo(f"warning: {message}", err=True)
-    elif issubclass(category, NoteWarning):
-        click.echo(f"note: {message}", err=True)
+    if isinstance(message, DiagnosticWarning):
+        if message.code:
+            print_warnings([message.diagnostic])
+        else:
+            click.echo(f"note: {message}", err=True)
     elif category.__module__.partition(".")[0] == "sidtool":
         _print_error(str(message), 0)
     else:

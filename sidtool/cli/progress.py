@@ -132,12 +132,6 @@ class StageLines:
         self._waiting: list[str] = []
 
     def __call__(self, text: str) -> None:
-        if text.startswith("note: "):
-            click.echo(text, err=True)
-            return
-        if text.startswith("basis: ") and not is_quiet():
-            click.echo(text, err=True)
-            return
         if is_quiet() or has_listener():
             return
         seconds = time.monotonic() - self._begin

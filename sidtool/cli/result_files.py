@@ -31,6 +31,7 @@ class OutputFiles:
     ----------
     span : first and last output time [s] and number of output times
     failed : True if a file is missing or has another name than requested
+    written : complete files with their sizes
     """
 
     def __init__(self, result: Path | None, table: Path | None) -> None:
@@ -40,6 +41,7 @@ class OutputFiles:
         if result is not None:
             self._open[result] = ResultFile(result, use_fallback_folder=True)
         self._messages: list[str] = []
+        self.written: list[str] = []
         self.span: tuple[float, float, int] = (0.0, 0.0, 0)
         self.failed = False
 
@@ -71,7 +73,8 @@ class OutputFiles:
             assert file.file is not None
             moved = file.file.moved
             if moved is None:
-                self._messages.append(f"{path} written")
+                size = path.stat().st_size if path.is_file() else 0
+                self.written.append(f"{path} ({_size_text(size)})")
                 continue
             self._fail(path, moved)
             self._messages.append(f"sidtool: {file.file.target} written instead")
@@ -102,3 +105,8 @@ class OutputFiles:
     def _fail(self, path: Path, error: OSError) -> None:
         self.failed = True
         self._messages.append(f"sidtool: {path}: {failure_reason(error)}")
+
+
+def _size_text(size: int) -> str:
+    """A size in bytes as "0.4 MB"."""
+    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"

@@ -25,15 +25,18 @@ from .common import (
     force_option,
     input_files,
     output_path,
-    print_notes,
     print_result,
+    print_warnings,
     read_scene_with_changes,
     result_target,
 )
 
 if TYPE_CHECKING:
+    from sidtool.formats.diagnostics import Diagnostic
     from sidtool.formats.result import Result
     from sidtool.formats.scene import SceneFile
+
+    from .result_files import OutputFiles
 
 
 @click.command()
@@ -101,6 +104,12 @@ if TYPE_CHECKING:
 @changes_option
 @force_option
 @click.option(
+    "-v",
+    "--verbose",
+    is_flag=True,
+    help="Print all counters, all diagnostics, and the tables of --accuracy.",
+)
+@click.option(
     "--accept-defects",
     is_flag=True,
     help=(
@@ -121,6 +130,7 @@ def simulate(
     goes_on: bool,
     changes: tuple[str, ...],
     force: bool,
+    verbose: bool,
     accept_defects: bool,
 ) -> None:
     """Simulate the motion of a SCENE and report cost and accuracy.
@@ -179,6 +189,7 @@ def simulate(
 
     unfinished = _read_unfinished(output) if goes_on else None
     stop = StopRequest()
+    printed: set[Diagnostic] = set()
     with OutputFiles(output, csv) as files:
         try:
             ends = {"stop": stop, "unfinished": unfinished}
@@ -189,11 +200,12 @@ def simulate(
             if unfinished is not None and _is_done(unfinished, content):
                 click.echo(f"{output}: is complete to t = {unfinished.t[-1]:.9g} s")
                 return
-            result = _run(content, model, settings, files, ends)
+            result = _run(content, model, settings, files, ends, printed)
         except SimulationError as error:
             click.echo(f"sidtool: {scene}: {error}", err=True)
             if error.result is not None:
-                _print_failure_notes(error.result, str(error))
+                print_warnings(error.result.diagnostics, printed)
+                _print_result(error.result, files, verbose)
             files.print_messages(err=True)
             if stop.number and output is not None and not files.failed:
                 click.echo("note: the same command with --continue goes on", err=True)
@@ -207,26 +219,19 @@ def simulate(
     files.print_messages(err=False)
     if files.failed:
         raise click.exceptions.Exit(1)
-    from ..report.json_data import result_data
-    from ..report.result import run_summary
-
-    print_notes(result)
-    text = run_summary(result, files.span, warned=True)
-    print_result(text, lambda: result_data(result, files.span))
+    print_warnings(result.diagnostics, printed)
+    _print_result(result, files, verbose)
     if output is None and csv is None:
         click.echo("nothing written: -o FILE.h5 keeps the result, .csv its outputs")
 
 
-def _print_failure_notes(result: Result, printed: str) -> None:
-    """Print the notes of a failed run, which has no summary.
+def _print_result(result: Result, files: OutputFiles, verbose: bool) -> None:
+    """Print the summary of a run, or its data as JSON."""
+    from ..report.json_data import result_data
+    from ..report.result import run_summary
 
-    Parameters
-    ----------
-    printed : text that was already printed
-    """
-    for text in (text for text in result.notes if text not in printed):
-        kind = "warning" if text in result.warnings else "note"
-        click.echo(f"{kind}: {text}", err=True)
+    text = run_summary(result, files.span, files.written, verbose)
+    print_result(text, lambda: result_data(result, files.span))
 
 
 def _single_target(targets: list[Target], kind: str) -> Path | None:
@@ -288,18 +293,19 @@ def _run(
     settings: dict[str, Any],
     files: Any,
     ends: dict[str, Any],
+    printed: set[Diagnostic],
 ) -> Any:
     from sidtool.formats.result.rows import write_rows
     from sidtool.formats.toml.files import locate_errors
     from sidtool.solver import simulate as run
-    from sidtool.solver.simulation.simulate import report_expectations
+    from sidtool.solver.simulation.simulate import report_implausible_inputs
 
     from ..api.prepared_scene import prepare_scene
 
-    callbacks: dict[str, Any] = {
-        "foresee": _print_expected_bodies,
-        "tell": _print_message,
-    }
+    def print_before_run(diagnostic: Diagnostic) -> None:
+        print_warnings([diagnostic])
+        printed.add(diagnostic)
+
     replaced = files_by_body("--sid", model.swaps, scene.flexible)
     with locate_errors(scene):
         prepared = prepare_scene(
@@ -314,32 +320,20 @@ def _run(
         files = prepared.certified(files)
         known = prepared.known_result() if ends["unfinished"] is None else None
         if known is not None:
-            report_expectations(prepared.system, **callbacks)
+            report_implausible_inputs(prepared.system, print_before_run)
             write_rows(known, files)
             return known
         with stop_on_signals(*ENDING_SIGNALS, stop=ends["stop"]):
             result = run(
                 prepared.system,
                 progress=_time_fraction(prepared.system.scene.time),
-                told=prepared.notes,
+                diagnostics=prepared.diagnostics,
                 into=files,
-                **callbacks,
+                report_diagnostic=print_before_run,
                 **settings,
                 **ends,
             )
         return prepared.with_errors(result)
-
-
-def _print_message(text: str) -> None:
-    click.echo(f"before the run: {text}")
-
-
-def _print_expected_bodies(bodies: Any) -> None:
-    """Print, before a run, the expected behaviour of its flexible bodies."""
-    if bodies:
-        from ..report.result import expected_body_lines
-
-        click.echo(expected_body_lines(bodies))
 
 
 def _time_fraction(time: Any) -> Callable[[float], None]:

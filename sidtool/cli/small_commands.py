@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 import time
 from collections.abc import Callable
 from importlib import import_module
@@ -105,10 +106,20 @@ def _describe_scene_file(content: Any, path: Path) -> str:
         [
             describe_scene(content),
             "",
-            *(line for of_body in notes.values() for line in of_body),
-            *lines,
+            *map(
+                _wrapped,
+                (each.line for of_body in notes.values() for each in of_body),
+            ),
+            *map(_wrapped, lines),
         ]
     )
+
+
+def _wrapped(line: str) -> str:
+    """A line as lines that fit on the screen."""
+    from ..report.diagnostics import WIDTH
+
+    return textwrap.fill(line, WIDTH, subsequent_indent="    ", break_on_hyphens=False)
 
 
 def _describe_result_file(content: Any, _: Path) -> str:
@@ -204,6 +215,24 @@ def demo(output: Path) -> None:
     from .demo_run import run_demo
 
     run_demo(output, click.echo)
+
+
+@click.command()
+@click.argument("code", required=False)
+def explain(code: str | None) -> None:
+    """Explain the diagnostic with a CODE: its meaning, its numbers, what to do.
+
+    Without CODE all diagnostics are listed.
+
+    \b
+    Examples:
+      sidtool explain N411
+      sidtool explain
+    """
+    from ..report.diagnostics import explain as explanation
+    from ..report.diagnostics import list_codes
+
+    click.echo(explanation(code) if code else list_codes())
 
 
 @click.command()

@@ -29,7 +29,6 @@ from .common import (
     input_files,
     is_quiet,
     output_path,
-    print_notes,
     print_result,
     read_scene_with_changes,
 )
@@ -301,7 +300,6 @@ def _print_study(result: Study, wanted: tuple[float, ...], folder: Path | None) 
     from ..study.study_result import RECOMMENDED_ERRORS, study_file, write_all
 
     wanted = wanted or RECOMMENDED_ERRORS
-    print_notes(result, warn=False)
     print_result(
         result.report(wanted), lambda: study_file(result).model_dump(mode="json")
     )

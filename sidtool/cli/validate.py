@@ -20,7 +20,6 @@ from .common import (
     json_stream,
     output_path,
     piped_path,
-    print_notes,
     print_remarks,
     print_result,
 )
@@ -173,6 +172,7 @@ def trim(
         click.echo(f"sidtool: {scene}: the finest model {error}", err=True)
         raise click.exceptions.Exit(1) from None
     write_sid(output, trimmed.sid)
-    print_notes(trimmed)
+    if is_quiet():
+        print_remarks(trimmed.notes)
     print_result("\n".join(trimmed.sentences), trimmed.data)
     click.echo(f"{output} written")

@@ -16,6 +16,7 @@ from scipy.sparse.linalg import LinearOperator, lobpcg
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import ElementAlternative, FiniteElementModel
@@ -48,8 +49,10 @@ class _BetterElements:
     words: str
 
 
-def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
-    """Return a note on linear elements that make a body too stiff or too soft."""
+def element_notes(body: FiniteElementModel) -> tuple[Diagnostic, ...]:
+    """Return a warning on linear elements that make a body too stiff or too soft (N140
+    to N142).
+    """
     if body.alternative is not None:
         return _compare_frequencies(body, body.alternative)
     if body.solids is None or not body.solids.kinds_with_locking:
@@ -59,13 +62,10 @@ def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
     size = better.mesh.mesh.positions.size
     refined = size > body.positions.size
     if size > _LARGEST_MESH or (refined and body.equations is not None):
-        reason = "has nodes that no equation of the file ties"
-        why = f"has {size} degrees of freedom" if size > _LARGEST_MESH else reason
-        return (
-            f"{kinds} elements without incompatible modes bend too stiffly where few "
-            "of them span a thickness; what that costs here is not measured, as the "
-            f"same mesh with {better.words} {why}",
-        )
+        reason = "better ones have nodes that no equation ties"
+        if size > _LARGEST_MESH:
+            reason = f"better ones have {size} degrees of freedom"
+        return (diagnose("N142", kinds=kinds, reason=reason, better=better.words),)
     notify(f"comparing {kinds} elements with {better.words}")
     own, other = _frequencies(body, better)
     return _difference_note(kinds, own, other, better.words)
@@ -73,39 +73,43 @@ def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
 
 def _difference_note(
     kinds: str, own: Array, other: Array, better: str
-) -> tuple[str, ...]:
-    """Return a note on frequencies [Hz] that differ from those with better elements."""
+) -> tuple[Diagnostic, ...]:
+    """Return N141 if frequencies [Hz] differ from those with better elements."""
     difference = own / other - 1
     if np.abs(difference).max() <= _NOTED_DIFFERENCE:
         return ()
-    ways = {"bend too stiffly": difference.max(), "are too soft": -difference.min()}
-    text = " and ".join(
+    ways = {"too stiff": difference.max(), "too soft": -difference.min()}
+    sense = " and ".join(
         words for words, most in ways.items() if most > _NOTED_DIFFERENCE
     )
-    soft = text == "are too soft"
-    shares = ", ".join(_percent(-x if soft else x) for x in difference)
-    listed = ", ".join(f"{f:.5g}" for f in own)
     return (
-        f"{kinds} elements {text} in this mesh: the first frequencies of the free "
-        f"body, {listed} Hz, are {shares} {'below' if soft else 'above'} those of the "
-        f"same mesh with {better}; use these, or a finer mesh",
+        diagnose(
+            "N141",
+            count=len(own),
+            kinds=kinds,
+            sense=sense,
+            difference=float(np.abs(difference).max()),
+            own=own.tolist(),
+            differences=difference.tolist(),
+            better=better,
+        ),
     )
 
 
 def _compare_frequencies(
     body: FiniteElementModel, other: ElementAlternative
-) -> tuple[str, ...]:
+) -> tuple[Diagnostic, ...]:
     """Compare the elements of another program with better ones of that program."""
-    what = f"{other.own} elements of CalculiX"
     try:
         if other.size > _LARGEST_MESH:
-            raise InputError(f"it would have {other.size} degrees of freedom")
+            raise InputError(f"better ones have {other.size} degrees of freedom")
         notify(f"comparing {other.own} elements with {other.better}")
         better = other.discretise()
     except InputError as error:
         return (
-            f"{what} may be too stiff by a factor; what that costs here is not "
-            f"measured with {other.better} on the same mesh: {error.problem}",
+            diagnose(
+                "N142", kinds=other.own, reason=error.problem, better=other.better
+            ),
         )
     own, reference = (
         to_hertz(_full_mass(model).modes(_COMPARED_FREQUENCIES_OF_PROGRAM)[0])
@@ -114,12 +118,17 @@ def _compare_frequencies(
     difference = own / reference - 1
     if np.abs(difference).max() <= _NOTED_DIFFERENCE:
         return ()
-    listed = ", ".join(f"{f:.5g}" for f in own)
-    shares = ", ".join(_percent(x) for x in difference)
     return (
-        f"{what}: the first frequencies of the free body, {listed} Hz, differ by "
-        f"{shares} from those with {other.better} on the same mesh; {other.remedy} "
-        "takes these",
+        diagnose(
+            "N140",
+            count=len(own),
+            kinds=other.own,
+            better=other.better,
+            difference=float(difference[np.abs(difference).argmax()]),
+            own=own.tolist(),
+            differences=difference.tolist(),
+            remedy=other.remedy,
+        ),
     )
 
 

@@ -106,7 +106,7 @@ def add_prestress(
         kind: np.einsum("ij,ij,i->j", mixing, mixing, share)
         for kind, share in basis.shares.items()
     }
-    new = ReducedBasis(shapes, np.diag(values), labels, shares, basis.report)
+    new = ReducedBasis(shapes, np.diag(values), labels, shares, basis.diagnostics)
     signs = np.sign(np.sum(shapes * (basis.shapes @ mixing), axis=0))
     return InitialStress(new, signs * (mixing.T @ generalised), state, uniform)
 

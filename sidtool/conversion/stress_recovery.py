@@ -12,6 +12,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import EQUAL, first_largest
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.base.stress import MISES
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model.reduction import StressRecovery
 from sidtool.formats.sid_mass import skew
 
@@ -40,14 +41,6 @@ _POINTS_PER_BATCH = 2_000
 #: Distance from the edges of a patch at which slopes are evaluated; they do not exist
 #: on degenerate edges.
 _DISTANCE_FROM_EDGES = 1e-7
-_MARKERS_ONLY = (
-    "peak_points = 0: peak_von_mises is the largest stress of the markers, not that of "
-    "the body"
-)
-_NO_STRESS_TEXT = (
-    "no stress is told at {}: tied to node sets; a marker at a point of the material "
-    "tells it"
-)
 
 
 def add_stress_recovery(
@@ -81,7 +74,9 @@ def add_stress_recovery(
     return replace(sid, nodes=tuple(nodes), has_peak_nodes=settings.peak_points != 0)
 
 
-def check_stress(body: FiniteElementModel, settings: StressRecovery) -> list[str]:
+def check_stress(
+    body: FiniteElementModel, settings: StressRecovery
+) -> list[Diagnostic]:
     """Check the requested stress outputs; return notes on those that are not available.
 
     Raises
@@ -114,11 +109,11 @@ def check_stress(body: FiniteElementModel, settings: StressRecovery) -> list[str
             place="stress",
             expected="a marker at a point of the material, or peak_points",
         )
-    notes = [_MARKERS_ONLY] if settings.peak_points == 0 else []
+    found = [diagnose("N170")] if settings.peak_points == 0 else []
     if settings.markers is not None:
-        return notes
+        return found
     silent = [marker.name for marker in body.markers if marker.gradient is None]
-    return [*notes, *([_NO_STRESS_TEXT.format(", ".join(silent))] if silent else [])]
+    return [*found, *([diagnose("N171", markers=silent)] if silent else [])]
 
 
 def _check_numbers(body: FiniteElementModel, settings: StressRecovery) -> None:

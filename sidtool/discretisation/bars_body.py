@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
@@ -62,23 +63,23 @@ _EIGENVALUE_SHIFT = 1e-9
 _FREE_STIFFNESS_TOLERANCE = 1e-12
 #: Cosines of bars in one line differ from one by less.
 _COLLINEAR_TOLERANCE = 1e-9
-_SHEAR_NOTE = (
-    "bars shear as their K1 and K2 say and have the consistent mass of their sections "
-    "with its rotary inertia; Nastran lumps it unless PARAM COUPMASS says otherwise"
+_SHEAR = diagnose(
+    "N125",
+    property="bars: shear by K1 and K2, consistent mass with rotary inertia (COUPMASS)",
 )
-_MAX_ARM = (
-    "offsets and rigid couplings are arms that turn by small rotations: what they add "
-    "to the stiffening by loads is left out"
+_SHELLS = diagnose(
+    "N125",
+    property="shells: shear by TS/T, consistent mass, no stiffening by loads",
 )
-_SHELLS = (
-    "shells shear as TS/T says and have consistent mass with rotary inertia; their "
-    "stiffening by loads is left out"
+_HINGED = diagnose(
+    "N129", limit="bars and shells that share single nodes with solids are hinged there"
 )
-_HINGED = (
-    "solids resist no rotation of their nodes: bars and shells that share single nodes "
-    "with them are hinged there, as in Nastran"
+_MAX_ARM = diagnose(
+    "N129", limit="offsets and rigid couplings add no geometric stiffness"
 )
-_MAX_TWIST = "the torsion of rods at nodes without bars has no effect"
+_MAX_TWIST = diagnose(
+    "N129", limit="the torsion of rods at nodes without bars has no effect"
+)
 
 
 def bars_model(
@@ -143,10 +144,10 @@ def bars_model(
         dof_table=nodes.table[used],
         beam_material=points.material() if alone and imported.bars else None,
         outlines=tuple(outlines),
-        notes=(
-            *imported.notes,
+        diagnostics=(
+            *imported.diagnostics,
             *undefined_notes(imported.undefined),
-            *([_SHEAR_NOTE] if imported.bars else []),
+            *([_SHEAR] if imported.bars else []),
             *([_SHELLS] if imported.shells else []),
             *([_HINGED] if imported.mesh.blocks else []),
             *_bar_limits(imported.bars, nodes),
@@ -182,7 +183,7 @@ def _without_idle(
     nodes: BarNodes,
     units: UnitSystem,
     materials: Mapping[str | None, ElasticMaterial],
-) -> tuple[BarNodes, list[str]]:
+) -> tuple[BarNodes, list[Diagnostic]]:
     """Return nodes without rotations that have neither stiffness nor mass."""
     if not (imported.springs or imported.couplings):
         return nodes, []
@@ -206,8 +207,9 @@ def _without_idle(
         return nodes, []
     number = np.where(idle, -1, np.cumsum(~idle) - 1)
     table = np.where(nodes.table >= 0, number[nodes.table], -1)
-    note = f"{np.count_nonzero(idle)} rotations of nodes that nothing resists are left "
-    return replace(nodes, table=table), [note + "out, as by AUTOSPC"]
+    count = np.count_nonzero(idle)
+    limit = f"{count} rotations of nodes that nothing resists are left out (AUTOSPC)"
+    return replace(nodes, table=table), [diagnose("N129", limit=limit)]
 
 
 def _check_sections(imported: ImportedMesh, model: ModelFile) -> None:
@@ -235,7 +237,7 @@ def _check_sections(imported: ImportedMesh, model: ModelFile) -> None:
 
 def _resolve_pins(
     model: ModelFile, imported: ImportedMesh, nodes: BarNodes, units: UnitSystem
-) -> tuple[ImportedMesh, BarNodes, list[str]]:
+) -> tuple[ImportedMesh, BarNodes, list[Diagnostic]]:
     """Return bars and nodes without rotations that have neither stiffness nor mass.
 
     Such a rotation about an axis of the model is removed, as by AUTOSPC of Nastran.
@@ -259,13 +261,15 @@ def _resolve_pins(
     number = np.where(unsupported, -1, np.cumsum(~unsupported) - 1)
     table = np.where(nodes.table >= 0, number[nodes.table], -1)
     nodes = replace(nodes, table=table)
-    note = (
-        f"{np.count_nonzero(unsupported)} rotations of nodes that no bar resists are "
-        "left out, as by AUTOSPC"
-    )
+    count = np.count_nonzero(unsupported)
+    limit = f"{count} rotations of nodes that no bar resists are left out (AUTOSPC)"
     supported = whole[~unsupported], heavy[~unsupported]
     bars = _without_free_rotations(model, imported.bars, nodes, units, *supported)
-    return replace(imported, bars=bars), nodes, [note] if unsupported.any() else []
+    return (
+        replace(imported, bars=bars),
+        nodes,
+        [diagnose("N129", limit=limit)] if unsupported.any() else [],
+    )
 
 
 def _bar_stiffness(
@@ -487,7 +491,7 @@ def _bar_markers(
     return tuple(markers)
 
 
-def _bar_limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[str]:
+def _bar_limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[Diagnostic]:
     is_limited = any(
         bar.y_axis is None
         and any(v for _, v in bar.section.torsion)

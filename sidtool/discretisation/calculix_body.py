@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.geometry import MeshGeometry
 
@@ -85,7 +86,7 @@ class _ExpandedMesh:
     internal: NDArray[np.bool_]
     stiffness: sp.csr_matrix
     mass: sp.csr_matrix
-    notes: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
 
 
 def calculix_model(
@@ -147,15 +148,13 @@ def calculix_model(
         markers=_deck_markers(model, solids, deck),
         drawing_mesh=solids,
         alternative=alternative,
-        notes=(*discretised.notes, *_quadratic_notes(taken)),
+        diagnostics=(*discretised.diagnostics, *_quadratic_notes(taken)),
     )
 
 
-def _quadratic_notes(deck: QuadraticDeck) -> list[str]:
-    listed = ", ".join(f"{own} to {new}" for own, new in deck.replaced.items())
-    if not listed:
-        return []
-    return [f"nodes in the middle of straight edges raise the elements: {listed}"]
+def _quadratic_notes(deck: QuadraticDeck) -> list[Diagnostic]:
+    kinds = [f"{own} to {new}" for own, new in deck.replaced.items()]
+    return [diagnose("N139", kinds=kinds)] if kinds else []
 
 
 def _quadratic_alternative(
@@ -196,9 +195,8 @@ def _expanded_mesh(result: CalculixResult, names: DeckNames) -> _ExpandedMesh:
     rows, internal = _node_rows(result, names)
     labels = result.dofs[rows[:, 0], 0]
     positions, exact = _known_positions(result, names, labels)
-    notes = _conversion_notes(result, len(internal), names) + undefined_notes(
-        names.undefined
-    )
+    found = _conversion_notes(result, len(internal), names)
+    found += undefined_notes(names.undefined)
     if not exact:
         positions = refine_positions(
             positions, *_condense_internal(result, rows.ravel(), internal)
@@ -213,7 +211,7 @@ def _expanded_mesh(result: CalculixResult, names: DeckNames) -> _ExpandedMesh:
         np.arange(len(labels) + len(middles)) >= len(labels),
         k,
         m,
-        tuple(notes),
+        tuple(found),
     )
 
 
@@ -338,21 +336,19 @@ def _known_positions(
 
 def _conversion_notes(
     result: CalculixResult, internal: int, names: DeckNames
-) -> list[str]:
+) -> list[Diagnostic]:
     counts = Counter({b.kind: len(b.nodes) for b in result.blocks})
-    listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    notes = [
-        f"CalculiX makes {listed} with {len(result.nodes)} nodes of the "
-        f"{names.elements} elements of the deck"
-    ]
-    if internal:
-        notes.append(
-            f"{internal // _INTERNAL_ROWS_PER_ELEMENT} elements C3D8I bring their "
-            "internal modes as "
-            "degrees of freedom, with the mass that CalculiX gives them"
+    found = [
+        diagnose(
+            "N127",
+            elements=names.elements,
+            kinds=[f"{count} {kind}" for kind, count in counts.items()],
+            nodes=len(result.nodes),
+            elements_with_internal_modes=internal // _INTERNAL_ROWS_PER_ELEMENT,
         )
-    notes += unread_keyword_notes(names.left_out)
-    return notes + [f"CalculiX warns: {text}" for text in result.warnings]
+    ]
+    found += unread_keyword_notes(names.left_out)
+    return found + [diagnose("N128", warning=text) for text in result.warnings]
 
 
 def _checked_body(
@@ -414,7 +410,7 @@ def _checked_body(
         node_sets=sets,
         surface=named_surface(mesh, sets),
         markers=(),
-        notes=body.notes,
+        diagnostics=body.diagnostics,
     )
 
 

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
 
 from ..elements.finite_element_model import FiniteElementModel
@@ -189,8 +190,8 @@ _RIGID_MOTION_TOLERANCE = 1e-7
 
 def body_equations(
     imported: ImportedMesh, whole: Mesh, mesh: Mesh, length: float
-) -> tuple[Equations | None, list[str]]:
-    """Return the equations between the displacements of a body, and notes on them.
+) -> tuple[Equations | None, list[Diagnostic]]:
+    """Return the equations between displacements of a body, and their diagnostics.
     Displacements of nodes without elements follow from the equations.
 
     Parameters
@@ -203,19 +204,19 @@ def body_equations(
     ------
     InputError : an equation resists a rigid motion of the body.
     """
-    ties, notes = tie_equations(mesh, imported.ties, length)
+    ties, found = tie_equations(mesh, imported.ties, length)
     equations = _file_equations(imported.equations, whole, mesh)
     if equations is not None:
         count = len(imported.equations)
         held = np.unique(equations.matrix.indices // mesh.dimension)
-        notes.append(f"{count} equations of the file hold {len(held)} nodes")
+        found.append(diagnose("N133", count=count, nodes=len(held)))
     given = [part for part in (equations, ties) if part is not None]
     if not given:
-        return None, notes
+        return None, found
     return Equations(
         sp.csr_matrix(sp.vstack([part.matrix for part in given])),
         np.concatenate([part.dependent for part in given]),
-    ), notes
+    ), found
 
 
 def nodes_in_equations(

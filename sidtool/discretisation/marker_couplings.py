@@ -39,14 +39,15 @@ Am. A 5, 1988; expanded here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.reduction import Tie
 
@@ -86,7 +87,7 @@ def add_rigid_couplings(
     placed = {marker.name: marker for marker in body.markers}
     markers: list[MarkerRows] = []
     rigid = dict(body.rigid_sets)
-    notes: list[str] = []
+    found: list[Diagnostic] = []
     for name, settings in model.markers.items():
         if settings.tie is None:
             markers.append(placed[name])
@@ -99,7 +100,7 @@ def add_rigid_couplings(
                 place = _tie_position(body, settings, held)
             rows = _weighted_rows(body, name, settings.node, held)
         markers.append(offset_marker(rows, place.position))
-        notes += _tie_notes(body, name, settings.tie, held, place)
+        found += _tie_notes(body, name, settings.tie, held, place)
         known = any(np.array_equal(held.nodes, own) for own in rigid.values())
         if settings.tie.type == "rigid" and not known:
             rigid[name] = held.nodes
@@ -107,7 +108,7 @@ def add_rigid_couplings(
         body,
         markers=tuple(markers),
         rigid_sets=rigid,
-        notes=(*body.notes, *notes),
+        diagnostics=(*body.diagnostics, *found),
     )
 
 
@@ -155,10 +156,11 @@ class _TiedNodes:
 
 @dataclass(frozen=True, eq=False)
 class _TiePosition:
-    """Position (3,) of a tied marker, and its reason."""
+    """Position (3,) of a tied marker, its reason, and the numbers in that."""
 
     position: Array
     reason: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
 
 def _tied_nodes(body: FiniteElementModel, tie: Tie, place: str) -> _TiedNodes:
@@ -185,7 +187,8 @@ def _tie_position(
         reason = f"on the axis of a cylinder of radius {cylinder.radius:.6g} m"
         if cylinder.miss > _AXIS_TOLERANCE * cylinder.radius:
             reason += f", which they miss by up to {cylinder.miss:.2g} m"
-        return _TiePosition(np.pad(cylinder.centre, (0, 3 - d)), reason)
+        numbers = {"radius": cylinder.radius, "deviation": cylinder.miss}
+        return _TiePosition(np.pad(cylinder.centre, (0, 3 - d)), reason, numbers)
     what = "nodes" if held.surface is None else "surface"
     return _TiePosition(held.centre, f"in the centre of its {what}")
 
@@ -198,30 +201,32 @@ def _fit_cylinder(body: FiniteElementModel, held: _TiedNodes) -> Cylinder:
 
 def _tie_notes(
     body: FiniteElementModel, name: str, tie: Tie, held: _TiedNodes, place: _TiePosition
-) -> Iterator[str]:
-    """Return notes on the distance of a marker from its nodes, and on nodes without
-    load.
+) -> Iterator[Diagnostic]:
+    """Yield the distance of a marker from its nodes, and nodes without load (N136 to
+    N138).
     """
     own = body.positions[held.nodes]
     size, count = float(np.ptp(own, axis=0).max()), len(own)
     mean = np.pad(own.mean(axis=0), (0, 3 - body.dimension))
     gap = float(np.linalg.norm(place.position - mean))
     if gap > _SAME_POSITION_TOLERANCE * size:
-        where = format_position(place.position, size)
-        yield (
-            f"marker {name} stands at {where}, {place.reason}; the mean of its "
-            f"{count} nodes is {gap:.3g} m away{_cylinder_hint(body, held, place)}"
+        yield diagnose(
+            "N136",
+            f"marker {name}",
+            position=format_position(place.position, size),
+            gap=gap,
+            count=count,
+            reason=place.reason,
+            remedy=_cylinder_hint(body, held, place),
+            **place.numbers,
         )
     if tie.type == "rigid":
         return
     if held.surface is None:
-        yield f"the nodes of marker {name} span no face or edge: each weighs alike"
+        yield diagnose("N137", f"marker {name}")
     idle = count - np.count_nonzero(held.mass.diagonal()[held.nodes])
     if idle:
-        yield (
-            f"{idle} of the {count} nodes of marker {name} belong to no face or edge "
-            "that the others span: they bear no load"
-        )
+        yield diagnose("N138", f"marker {name}", idle=int(idle), count=count)
 
 
 def _cylinder_hint(
@@ -237,7 +242,7 @@ def _cylinder_hint(
     gap = np.linalg.norm(cylinder.centre - place.position[: body.dimension])
     if cylinder.arc < np.pi or gap < _AXIS_TOLERANCE * cylinder.radius:
         return ""
-    return f', and that of the cylinder {gap:.3g} m: at = "axis" puts it there'
+    return f'The axis of the cylinder is {gap:.3g} m away: at = "axis" puts it there.'
 
 
 def format_position(position: Array, size: float) -> str:

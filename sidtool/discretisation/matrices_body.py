@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.geometry import MatricesGeometry
 
@@ -31,14 +32,6 @@ Indices = NDArray[np.int64]
 
 #: Entries of a mass matrix, relative to its diagonal, that are rounding.
 _NO_COUPLING = 1e-9
-_SECTIONS = (
-    "the mass matrix is a consistent one of nodes that rotate: it does not tell the "
-    "rotary inertia of sections from the inertia of the line that they lie on. How the "
-    "inertia of the body turns with twisted sections (Oe m1 of torsion) cannot be "
-    "relied on: of Euler-Bernoulli beams a fifth of it is found on fine meshes, and "
-    "wrong signs on coarse ones. A lumped mass matrix has all of that, and so has "
-    'geometry type = "beam"'
-)
 
 
 def imported_matrices_model(model: ModelFile) -> FiniteElementModel:
@@ -126,7 +119,9 @@ def matrices_body(
         markers=tuple(markers),
         full_mass=unmarked.full_mass,
         dof_table=table,
-        notes=(_SECTIONS,) if scalar is None and _is_consistent(m, table) else (),
+        diagnostics=(diagnose("N126"),)
+        if scalar is None and _is_consistent(m, table)
+        else (),
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import Material, ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
@@ -62,7 +63,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     units = _file_units(geometry)
     bending = geometry.engine == "calculix"
     density = file_density(model, units)
-    engine_notes: tuple[str, ...] = ()
+    engine_notes: tuple[Diagnostic, ...] = ()
     if bending:
         try:
             reason = beyond_calculix(Path(geometry.file), geometry.ignore, density)
@@ -72,16 +73,10 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
             if not is_bulk(geometry.file):
                 raise error.located(geometry.file) from None
             reason = "edges where its shells meet"
-        engine_notes = (
-            "own shells, bars and springs instead of those of CalculiX: the deck has "
-            f"{reason}, which CalculiX does not have or joins by rigid knots as large "
-            "as the sections are thick",
-        )
+        engine_notes = (diagnose("N132", reason=reason),)
         if geometry.order is not None:
-            engine_notes += (
-                f"geometry.order = {geometry.order} has no effect: it is for elements "
-                "of CalculiX alone",
-            )
+            reason = "it is for elements of CalculiX alone"
+            engine_notes += (diagnose("N145", "geometry.order", reason=reason),)
     elif geometry.order is not None:
         raise InputError(
             "is for elements of CalculiX alone",
@@ -91,7 +86,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     imported = read_mesh(
         geometry.file, geometry.ignore, geometry.part, density, bending=bending
     )
-    imported = replace(imported, notes=(*imported.notes, *engine_notes))
+    found = (*imported.diagnostics, *engine_notes)
+    imported = replace(imported, diagnostics=found)
     try:
         if density == 0 and not imported.is_structure:
             raise InputError(
@@ -106,7 +102,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
             known = [m.density for m in held.values()]
             factor = units.mass / units.length**3
             known += [bar.density * factor for bar in imported.bars]
-            return replace(body, notes=(*body.notes, *_density_notes(geometry, known)))
+            found = (*body.diagnostics, *_density_notes(geometry, known))
+            return replace(body, diagnostics=found)
         _check_element_choices(geometry, settings, imported)
         upright, turned = counter_clockwise(imported.mesh)
         whole = _scale_mesh(upright, geometry, settings, units)
@@ -158,8 +155,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         couplings=couplings,
         point_masses=masses,
         equations=equations,
-        notes=(
-            *imported.notes,
+        diagnostics=(
+            *imported.diagnostics,
             *undefined_notes(imported.undefined),
             *turned,
             *equation_notes,
@@ -213,8 +210,10 @@ def _check_element_choices(
             )
 
 
-def _density_notes(geometry: MeshGeometry, densities: list[float]) -> Iterator[str]:
-    """Yield what `geometry.density` did.
+def _density_notes(
+    geometry: MeshGeometry, densities: list[float]
+) -> Iterator[Diagnostic]:
+    """Yield what `geometry.density` did (N121, N145).
 
     Parameters
     ----------
@@ -224,12 +223,10 @@ def _density_notes(geometry: MeshGeometry, densities: list[float]) -> Iterator[s
     if given is None:
         return
     if any(math.isclose(own, given, rel_tol=1e-9) for own in densities):
-        yield f"materials without a density have {given:g} kg/m^3"
+        yield diagnose("N121", density=given)
     else:
-        yield (
-            f"geometry.density = {given:g} has no effect: all materials of the file "
-            "have a density"
-        )
+        reason = "all materials of the file have a density"
+        yield diagnose("N145", "geometry.density", reason=reason)
 
 
 def _file_units(geometry: MeshGeometry) -> UnitSystem:
@@ -337,9 +334,9 @@ def _check_thickness(mesh: Mesh) -> None:
 
 def _import_notes(
     model: ModelFile, imported: ImportedMesh, own: Mapping[str, ElasticMaterial]
-) -> Iterator[str]:
-    """Yield notes on what the model file replaces in the mesh file, and what it
-    uses.
+) -> Iterator[Diagnostic]:
+    """Yield what the model file replaces in the mesh file, and what it uses (N114 to
+    N121).
     """
     blocks, geometry, settings = (
         imported.mesh.blocks,
@@ -353,20 +350,22 @@ def _import_notes(
     if model.material is None:
         for name in sorted(named):
             description = _describe_material(own[name], imported.mesh.dimension)
-            yield f"material {name} of the file: {description}"
+            yield diagnose("N117", name=name, properties=description)
     elif named:
-        yield f"[material] replaces {', '.join(sorted(named))} of the file"
+        yield diagnose("N116", key="[material]", replaced=", ".join(sorted(named)))
     depths = {b.thickness for b in blocks if b.thickness is not None}
     if geometry.thickness is not None and depths:
         listed = ", ".join(f"{depth:g}" for depth in sorted(depths))
-        yield f"geometry.thickness replaces {listed} of the file"
+        yield diagnose("N116", key="geometry.thickness", replaced=listed)
     if settings.state and imported.state and settings.state != imported.state:
-        yield f"discretisation.state replaces {imported.state} of the file"
+        yield diagnose("N116", key="discretisation.state", replaced=imported.state)
     chosen = {b.formulation for b in blocks if b.kind in ("hex8", "quad4")}
     if settings.formulation and chosen - {None, settings.formulation}:
-        yield f"{settings.formulation} of the model file replaces that of the elements"
+        replaced = "the formulation of the elements"
+        yield diagnose("N116", key="discretisation.formulation", replaced=replaced)
     if not settings.formulation and None in chosen:
-        yield "elements without a formulation (hex8, quad4) have incompatible modes"
+        replacement = "incompatible modes, as the file gives no formulation"
+        yield diagnose("N114", type="hex8, quad4", replacement=replacement)
 
 
 def _describe_material(material: ElasticMaterial, dimension: int = 3) -> str:

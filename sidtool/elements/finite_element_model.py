@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.sid_mass import skew
 
 from ..mesh.connections import Coupling, Equations, PointMass
@@ -171,7 +172,7 @@ class FiniteElementModel:
         if they need one besides `solids`
     patches : NURBS patches with the nodes that their control points are
     outlines : of a beam, or of bars
-    notes : notes on properties of the body that are not in the model file
+    diagnostics : properties of the body that are not in the model file
     """
 
     positions: Array
@@ -198,7 +199,7 @@ class FiniteElementModel:
     drawing_mesh: Mesh | None = None
     patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
     outlines: tuple[BeamOutline, ...] = ()
-    notes: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
     def dimension(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..geometry.nurbs_patch import NurbsPatch
 from ..geometry.patch_evaluation import patch_moments
@@ -98,8 +99,8 @@ def patch_mass(
     return GeometryMass(mass, first, sampled)
 
 
-def geometry_mass_notes(body: FiniteElementModel) -> tuple[str, ...]:
-    """Return notes on the deviation of mass and centre from those of the geometry.
+def geometry_mass_notes(body: FiniteElementModel) -> tuple[Diagnostic, ...]:
+    """Return N150 if mass and centre deviate from those of the geometry.
 
     Raises
     ------
@@ -117,9 +118,7 @@ def geometry_mass_notes(body: FiniteElementModel) -> tuple[str, ...]:
     if expected.sampled:
         if worst <= _NOTED_DIFFERENCE:
             return ()
-        return (
-            f"the mesh differs from its geometry ({text}): more elements follow it",
-        )
+        return (diagnose("N150", mass=float(off), centre=moved),)
     if worst > _EXACT_TOLERANCE:
         raise InputError(
             f"the discretised body does not have the mass of its geometry ({text})",

@@ -29,6 +29,7 @@ from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..mesh.connections import Equations, RawTie
 from ..mesh.mesh import Mesh
@@ -83,9 +84,10 @@ class _TieSide:
 
 def tie_equations(
     mesh: Mesh, ties: Sequence[RawTie], length: float
-) -> tuple[Equations | None, list[str]]:
-    """Return the equations of all ties, and notes on them. A node is the slave of the
-    first tie that contains it.
+) -> tuple[Equations | None, list[Diagnostic]]:
+    """Return the equations of all ties, and their diagnostics.
+
+    A node is the slave of the first tie that contains it.
 
     Parameters
     ----------
@@ -96,24 +98,24 @@ def tie_equations(
     ------
     InputError : a tie has no nodes.
     """
-    notes: list[str] = []
+    found: list[Diagnostic] = []
     matrices, dependent = [], []
     taken = np.zeros(len(mesh.positions), bool)
     for tie in ties:
         try:
-            tied, rows, note = _tie_matrix(mesh, tie, length, taken)
+            tied, rows, of_tie = _tie_matrix(mesh, tie, length, taken)
         except InputError as error:
             raise InputError(
                 error.problem, place=tie.place, expected=error.expected
             ) from None
         taken[tied] = True
-        notes.append(note)
+        found += of_tie
         matrices.append(rows)
         dependent.append(_dof_numbers(tied, mesh.dimension))
     if not matrices:
-        return None, notes
+        return None, found
     matrix = sp.csr_matrix(sp.vstack(matrices))
-    return Equations(matrix, np.concatenate(dependent)), notes
+    return Equations(matrix, np.concatenate(dependent)), found
 
 
 def _dof_numbers(nodes: Indices, dimension: int) -> Indices:
@@ -123,7 +125,7 @@ def _dof_numbers(nodes: Indices, dimension: int) -> Indices:
 
 def _tie_matrix(
     mesh: Mesh, tie: RawTie, length: float, taken: NDArray[np.bool_]
-) -> tuple[Indices, sp.csr_matrix, str]:
+) -> tuple[Indices, sp.csr_matrix, list[Diagnostic]]:
     slave, master = _TieSide(mesh, tie.slave, tie), _TieSide(mesh, tie.master, tie)
     reach = _search_distance(master, tie, length)
     free = ~taken
@@ -142,11 +144,11 @@ def _tie_matrix(
             expected="surfaces that touch, or a larger POSITION TOLERANCE",
         )
     left = np.count_nonzero(free[every]) - tied.size
-    note = (
-        f"tie {tie.name} holds {tied.size} nodes on {len(tie.master)} faces, at most "
-        f"{gap:.3g} m apart"
-    )
-    return tied, rows, note + (f"; {left} nodes are not above them" if left else "")
+    name, faces = f"tie {tie.name}", len(tie.master)
+    found = [diagnose("N122", name, nodes=int(tied.size), faces=faces, gap=float(gap))]
+    if left:
+        found.append(diagnose("N124", name, count=int(left)))
+    return tied, rows, found
 
 
 def _search_distance(master: _TieSide, tie: RawTie, length: float) -> float:

@@ -361,6 +361,8 @@ def _imported_mesh(content: _MeshContent, unread: list[str]) -> ImportedMesh:
             )
         listed = nodes if order is None else [nodes[i] for i in order]
         raw.append(RawElement(label, ours, listed, place))
-    notes = reading_notes(content.nodes, raw, len(content.elements))
-    notes += unread_keyword_notes(unread)
-    return ImportedMesh(assemble_mesh(content.nodes, raw, sets), notes=tuple(notes))
+    found = reading_notes(content.nodes, raw, len(content.elements))
+    found += unread_keyword_notes(unread)
+    return ImportedMesh(
+        assemble_mesh(content.nodes, raw, sets), diagnostics=tuple(found)
+    )

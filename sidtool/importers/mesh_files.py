@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import diagnose
 
 from ..mesh.imported_mesh import (
     LEFT_OUT,
@@ -139,9 +140,14 @@ def extract_part(imported: ImportedMesh, name: str) -> ImportedMesh:
     whole = sum(len(b.nodes) for b in imported.mesh.blocks)
     whole += len(imported.bars) + len(imported.shells)
     count = sum(len(b.nodes) for b in blocks) + len(bars) + len(shells)
-    note = f"part {name}: {count} of {whole} elements, {len(couplings)} of "
-    note += f"{len(imported.couplings)} couplings, {len(masses)} of "
-    note += f"{len(imported.masses)} masses"
+    part = diagnose(
+        "N134",
+        f"part {name}",
+        elements=count,
+        given=whole,
+        couplings=len(couplings),
+        masses=len(masses),
+    )
     return replace(
         imported,
         mesh=replace(imported.mesh, blocks=blocks),
@@ -151,7 +157,7 @@ def extract_part(imported: ImportedMesh, name: str) -> ImportedMesh:
         bars=bars,
         shells=shells,
         springs=springs,
-        notes=(*imported.notes, note),
+        diagnostics=(*imported.diagnostics, part),
     )
 
 

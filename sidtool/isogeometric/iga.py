@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import IgaDiscretisation, ModelFile
 from sidtool.formats.model.checks import check_knots
 
@@ -146,11 +147,13 @@ def _target_knots(settings: IgaDiscretisation, exact: NurbsPatch, i: int) -> Arr
     )
 
 
-def refinement_notes(settings: IgaDiscretisation, fine: NurbsPatch) -> tuple[str, ...]:
+def refinement_notes(
+    settings: IgaDiscretisation, fine: NurbsPatch
+) -> tuple[Diagnostic, ...]:
     """Note where a refined patch has other numbers of functions or elements than
     requested.
     """
-    notes = []
+    found = []
     for i, knots in enumerate(fine.knots):
         for key, counts in (
             ("functions", fine.shape[i]),
@@ -158,13 +161,15 @@ def refinement_notes(settings: IgaDiscretisation, fine: NurbsPatch) -> tuple[str
         ):
             requested = getattr(settings, key)
             if requested is not None and requested[i] != counts:
-                notes.append(
-                    f"discretisation.{key}[{i}]: {counts} for {requested[i]}, as the "
-                    "inner "
-                    "knots of the geometry stay and each of its spans is divided "
-                    "equally"
+                found.append(
+                    diagnose(
+                        "N155",
+                        f"discretisation.{key}[{i}]",
+                        found=counts,
+                        requested=requested[i],
+                    )
                 )
-    return tuple(notes)
+    return tuple(found)
 
 
 def quadrature_points(exact: NurbsPatch, patch: NurbsPatch) -> tuple[int, ...]:

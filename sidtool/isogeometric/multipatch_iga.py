@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.model import IgaDiscretisation, ModelFile, NodeMarker
 from sidtool.formats.model.geometry import (
     NurbsGeometry,
@@ -146,9 +147,7 @@ def _joined_body(
     for tie in parts.ties:
         stiffness = stiffness + tie_stiffness(tie, fine, numbering, modulus)
     ties = [
-        f"{tie.slave.name} lies on a part of {tie.master.name}: tied weakly "
-        "(mortar method)"
-        for tie in parts.ties
+        diagnose("N123", tie.slave.name, master=tie.master.name) for tie in parts.ties
     ]
     changed = [refinement_notes(settings, patch) for patch in fine.values()]
     return FiniteElementModel(
@@ -171,7 +170,7 @@ def _joined_body(
         ),
         patches=tuple((fine[name], numbering.numbers[name]) for name in fine),
         geometry_mass=lambda: expected_mass(model, list(exact.values())),
-        notes=tuple(dict.fromkeys([*ties, *chain(*changed)])),
+        diagnostics=tuple(dict.fromkeys([*ties, *chain(*changed)])),
     )
 
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sidtool.formats.diagnostics import Diagnostic
+
 from .rounding_levels import rounding_levels
 from .variants import Setting
 
@@ -34,7 +36,7 @@ class RunRecord:
         that are done once
     seconds : least solve time of several runs
     message : reason why there is no run; everything else is empty then
-    notes, warnings : notes of the result, only for runs that are done once
+    diagnostics : of the result, only for runs that are done once
     times : (nt,) output times [s]
     """
 
@@ -44,8 +46,7 @@ class RunRecord:
     seconds: float = np.inf
     steps: int = 0
     message: str = ""
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     times: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
@@ -78,7 +79,7 @@ def record_run(
 
     Parameters
     ----------
-    noted : with its notes, which take time to compute
+    noted : with its diagnostics, which take time to compute
     system : compiled scene of a reference run, to compute the effect of rounding
     """
     levels = () if system is None else rounding_levels(result, system, result.names)
@@ -88,8 +89,7 @@ def record_run(
         tuple(map(float, levels)),
         float(result.counters["seconds"]) if seconds is None else seconds,
         int(result.counters["steps"]),
-        notes=result.notes if noted else (),
-        warnings=result.warnings if noted else (),
+        diagnostics=result.diagnostics if noted else (),
         times=np.asarray(result.t),
     )
 

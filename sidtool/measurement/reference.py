@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.scene import unit_of
 
 from .outputs import RunRecord, record_run
@@ -64,7 +65,7 @@ class Reference:
     unconverged : relative change by mesh and modes, for outputs with a large change
     seconds : solve time of the tighter run [s]
     model : description of the model
-    notes, warnings : of the tighter run
+    diagnostics : of the tighter run
     """
 
     names: tuple[str, ...]
@@ -76,8 +77,7 @@ class Reference:
     seconds: float
     unconverged: Mapping[str, float] = field(default_factory=dict)
     model: str = ""
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
     def uncertainty(self) -> float:
@@ -186,8 +186,7 @@ def reference_of_runs(
         seconds=tight.seconds,
         unconverged=unconverged,
         model=model,
-        notes=tight.notes,
-        warnings=tight.warnings,
+        diagnostics=tight.diagnostics,
     )
 
 

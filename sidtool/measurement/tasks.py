@@ -25,6 +25,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import use_listener
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import from_data
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid, write_sid
@@ -309,8 +310,9 @@ class PointCache:
             return None
         numbers, values = stored
         times = np.array(numbers.pop("times"))
-        for key in ("names", "rounding", "notes", "warnings"):
+        for key in ("names", "rounding"):
             numbers[key] = tuple(numbers[key])
+        numbers["diagnostics"] = tuple(map(from_data, numbers["diagnostics"]))
         return RunRecord(values=values, times=times, **numbers)
 
     def store_run(self, task: RunTask, record: RunRecord) -> None:
@@ -320,8 +322,7 @@ class PointCache:
             "seconds": record.seconds,
             "steps": record.steps,
             "message": record.message,
-            "notes": record.notes,
-            "warnings": record.warnings,
+            "diagnostics": [each.as_data() for each in record.diagnostics],
             "times": record.times.tolist(),
         }
         self._write(_run_key(task), numbers, record.values)

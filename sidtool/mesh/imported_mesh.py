@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.storage.unreadable import unreadable_error
 
 from .collapsed_elements import collapse_element
@@ -100,7 +101,7 @@ class ImportedMesh:
     mesh : in the units of the file; plane meshes in two dimensions
     materials : by the names in the blocks of the mesh; only complete ones
     state : "plane_stress" or "plane_strain" if the element types state it
-    notes : notes on what was read, replaced and ignored
+    diagnostics : what was read, replaced and ignored
     couplings, masses : couplings of nodes, and point masses
     equations, ties : equations between displacements, and ties of surfaces
     bars : bars instead of elements of the mesh, which then has nodes only
@@ -112,7 +113,7 @@ class ImportedMesh:
     mesh: Mesh
     materials: Mapping[str, ElasticMaterial] = field(default_factory=dict)
     state: str | None = None
-    notes: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     couplings: tuple[RawCoupling, ...] = ()
     masses: tuple[RawMass, ...] = ()
     equations: tuple[RawEquation, ...] = ()
@@ -305,12 +306,10 @@ def find_undefined_members(
     return {name: f"{what} {n}" for name, n in undefined.items() if n is not None}
 
 
-def undefined_notes(undefined: Mapping[str, str]) -> list[str]:
-    """Yield a note on sets that cannot be used, if there are some."""
-    if not undefined:
-        return []
-    listed = ", ".join(f"{name} ({member})" for name, member in undefined.items())
-    return [f"sets with members that the file does not define: {listed}"]
+def undefined_notes(undefined: Mapping[str, str]) -> list[Diagnostic]:
+    """Return N130 on sets that cannot be used, if there are some."""
+    sets = [f"{name} ({member})" for name, member in undefined.items()]
+    return [diagnose("N130", sets=sets)] if sets else []
 
 
 def _check_finite(positions: Array, labels: Indices) -> None:
@@ -326,8 +325,8 @@ def _check_finite(positions: Array, labels: Indices) -> None:
 LEFT_OUT = " (left out by geometry.ignore)"
 
 
-def unread_keyword_notes(keywords: Iterable[str]) -> list[str]:
-    """Return notes on keywords that were not read.
+def unread_keyword_notes(keywords: Iterable[str]) -> list[Diagnostic]:
+    """Return diagnostics of keywords that were not read (N112, N113).
 
     They distinguish keywords that cannot change a body from those ignored by
     `geometry.ignore`, whose masses, stiffnesses and ties are missing.
@@ -335,13 +334,8 @@ def unread_keyword_notes(keywords: Iterable[str]) -> list[str]:
     names = list(keywords)
     left_out = [n.removesuffix(LEFT_OUT) for n in names if n.endswith(LEFT_OUT)]
     idle = [name for name in names if not name.endswith(LEFT_OUT)]
-    notes = ["without effect on the body: " + ", ".join(idle)] if idle else []
-    if left_out:
-        notes.append(
-            f"left out by geometry.ignore: {', '.join(left_out)}. The body lacks their "
-            "mass, stiffness and constraints."
-        )
-    return notes
+    found = (("N112", idle), ("N113", left_out))
+    return [diagnose(code, keywords=names) for code, names in found if names]
 
 
 #: Elements without a kind.
@@ -352,8 +346,8 @@ def reading_notes(
     nodes: Mapping[int, object],
     elements: Sequence[RawElement | RawBar | RawShell | RawSpring],
     given: int,
-) -> list[str]:
-    """Return notes on how many elements and nodes of a file were read.
+) -> list[Diagnostic]:
+    """Return how many elements and nodes of a file were read (N110, N111).
 
     Parameters
     ----------
@@ -363,16 +357,21 @@ def reading_notes(
         _CALLED.get(type(element)) or getattr(element, "kind", "")
         for element in elements
     )
-    listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     used = {node for element in elements for node in element.nodes} - {None}
-    notes = [
-        f"read {len(elements)} of {given} elements ({listed}) and {len(used)} of "
-        f"{len(nodes)} nodes"
+    found = [
+        diagnose(
+            "N110",
+            elements=len(elements),
+            given=given,
+            kinds=[f"{count} {kind}" for kind, count in counts.items()],
+            used=len(used),
+            nodes=len(nodes),
+        )
     ]
     if given > len(elements):
         omitted = given - len(elements)
-        notes.append(f"{omitted} elements of lower dimension only name nodes")
-    return notes
+        found.append(diagnose("N111", count=omitted, reason="of lower dimension"))
+    return found
 
 
 def _check_nodes(element: RawElement, row: Mapping[int, int]) -> None:

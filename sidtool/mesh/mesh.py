@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from .reference_elements import reference_element
 
@@ -100,12 +101,12 @@ def check_mesh(
     _check_connected(mesh, place, joined)
 
 
-def counter_clockwise(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
+def counter_clockwise(mesh: Mesh) -> tuple[Mesh, tuple[Diagnostic, ...]]:
     """Return a plane mesh with clockwise elements reversed.
 
     Returns
     -------
-    mesh, and a sentence on the elements that were turned, if there are some
+    mesh, and N115 on the elements that were turned, if there are some
     """
     if mesh.dimension != 2:
         return mesh, ()
@@ -125,8 +126,8 @@ def counter_clockwise(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
         count += int(clockwise.sum())
     if not count:
         return mesh, ()
-    note = f"{count} plane elements are counted clockwise; they are turned round"
-    return replace(mesh, blocks=tuple(blocks)), (note,)
+    turned = diagnose("N115", count=count, sense="clockwise")
+    return replace(mesh, blocks=tuple(blocks)), (turned,)
 
 
 def without_free_nodes(mesh: Mesh) -> Mesh:

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sidtool.formats.diagnostics import Diagnostic, diagnose
+
 from .connections import RawEquation
 from .reference_elements import edge_nodes, quadratic_kind, reference_element, shape_of
 
@@ -68,14 +70,9 @@ class MidsideNodes:
                 self.equations.append(RawEquation(terms, place))
         return self.added[key]
 
-    def note(self) -> list[str]:
-        """A sentence on the nodes that were added, if there are some."""
-        if not self.added:
-            return []
-        return [
-            f"{len(self.added)} nodes that quadratic elements leave out are midway "
-            "between the corners and move by their mean"
-        ]
+    def note(self) -> list[Diagnostic]:
+        """N131 on the nodes that were added, if there are some."""
+        return [diagnose("N131", count=len(self.added))] if self.added else []
 
 
 def linear_kind(kind: str) -> str:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sidtool.formats.base.errors import InputError, ValidityWarning, warn_caller
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import report_stage
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import INFO
+from sidtool.formats.diagnostics.python_warnings import warn_of
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, expand_names, has_wildcard, matching_names
 from sidtool.formats.toml.reading import validate_data
@@ -176,8 +178,9 @@ def _equilibrium_outputs(
         changed = validate_data(content, SceneFile, source="scene of the result")
         with compiled_scene(changed, dict(result.sids), None, True, programs) as system:
             equilibrium = static_equilibrium(system)
-        for text in equilibrium.warnings:
-            warn_caller(text, ValidityWarning)
+        for diagnostic in equilibrium.diagnostics:
+            if diagnostic.severity != INFO:
+                warn_of(diagnostic)
         again = equilibrium.result()
         if not _is_same_state(again, result):
             raise InputError(

@@ -14,6 +14,7 @@ from pydantic import BaseModel
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.field import Field, read_field, write_field
 from sidtool.formats.model import ModelFile, Stiffening, read_model
 from sidtool.formats.model.refine import (
@@ -60,7 +61,6 @@ class ConvertedBody:
 
     sid: SID
     file: str
-    notes: tuple[str, ...]
 
 
 class BodyModel:
@@ -111,29 +111,22 @@ class BodyModel:
         ------
         InputError : the model cannot be converted.
         """
-        from .model_to_sid import BASIS_PREFIX, NOTE_PREFIX, sid_from_model
+        from .model_to_sid import sid_from_model
 
         model = self.refined(fineness)
         name, file = self._cached_sid_file(model)
         with suppress(InputError):
-            return ConvertedBody(read_sid(file), name, ())
-        lines: list[str] = []
+            return ConvertedBody(read_sid(file), name)
         try:
-            sid = sid_from_model(model, lines.append)
+            sid = sid_from_model(model)
         except InputError as error:
             raise error.located(self.path) from None
-        kept_lines = [
-            line for line in lines if line.startswith((BASIS_PREFIX, NOTE_PREFIX))
-        ]
-        notes = tuple(
-            f"{self.path.name}: {line.removeprefix(NOTE_PREFIX)}" for line in kept_lines
-        )
         try:
             file.parent.mkdir(exist_ok=True)
             write_sid(file, sid)
         except (OSError, InputError):
-            return ConvertedBody(sid, "", notes)
-        return ConvertedBody(sid, name, notes)
+            return ConvertedBody(sid, "")
+        return ConvertedBody(sid, name)
 
     def field(self) -> Field:
         """Return the full field of the body, cached beside its SID.
@@ -190,14 +183,14 @@ def body_models(scene: SceneFile, folder: Path) -> dict[str, BodyModel]:
 
 def convert_bodies(
     scene: SceneFile, folder: Path
-) -> tuple[SceneFile, dict[str, SID], dict[str, list[str]]]:
+) -> tuple[SceneFile, dict[str, SID], dict[str, list[Diagnostic]]]:
     """Convert the models of a scene.
 
     The model of a body that also has a SID is not converted.
 
     Returns
     -------
-    the scene that names the SIDs, the SIDs, and notes, by body
+    the scene that names the SIDs, the SIDs, and diagnostics, by body
 
     Raises
     ------
@@ -205,7 +198,7 @@ def convert_bodies(
     """
     bodies: dict[str, Any] = dict(scene.bodies)
     sids: dict[str, SID] = {}
-    notes: dict[str, list[str]] = {}
+    notes: dict[str, list[Diagnostic]] = {}
     for name, source in body_models(scene, folder).items():
         if bodies[name].sid:
             continue
@@ -213,7 +206,9 @@ def convert_bodies(
         text = body.file or f"(made of {source.path.name})"
         bodies[name] = bodies[name].model_copy(update={"sid": text})
         sids[name] = body.sid
-        notes[name] = [f"{name} is made of {bodies[name].model}", *body.notes]
+        converted = diagnose("N243", name, model=str(bodies[name].model))
+        of_sid = (each.within(name) for each in body.sid.diagnostics)
+        notes[name] = [converted, *of_sid]
     if not sids:
         return scene, {}, {}
     return scene.model_copy(update={"bodies": bodies}), sids, notes

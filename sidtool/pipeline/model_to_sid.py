@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.base.compliance_shares import ComplianceShares
-from sidtool.formats.base.errors import InputError, warn_caller
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import NamedStages, count_within, report_stage
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
+from sidtool.formats.diagnostics import Diagnostic, each_once, without
 from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.plausibility import body_warnings, material_warnings
@@ -39,11 +39,6 @@ from ..reduction.point_loads import point_marker_note
 
 __all__ = ["finite_element_model", "sid_from_model"]
 
-
-#: Prefix that distinguishes notes from the names of stages.
-NOTE_PREFIX = "note: "
-#: Prefix of the note on the errors of the shape functions.
-BASIS_PREFIX = "basis: "
 
 #: Stages of a conversion and their approximate relative durations.
 _STAGE_WEIGHTS = {
@@ -71,9 +66,8 @@ def sid_from_model(
     Parameters
     ----------
     model : a model, or the path of a model file
-    progress : called with the name of every stage at its start, with counts inside long
-        stages, with a note that begins with `BASIS_PREFIX`, and with notes that begin
-        with `NOTE_PREFIX`; without it notes are emitted as warnings
+    progress : called with the name of every stage at its start, and with counts inside
+        long stages
     engine : solver of the equations, one of `eigensolvers.engine.ENGINES`; default the
         fastest that is installed
 
@@ -102,7 +96,7 @@ def _run_conversion(
     engine: str | None,
     with_field: bool,
 ) -> tuple[SID, Field | None]:
-    report = progress or _warn_notes
+    report = progress or (lambda _: None)
     with use_engine(engine, progress):
         content = model if isinstance(model, ModelFile) else read_model(model)
         lengths = _stage_durations(content, with_field)
@@ -150,34 +144,31 @@ def _convert(
         report_stage(text or part)
         progress(text or part)
 
+    found: list[Diagnostic] = []
     if model.material is not None:
         material = model.material
-        for text in material_warnings(material.youngs_modulus, material.density):
-            progress(NOTE_PREFIX + text)
+        found += material_warnings(material.youngs_modulus, material.density)
     begin("discretising")
     body = finite_element_model(model)
-    for sentence in (*body.notes, *geometry_mass_notes(body)):
-        progress(NOTE_PREFIX + sentence)
+    found += [*body.diagnostics, *geometry_mass_notes(body)]
     frame = FRAMES[model.frame.type](body, model.frame)
-    for sentence in _check_requested_outputs(body, model):
-        progress(NOTE_PREFIX + sentence)
+    found += _check_requested_outputs(body, model)
     gigabytes = expected_gigabytes(body.positions, body.ndof)
     size = f"{body.ndof} degrees of freedom, which may take {gigabytes:.1f} GB"
     begin("reducing", f"reducing {size}")
-    for sentence in element_notes(body):
-        progress(NOTE_PREFIX + sentence)
+    found += element_notes(body)
     basis = REDUCTIONS[model.reduction.method](body, frame, model.reduction)
-    for sentence in basis.report:
-        progress(sentence)
+    found += basis.diagnostics
     begin("measuring the shape functions")
-    compliance_shares = _basis_quality_note(body, frame, basis, model, progress)
-    if note := held_marker_note(body, frame, basis, model):
-        progress(NOTE_PREFIX + note)
+    quality = assess_basis(body, frame, basis, model)
+    if quality is not None:
+        found.append(quality.diagnostic)
+    if held_marker := held_marker_note(body, frame, basis, model):
+        found.append(held_marker)
     held = frame.held
     if frame.rows is None:
         held = clamped_dofs(body, frame, model.reduction.fixed_names)
-    for sentence in point_marker_note(body, held):
-        progress(NOTE_PREFIX + sentence)
+    found += point_marker_note(body, held)
     basis = replace(basis, space=None)
     stiffening, initial = model.stiffening, None
     if stiffening and stiffening.prestress:
@@ -188,6 +179,7 @@ def _convert(
         basis = initial.basis
     begin("integrating the inertia")
     sid = assembled_sid(body, frame, basis, model.damping, title=model.title, held=held)
+    compliance_shares = None if quality is None else quality.carried
     sid = replace(sid, carried=compliance_shares, from_matrices=model.comes_as_matrices)
     if initial is not None:
         sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
@@ -197,39 +189,27 @@ def _convert(
     if model.stress:
         begin("stress")
         sid = add_stress_recovery(sid, body, frame, basis, model.stress, initial)
-    for text in body_warnings(sid):
-        progress(NOTE_PREFIX + text)
+    found += body_warnings(sid)
+    kept = without(each_once(found), model.diagnostics.ignore)
+    sid = replace(sid, diagnostics=kept)
     if not with_field:
         return sid, None
     begin("evaluating the full field")
     return sid, body_field(sid, body, frame, basis, initial)
 
 
-def _check_requested_outputs(body: FiniteElementModel, model: ModelFile) -> list[str]:
+def _check_requested_outputs(
+    body: FiniteElementModel, model: ModelFile
+) -> list[Diagnostic]:
     """Refuse stress and stiffening that the body cannot have, before expensive steps.
 
     Returns
     -------
-    notes on outputs that are incomplete
+    diagnostics of outputs that are incomplete
     """
     if model.stiffening:
         check_prestress(body, model.stiffening, model.frame)
     return check_stress(body, model.stress) if model.stress else []
-
-
-def _basis_quality_note(
-    body: FiniteElementModel,
-    frame: Frame,
-    basis: ReducedBasis,
-    model: ModelFile,
-    progress: Callable[[str], None],
-) -> ComplianceShares | None:
-    """How good the basis is; a note where it is poor."""
-    quality = assess_basis(body, frame, basis, model)
-    if quality is None:
-        return None
-    progress(f"{NOTE_PREFIX if quality.poor else ''}{BASIS_PREFIX}{quality.text}")
-    return quality.carried
 
 
 def assembled_sid(
@@ -309,9 +289,3 @@ def _free_rotations(
     sizes, turns = np.linalg.eigh(crossed.T @ crossed)
     free = turns[:, sizes <= _ON_A_LINE * sizes[-1]]
     return free @ free.T
-
-
-def _warn_notes(text: str) -> None:
-    """Without a progress callback, emit notes as warnings and ignore stages."""
-    if text.startswith(NOTE_PREFIX):
-        warn_caller(text.removeprefix(NOTE_PREFIX))

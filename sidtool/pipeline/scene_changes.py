@@ -13,6 +13,8 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import INFO, Diagnostic, diagnose
+from sidtool.formats.diagnostics.python_warnings import warn_of
 from sidtool.formats.file_names import path_of, scene_given
 from sidtool.formats.model import ModelFile
 from sidtool.formats.motion_kinds import motion_kinds
@@ -41,8 +43,8 @@ def apply_changes(
     folder: Path,
     sids: Mapping[str, SID | str | os.PathLike[str]],
     rigid: Iterable[str],
-) -> tuple[SceneFile, dict[str, SID], list[str]]:
-    """Return the scene with replacements, its SIDs, and notes on both.
+) -> tuple[SceneFile, dict[str, SID], list[Diagnostic]]:
+    """Return the scene with replacements, its SIDs, and diagnostics of both.
 
     folder : relative paths of the scene begin here
 
@@ -53,19 +55,19 @@ def apply_changes(
     plain = take_as_rigid(scene, rigid)
     content, replaced = replace_sids(plain, sids, folder)
     content, model_sids, notes = convert_bodies(content, folder)
-    lines = [line for of_body in notes.values() for line in of_body]
+    converted = [each for of_body in notes.values() for each in of_body]
     others = {name: replaced[name] for name in sids}
-    sentences = [
+    found = [
         *replaced_sid_notes(plain, folder, others),
         *rigid_body_notes(plain),
-        *lines,
+        *converted,
     ]
-    return content, replaced | model_sids, [*sentences, *reduced_body_notes(plain)]
+    return content, replaced | model_sids, [*found, *reduced_body_notes(plain)]
 
 
 def replaced_sid_notes(
     scene: SceneFile, folder: Path, sids: Mapping[str, SID]
-) -> Iterator[str]:
+) -> Iterator[Diagnostic]:
     """Describe how other SIDs change the meaning of a scene, see
     `changed_shape_notes`.
     """
@@ -122,26 +124,27 @@ def take_as_rigid(scene: SceneFile, names: Iterable[str]) -> SceneFile:
     return scene.model_copy(update={"bodies": bodies})
 
 
-def rigid_body_notes(scene: SceneFile) -> Iterator[str]:
-    """Yield a note on rigid bodies and on their outputs that are not recorded."""
+def rigid_body_notes(scene: SceneFile) -> Iterator[Diagnostic]:
+    """Yield N240 on rigid bodies and on their outputs that are not recorded."""
     from sidtool.solver.system.body_data import elastic_outputs, is_taken_as_rigid
 
     rigid = [name for name in scene.bodies if is_taken_as_rigid(scene, name)]
     if not rigid:
         return
     left = elastic_outputs(scene)
-    more = f"; not recorded: {', '.join(left)}" if left else ""
-    yield f"simulated as rigid: {', '.join(rigid)}{more}"
+    lost = f", not recorded: {', '.join(left)}" if left else ""
+    yield diagnose("N240", ", ".join(rigid), lost=lost)
 
 
-def reduced_body_notes(scene: SceneFile) -> Iterator[str]:
-    """Yield a note on each body with neglected shape functions or terms."""
+def reduced_body_notes(scene: SceneFile) -> Iterator[Diagnostic]:
+    """Yield N241 on each body with neglected shape functions or terms."""
     for name, body in scene.sid_bodies.items():
         if body.shape_functions is not None and not body.rigid:
             numbers = ", ".join(map(str, sorted(body.shape_functions)))
-            yield f"{name} moves in shape functions {numbers} of {body.sid} alone"
+            reduction = f"shape functions {numbers} of {body.sid}"
+            yield diagnose("N241", name, reduction=reduction)
         if not (body.geometric_stiffening or body.rigid):
-            yield f"geometric stiffening of {name} is left out"
+            yield diagnose("N241", name, reduction="no geometric stiffening")
 
 
 PLACE = "initial.file"
@@ -194,7 +197,10 @@ def _sid_of_object(given: SID | ModelFile) -> SID:
         return given
     key = name_object(given)
     if key not in _CONVERTED_OBJECTS:
-        _CONVERTED_OBJECTS[key] = sid_from_model(given)
+        sid = _CONVERTED_OBJECTS[key] = sid_from_model(given)
+        for diagnostic in sid.diagnostics:
+            if diagnostic.severity != INFO:
+                warn_of(diagnostic)
     return _CONVERTED_OBJECTS[key]
 
 
@@ -344,8 +350,8 @@ MAX_LISTED = 3
 
 def changed_shape_notes(
     scene: SceneFile, sids: Mapping[str, SID], former_of: Callable[[str], SID]
-) -> Iterator[str]:
-    """Return a note on each body whose elastic coordinates belong to other shapes.
+) -> Iterator[Diagnostic]:
+    """Return N242 on each body whose elastic coordinates belong to other shapes.
 
     The kinds of motion, such as bending in y, are compared for the coordinates that
     both SIDs have. Nothing is compared if the file of the scene cannot be read.
@@ -368,7 +374,4 @@ def changed_shape_notes(
             listed_changes = changed[:MAX_LISTED] + (
                 [f"{more} more"] if more > 0 else []
             )
-            yield (
-                f"elastic coordinates of {name} name other shapes than those of "
-                f"{body.sid}: {', '.join(listed_changes)}"
-            )
+            yield diagnose("N242", name, file=str(body.sid), changes=listed_changes)

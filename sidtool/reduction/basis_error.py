@@ -7,7 +7,7 @@ suggested method is known to be better.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +22,7 @@ from sidtool.formats.base.compliance_shares import (
 )
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.reduction import (
     AttachmentReduction,
@@ -153,6 +154,8 @@ _TITLES = {
     "herting": "Herting",
     "craig_bampton": "Craig-Bampton",
 }
+#: Values of diagnostics if no other method is suggested.
+_NO_BETTER: dict[str, Any] = {"remedy": "", "better": "", "better_modes": 0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,14 +164,12 @@ class BasisQuality:
 
     Attributes
     ----------
-    text : a note on the errors
-    poor : True if the compliance at markers, or frequencies that the basis should
-        represent, have errors of at least one per cent
+    diagnostic : its errors (N160), a warning where they are large (N161) or unknown
+        (N165)
     carried : shares of the compliance at all markers, for its SID
     """
 
-    text: str
-    poor: bool = False
+    diagnostic: Diagnostic
     carried: ComplianceShares | None = None
 
 
@@ -190,27 +191,24 @@ def assess_basis(
         shares_of_compliance = _compliance_shares(
             body, frame, space, basis, own, settings
         )
-        text = _error_text(own)
         if own.worst <= _POOR_ERROR:
-            return BasisQuality(text, carried=shares_of_compliance)
+            return BasisQuality(_errors_of(own), shares_of_compliance)
         better = _suggested_methods(
             body, frame, space, full, markers, settings, own.worst
         )
-        return BasisQuality(
-            f"{text}; {better}", _is_poor(own, settings), shares_of_compliance
-        )
+        code = "N161" if _is_poor(own, settings) else "N160"
+        return BasisQuality(_errors_of(own, code, better), shares_of_compliance)
     except InputError as error:
-        return BasisQuality(f"its errors cannot be measured: {error.problem}")
+        return BasisQuality(diagnose("N165", reason=error.problem))
     except np.linalg.LinAlgError:
-        return BasisQuality(
-            "its errors cannot be measured: rounding hides its mass matrix"
-        )
+        reason = "rounding hides its mass matrix"
+        return BasisQuality(diagnose("N165", reason=reason))
 
 
 def held_marker_note(
     body: FiniteElementModel, frame: Frame, basis: ReducedBasis, model: ModelFile
-) -> str | None:
-    """Note on what modes of the free body lack if a joint fixes the marker of their
+) -> Diagnostic | None:
+    """N162 on what modes of the free body lack if a joint fixes the marker of their
     frame.
 
     Return None if nothing is missing, or if the frame is clamped or of another kind.
@@ -226,14 +224,7 @@ def held_marker_note(
     if abs(own / true - 1) <= _POOR_ERROR:
         return None
     marker = model.frame.marker
-    return (
-        f"its modes are those of the free body, which a frame at {marker} does not "
-        f"hold: held at {marker}, as a joint there may hold it, it has its first "
-        f"frequency at {own:.5g} Hz instead of {true:.5g} Hz "
-        f'({_percent(own / true - 1)}); fix = "{marker}" under [reduction], or '
-        f"Craig-Bampton with {marker} among the interfaces, has the modes of the held "
-        "body"
-    )
+    return diagnose("N162", marker=str(marker), own=own, full=true)
 
 
 def _loaded_markers(
@@ -312,24 +303,24 @@ def _is_poor(errors: BasisErrors, settings: ReductionSettings) -> bool:
     return float(np.abs(relevant).max(initial=0.0)) > _POOR_ERROR
 
 
-def _error_text(errors: BasisErrors) -> str:
+def _errors_of(
+    errors: BasisErrors, code: str = "N160", better: Mapping[str, Any] = _NO_BETTER
+) -> Diagnostic:
+    """Return the largest errors of frequencies and compliances as N160 or N161."""
     i = int(np.abs(errors.frequencies).argmax())
-    text = (
-        f"its first {len(errors.frequencies)} frequencies err by "
-        f"{_at_most_text(errors.frequencies[i])} (f{i + 1}, {errors.hertz[i]:.5g} Hz)"
-    )
-    if not len(errors.names):
-        return text
-    k = int(np.abs(errors.compliances).argmax())
-    return (
-        f"{text}, its compliance at the markers by {_percent(errors.compliances[k])} "
-        f"({errors.names[k]})"
-    )
-
-
-def _at_most_text(share: float) -> str:
-    text = _percent(share)
-    return text if text.startswith("less") else f"at most {text}"
+    compliance, load = 0.0, "no loads"
+    if len(errors.names):
+        k = int(np.abs(errors.compliances).argmax())
+        compliance, load = abs(float(errors.compliances[k])), errors.names[k]
+    values: dict[str, Any] = {
+        "number": i + 1,
+        "count": len(errors.frequencies),
+        "frequency": abs(float(errors.frequencies[i])),
+        "hertz": float(errors.hertz[i]),
+        "compliance": compliance,
+        "load": load,
+    }
+    return diagnose(code, **values, **better)
 
 
 def _percent(share: float) -> str:
@@ -347,9 +338,9 @@ def _suggested_methods(
     markers: list[MarkerRows],
     settings: ReductionSettings,
     worst: float,
-) -> str:
-    """Return the best of some other methods by measured errors; `worst` is the error of
-    the selected method.
+) -> dict[str, Any]:
+    """Return the best of some other methods by measured errors, for a diagnostic;
+    `worst` is the error of the selected method.
 
     Those with fewer shape functions come first, so that the first without an error is
     the best.
@@ -366,17 +357,17 @@ def _suggested_methods(
             if found.worst <= _EQUAL_ERROR:
                 break
     if not candidates:
-        return "no other method does better"
+        return _NO_BETTER | {"remedy": "No other method does better."}
     best, other = min(
         candidates, key=lambda pair: (max(pair[0].worst, _EQUAL_ERROR), pair[0].count)
     )
-    errors = _percent(np.abs(best.frequencies).max())
-    if len(best.names):
-        errors += f" and {_percent(np.abs(best.compliances).max())}"
-    return (
-        f"{_TITLES[other.method]} with {other.modes} modes, {best.count} shape "
-        f"functions in all, by {errors}"
-    )
+    title, errors = _TITLES[other.method], _percent(best.worst)
+    remedy = f"{title} with {other.modes} modes, {best.count} functions: {errors}."
+    return {
+        "remedy": f"Better: {remedy}",
+        "better": other.method,
+        "better_modes": other.modes,
+    }
 
 
 def _other_methods(

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.diagnostics import Diagnostic, diagnose
+
 from ..elements.finite_element_model import FiniteElementModel
 
 _GROWTH = {
@@ -34,15 +36,10 @@ def point_markers(body: FiniteElementModel, held: NDArray[np.bool_]) -> tuple[st
 
 def point_marker_note(
     body: FiniteElementModel, held: NDArray[np.bool_]
-) -> tuple[str, ...]:
-    """Return a note on markers whose compliance does not converge."""
+) -> tuple[Diagnostic, ...]:
+    """Return N163 on markers whose compliance does not converge."""
     names = point_markers(body, held)
     if not names:
         return ()
     kind, growth = _GROWTH[body.dimension]
-    are = "is a single point" if len(names) == 1 else "are single points"
-    return (
-        f"{', '.join(names)} {are} of a {kind}: the exact displacement under a "
-        f"force there is infinite, on a mesh it grows {growth}; a tie to an edge, a "
-        "face or a node set (markers.NAME.tie) spreads the load",
-    )
+    return (diagnose("N163", ", ".join(names), kind=kind, growth=growth),)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import EQUAL, first_largest
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..eigensolvers.eigenpairs import equal_frequencies, rotation_to_axes
 from ..elements.finite_element_model import FiniteElementModel
@@ -53,7 +54,7 @@ class ReducedBasis:
     labels : nq texts for the SID
     shares : kind of candidate -> (nq,) its share of the kinetic energy of each shape
         function; the shares of one shape function add up to 1
-    report : notes on omitted candidates
+    diagnostics : of omitted candidates
     space : admissible space of the reduction, with its factors, or None
     """
 
@@ -61,7 +62,7 @@ class ReducedBasis:
     stiffness: Array
     labels: tuple[str, ...]
     shares: Mapping[str, Array] = field(default_factory=dict)
-    report: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     space: AdmissibleSpace | None = None
 
     def reconstruct(self, q: ArrayLike) -> Array:
@@ -117,7 +118,7 @@ def orthonormal_basis(
             for i, f in enumerate(to_hertz(values), 1)
         ),
         shares=shares,
-        report=_basis_report(names, selected),
+        diagnostics=_omitted_candidates(names, selected),
     )
 
 
@@ -190,11 +191,10 @@ def _share_text(shares: Mapping[str, Array], i: int) -> str:
     return f", {100 * shares[kind][i]:.0f} % {kind}"
 
 
-def _basis_report(names: list[str], selected: list[int]) -> tuple[str, ...]:
+def _omitted_candidates(
+    names: list[str], selected: list[int]
+) -> tuple[Diagnostic, ...]:
     left_out = [name for i, name in enumerate(names) if i not in set(selected)]
     if not left_out:
         return ()
-    return (
-        f"{len(left_out)} of {len(names)} shape functions follow from the others and "
-        f"the rigid motion, and were left out: {', '.join(left_out)}",
-    )
+    return (diagnose("N164", omitted=len(left_out), count=len(names), names=left_out),)

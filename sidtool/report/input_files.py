@@ -29,6 +29,7 @@ from sidtool.formats.scene.base import Table
 from ..elements.finite_element_model import FiniteElementModel
 from ..reduction.admissible_space import constrained_space
 from ..reduction.body_frames import buckens_frame
+from .diagnostics import diagnostic_lines
 from .tables import TextBlock, counted_noun, format_numbers, named_values, text_table
 
 
@@ -37,7 +38,7 @@ def describe_model(model: ModelFile, body: FiniteElementModel | None = None) -> 
     positions.
     """
     parts: list[str] = [*model_parts(model, body)]
-    parts += ["\n".join(f"note: {note}" for note in body.notes)] if body else []
+    parts += [diagnostic_lines(body.diagnostics)] if body else []
     return "\n\n".join(part for part in parts if part)
 
 

@@ -43,6 +43,7 @@ def sid_data(sid: SID) -> dict[str, Any]:
             for mode, label in zip(natural_modes(sid), sid.labels, strict=False)
         ],
         "nodes": {node.id: node.position for node in sid.nodes},
+        "diagnostics": [each.as_data() for each in sid.diagnostics],
     }
 
 
@@ -80,8 +81,7 @@ def result_data(
         "accuracy": None
         if result.accuracy is None
         else result.accuracy.model_dump(mode="json"),
-        "notes": list(result.notes),
-        "warnings": list(result.warnings),
+        "diagnostics": [each.as_data() for each in result.diagnostics],
         "events": [{"name": e.name, "kind": e.kind, "t": e.t} for e in result.events],
         "bodies": {name: body.after for name, body in result.bodies.items()},
         "outputs": outputs,
@@ -99,8 +99,7 @@ def equilibrium_data(equilibrium: Equilibrium) -> dict[str, Any]:
         "residual": equilibrium.residual,
         "outputs": outputs,
         "forces": dict(zip(*forces, strict=True)),
-        "notes": list(result.notes),
-        "warnings": list(result.warnings),
+        "diagnostics": [each.as_data() for each in result.diagnostics],
     }
 
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sidtool.formats.base.errors import printable
+from sidtool.formats.base.html import html_table
+from sidtool.formats.diagnostics import INFO, WithDiagnostics
+from sidtool.formats.diagnostics.entry import per_cent
 from sidtool.formats.result import (
     AccuracyReport,
     BudgetLine,
@@ -17,6 +23,7 @@ from sidtool.formats.result import (
     units_in,
 )
 
+from .diagnostics import WIDTH, diagnostic_lines, severity_counts
 from .tables import TextBlock, counted_noun, named_values, text_table
 
 if TYPE_CHECKING:
@@ -34,45 +41,30 @@ COUNTERS = {
 }
 #: Largest number of flexible bodies in a summary; the least reliable ones are listed.
 MAX_BODIES = 8
+#: Shares below this are printed as zero.
+SMALL_SHARE = 1e-8
 #: Largest number of events in a summary.
 MAX_EVENTS = 8
-STIFF_SCENE_TEXT = (
-    "the scene is stiff: stability, not accuracy, limited the steps of this explicit "
-    "method; radau5 or radau9 take fewer"
-)
-#: A scene is stiff if stability limits at least one step in this number, as in
-#: `solver`.
-STIFF_STEP_SHARE = 4
-
-
-class WithNotes(Protocol):
-    """Protocol: an object with notes, such as a result or an analysis."""
-
-    @property
-    def notes(self) -> tuple[str, ...]: ...
-
-    @property
-    def warnings(self) -> tuple[str, ...]: ...
-
-
 _DRIFT_UNITS = {"position": "m", "velocity": "m/s"}
 
 
 def run_summary(
     result: Result,
     span: tuple[float, float, int] | None = None,
-    warned: bool = False,
+    files: Sequence[str] = (),
+    verbose: bool = False,
 ) -> str:
-    """Return a few lines after a run: span, cost, drift, notes, events, flexible
-    bodies.
+    """Return how a run ended, its cost and accuracy, its bodies and diagnostics.
 
     Parameters
     ----------
     span : first and last output time [s] and their number; default those of the result
-    warned : whether the warnings were printed before
+    files : what was written, with sizes
+    verbose : also all counters, why the run stopped, all diagnostics, and the tables
+        of a requested accuracy
     """
-    known = run_overview(result, span, warned)
-    if result.accuracy is None:
+    known = run_overview(result, span, files, verbose)
+    if result.accuracy is None or not verbose:
         return known
     return f"{known}\n\n{describe_accuracy(result.accuracy)}"
 
@@ -80,39 +72,128 @@ def run_summary(
 def run_overview(
     result: Result,
     span: tuple[float, float, int] | None = None,
-    warned: bool = False,
+    files: Sequence[str] = (),
+    verbose: bool = False,
 ) -> TextBlock:
-    """Return the summary without the accuracy report."""
-    entries = [
-        ("motion", _span_text(*(span or _result_span(result)))),
-        ("method", _settings_text(result)),
-        ("cost", _cost_text(result)),
+    """Return the summary without the tables of the accuracy."""
+    first, last, count = span or _result_span(result)
+    before = [
+        ("method", f"{_settings_text(result)}, {counted_noun(count, 'output time')}"),
+        ("cost", _cost_text(result, verbose)),
         ("drift", _drift_text(result)),
     ]
-    if result.message:
-        entries.append(("ended" if result.completed else "stopped", result.message))
-    entries += [line for line in note_lines(result) if line[0] == "note" or not warned]
-    if _is_stiff(result):
-        entries.append(("advice", STIFF_SCENE_TEXT))
-    entries += _event_lines(result.events)
-    entries += _worst_body_lines(result.bodies, lambda body: body.after)
-    return named_values(entries)
+    if result.message and result.completed:
+        before.append(("ended", result.message))
+    elif result.message and verbose:
+        before.append(("stopped", result.message.removeprefix("stopped ")))
+    if result.accuracy is not None:
+        before += accuracy_lines(result.accuracy)
+    before += event_lines(result.events)
+    table = body_table(result.bodies)
+    after = [("diagnostics", severity_counts(result.diagnostics))]
+    after += [("files", ", ".join(files))] if files else []
+    labels = [*before, *after]
+    width = max(len(label) for label, _ in labels)
+    parts = [_title_line(result, first, last), _labelled_lines(before, width)]
+    parts += [str(table)] if table else []
+    parts.append(_labelled_lines(after, width))
+    if verbose and result.diagnostics:
+        parts.append(diagnostic_lines(result.diagnostics))
+    html = html_table([(label, printable(text)) for label, text in labels])
+    found = [(each.severity, each.line) for each in result.diagnostics]
+    html += (table.html if table else "") + (html_table(found) if found else "")
+    return TextBlock("\n".join(parts), html)
 
 
-def note_lines(result: WithNotes) -> list[tuple[str, str]]:
-    """Return warnings and other notes of a result, each with its kind."""
-    return [
-        ("warning" if text in result.warnings else "note", text)
-        for text in result.notes
-    ]
+def _title_line(result: Result, first: float, last: float) -> str:
+    """Title and outcome of a run, the outcome at the right."""
+    outcome = f"finished, {first:g} to {last:g} s"
+    if result.message and result.completed:
+        outcome = f"ended by an event, {first:g} to {last:g} s"
+    if not result.completed:
+        outcome = f"STOPPED after {first:g} to {last:g} s"
+    title = printable(result.title or "(no title)")
+    return f"{title}  {outcome.rjust(WIDTH - len(title) - 2)}"
 
 
-def _is_stiff(result: Result) -> bool:
-    """Return whether stability, not accuracy, limited the steps of an explicit
-    method.
+def _labelled_lines(entries: Sequence[tuple[str, str]], width: int) -> str:
+    """Texts behind their labels, in lines that fit on the screen."""
+    return "\n".join(
+        textwrap.fill(
+            f"{label:<{width}}  {printable(text)}",
+            WIDTH,
+            subsequent_indent=" " * (width + 2),
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        for label, text in entries
+    )
+
+
+def body_table(bodies: Mapping[str, FlexibleBody]) -> TextBlock | None:
+    """Deflection, stiffness change and frequencies of flexible bodies, the least
+    reliable first.
     """
-    counters = result.counters
-    return STIFF_STEP_SHARE * counters.get("stiff_steps", 0) > counters.get("steps", 0)
+    if not bodies:
+        return None
+    order = sorted(bodies, key=lambda name: bodies[name].severity, reverse=True)
+    rows = [_body_row(name, bodies[name]) for name in order[:MAX_BODIES]]
+    if order[MAX_BODIES:]:
+        more = counted_noun(len(order) - MAX_BODIES, "body")
+        rows.append([f"and {more} with less", "", "", "", ""])
+    header = ("body", "deflection", "geometric stiffness", "highest mode", "excitation")
+    return text_table(header, rows)
+
+
+def _body_row(name: str, body: FlexibleBody) -> list[str]:
+    found, excitation = body.found or body.expected, body.excitation
+    stiffness = _share_text(found.ratio)
+    if not found.carried:
+        stiffness += " (rotation only)"
+    fastest = "unknown"
+    if excitation.frequency:
+        fastest = "jump" if math.isinf(excitation.frequency) else (
+            f"{excitation.frequency:.3g} Hz")  # fmt: skip
+    deflection = f"{_share_text(body.deflection)} of size"
+    return [name, deflection, stiffness, f"{body.highest_frequency:.4g} Hz", fastest]
+
+
+def _share_text(share: float) -> str:
+    """A share in per cent with two digits; below 1e-6 it is 0."""
+    return f"{per_cent(share, '.2g')} %" if abs(share) > SMALL_SHARE else "0 %"
+
+
+def accuracy_lines(report: AccuracyReport) -> list[tuple[str, str]]:
+    """Return whether a requested accuracy is kept, and what causes the error."""
+    worst = max(report.outputs, key=lambda o: o.error / o.allowed)
+    share = worst.error / worst.allowed
+    kept = "kept" if share <= 1.0 else "NOT kept"
+    unit = f" {worst.unit}" if worst.unit else ""
+    lines = [
+        ("wanted", f"{_request_text(report)}: {kept}"),
+        (
+            "error",
+            f"{worst.error:.1e}{unit} in {worst.name} (estimate), "
+            f"{_share_text(share)} of what is allowed",
+        ),
+    ]
+    theories = [o for o in report.outputs if o.theory is not None]
+    if theories:
+        most = max(theories, key=lambda o: (o.theory or 0.0) / o.allowed)
+        ratio = (most.theory or 0.0) / most.allowed
+        unit = f" {most.unit}" if most.unit else ""
+        lines.append(
+            (
+                "theory",
+                f"linear theory has an error of about {most.theory:.1e}{unit} in "
+                f"{most.name}, {_share_text(ratio)} of what is allowed",
+            )
+        )
+    choices = "; ".join(f"{line.part}: {line.choice}" for line in report.budget)
+    searched = f"{counted_noun(report.runs, 'run')} in {report.seconds:.2f} s"
+    lines.append(("model", choices))
+    lines.append(("search", searched if report.searched else f"earlier, {searched}"))
+    return lines
 
 
 def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
@@ -132,49 +213,19 @@ def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _event_lines(events: Sequence[Event]) -> list[tuple[str, str]]:
-    """Return lines on the first crossings, and the number of breaks of functions."""
+def event_lines(events: Sequence[Event]) -> list[tuple[str, str]]:
+    """Return lines on the first crossings of events."""
     crossings = [e for e in events if e.kind != "break"]
     lines = [(e.name, f"{e.kind} at t = {e.t:.12g} s") for e in crossings[:MAX_EVENTS]]
     more = len(crossings) - MAX_EVENTS
     if more > 0:
         lines.append(("...", f"and {counted_noun(more, 'event')} later"))
-    breaks: dict[str, list[float]] = {}
-    for event in events:
-        if event.kind == "break":
-            breaks.setdefault(event.name, []).append(event.t)
-    return lines + [(name, _break_line(times)) for name, times in breaks.items()]
-
-
-def _break_line(times: Sequence[float]) -> str:
-    if len(times) == 1:
-        return f"break at t = {times[0]:.12g} s"
-    return f"{len(times)} breaks from t = {times[0]:.12g} s to {times[-1]:.12g} s"
-
-
-def expected_body_lines(bodies: Mapping[str, FlexibleBody]) -> str:
-    """Return a line per flexible body before a run: frequencies, expected
-    stiffening.
-    """
-    return named_values(_worst_body_lines(bodies, lambda body: body.before))
-
-
-def _worst_body_lines(
-    bodies: Mapping[str, FlexibleBody], describe: Callable[[FlexibleBody], str]
-) -> list[tuple[str, str]]:
-    """Return the lines of the least reliable bodies, the worst first."""
-    order = sorted(bodies, key=lambda name: bodies[name].severity, reverse=True)
-    lines = [(name, describe(bodies[name])) for name in order[:MAX_BODIES]]
-    rest = order[MAX_BODIES:]
-    more = f"and {counted_noun(len(rest), 'body')} with less"
-    return [*lines, ("...", more)] if rest else lines
+    return lines
 
 
 def describe_result(result: Result) -> str:
     """Return the summary, the outputs with their range, and the versions."""
-    parts = [
-        named_values([("title", result.title or "(none)")]) + "\n" + run_summary(result)
-    ]
+    parts = [run_summary(result, verbose=True)]
     parts += [_body_contributions(name, body) for name, body in result.bodies.items()]
     if result.names and len(result.t):
         columns = dict(zip(result.names, result.values.T, strict=True))
@@ -201,10 +252,11 @@ def output_ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str])
 
 
 def _body_contributions(name: str, body: FlexibleBody) -> str:
-    """Describe the expectation of a body, and the contribution of each elastic
+    """Describe the change of stiffness of a body, and the contribution of each elastic
     coordinate.
     """
-    return f"{body.before}\n{contributions(name, body)}"
+    after = textwrap.fill(f"{name}: {body.after}", WIDTH, break_on_hyphens=False)
+    return f"{after}\n{contributions(name, body)}"
 
 
 def contributions(name: str, body: FlexibleBody) -> TextBlock:
@@ -226,12 +278,6 @@ def _result_span(result: Result) -> tuple[float, float, int]:
     return (float(result.t[0]), float(result.t[-1]), count) if count else (0.0, 0.0, 0)
 
 
-def _span_text(first: float, last: float, count: int) -> str:
-    if not count:
-        return "no output time was reached"
-    return f"{first:g} s to {last:g} s, {counted_noun(count, 'output time')}"
-
-
 def _settings_text(result: Result) -> str:
     settings = result.settings
     parts = [str(settings.get("integrator", "unknown integrator"))]
@@ -245,32 +291,32 @@ def _settings_text(result: Result) -> str:
     return ", ".join(parts)
 
 
-def _cost_text(result: Result) -> str:
+def _cost_text(result: Result, verbose: bool) -> str:
     counters = result.counters
+    shown = COUNTERS if verbose else ("steps", "rejected")
     parts = [
-        counted_noun(int(counters[key]), word)
-        for key, word in COUNTERS.items()
+        counted_noun(int(counters[key]), COUNTERS[key])
+        for key in shown
         if key in counters
     ]
     if "seconds" in counters:
-        parts.append(f"{counters['seconds']:.3f} s")
+        parts.append(f"{counters['seconds']:.3g} s")
+    if "seconds_assembly" in counters:
+        parts.append(f"start {counters['seconds_assembly']:.3g} s")
     return ", ".join(parts) or "not counted"
 
 
 def _drift_text(result: Result) -> str:
     parts = [
-        f"{level} {value:.1e} {_DRIFT_UNITS.get(level, '')}".rstrip()
+        f"{value:.1e} {_DRIFT_UNITS.get(level, level)}"
         for level, value in result.drift.items()
     ]
-    return "constraints, " + ", ".join(parts) if parts else "not measured"
+    return "joints closed to " + ", ".join(parts) if parts else "not measured"
 
 
 #: Largest number of leading coordinates of a mode, and their minimum amplitude relative
 #: to the largest one.
 MAX_LEADING_COORDINATES, LEADING_TOLERANCE = 3, 1e-6
-#: Damping ratios are negative below this; smaller values are indistinguishable from
-#: zero.
-INSTABILITY_TOLERANCE = 1e-6
 #: Damping ratios below this are rounding.
 DAMPING_ROUNDING = 1e-12
 
@@ -317,18 +363,6 @@ def describe_modes(modes: Linearisation) -> str:
         return "no natural modes: nothing can move"
     text: str = text_table(mode_header(modes), rows)
     text += f"\n\n{axes_of_frequencies(modes)}"
-    growing = (
-        np.flatnonzero((modes.damping_ratios < -INSTABILITY_TOLERANCE) & ~modes.rigid)
-        + 1
-    )
-    if len(growing):
-        which = ", ".join(map(str, growing))
-        rate = modes.eigenvalues[growing - 1].real.max()
-        warning = f"mode {which} grows, its damping ratio is negative"
-        if len(growing) > 1:
-            warning = f"modes {which} grow, their damping ratios are negative"
-        warning += f"; growth up to exp({rate:.4g} t/s)"
-        text += f"\n\nunstable: {warning}"
     return "\n\n".join([text, *_plain_notes(modes)])
 
 
@@ -397,8 +431,7 @@ def modes_as_data(modes: Linearisation) -> dict[str, Any]:
         "coordinates": list(modes.names),
         "position": modes.z.tolist(),
         "velocity": modes.v.tolist(),
-        "notes": list(modes.notes),
-        "warnings": list(modes.warnings),
+        "diagnostics": [each.as_data() for each in modes.diagnostics],
         "frame": modes.frame,
         "modes": [
             {
@@ -433,12 +466,12 @@ def describe_inverse(result: Result) -> str:
     )
 
 
-def _plain_notes(result: Result | Linearisation) -> list[str]:
-    """Return the notes without the warnings, which are printed before, as one
+def _plain_notes(result: WithDiagnostics) -> list[str]:
+    """Return the diagnostics without the warnings, which are printed before, as one
     paragraph.
     """
-    lines = [line for line in note_lines(result) if line[0] == "note"]
-    return [named_values(lines)] if lines else []
+    infos = [each for each in result.diagnostics if each.severity == INFO]
+    return [diagnostic_lines(infos)] if infos else []
 
 
 def _complex_pair(value: complex) -> list[float]:

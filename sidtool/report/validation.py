@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
@@ -14,6 +15,7 @@ from ..comparison.block_differences import Comparison, ComparisonRow
 from ..comparison.comparison import compare, comparison_report, to_json
 from ..validate.checks import Check, check, report, verdict
 from ..validate.unit_guess import UnitGuess, guess_units
+from .diagnostics import WIDTH
 from .tables import counted_noun, text_table
 
 
@@ -55,7 +57,7 @@ def judge_sid(
     InputError : a file cannot be read or does not fit the SID.
     """
     checks, units = check(sid), guess_units(sid)
-    warnings = tuple(body_warnings(sid))
+    warnings = tuple(each.line for each in body_warnings(sid))
     if reference is None:
         return Judgement(checks, units, None, warnings, sid.written_by)
     comparison = compare(sid, reference, tolerance=tolerance)
@@ -87,9 +89,19 @@ def judgement_as_text(judgement: Judgement, *, strict: bool) -> str:
 
 
 def _check_table(checks: tuple[Check, ...]) -> str:
-    columns = ("id", "identity", "deviation", "bound", "severity", "verdict", "detail")
-    rows = [[row[column] for column in columns] for row in report(checks)]
-    return text_table(columns, rows)
+    """Tabulate the identities, with details of each in lines of their own."""
+    columns = ("id", "identity", "deviation", "bound", "verdict")
+    reported = list(report(checks))
+    table = text_table(
+        columns, [[row[column] for column in columns] for row in reported]
+    )
+    head, lines = table.splitlines()[:2], table.splitlines()[2:]
+    for row, line in zip(reported, lines, strict=True):
+        head.append(line)
+        if row["detail"]:
+            head.append(textwrap.fill(row["detail"], WIDTH, initial_indent=" " * 6,
+                                      subsequent_indent=" " * 6))  # fmt: skip
+    return "\n".join(head)
 
 
 def _failure_meanings(checks: tuple[Check, ...]) -> Iterator[str]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.html import html_table
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.study import StudyFile, StudyPoint, write_study
 
@@ -22,8 +23,8 @@ from ..measurement.reference import (
     reference_difference_text,
     refinement_change_text,
 )
-from ..report.result import note_lines
-from ..report.tables import named_values, text_table
+from ..report.diagnostics import diagnostic_lines
+from ..report.tables import text_table
 
 if TYPE_CHECKING:
     import os
@@ -64,14 +65,9 @@ class Study:
         return not set(self.varied) - {"integrator"}
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes of the reference run."""
-        return self.reference.notes
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Return the notes that numbers may be wrong."""
-        return self.reference.warnings
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Diagnostics of the reference run."""
+        return self.reference.diagnostics
 
     def front(self, cost: str = "seconds") -> list[Point]:
         """Return the Pareto front: no other point has a smaller error at no more cost.
@@ -326,9 +322,9 @@ def study_notes(result: Study) -> list[str]:
             f"{result.differ + 1} adds more; those that are kept are not computed "
             "again."
         )
-    if result.notes:
-        lines = note_lines(result)
-        parts.append(f"Notes of the reference\n{named_values(lines)}")
+    if result.diagnostics:
+        lines = diagnostic_lines(result.diagnostics)
+        parts.append(f"Diagnostics of the reference\n{lines}")
     return parts
 
 
@@ -359,8 +355,7 @@ def study_file(result: Study) -> StudyFile:
         uncertainty=reference.uncertainty,
         reference=reference.model,
         varied=result.varied,
-        notes=result.notes,
-        warnings=result.warnings,
+        diagnostics=tuple(each.as_data() for each in result.diagnostics),
         points=points,
     )
 

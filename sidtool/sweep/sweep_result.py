@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sidtool.formats.base.html import html_table
+from sidtool.formats.diagnostics import INFO, Diagnostic
 from sidtool.formats.file_names import check_ending, kind_by_ending
 from sidtool.formats.storage.atomic import atomic_path
 
@@ -32,14 +33,13 @@ class SweepPoint:
     values : by keys of the scene
     measures : values by name, such as `tip.y.max`; empty if the run failed
     message : why the run failed; else empty
-    notes, warnings : of the run; warnings say that numbers may be wrong
+    diagnostics : of the run
     """
 
     values: Mapping[str, Any]
     measures: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,7 +132,7 @@ class Sweep(Mapping[str, np.ndarray]):
                     "values": dict(p.values),
                     "measures": dict(p.measures),
                     "message": p.message,
-                    "warnings": list(p.warnings),
+                    "diagnostics": [each.as_data() for each in p.diagnostics],
                 }
                 for p in self.points
             ],
@@ -197,8 +197,9 @@ def _as_array(values: list[Any]) -> np.ndarray:
 
 
 def _message_of(point: SweepPoint) -> str:
-    """Return why a point failed, or else its warnings."""
-    return point.message or "; ".join(f"warning: {text}" for text in point.warnings)
+    """Return why a point failed, or else the codes of its warnings."""
+    codes = dict.fromkeys(d.code for d in point.diagnostics if d.severity != INFO)
+    return point.message or ("warnings: " + ", ".join(codes) if codes else "")
 
 
 def _short_text(value: Any) -> str:

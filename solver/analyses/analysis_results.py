@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, each_once, without
 from sidtool.formats.result import Result
 from sidtool.formats.storage.hdf5_files import versions
 
@@ -40,7 +41,7 @@ def result_of_states(
     times: Array,
     states: Sequence[MotionState],
     message: str = "",
-    notes: Sequence[str] = (),
+    diagnostics: Sequence[Diagnostic] = (),
 ) -> Result:
     """The scene's outputs at some states, as a result.
 
@@ -78,11 +79,16 @@ def result_of_states(
     outputs_ = columns.evaluate_outputs(sampler, times, z, v, history, known)
     remarks = OutputNotes(system)
     remarks.add(times, outputs_)
-    undefined = remarks.undefined_notes()
-    if undefined:
-        raise SimulationError(undefined[0])
-    warnings = find_state_warnings(system, z)
-    all_notes = (*warnings, *notes, *callable_notes(system), *remarks.sentences())
+    for undefined in remarks.undefined_notes():
+        raise SimulationError(undefined.message_line)
+    found = each_once(
+        (
+            *find_state_warnings(system, z),
+            *diagnostics,
+            *callable_notes(system),
+            *remarks.diagnostics(),
+        )
+    )
     return Result(
         title=system.scene.title,
         names=outputs_.names,
@@ -100,8 +106,7 @@ def result_of_states(
         ),
         sids=system.sids,
         versions=versions(),
-        notes=tuple(dict.fromkeys(all_notes)),
-        warnings=warnings,
+        diagnostics=without(found, system.scene.diagnostics.ignore),
         completed=not message,
         message=message,
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic
 
 from ..diagnostics.failure_causes import lost_inertia_cause
 from ..initial_state.assembly import StateVectors, dense_jacobian, row_names
@@ -232,7 +233,7 @@ class DenseEquations:
         directions of the constraints."""
         return motion
 
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Diagnostic, ...]:
         """What has to be known of the equations."""
         return ()
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..dynamics import control_laws
 from ..dynamics.drives import function_value
@@ -91,7 +92,7 @@ def with_law_states(system: System) -> System:
     return replace(system, arrays=system.arrays.replaced(real_data=real_data))
 
 
-def with_continuous_laws(system: System) -> tuple[System, tuple[str, ...]]:
+def with_continuous_laws(system: System) -> tuple[System, tuple[Diagnostic, ...]]:
     """The system with laws that act all the time in place of sampled ones, and what has
     to be known of that.
 
@@ -103,12 +104,7 @@ def with_continuous_laws(system: System) -> tuple[System, tuple[str, ...]]:
     names = dict.fromkeys(e.name for e in system.forces if e.sample_period)
     if system.make_continuous is None or not names:
         return system, ()
-    listed = ", ".join(names)
-    notes = (
-        f"the sampled laws of {listed} are taken as continuous: what sampling and "
-        "holding delay is left out",
-    )
-    return system.make_continuous(), notes
+    return system.make_continuous(), (diagnose("N513", ", ".join(names)),)
 
 
 def with_integrated_drives(system: System) -> System:

@@ -8,6 +8,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import SceneFile
 
 from ..initial_state.assembly import StateVectors, assemble
@@ -26,7 +27,7 @@ from .static_equilibrium import static_equilibrium
 
 def start_in_equilibrium(
     system: System,
-) -> tuple[SceneFile, dict[str, float], tuple[str, ...]]:
+) -> tuple[SceneFile, dict[str, float], tuple[Diagnostic, ...]]:
     """The scene of a system with its bodies in equilibrium, states of its laws there by
     name, and what is reported of it.
 
@@ -62,11 +63,11 @@ def start_in_equilibrium(
         for b, data in enumerate(system.bodies)
         if is_state(system, b)
     }
-    return scene_at(system, equilibrium.z), states, equilibrium.notes
+    return scene_at(system, equilibrium.z), states, equilibrium.diagnostics
 
 
-def assembly_notes(system: System, start: StateVectors) -> tuple[str, ...]:
-    """Sentences on bodies that the assembly moved or deformed, of its result."""
+def assembly_notes(system: System, start: StateVectors) -> tuple[Diagnostic, ...]:
+    """Bodies that the assembly moved or deformed, of its result (N221, N222)."""
     least = system.scene.accuracy.rtol
     return tuple(position_notes(system, new_work_arrays(system), start, least))
 
@@ -127,7 +128,9 @@ def _body_pose(system: System, z: Array, b: int) -> dict[str, Any]:
 MAX_ROUNDS = 8
 
 
-def start_in_steady_rotation(system: System) -> tuple[SceneFile, tuple[str, ...]]:
+def start_in_steady_rotation(
+    system: System,
+) -> tuple[SceneFile, tuple[Diagnostic, ...]]:
     """The scene of a system with its bodies deformed by the loads of its motion at the
     start, and why they are not where that cannot be had.
 
@@ -146,10 +149,7 @@ def start_in_steady_rotation(system: System) -> tuple[SceneFile, tuple[str, ...]
         refuse_law_states(assembled)
         deformed = _deformed_start(assembled, start)
     except (InputError, SimulationError) as error:
-        return system.scene, (
-            f"{', '.join(flexible)} start deformed as at rest, without the loads of "
-            f"the velocities at the start: {error}",
-        )
+        return system.scene, (diagnose("N224", ", ".join(flexible), reason=str(error)),)
     return with_bodies(system, scene_at(assembled, deformed.z)), ()
 
 

@@ -86,7 +86,7 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     motion.set_friction(state)
     system = motion.system
     least = system.scene.accuracy.rtol
-    notes = tuple(position_notes(system, new_work_arrays(system), state, least))
+    moved = tuple(position_notes(system, new_work_arrays(system), state, least))
     times = output_times(system.scene)
     kind = "inverse dynamics" + (", quasi-static deformation" if quasi_static else "")
     states: list[MotionState] = []
@@ -98,7 +98,7 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
             done = np.array(times[: len(states)])
             error.result = result_of_states(system, kind, done, states, str(error))
             raise
-    result = result_of_states(system, kind, times, states, notes=notes)
+    result = result_of_states(system, kind, times, states, diagnostics=moved)
     if failure := find_state_failure(system, result.positions):
         result = replace(result, completed=False, message=failure)
         raise SimulationError(failure, result)

@@ -12,6 +12,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..initial_state.assembly import StateVectors
 from ..initial_state.initial_friction import with_prescribed_friction
@@ -242,23 +243,15 @@ class FrictionEquations(DenseEquations):
             return super().solve_inertia(inertia, right)
         return np.asarray(np.linalg.solve(inertia, right), np.float64)
 
-    def notes(self) -> tuple[str, ...]:
-        """What has to be known of friction in the state."""
+    def notes(self) -> tuple[Diagnostic, ...]:
+        """Joints that stick and slide in the state (N514)."""
         names = [rub.joint for rub in self.system.friction_joints]
         sticking = ", ".join(names[j] for j in self.sticking_joints)
         sliding = ", ".join(names[j] for j in self.sliding_joints)
-        notes = []
-        if sticking:
-            notes.append(
-                f"friction holds {sticking} in this state: modes are those of motions "
-                "too small to break that loose"
-            )
-        if sliding:
-            notes.append(
-                f"{sliding} slides in this state: modes tell of motions too small to "
-                "stop it"
-            )
-        return tuple(notes)
+        states = ((sticking, "holds"), (sliding, "slides"))
+        return tuple(
+            diagnose("N514", names, state=state) for names, state in states if names
+        )
 
 
 def equations_at(system: System, t: float, z: Array, v: Array) -> DenseEquations:

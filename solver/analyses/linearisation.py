@@ -6,12 +6,20 @@ axes that rotate with it the matrices of a steady motion are constant.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import (
+    Diagnostic,
+    WithDiagnostics,
+    diagnose,
+    each_once,
+    without,
+)
 
 from ..diagnostics.body_loads import find_state_warnings
 from ..initial_state.assembly import assemble
@@ -45,9 +53,12 @@ INERTIAL, ROTATING = "inertial", "rotating with each body"
 #: Accelerations below this part of those of the forces are rounding.
 FORCE_ROUNDING = 1e-12
 
+#: Damping ratios are negative below this; smaller ones are rounding.
+INSTABILITY_TOLERANCE = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
-class Linearisation:
+class Linearisation(WithDiagnostics):
     """Natural modes about a state.
 
     Attributes
@@ -64,10 +75,9 @@ class Linearisation:
         Of the velocity coordinates.
     z, v
         The state.
-    notes
-        What has to be known of it, and of the state.
-    warnings
-        Those of the notes that say that numbers may be wrong.
+    diagnostics
+        What has to be known of it, and of the state; `notes` and `warnings` give it
+        as sentences.
     frame
         The axes in which `eigenvalues`, `coordinate_frequencies` and `shapes` are seen.
     inertial_frequencies : (n,)
@@ -87,8 +97,7 @@ class Linearisation:
     names: tuple[str, ...]
     z: Array
     v: Array
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     frame: str = INERTIAL
     inertial_frequencies: Array = field(default_factory=lambda: np.zeros(0))
     rotating_frequencies: Array = field(default_factory=lambda: np.zeros(0))
@@ -131,7 +140,7 @@ def linearise(
     """
     refuse_eliminated_joints(system)
     system, notes_of_laws = with_continuous_laws(system)
-    of_state: tuple[str, ...] = ()
+    of_state: tuple[Diagnostic, ...] = ()
     if about not in STATES:
         raise InputError(f"found {about!r}", expected=f"one of {', '.join(STATES)}")
     if state is not None:
@@ -145,7 +154,7 @@ def linearise(
             equilibrium.system,
             equilibrium.z,
             equilibrium.v,
-            equilibrium.notes,
+            equilibrium.diagnostics,
         )
     else:
         system, start = assemble(with_integrated_drives(system))
@@ -161,20 +170,31 @@ def linearise(
         mechanics.evaluate(z, v)
         is_rotating = axis_angular_velocities(mechanics).any()
         is_static = is_rotating and system.scene.initial.state == "static"
-        advice = SAG_ADVICE if is_static else ""
-        raise SimulationError(f"there are no natural modes: {causes[0]}{advice}")
-    unsteady = tuple(f"frozen values of one instant: {text}" for text in causes)
-    warnings = find_state_warnings(system, z[None])
-    notes = (
-        *warnings,
-        *of_state,
-        *unsteady,
-        *axes.notes,
-        *mechanics.notes(),
-        *notes_of_laws,
-    )
+        reason = causes[0].message_line + (SAG_ADVICE if is_static else "")
+        raise SimulationError(f"there are no natural modes: {reason}")
     modes = _natural_modes(mechanics, small, axes.highest)
-    return replace(modes, notes=tuple(dict.fromkeys(notes)), warnings=warnings)
+    found = each_once(
+        (
+            *find_state_warnings(system, z[None]),
+            *of_state,
+            *((diagnose("N715"), *causes) if causes else ()),
+            *axes.diagnostics,
+            *(() if causes else _growth_notes(modes)),
+            *mechanics.notes(),
+            *notes_of_laws,
+        )
+    )
+    return replace(modes, diagnostics=without(found, system.scene.diagnostics.ignore))
+
+
+def _growth_notes(modes: Linearisation) -> Iterator[Diagnostic]:
+    """Modes with negative damping, of equations that are constant (N714)."""
+    grows = (modes.damping_ratios < -INSTABILITY_TOLERANCE) & ~modes.rigid
+    numbers = [str(k + 1) for k in np.flatnonzero(grows)]
+    if numbers:
+        subject = "mode" if len(numbers) == 1 else "modes"
+        rate = float(modes.eigenvalues[grows].real.max())
+        yield diagnose("N714", f"{subject} {', '.join(numbers)}", rate=rate)
 
 
 def _residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
@@ -185,8 +205,10 @@ def _residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
     return np.concatenate([small.drift, small.free_directions.T @ (a - W @ slow)])
 
 
-def _unsteady_notes(mechanics: DenseEquations, small: SmallMotions) -> tuple[str, ...]:
-    """True if the state is far from rest and from steady motion, and what leaves it.
+def _unsteady_notes(
+    mechanics: DenseEquations, small: SmallMotions
+) -> tuple[Diagnostic, ...]:
+    """Why the state is far from rest and from steady motion (N710, N711).
 
     Near is where the equations, taken as linear, have such a state. It may be near and
     have other modes: a column that nothing compresses yet accelerates, and is stiff.
@@ -220,16 +242,13 @@ def _unsteady_notes(mechanics: DenseEquations, small: SmallMotions) -> tuple[str
         near_matrix = state_matrix(mechanics, near_z, near_v, spins).matrix
         mechanics.evaluate(z, v)
         return _changed_mode_notes(matrix, near_matrix, first)
-    return (
-        f"the state is neither near rest nor near a steady motion, {first} "
-        "accelerates: modes tell of small motions about such states only",
-    )
+    return (diagnose("N710", coordinate=first),)
 
 
 def _changed_mode_notes(
     matrix: Array, other_matrix: Array, first: str
-) -> tuple[str, ...]:
-    """True if the matrix of the state of rest beside the own has other frequencies."""
+) -> tuple[Diagnostic, ...]:
+    """Frequencies that differ from those of the steady state near by (N711)."""
     values = [np.linalg.eigvals(m) for m in (matrix, other_matrix)]
     values = [v[np.argsort(np.abs(v), kind="stable")] for v in values]
     if values[0].shape != values[1].shape:
@@ -242,11 +261,7 @@ def _changed_mode_notes(
     if not len(change) or change[k] <= 2 * EQUAL_FREQUENCY:
         return ()
     f, g = (_natural_frequencies(v[k]) for v in values)
-    return (
-        f"the state is near rest or steady motion, but {first} accelerates, so that "
-        f"loads which stiffen or soften are not there yet: {f:.4g} Hz here is {g:.4g} "
-        'Hz in that state, from which initial = { state = "static" } starts',
-    )
+    return (diagnose("N711", here=float(f), there=float(g), coordinate=first),)
 
 
 def _natural_frequencies(eigenvalues: np.ndarray) -> Array:

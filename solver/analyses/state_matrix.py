@@ -15,6 +15,7 @@ from scipy.linalg import block_diag, expm
 from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.sid_mass import skew
 
 from ..spatial import system_arrays as at
@@ -249,11 +250,6 @@ ROTATION_ROUNDING = 1e-9
 MODE_TOLERANCE, ROUNDING = 1e-3, 1e-8
 #: Modes may change above this part of the frequency of a shape without partner.
 UNPAIRED_MODE = 0.5
-CHANGING_EQUATIONS = (
-    "the equations of small motions change as the bodies turn, in their own axes and "
-    "in those that they share: modes are those of this instant, and tell nothing of "
-    "the motion (it takes Floquet's theory, or simulate)"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,19 +259,19 @@ class SteadyAxes:
     Attributes
     ----------
     omegas : (bodies, 3)
-        Spins of the axes in which each body is seen; its own if there are none.
-    notes
+        Spins of the axes in which each body is described; its own if there are none.
+    diagnostics
         What is to be known of them.
     changing
-        Why the equations change as the bodies turn; empty if they are constant.
+        Why the equations change as the bodies turn; None if they are constant.
     highest
         Angular frequency [rad/s] from which on modes change as the bodies turn, inf if
         none does.
     """
 
     omegas: Array
-    notes: tuple[str, ...] = ()
-    changing: str = ""
+    diagnostics: tuple[Diagnostic, ...] = ()
+    changing: Diagnostic | None = None
     highest: float = np.inf
 
 
@@ -301,26 +297,21 @@ def steady_axes(mechanics: DenseEquations, z: Array, v: Array) -> SteadyAxes:
         is_partly_steady = 0.0 < UNPAIRED_MODE * of_shapes <= lowest
         if lowest < np.inf and not is_partly_steady:
             continue
-        of = "that do not turn" if name == "ground" else f"that turn with {name}"
+        axes = "that do not turn" if name == "ground" else f"that turn with {name}"
         alike = not np.ptp(omegas, axis=0).any()
-        seen, rest = ("bodies", "") if alike else ("rigid bodies", ", others in theirs")
-        notes = [f"{seen} are seen in axes {of}{rest}"]
+        bodies, rest = (
+            ("bodies", "") if alike else ("rigid bodies", ", others in theirs")
+        )
+        found = [diagnose("N712", bodies=bodies, axes=axes, rest=rest)]
         if lowest < np.inf:
-            notes.append(
-                f"modes from {lowest / (2.0 * np.pi):.4g} Hz on are left out, as they "
-                f"change while the bodies turn: {_unpaired_text(unpaired)}"
-            )
-        return SteadyAxes(omegas, tuple(notes), highest=lowest)
-    cause = f": {_unpaired_text(unpaired)}" if 0.0 < unpaired < np.inf else ""
-    return SteadyAxes(own, changing=CHANGING_EQUATIONS + cause)
-
-
-def _unpaired_text(omega: float) -> str:
-    return (
-        f"the shape function of {omega / (2.0 * np.pi):.4g} Hz across the axis has no "
-        "partner at a right angle; with one mode more or less the reduction holds both "
-        "or none"
-    )
+            shape = unpaired / (2.0 * np.pi)
+            first = lowest / (2.0 * np.pi)
+            found.append(diagnose("N717", first=first, shape=shape))
+        return SteadyAxes(omegas, tuple(found), highest=lowest)
+    cause = ""
+    if 0.0 < unpaired < np.inf:
+        cause = f" (the shape of {unpaired / (2.0 * np.pi):.4g} Hz has no partner)"
+    return SteadyAxes(own, changing=diagnose("N713", cause=cause))
 
 
 def _lowest_changing_mode(

@@ -20,6 +20,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import (
+    Diagnostic,
+    WithDiagnostics,
+    diagnose,
+    each_once,
+    without,
+)
 from sidtool.formats.result import Result
 from sidtool.formats.scene.laws import Expression, Pid
 
@@ -63,7 +70,7 @@ UNSTABLE_STIFFNESS = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium:
+class Equilibrium(WithDiagnostics):
     """A state of rest.
 
     Attributes
@@ -78,10 +85,8 @@ class Equilibrium:
         Newton steps taken.
     system
         The assembled scene, its drives and forces held at their values.
-    notes
-        What has to be known of it.
-    warnings
-        Those of the notes that say that numbers may be wrong.
+    diagnostics
+        What has to be known of it; `notes` and `warnings` give it as sentences.
     """
 
     z: Array
@@ -90,8 +95,7 @@ class Equilibrium:
     residual: float
     iterations: int
     system: System
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
 
     def result(self) -> Result:
         """The scene's outputs in equilibrium, as a result of one time."""
@@ -100,7 +104,9 @@ class Equilibrium:
         state = MotionState(self.z, self.v, nothing, self.multipliers, no_friction)
         times = np.array([self.system.scene.time.start])
         kind = "static equilibrium"
-        return result_of_states(self.system, kind, times, [state], notes=self.notes)
+        return result_of_states(
+            self.system, kind, times, [state], diagnostics=self.diagnostics
+        )
 
 
 def static_equilibrium(system: System) -> Equilibrium:
@@ -140,19 +146,23 @@ def static_equilibrium(system: System) -> Equilibrium:
             largest = max(largest, mechanics.force_size(z))
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < FORCE_TOLERANCE or size == 0.0:
-            warnings = find_state_warnings(system, z[None])
-            notes = (
-                *warnings,
-                *_check_equilibrium(mechanics, motion),
-                *force_limit_notes(system, mechanics.work),
+            found = each_once(
+                (
+                    *find_state_warnings(system, z[None]),
+                    *_check_equilibrium(mechanics, motion),
+                    *force_limit_notes(system, mechanics.work),
+                    *_stability_notes(mechanics, z, motion, multipliers),
+                    *implausible_value_warnings(system),
+                    *assembly_notes,
+                    *law_notes,
+                    *_friction_notes(system),
+                )
             )
-            notes += _stability_notes(mechanics, z, motion, multipliers)
-            notes += (*implausible_value_warnings(system), *assembly_notes, *law_notes)
-            notes += _friction_notes(system)
+            diagnostics = without(found, system.scene.diagnostics.ignore)
             v = np.zeros(system.n_velocities)
             v[velocities] = z[state_positions]
             equilibrium = Equilibrium(
-                z, v, multipliers, residual, iteration, system, notes, warnings
+                z, v, multipliers, residual, iteration, system, diagnostics
             )
             if failure := find_state_failure(system, z[None]):
                 meaningless = replace(
@@ -163,14 +173,16 @@ def static_equilibrium(system: System) -> Equilibrium:
         step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
-    cause = "; ".join(force_limit_notes(system, mechanics.work)) or (
+    limits = force_limit_notes(system, mechanics.work)
+    cause = "; ".join(each.message_line for each in limits) or (
         "a body may be free to fall or to fly away"
     )
+    questions = implausible_value_warnings(system)
     raise SimulationError(
         f"no static equilibrium found in {MAX_ITERATIONS} steps: the unbalanced part "
         f"of the forces is {best:.1e}, largest at "
         f"{_most_loaded_body(system, motion @ force)}; "
-        f"{cause}" + "".join(f"; {text}" for text in implausible_value_warnings(system))
+        f"{cause}" + "".join(f"; {each.message_line}" for each in questions)
     )
 
 
@@ -184,7 +196,9 @@ def _most_loaded_body(system: System, force: Array) -> str:
     return "no body"
 
 
-def _check_equilibrium(mechanics: DenseEquations, motion: Array) -> tuple[str, ...]:
+def _check_equilibrium(
+    mechanics: DenseEquations, motion: Array
+) -> tuple[Diagnostic, ...]:
     """What has to be known of the equilibrium that was evaluated last.
 
     Parameters
@@ -203,7 +217,7 @@ def _check_equilibrium(mechanics: DenseEquations, motion: Array) -> tuple[str, .
     cause = lost_inertia_cause(mechanics.system, mechanics.work)
     if not cause or _has_inertia(mechanics, motion):
         return ()
-    return (f"simulate cannot start in this equilibrium: {cause.removeprefix('; ')}",)
+    return (diagnose("N703", reason=cause.removeprefix("; ")),)
 
 
 def _has_inertia(mechanics: DenseEquations, motion: Array) -> bool:
@@ -218,31 +232,25 @@ def _has_inertia(mechanics: DenseEquations, motion: Array) -> bool:
     return bool((values > 0.0).all())
 
 
-def _friction_notes(system: System) -> tuple[str, ...]:
-    """What joints with friction leave open."""
-    names = ", ".join(rub.joint for rub in system.friction_joints)
-    if not names:
-        return ()
-    return (
-        f"the equilibrium is that without friction; with the friction of {names} the "
-        "scene rests in states around it, too",
-    )
+def _friction_notes(system: System) -> Iterator[Diagnostic]:
+    """Joints whose friction is left out (N515)."""
+    if system.friction_joints:
+        yield diagnose("N515", ", ".join(rub.joint for rub in system.friction_joints))
 
 
 def _stability_notes(
     mechanics: DenseEquations, z: Array, motion: Array, multipliers: Array
-) -> tuple[str, ...]:
-    """True if the least disturbance leads away, and what moves most then."""
+) -> Iterator[Diagnostic]:
+    """An equilibrium from which the least disturbance leads away (N704)."""
     states = len(state_entries(mechanics.system)[0])
     if motion.shape[1] == 0 or states:
-        return ()
+        return
     stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
     values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
-    if values[0] >= -UNSTABLE_STIFFNESS * np.abs(values).max():
-        return ()
-    direction = np.abs(motion @ vectors[:, 0])
-    name = velocity_names(mechanics.system)[int(direction.argmax())]
-    return (f"the equilibrium is unstable: the least disturbance moves {name} away",)
+    if values[0] < -UNSTABLE_STIFFNESS * np.abs(values).max():
+        direction = np.abs(motion @ vectors[:, 0])
+        name = velocity_names(mechanics.system)[int(direction.argmax())]
+        yield diagnose("N704", coordinate=name)
 
 
 def _force_balance(
@@ -317,8 +325,8 @@ def _line_search(
 LIMIT_TOLERANCE = 1e-9
 
 
-def force_limit_notes(system: System, work: at.WorkArrays) -> Iterator[str]:
-    """What is said of forces that are at a limit in the state evaluated last."""
+def force_limit_notes(system: System, work: at.WorkArrays) -> Iterator[Diagnostic]:
+    """Forces that are at a limit in the state evaluated last (N511)."""
     for k, element in enumerate(system.forces):
         force = system.scene.forces.get(element.name) if element.is_force else None
         law = getattr(force, "function", None)
@@ -328,4 +336,4 @@ def force_limit_notes(system: System, work: at.WorkArrays) -> Iterator[str]:
         value = float(work.force_scale[k])
         for limit in limits:
             if abs(value - limit) <= LIMIT_TOLERANCE * abs(limit):
-                yield f"{element.name} is at its limit of {limit:g}"
+                yield diagnose("N511", element.name, limit=limit)

@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import SceneFile
 
 from ..initial_state.assembly import StateVectors, assemble
@@ -71,7 +72,9 @@ MAX_COORDINATES = 400
 LISTED = 4
 
 
-def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
+def steady_rotation(
+    system: System,
+) -> tuple[SceneFile | None, tuple[Diagnostic, ...]]:
     """The scene of a system that starts in steady rotation, and why there is none, or
     what the assembly moved.
 
@@ -92,7 +95,7 @@ def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
         return None, _not_sought(assembled, start)
     t = system.scene.time.start
     mechanics = DenseEquations(assembled, t, float(assembled.clocks(np.array([t]))[0]))
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     for groups in candidate_groups(mechanics, start):
         search = _SteadyRotationSearch(mechanics, start.z, groups)
         if not search.has_elastic_support():
@@ -111,8 +114,8 @@ def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
     return None, notes
 
 
-def _not_sought(system: System, start: StateVectors) -> tuple[str, ...]:
-    """A sentence on bodies of a large scene that rotate at its start."""
+def _not_sought(system: System, start: StateVectors) -> tuple[Diagnostic, ...]:
+    """A diagnostic of bodies of a large scene that rotate at its start."""
     axes = 2 if system.planar else 3
     names = [
         data.name
@@ -124,20 +127,12 @@ def _not_sought(system: System, start: StateVectors) -> tuple[str, ...]:
         return ()
     listed = ", ".join(names[:LISTED])
     listed += f" and {len(names) - LISTED} others" if len(names) > LISTED else ""
-    return (
-        f"no steady rotation of {listed} was sought in a scene of more than "
-        f"{MAX_COORDINATES} "
-        "velocity coordinates: they start in static equilibrium with the velocities "
-        "that are stated, and vibrate where springs carry them",
-    )
+    reason = f"more than {MAX_COORDINATES} velocity coordinates"
+    return (diagnose("N224", listed, reason=reason),)
 
 
-def _failure_note(search: _SteadyRotationSearch, reason: str) -> str:
-    return (
-        f"no steady rotation of {', '.join(search.names)} was found to start in "
-        f"({reason}): they start in static equilibrium with the velocities that are "
-        "stated, and vibrate"
-    )
+def _failure_note(search: _SteadyRotationSearch, reason: str) -> Diagnostic:
+    return diagnose("N224", ", ".join(search.names), reason=reason)
 
 
 def _project_forces(C: Array, forces: Array) -> Array:

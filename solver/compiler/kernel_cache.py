@@ -18,7 +18,8 @@ from typing import Any
 
 from numba import types
 
-from sidtool.formats.base.errors import InputError, warn_caller
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics.python_warnings import warn_caller
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import (
     Untrusted,
@@ -131,7 +132,7 @@ def warn_once(kind: str, text: str) -> None:
     """Warns once of each kind of trouble."""
     if kind not in _warned:
         _warned.add(kind)
-        warn_caller(text, KernelCacheWarning)
+        warn_caller(KernelCacheWarning(text))
 
 
 def _warn_unwritable(failures: list[str]) -> None:

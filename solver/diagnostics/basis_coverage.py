@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sidtool.formats.base.sid import SID, Array, Node
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import PointForce, SceneFile, marker_names, marker_reference
 
 from ..initial_state.assembly import StateVectors
@@ -44,8 +45,8 @@ LoadPosition = tuple[str, str]
 RigidDirections = dict[LoadPosition, dict[str, str]]
 
 
-def unrepresented_loads(system: System, start: StateVectors) -> Iterator[str]:
-    """One sentence for each body and marker that is loaded where shapes are missing.
+def unrepresented_loads(system: System, start: StateVectors) -> Iterator[Diagnostic]:
+    """Markers that are loaded where shape functions are missing (N420, N422, N423).
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def _body_loads(system: System, start: StateVectors) -> Iterator[Load]:
     yield from _force_loads(state)
 
 
-def _rigid_directions(system: System, loads: list[Load]) -> Iterator[str]:
+def _rigid_directions(system: System, loads: list[Load]) -> Iterator[Diagnostic]:
     """Of markers that no shape function moves where they are loaded."""
     by_marker: RigidDirections = {}
     for load in loads:
@@ -80,10 +81,14 @@ def _rigid_directions(system: System, loads: list[Load]) -> Iterator[str]:
     for (body, marker), directions in by_marker.items():
         names = list(dict.fromkeys(directions.values()))
         shapes = suggested_shapes(system.bodies[system.index(body)].sid)
-        yield (
-            f"{body} is rigid {' and '.join(directions)} at {marker}, where "
-            f"{', '.join(names)} {'load' if names[1:] else 'loads'} it: no shape "
-            f"function moves that; {shapes} with this marker among the interfaces do"
+        yield diagnose(
+            "N420",
+            body,
+            missing=1.0,
+            directions=" and ".join(directions),
+            marker=marker,
+            joints=names,
+            shapes=shapes,
         )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from sidtool.formats.base.compliance_shares import DIRECTIONS
 from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.static_compliance import (
     inertia_work_of_full_body,
     unit_load_compliances,
@@ -46,8 +47,8 @@ def is_poorly_represented(system: System, body: str, marker: str) -> bool:
     return bool(_poor_shares(system, system.bodies[system.index(body)], marker))
 
 
-def poor_direction_notes(system: System, loads: Iterable[Load]) -> Iterator[str]:
-    """One sentence for each body and marker."""
+def poor_direction_notes(system: System, loads: Iterable[Load]) -> Iterator[Diagnostic]:
+    """Compliance that is missing at loaded markers (N420)."""
     for (body, marker), acting in loads_at_markers(loads).items():
         data = system.bodies[system.index(body)]
         poor = _poor_shares(system, data, marker)
@@ -56,11 +57,15 @@ def poor_direction_notes(system: System, loads: Iterable[Load]) -> Iterator[str]
         if not poor:
             continue
         names = dict.fromkeys(name for v, name in acting if v[list(poor)].any())
-        yield (
-            f"the shape functions of {body} carry {_shares_text(poor)} at {marker}, "
-            f"where {', '.join(names)} {'load' if len(names) > 1 else 'loads'} it: "
-            f"{suggested_shapes(data.sid)} with this marker among the interfaces "
-            "carry all of it"
+        missing, directions = _missing_shares(poor)
+        yield diagnose(
+            "N420",
+            body,
+            missing=missing,
+            directions=directions,
+            marker=marker,
+            joints=list(names),
+            shapes=suggested_shapes(data.sid),
         )
 
 
@@ -114,20 +119,14 @@ def spanned_fraction(vectors: Array) -> Array:
     return shares
 
 
-def _shares_text(poor: dict[int, float]) -> str:
-    """ "83 % of its compliance along x"."""
-    parts = [f"{_percent(share)} {direction_text(k)}" for k, share in poor.items()]
-    first, *rest = parts
-    first = first.replace("%", "% of its compliance", 1)
-    return " and ".join([first, *rest])
+def _missing_shares(poor: dict[int, float]) -> tuple[float, str]:
+    """The largest missing share, and all directions in words, from shares by number."""
+    directions = " and ".join(direction_text(k) for k in poor)
+    return 1.0 - min(poor.values()), directions
 
 
 def direction_text(k: int) -> str:
     return f"{'along' if k < 3 else 'about'} {DIRECTIONS[k].removeprefix('r')}"
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
 
 
 def suggested_shapes(sid: SID) -> str:
@@ -137,12 +136,12 @@ def suggested_shapes(sid: SID) -> str:
     inertia in place of its reaction, unless it is loaded where it is held only.
     """
     if sid.carried is None:
-        return "attachment modes"
-    return f"attachment or {'Herting' if sid.carried.free else 'Craig-Bampton'} modes"
+        return "attachment"
+    return f"attachment or {'Herting' if sid.carried.free else 'Craig-Bampton'}"
 
 
-def poor_inertia_notes(system: System, start: StateVectors) -> Iterator[str]:
-    """One sentence for each body whose own inertia deforms it as no shape does.
+def poor_inertia_notes(system: System, start: StateVectors) -> Iterator[Diagnostic]:
+    """Bodies whose own inertia deforms them as no shape function does (N422).
 
     Gravity and, as far as they are known, accelerations of its frame load it.
     """
@@ -161,11 +160,8 @@ def poor_inertia_notes(system: System, start: StateVectors) -> Iterator[str]:
         both = np.hstack([loads.acceleration, loads.angular_acceleration])
         shares = _poor_inertia_shares(system, data, np.abs(both).max(axis=0))
         if shares:
-            yield (
-                f"the shape functions of {data.name} carry {_shares_text(shares)} "
-                "under its "
-                "own weight and inertia: more modes, or attachment modes, carry it"
-            )
+            missing, directions = _missing_shares(shares)
+            yield diagnose("N422", data.name, missing=missing, directions=directions)
 
 
 def _has_poor_inertia(data: BodyData) -> bool:
@@ -201,9 +197,8 @@ _STATIC_LABELS = ("attachment", "constraint", "static", "relief", "at 0 hz")
 _NEGLIGIBLE = 1e-18
 #: Squares of natural frequencies that are closer (relative) are those of a pair.
 _EQUAL_FREQUENCY = 1e-6
-#: A mode takes part where it has more than this part of the largest share; a share
-#: above this is all of it.
-_MIN_PARTICIPATION, _FULL_SHARE = 1e-3, 1.0 - 1e-9
+#: A mode takes part where it has more than this part of the largest share.
+_MIN_PARTICIPATION = 1e-3
 #: By node, compliances (6,) of the lower half of the natural modes that take part in
 #: each direction, and of all.
 HalfCompliances = dict[str, tuple[Array, Array]]
@@ -214,9 +209,8 @@ def is_unassessed(system: System, body: str, marker: str) -> bool:
     return bool(_upper_half_shares(system, body, marker))
 
 
-def unassessed_loads(system: System, loads: Iterable[Load]) -> Iterator[str]:
-    """One sentence for each body whose shape functions cannot be judged."""
-    texts: dict[str, list[str]] = {}
+def unassessed_loads(system: System, loads: Iterable[Load]) -> Iterator[Diagnostic]:
+    """Markers at which it is not known what shape functions lack (N423)."""
     for (body, marker), acting in loads_at_markers(loads).items():
         spanned_ = spanned_fraction(np.array([vector for vector, _ in acting]))
         shares = _upper_half_shares(system, body, marker)
@@ -224,24 +218,14 @@ def unassessed_loads(system: System, loads: Iterable[Load]) -> Iterator[str]:
         if shares:
             worst = max(shares, key=lambda k: shares[k])
             names = dict.fromkeys(name for v, name in acting if v[list(shares)].any())
-            where = f"that {direction_text(worst)} at {marker} ({', '.join(names)})"
-            text = (
-                f"{100.0 * shares[worst]:.0f} % of {where} rests on the upper half of "
-                "the natural modes that take part in it, and more modes may add as much"
+            yield diagnose(
+                "N423",
+                body,
+                share=shares[worst],
+                direction=direction_text(worst),
+                marker=marker,
+                joints=list(names),
             )
-            if shares[worst] > _FULL_SHARE:
-                text = (
-                    f"{where} rests on natural modes of one frequency alone, and "
-                    "nothing tells how much more modes would add"
-                )
-            texts.setdefault(body, []).append(text)
-    for body, parts in texts.items():
-        yield (
-            f"how much of its static compliance the shape functions of {body} carry "
-            "cannot be judged, as its SID does not tell that of the full body: "
-            f"{'; '.join(parts)}; static answers to these loads (attachment modes) "
-            "carry all of it"
-        )
 
 
 def _upper_half_shares(system: System, body: str, marker: str) -> dict[int, float]:

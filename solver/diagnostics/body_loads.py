@@ -12,14 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.geometric_stiffening import LoadStiffening
 from sidtool.formats.result import FlexibleBody
 from sidtool.formats.result.accuracy_report import (
     MAX_DEFLECTION,
     MAX_ROTATION,
     MEANINGLESS_DEFLECTION,
-    deformation_text,
-    limit_notes,
+    deformation_diagnostics,
+    limit_bodies,
 )
 from sidtool.formats.sid_mass import body_size
 
@@ -332,20 +333,20 @@ def _row_groups(count: int, numbers: int) -> Iterator[slice]:
     yield from (slice(first, first + size) for first in range(0, count, size))
 
 
-def find_state_warnings(system: System, z: Array) -> tuple[str, ...]:
-    """One sentence for each body beyond linear theory, the worst first.
+def find_state_warnings(system: System, z: Array) -> tuple[Diagnostic, ...]:
+    """Bodies beyond linear theory, the worst first (N411, N413).
 
     Parameters
     ----------
     z : (nt, n positions)
         States.
     """
-    excess, sentences = {}, {}
+    excess, found = {}, {}
     for name, (deflection_, rotation) in _measure_deformations(system, z).items():
         excess[name] = max(deflection_ / MAX_DEFLECTION, rotation / MAX_ROTATION)
-        sentences[name] = deformation_text(name, deflection_, rotation)
+        found[name] = deformation_diagnostics(name, deflection_, rotation)
     order = sorted(excess, key=lambda name: -excess[name])
-    return limit_notes([(n, sentences[n]) for n in order if sentences[n]])
+    return limit_bodies([(n, found[n]) for n in order if found[n]])
 
 
 def find_state_failure(system: System, z: Array) -> str:
@@ -354,7 +355,8 @@ def find_state_failure(system: System, z: Array) -> str:
     worst = max(measured, key=lambda name: measured[name][0], default="")
     if not worst or not measured[worst][0] > MEANINGLESS_DEFLECTION:
         return ""
-    return f"gives numbers without meaning: {deformation_text(worst, *measured[worst])}"
+    found = deformation_diagnostics(worst, *measured[worst])
+    return f"gives numbers without meaning: {' '.join(map(str, found))}"
 
 
 def _measure_deformations(system: System, z: Array) -> dict[str, tuple[float, float]]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import Actuator, PointForce
 from sidtool.formats.sid_mass import central_inertia, centre_of_mass
 
@@ -38,8 +39,8 @@ ANGULAR_MEASURES = (
 )
 
 
-def stiffness_warnings(system: System) -> Iterator[str]:
-    """One sentence for each spring and damper whose physics shows a slip of units.
+def stiffness_warnings(system: System) -> Iterator[Diagnostic]:
+    """Springs and dampers whose physics shows a slip of units (N210, N211).
 
     A spring is stiffer than a solid block of steel of the size of the mechanism, and
     would swing the whole mechanism faster than sound crosses it: both.
@@ -59,22 +60,27 @@ def stiffness_warnings(system: System) -> Iterator[str]:
         )
         unit = " m/rad" if is_rotation else "/m"
         if spring > max(block, inertia * fastest**2) and inertia > 0.0:
-            yield (
-                f"{element.name} has a stiffness of {spring:.3g} N{unit}, "
-                f"{spring / block:.2g} times that of a solid block of steel as large "
-                f"as the mechanism ({size:.3g} m): is it in these units?"
+            yield diagnose(
+                "N210",
+                element.name,
+                stiffness=spring,
+                unit=f"N{unit}",
+                ratio=spring / block,
+                size=size,
             )
         if damper > _MAX_DAMPING_RATE * inertia * fastest and inertia > 0.0:
-            yield (
-                f"{element.name} has a damping of {damper:.3g} {_rate_unit(element)}, "
-                f"which would stop all bodies together ({mass:.3g} kg) within "
-                f"{inertia / damper:.1g} s, {damper / inertia / fastest:.2g} times "
-                "faster than sound crosses them: is it in these units?"
+            yield diagnose(
+                "N211",
+                element.name,
+                damping=damper,
+                unit=_rate_unit(element),
+                mass=mass,
+                time=inertia / damper,
             )
 
 
-def frequency_warnings(system: System) -> Iterator[str]:
-    """One sentence for each spring whose vibration would make a run long.
+def frequency_warnings(system: System) -> Iterator[Diagnostic]:
+    """Springs whose vibration would make a run long (N212).
 
     Counted with the mass of all bodies, which is more than the spring moves, and, where
     it is damped, as long as it rings.
@@ -95,13 +101,13 @@ def frequency_warnings(system: System) -> Iterator[str]:
         if damping > 0.0:
             periods = min(periods, np.sqrt(spring * mass) / damping)
         if periods > _MAX_PERIODS:
-            yield (
-                f"{element.name} ({spring:.3g} N/m) lets {mass:.3g} kg vibrate at "
-                f"{omega / (2.0 * np.pi):.3g} Hz or more, {periods:.2g} times in this "
-                "run: where that is excited the run takes "
-                f"{_STEPS_PER_PERIOD * periods:.1g} "
-                "steps or more; a joint in the place of the spring, or a damper beside "
-                "it, would take few"
+            yield diagnose(
+                "N212",
+                element.name,
+                frequency=omega / (2.0 * np.pi),
+                mass=mass,
+                periods=periods,
+                steps=_STEPS_PER_PERIOD * periods,
             )
 
 
@@ -139,8 +145,8 @@ class _Configuration:
 
 def runaway_warnings(
     system: System, times: tuple[float, float], z: Array, v: Array
-) -> Iterator[str]:
-    """One sentence for each spring, and for bodies that became too fast.
+) -> Iterator[Diagnostic]:
+    """Springs that held nothing, and the body that became too fast (N217, N218).
 
     Parameters
     ----------
@@ -200,7 +206,7 @@ def _weak_spring_warnings(
     first: _Configuration,
     last: _Configuration,
     span: float,
-) -> Iterator[str]:
+) -> Iterator[Diagnostic]:
     """A spring that was stretched beyond the mechanism and pulled back next to nothing.
 
     The load that it met follows from the speed that it let the bodies gain, with the
@@ -226,13 +232,16 @@ def _weak_spring_warnings(
     period = _FULL_TURN * np.sqrt(inertia / stiffness)
     if period <= span or sag <= (_MAX_WINDING if is_rotation else limit):
         return
-    unit, far = ("N m/rad", "rad") if is_rotation else ("N/m", "m")
-    other_units = "kN m/rad or N m/deg" if is_rotation else "N/mm or kN/m"
-    yield (
-        f"{element.name} holds next to nothing: its ends moved by {displacement:.3g} "
-        f"{far} "
-        f"and its period of {period:.2g} s is longer than the run: is its stiffness of "
-        f"{stiffness:.4g} {unit} in {other_units}?"
+    unit, length_unit = ("N m/rad", "rad") if is_rotation else ("N/m", "m")
+    yield diagnose(
+        "N217",
+        element.name,
+        stiffness=stiffness,
+        unit=unit,
+        displacement=displacement,
+        length_unit=length_unit,
+        period=period,
+        sag=sag,
     )
 
 
@@ -305,7 +314,7 @@ def _mobility(
 
 def _excessive_speed_warnings(
     system: System, loads: list[str], first: _Configuration, last: _Configuration
-) -> Iterator[str]:
+) -> Iterator[Diagnostic]:
     """The body whose speed grew most, if no mechanism gains as much."""
     translational = np.linalg.norm(last.frame_v - first.frame_v, axis=1)
     rotational = np.linalg.norm(last.frame_w - first.frame_w, axis=1) * body_extents(
@@ -314,8 +323,5 @@ def _excessive_speed_warnings(
     speed_change = np.maximum(translational, rotational)
     b = int(speed_change.argmax())
     if speed_change[b] > _MAX_SPEED:
-        yield (
-            f"{system.bodies[b].name} gained {speed_change[b]:.2g} m/s, more than any "
-            f"mechanism does; loads are {', '.join(loads)}: are they in other units "
-            "than N and N m (a torque in N mm)?"
-        )
+        name, speed = system.bodies[b].name, float(speed_change[b])
+        yield diagnose("N218", name, speed=speed, loads=loads)

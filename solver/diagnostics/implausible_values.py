@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.plausibility import body_warnings, first_frequency
 from sidtool.formats.scene import (
     Actuator,
@@ -38,8 +39,8 @@ _LENGTH_OUTPUTS, _MAX_LENGTH_RATIO = (
 )
 
 
-def implausible_friction_warnings(system: System) -> Iterator[str]:
-    """One sentence each."""
+def implausible_friction_warnings(system: System) -> Iterator[Diagnostic]:
+    """Friction, gains and lengths (N213, N214, N216)."""
     size = mechanism_extent(system)
     for name, joint in system.scene.joints.items():
         friction = getattr(joint, "friction", None)
@@ -47,14 +48,10 @@ def implausible_friction_warnings(system: System) -> Iterator[str]:
             continue
         largest = max(friction.coefficient, friction.static or 0.0)
         if largest > _MAX_FRICTION:
-            yield (
-                f"the friction of {name} has a coefficient of {largest:g}, more than "
-                "any pair of materials: is it in per cent?"
-            )
+            yield diagnose("N213", name, coefficient=largest)
         if (friction.radius or 0.0) > _MAX_PIN_RADIUS * size:
-            yield (
-                f"the pin of {name} has a radius of {friction.radius:g} m, in a "
-                f"mechanism of {size:.3g} m: is it in mm?"
+            yield diagnose(
+                "N214", name, quantity="pin radius", value=friction.radius, size=size
             )
     yield from _gain_warnings(system.scene)
     yield from _length_warnings(system, size)
@@ -68,24 +65,21 @@ def controllers(scene: SceneFile) -> Iterator[tuple[str, Pid]]:
             yield name, law
 
 
-def _length_warnings(system: System, size: float) -> Iterator[str]:
+def _length_warnings(system: System, size: float) -> Iterator[Diagnostic]:
     """What is to be reached far beyond the mechanism."""
     lengths = []
     for name, law in controllers(system.scene):
         if law.measured.endswith(_LENGTH_OUTPUTS) and isinstance(law.reference, float):
-            lengths.append((f"the reference of {name}", law.reference))
+            lengths.append((name, "reference", law.reference))
     for name, force in system.scene.forces.items():
         if isinstance(force, SpringDamper) and force.markers is not None:
-            lengths.append((f"the rest length of {name}", force.rest))
-    for what, length in lengths:
+            lengths.append((name, "rest length", force.rest))
+    for name, quantity, length in lengths:
         if abs(length) > _MAX_LENGTH_RATIO * size > 0.0:
-            yield (
-                f"{what} is {length:g} m, and the mechanism is {size:.3g} m "
-                "large: is it in mm?"
-            )
+            yield diagnose("N214", name, quantity=quantity, value=length, size=size)
 
 
-def _gain_warnings(scene: SceneFile) -> Iterator[str]:
+def _gain_warnings(scene: SceneFile) -> Iterator[Diagnostic]:
     """Controllers that drive their own joint away from what they are to hold."""
     for name, force in scene.forces.items():
         law = getattr(force, "function", None)
@@ -96,11 +90,7 @@ def _gain_warnings(scene: SceneFile) -> Iterator[str]:
         for key in ("p", "d"):
             gain = getattr(law, key)
             if gain < 0.0:
-                yield (
-                    f"{name} drives {law.measured} away from its reference: its gain "
-                    f"{key} is {gain:g} and it acts on what it measures; is its sign "
-                    "meant?"
-                )
+                yield diagnose("N216", name, key=key, gain=gain, output=law.measured)
 
 
 #: Stronger than gravity on any planet or in a lift [m/s2].
@@ -118,19 +108,16 @@ _INERTIA_ROUNDING = 1e-6
 _SHORT_RUN = 0.01
 
 
-def implausible_value_warnings(system: System) -> Iterator[str]:
-    """What to ask the author of a scene, one sentence each."""
+def implausible_value_warnings(system: System) -> Iterator[Diagnostic]:
+    """Values of a scene that are hardly intended (N103 to N107, N201 to N216)."""
     scene = system.scene
     gravity = float(np.linalg.norm(scene.gravity or 0.0))
     if gravity > _MAX_GRAVITY:
-        yield (
-            f"gravity is {gravity:g} m/s2, {gravity / 9.81:.3g} times that of the "
-            "earth: is it in mm/s2?"
-        )
+        yield diagnose("N201", gravity=gravity, ratio=gravity / 9.81)
     for data in system.bodies:
         if data.is_scene_body and data.sid.nq:
-            for text in body_warnings(data.sid, gravity or None):
-                yield f"{data.name}: {text}"
+            for warning in body_warnings(data.sid, gravity or None):
+                yield warning.located(data.name)
     yield from _angle_warnings(system)
     yield from _size_warnings(system)
     yield from _inertia_warnings(system)
@@ -141,17 +128,20 @@ def implausible_value_warnings(system: System) -> Iterator[str]:
     yield from _time_span_warnings(system)
     rate, drive = fastest_rotation(system, system.cached(drive_history))
     if rate * system.length > _MAX_SPEED:
-        yield (
-            f"{drive} turns at {rate:.3g} rad/s, at which {system.length:.3g} m move "
-            f"at {rate * system.length:.2g} m/s: is it in revolutions per minute? "
-            f"{rate:.3g} 1/min are {rate * np.pi / 30:.3g} rad/s"
+        yield diagnose(
+            "N209",
+            drive,
+            rate=rate,
+            size=system.length,
+            speed=rate * system.length,
+            radians=rate * np.pi / 30,
         )
     else:
         yield from _initial_speed_warnings(system)
 
 
-def _initial_speed_warnings(system: System) -> Iterator[str]:
-    """Bodies whose nodes start to move faster around them than any part does.
+def _initial_speed_warnings(system: System) -> Iterator[Diagnostic]:
+    """Bodies whose nodes start to move faster around them than any part does (N209).
 
     A SID does not hold the speed of waves, and one without shape functions along the
     body shows no strain from its rotation. Steel of 2000 m/s at the tip is strained by
@@ -167,15 +157,18 @@ def _initial_speed_warnings(system: System) -> Iterator[str]:
         nodes = system.bodies[system.index(name)].sid.nodes
         speeds = [float(np.linalg.norm(np.cross(w, n.position))) for n in nodes]
         if max(speeds, default=0.0) > _MAX_SPEED:
-            rate = float(np.linalg.norm(w))
-            yield (
-                f"{name} starts to turn at {rate:.3g} rad/s, at which a marker of it "
-                f"moves at {max(speeds):.2g} m/s: is it in revolutions per minute? "
-                f"{rate:.3g} 1/min are {rate * np.pi / 30:.3g} rad/s"
+            rate, speed = float(np.linalg.norm(w)), max(speeds)
+            yield diagnose(
+                "N209",
+                name,
+                rate=rate,
+                size=speed / rate,
+                speed=speed,
+                radians=rate * np.pi / 30,
             )
 
 
-def _angle_warnings(system: System) -> Iterator[str]:
+def _angle_warnings(system: System) -> Iterator[Diagnostic]:
     """Angles in radians that look like degrees."""
     scene = system.scene
     for name, body in scene.bodies.items():
@@ -193,23 +186,20 @@ def _angle_warnings(system: System) -> Iterator[str]:
             ends = [piece.end[0] for piece in function.pieces if piece.end]
             ends += [p.coefficients[0] for p in function.pieces if p.coefficients]
         for value in ends:
-            yield from _angle_warning(f"the angle of drive {name}", value)
+            yield from _angle_warning(f"drives.{name}", value)
     for name, law in controllers(scene):
         if law.measured.endswith(".angle") and isinstance(law.reference, float):
-            yield from _angle_warning(f"the reference of {name}", law.reference)
+            yield from _angle_warning(f"reference of {name}", law.reference)
 
 
-def _angle_warning(what: str, value: float | None) -> Iterator[str]:
+def _angle_warning(what: str, value: float | None) -> Iterator[Diagnostic]:
     if value is None or abs(value) <= _FULL_TURN:
         return
     if any(value % degrees == 0.0 for degrees in _DEGREE_STEPS):
-        yield (
-            f"{what} is {value:g} rad, {value / _FULL_TURN:.3g} turns: is it in "
-            f"degrees? {value:g} degrees are {np.radians(value):.4g} rad"
-        )
+        yield diagnose("N202", what, value=value, radians=float(np.radians(value)))
 
 
-def _size_warnings(system: System) -> Iterator[str]:
+def _size_warnings(system: System) -> Iterator[Diagnostic]:
     """Bodies that are joined to much smaller ones."""
     sizes = {data.name: body_extent(system, data.name) for data in system.bodies[1:]}
     reported: set[str] = set()
@@ -219,14 +209,13 @@ def _size_warnings(system: System) -> Iterator[str]:
         if len(known) == 2 and known[1][0] >= _SIZE_RATIO * known[0][0]:
             (small, one), (large, other) = known
             if not reported & {one, other}:
-                yield (
-                    f"{other} is {large:.3g} m long and {one}, to which {name} joins "
-                    f"it, {small:.3g} m: is one of them in mm?"
+                yield diagnose(
+                    "N203", other, size=large, joint=name, other=one, other_size=small
                 )
             reported |= {one, other}
 
 
-def _inertia_warnings(system: System) -> Iterator[str]:
+def _inertia_warnings(system: System) -> Iterator[Diagnostic]:
     """Rigid bodies whose mass would lie far outside them."""
     for name, body in system.scene.bodies.items():
         if not isinstance(body, RigidBody) or body.inertia is None:
@@ -237,43 +226,29 @@ def _inertia_warnings(system: System) -> Iterator[str]:
             not system.planar
             and moments[2] > (1.0 + _INERTIA_ROUNDING) * moments[:2].sum()
         ):
-            moments_text = ", ".join(f"{moment:.4g}" for moment in moments)
-            yield (
-                f"the moments of inertia of {name}, {moments_text} kg m2, are those "
-                "of no body: the largest one is more than the sum of the others"
-            )
+            yield diagnose("N204", name, moments=moments.tolist())
         radius = float(np.sqrt(moments[2] / body.mass))
         extent = marker_extent(sid)
         far = extent > 0.0 and radius > _GYRATION_RATIO * extent
         if far and not is_dense(sid, radius):
-            yield (
-                f"the inertia of {name} is that of a mass {radius:.3g} m away from its "
-                f"centre, and its markers are {extent:.3g} m apart: is it in kg mm2 or "
-                "g mm2, or its mass in tonnes?"
-            )
+            yield diagnose("N205", name, radius=radius, extent=extent)
 
 
-def _force_warnings(system: System) -> Iterator[str]:
+def _force_warnings(system: System) -> Iterator[Diagnostic]:
     """Springs and dampers that push, and those that can do nothing."""
     for name, force in system.scene.forces.items():
-        for key, word in (("stiffness", "spring"), ("damping", "damper")):
+        for key in ("stiffness", "damping"):
             values = np.ravel(getattr(force, key, None) or 0.0)
             if values[0] < 0.0:
-                yield (
-                    f"{name} has a negative {key}, {values[0]:g}: a {word} that drives "
-                    "what it should hold; is its sign meant?"
-                )
+                yield diagnose("N206", name, key=key, value=float(values[0]))
         pair = getattr(force, "markers", None)
         ends = {marker_reference(text)[0] for text in pair or ()}
         rigid = [n for n in ends if not system.bodies[system.index(n)].sid.nq]
         if len(ends) == 1 and rigid:
-            yield (
-                f"{name} acts between two markers of {rigid[0]}, which is rigid, and "
-                "moves nothing: is one of them on another body?"
-            )
+            yield diagnose("N207", name, body=rigid[0])
 
 
-def _time_span_warnings(system: System) -> Iterator[str]:
+def _time_span_warnings(system: System) -> Iterator[Diagnostic]:
     """A run that ends before anything can vibrate."""
     time = system.scene.time
     periods = {
@@ -283,7 +258,4 @@ def _time_span_warnings(system: System) -> Iterator[str]:
     }
     if periods and 0.0 < max(periods.values()) < _SHORT_RUN:
         name = max(periods, key=lambda body: periods[body])
-        yield (
-            f"the run of {time.end - time.start:g} s lasts {periods[name]:.1g} of the "
-            f"first period of {name}: is its end in other units than seconds?"
-        )
+        yield diagnose("N208", name, span=time.end - time.start, periods=periods[name])

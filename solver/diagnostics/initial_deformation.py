@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.result import FlexibleBody
 from sidtool.formats.scene import SidBody
 
@@ -23,6 +24,8 @@ from .body_loads import relative_deflection
 #: Part of the largest deformation of a run that counts as far, and of the size of the
 #: body that counts at all.
 LARGE_FRACTION, MIN_DEFLECTION = 0.1, 1e-6
+#: A vibration by more than this part of the size is a warning.
+LARGE_VIBRATION = 0.01
 #: Squares of frequencies that joints leave no motion, relative to the largest one.
 CONSTRAINED_FREQUENCY = 1e-10
 #: Unit forces times this are asked for: friction of loads is linear near a state alone.
@@ -34,8 +37,8 @@ def initial_deformation_notes(
     first: Samples,
     bodies: Mapping[str, FlexibleBody],
     has_static_equilibrium: Callable[[], bool],
-) -> Iterator[str]:
-    """One line on bodies that are far from quasi-static equilibrium at the start.
+) -> Iterator[Diagnostic]:
+    """Bodies that are far from quasi-static equilibrium at the start (N220).
 
     dq is the deformation whose elastic forces would leave the elastic coordinates no
     acceleration: q'' = W Ke dq, W being what unit forces on them accelerate, frames and
@@ -50,7 +53,7 @@ def initial_deformation_notes(
     has_static_equilibrium
         Whether the scene has a static equilibrium to start in.
     """
-    bodies_text = []
+    shares = {}
     for name, body in bodies.items():
         b = system.index(name)
         described, sid = system.scene.bodies[name], system.bodies[b].sid
@@ -77,18 +80,13 @@ def initial_deformation_notes(
             )
             distance = relative_deflection(sid, missing_deformation[None], 0.0)
         if np.isfinite(distance) and distance > LARGE_FRACTION * body.deflection:
-            bodies_text.append(f"{name} by {distance:.2g} of its size")
-    if bodies_text:
-        rest = (
-            'initial = {state = "static"} starts at rest, '
-            if has_static_equilibrium()
-            else ""
-        )
-        yield (
-            "the run starts far from equilibrium: the loads at the start ask for other "
-            f"deformations of {', '.join(bodies_text)}, and what it shows rings about "
-            f"them; {rest}loads that grow smoothly excite less"
-        )
+            shares[name] = float(distance)
+    remedy = "Ramp the loads."
+    if shares and has_static_equilibrium():
+        remedy = 'Set initial.state = "static", or ramp the loads.'
+    for name, share in shares.items():
+        code = "N220" if share > LARGE_VIBRATION else "N219"
+        yield diagnose(code, name, share=share, remedy=remedy)
 
 
 def _with_sampled_friction_states(system: System, first: Samples) -> System:

@@ -1,13 +1,14 @@
-"""Notes on the recorded rows of a run."""
+"""Diagnostics of the recorded rows of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from sidtool.formats.base.sid import Array
 from sidtool.formats.base.stress import has_peak_nodes, stress_nodes
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import PEAK_STRESS, SceneFile, expand_names, parse_output
 
 from ..initial_state import sparse_jacobian
@@ -69,11 +70,15 @@ class OutputNotes:
             columns = zip(self._names, np.any(missing, axis=0).tolist(), strict=True)
             self._undefined.update(name for name, bad in columns if bad)
 
-    def sentences(self, outputs: Iterable[str] | None = None) -> tuple[str, ...]:
-        """Parameters
+    def diagnostics(
+        self, outputs: Iterable[str] | None = None
+    ) -> tuple[Diagnostic, ...]:
+        """Return what has to be known of the rows (N232 to N234).
+
+        Parameters
         ----------
         outputs
-            Only their forces are spoken of, default those of all joints.
+            Only their forces are looked at, default those of all joints.
         """
         return (
             *inactive_constraint_notes(self.system, self._widest),
@@ -81,34 +86,23 @@ class OutputNotes:
             *self.undefined_notes(),
         )
 
-    def undefined_notes(self) -> list[str]:
-        """Of outputs and multipliers that are not numbers."""
-        if not self._count:
-            return []
-        names = ", ".join(n for n in self._names if n in self._undefined)
-        more = f" and at {self._count - 1} other times" if self._count > 1 else ""
-        return [
-            f"{names} could not be computed at t = {self._first:.9g} s{more}:"
-            " the constraints depend on each other there (singular configuration)"
-        ]
+    def undefined_notes(self) -> Iterator[Diagnostic]:
+        """Outputs and multipliers that are not numbers (N234)."""
+        if self._count:
+            names = ", ".join(n for n in self._names if n in self._undefined)
+            yield diagnose("N234", names, t=self._first, count=self._count)
 
 
-def output_time_notes(scene: SceneFile, last: float) -> list[str]:
-    """Of an output grid that misses the end of the run."""
+def output_time_notes(scene: SceneFile, last: float) -> Iterator[Diagnostic]:
+    """An output grid that misses the end of the run (N327)."""
     span = scene.time.end - scene.time.start
-    if (
-        scene.time.output_times is not None
-        or scene.time.end - last <= EQUAL_TIME * span
-    ):
-        return []
-    return [
-        f"the last output time is {last:g} s and not the end, "
-        f"{scene.time.end:g} s: output_step does not divide the time span"
-    ]
+    is_grid = scene.time.output_times is None
+    if is_grid and scene.time.end - last > EQUAL_TIME * span:
+        yield diagnose("N327", last=last, end=scene.time.end)
 
 
-def peak_stress_notes(system: System) -> list[str]:
-    """Of peaks over nodes that nobody chose where the stress is largest."""
+def peak_stress_notes(system: System) -> Iterator[Diagnostic]:
+    """Peaks over nodes that nobody chose where the stress is largest (N430)."""
     scene, sids = system.scene, system.sids
     bodies = {
         name: stress_nodes(sids[name])
@@ -116,73 +110,64 @@ def peak_stress_notes(system: System) -> list[str]:
         if name in sids and not body.rigid and not has_peak_nodes(sids[name])
     }
     if not any(bodies.values()):
-        return []
+        return
     recorded = expand_names(scene.outputs.record, scene, sids)
-    return [
-        f"{name}.{PEAK_STRESS} is the largest stress of {len(nodes)} nodes, not known "
-        "to be the peak of the body: convert its model without peak_points = 0"
-        for name, nodes in bodies.items()
-        if nodes and f"{name}.{PEAK_STRESS}" in recorded
-    ]
+    for name, nodes in bodies.items():
+        if nodes and f"{name}.{PEAK_STRESS}" in recorded:
+            yield diagnose("N430", name, count=len(nodes))
 
 
-def callable_notes(system: System) -> list[str]:
-    """Of functions that a program gave instead of those of the scene."""
-    return [
-        f"{name}: given by a program, of which only values can be seen; what lasts "
-        f"less than {shortest:.3g} s may be missed. The result keeps what was seen"
-        for name, shortest in system.shortest_features.items()
-    ]
+def callable_notes(system: System) -> Iterator[Diagnostic]:
+    """Functions that a program gave instead of those of the scene (N328)."""
+    for name, shortest in system.shortest_features.items():
+        yield diagnose("N328", name, shortest=shortest)
 
 
 def sampled_loop_notes(
     system: System, control: loop_state.StepLoopState, z: Array
-) -> list[str]:
-    """Of laws that are sampled while what they act on runs away.
+) -> Iterator[Diagnostic]:
+    """Laws that are sampled while what they act on runs away (N512).
 
     Parameters
     ----------
     z
         Positions at the start.
     """
-    sampled = {e.name: e.sample_period for e in system.forces if e.sample_period}
-    largest = float(np.abs(control.z - z).max(initial=0.0))
-    if not sampled or not largest > RUNAWAY_SIZE * max(system.length, 1.0):
-        return []
-    laws = ", ".join(f"{name} every {step:.3g} s" for name, step in sampled.items())
-    return [
-        f"coordinates grew to {largest:.2g}: a loop of the laws that are sampled "
-        f"({laws}) looks unstable; smaller gains or a shorter sample_time may hold it"
-    ]
+    sampled = {e.name: float(e.sample_period) for e in system.forces if e.sample_period}
+    growth, largest = np.abs(control.z - z), 0.0
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.is_scene_body:  # and no state of a law, which may be of any unit
+            own = growth[row[at.POS] : row[at.POS] + row[at.NP]]
+            largest = max(largest, float(own.max(initial=0.0)))
+    if sampled and largest > RUNAWAY_SIZE * max(system.length, 1.0):
+        periods = list(sampled.values())
+        yield diagnose("N512", ", ".join(sampled), largest=largest, periods=periods)
 
 
-def inactive_constraint_notes(system: System, largest: float) -> list[str]:
-    """Of constraints that contradict others by the rounding of data.
+def inactive_constraint_notes(system: System, largest: float) -> Iterator[Diagnostic]:
+    """Constraints that contradict others by the rounding of data (N232).
 
     Parameters
     ----------
     largest
         How far they are open at most, relative to sizes.
     """
-    if not system.inactive_rows:
-        return []
-    count = len(system.inactive_rows)
-    follow = "constraint follows" if count == 1 else "constraints follow"
-    return [
-        f"the mechanism is over-constrained: {count} {follow} from the others but for "
-        f"the rounding of the data, which leaves them open by up to {largest:.1e} of "
-        "its size; it moves without them. The same without contradiction: "
-        f"{substitution_text(system, system.inactive_rows)}"
-    ]
+    if system.inactive_rows:
+        yield diagnose(
+            "N232",
+            count=len(system.inactive_rows),
+            residual=largest,
+            substitution=substitution_text(system, system.inactive_rows),
+        )
 
 
 def rounding_notes(
     system: System, control: loop_state.StepLoopState, rtol: float, steps: int
-) -> list[str]:
-    """Of motions that are so small against coordinates that rounding hides errors."""
+) -> Iterator[Diagnostic]:
+    """Motions so small against coordinates that rounding hides errors (N323, N324)."""
     rows = system.arrays.body[system.arrays.body[:, at.RD] > 0]
     if control.fixed_step == 1 or len(rows) == 0:
-        return []
+        return
     axes = 2 if system.planar else 3
     distance = np.abs(
         np.array([control.z[p : p + axes] for p in rows[:, at.POS]])
@@ -192,30 +177,23 @@ def rounding_notes(
     motion = control.largest_motion
     turns = control.largest_rotation > ROTATION_ROUNDING  # of what has no extent
     if 0.0 < motion < rounding and not turns:
-        return [
-            f"nothing moves by more than rounding of coordinates, {rounding:.0e} m: "
-            f"{_rest_cause(system, control)}"
-        ]
+        free = _free_coordinates(system, control)
+        reason = f"no force acts along the {free} free coordinates"
+        if not free:
+            reason = "joints and drives leave no motion"
+        yield diagnose("N324", rounding=rounding, reason=reason, free=free)
+        return
     least = rounding * (steps if control.shares_tolerance == 1 else 1)
-    if not 0.0 < PROMISE_FACTOR * rtol * motion < least:
-        return []
-    return [
-        f"motions of {motion:.1g} m are small against coordinates of {span:.3g} m: "
-        f"rounding hides errors below {least:.0e} m, and rtol = {rtol:g} is not "
-        "promised; put the origin near to the motion, or ask for less"
-    ]
+    if 0.0 < PROMISE_FACTOR * rtol * motion < least:
+        yield diagnose("N323", rounding=least, rtol=rtol, motion=motion, size=span)
 
 
-def _rest_cause(system: System, control: loop_state.StepLoopState) -> str:
-    """What keeps a scene where it is."""
+def _free_coordinates(system: System, control: loop_state.StepLoopState) -> int:
+    """Velocity coordinates that the constraints leave free."""
     work, t = new_work_arrays(system), control.time
     work.interval_time[0] = float(system.clocks(np.array([t]))[0])
     work_arrays.evaluate(system, work, t, control.z, control.v)
-    rank = _constraint_rank(system, work)
-    if rank == system.n_velocities:
-        return "joints and drives leave no motion"
-    free = system.n_velocities - rank
-    return f"no force acts along the {free} coordinates that joints and drives leave"
+    return system.n_velocities - _constraint_rank(system, work)
 
 
 def _constraint_rank(system: System, work: WorkArrays) -> int:
@@ -231,33 +209,25 @@ def _constraint_rank(system: System, work: WorkArrays) -> int:
 
 def rotation_error_notes(
     control: loop_state.StepLoopState, settings: RunSettings
-) -> list[str]:
-    """Of rotations in which what Newton's iteration leaves of long steps adds up."""
+) -> Iterator[Diagnostic]:
+    """Rotations in which errors of Newton's iteration add up (N325)."""
     turns = float(control.largest_angular_velocity * control.duration)
     turns /= 2.0 * np.pi
     is_loose = settings.rtol > MAX_RADAU13_TOLERANCE and settings.step is None
     free = control.errors_accumulate == 1
-    if (
-        settings.integrator != "radau13"
-        or not (is_loose and free)
-        or turns < MANY_TURNS
-    ):
-        return []
-    return [
-        f"radau13 takes so long steps that errors add up over {turns:.0f} turns: "
-        f"rtol = {settings.rtol:g} is not promised; radau9 keeps it, and so does "
-        f"rtol = {MAX_RADAU13_TOLERANCE:g}"
-    ]
+    if settings.integrator == "radau13" and is_loose and free and turns >= MANY_TURNS:
+        yield diagnose("N325", turns=turns, rtol=settings.rtol)
 
 
 def skipped_feature_notes(
     system: System, control: loop_state.StepLoopState, settings: RunSettings
-) -> list[str]:
-    """Of pulses and zones that were too narrow for the fixed steps that met them."""
+) -> Iterator[Diagnostic]:
+    """Pulses and zones too narrow for the fixed steps that met them (N326)."""
     if settings.step is None:
-        return []
+        return
     share = piece_step_fraction(settings)
-    until, notes = control.time, []
+    until = control.time
+    found: list[tuple[str, str, float, int, float]] = []
     for name, known in system.features.items():
         is_skipped = (share * OVERSHOOT * known.lengths < settings.step) & (
             known.starts < until
@@ -266,33 +236,44 @@ def skipped_feature_notes(
         if is_skipped.any():
             k = int(np.flatnonzero(is_skipped)[0])
             begin = max(float(known.starts[k]), system.scene.time.start)
-            narrow = known.lengths[is_skipped].min()
-            notes.append(f"{name} changes within {narrow:.3g} s (t = {begin:.6g} s)")
+            narrow, count = (
+                float(known.lengths[is_skipped].min()),
+                int(is_skipped.sum()),
+            )
+            found.append((name, "time", narrow, count, begin))
     for k, (count, last_time) in enumerate(control.passed_features):
         force = system.forces[k // 2]
         known = force.law.rate_features() if k % 2 else force.law.features()
         if count:
             what = "rate" if k % 2 else "deflection"
-            notes.append(
-                f"{force.name} changes within {known.lengths.min():.3g} of its {what}, "
-                f"passed {_count_text(int(count))} (first after t = {last_time:.6g} s)"
-            )
-    if not notes:
-        return []
-    return [
-        f"fixed steps of {settings.step:.3g} s met what is narrower and may have "
-        f"passed it unseen: {'; '.join(notes)}; steps with error control look at it"
-    ]
+            narrow = float(known.lengths.min())
+            found.append((force.name, what, narrow, int(count), float(last_time)))
+    if found:
+        names, quantities, lengths, counts, times = map(list, zip(*found, strict=True))
+        yield diagnose(
+            "N326",
+            step=settings.step,
+            features=[_feature_text(*each) for each in found],
+            names=names,
+            quantities=quantities,
+            lengths=lengths,
+            counts=counts,
+            times=times,
+        )
 
 
-def _count_text(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
+def _feature_text(name: str, quantity: str, length: float, count: int, t: float) -> str:
+    """A pulse or a zone that steps may pass over, in words."""
+    if quantity == "time":
+        return f"{name} ({length:.3g} s long at t = {t:.6g} s)"
+    times = "once" if count == 1 else f"{count} times"
+    return f"{name} ({quantity} {length:.3g}, {times} from t = {t:.6g} s)"
 
 
 def undetermined_force_notes(
     system: System, rows: Iterable[int], outputs: Iterable[str] | None = None
-) -> list[str]:
-    """Of joints and drives that share loads in a way that the motion leaves open.
+) -> Iterator[Diagnostic]:
+    """Joints and drives whose forces the motion does not determine (N233).
 
     Parameters
     ----------
@@ -308,19 +289,18 @@ def undetermined_force_notes(
         }
         reported = [name for name in sharing if name in owners]
     if not reported:
-        return []
+        return
     count, others = len(system.redundant), [n for n in sharing if n not in reported]
-    why = "their constraints depend on each other in this configuration"
+    reason = "singular configuration"
     if count:
-        follow = "follows" if count == 1 else "follow"
-        why = "the mechanism is over-constrained, "
-        why += f"{count} of its constraints {follow} from others"
-    shared = f", shared with {', '.join(others)}" if others else ""
-    return [
-        f"the forces of {', '.join(reported)} are not determined{shared}: {why}; "
-        "recorded "
-        "are the smallest ones that hold it, real ones depend on stiffness and fit"
-    ]
+        reason = f"{count} redundant constraint" + ("s" if count > 1 else "")
+    yield diagnose(
+        "N233",
+        ", ".join(reported),
+        reason=reason,
+        shared_with=others,
+        redundant=count,
+    )
 
 
 def _is_reaction(name: object) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, without
 from sidtool.formats.result import FlexibleBody
 
 from ..initial_state import assembly
@@ -147,8 +148,8 @@ class InitialisedSystem:
     start: assembly.StateVectors
 
     @cached_property
-    def implausible_inputs(self) -> tuple[str, ...]:
-        """Sentences for the author of the scene."""
+    def implausible_inputs(self) -> tuple[Diagnostic, ...]:
+        """Diagnostics for the author of the scene."""
         return (
             *implausible_value_warnings(self.compiled),
             *unrepresented_loads(self.system, self.start),
@@ -182,7 +183,7 @@ def _assemble_with_warnings(system: System) -> tuple[System, assembly.StateVecto
         warnings = tuple(implausible_value_warnings(system))
         if not warnings:
             raise
-        problem = "; ".join((error.problem, *warnings))
+        problem = "; ".join((error.problem, *(w.message_line for w in warnings)))
         raise InputError(problem, place=error.place, expected=error.expected) from None
 
 
@@ -207,7 +208,8 @@ def describe(system: System) -> list[str]:
     InputError
         No start position meets the constraints.
     """
-    system, start = assemble(system)
+    compiled = system
+    system, start = assemble(compiled)
     kind = "planar" if system.planar else "spatial"
     lines = [
         f"{kind} scene: {system.n_positions - system.n_rotation_counters} position "
@@ -224,7 +226,12 @@ def describe(system: System) -> list[str]:
         lines.append(f"body {name}: {body.before}")
     lines += _defect_lines(system)
     least = system.scene.accuracy.rtol
-    lines += displacement_notes(system, new_work_arrays(system), start, least)
+    found = (
+        *implausible_value_warnings(compiled),
+        *unrepresented_loads(system, start),
+        *displacement_notes(system, new_work_arrays(system), start, least),
+    )
+    lines += [each.line for each in without(found, system.scene.diagnostics.ignore)]
     for name, owner in system.eliminated.items():
         lines.append(
             f"{name}: dropped from the constraints, the frame of {owner} is prescribed"
@@ -237,7 +244,7 @@ def describe(system: System) -> list[str]:
             f"{count} redundant constraint{plural} ({names}): met by the others; of "
             "all multipliers that hold the mechanism the smallest are told"
         )
-    lines += callable_notes(system)
+    lines += [each.line for each in callable_notes(system)]
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
     lines.append(f"markers: {used} used of {total} exported nodes")
     return lines

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import marker_names, marker_reference
 
 from ..initial_state import sparse_jacobian
@@ -86,8 +87,8 @@ def singular_passage_notes(
     control: loop_state.StepLoopState,
     rtol: float,
     begin: Array,
-) -> Iterator[str]:
-    """Sentences on the passages of a run that are too near to be sure of what follows.
+) -> Iterator[Diagnostic]:
+    """Passages of a run that are too near to be sure of what follows (N329).
 
     Parameters
     ----------
@@ -111,19 +112,13 @@ def singular_passage_notes(
         else:
             passages.append(nearest)
     for passage in passages[:MAX_REPORTED]:
-        names, near = ", ".join(passage.names), passage.independence
-        yield (
-            f"at t = {passage.t:.6g} s the run passes a singular configuration: the "
-            f"constraints of {names} keep {near:.0e} of their independence. Motions "
-            "cross there (a bifurcation); which of them goes on may be decided by "
-            "rounding, tolerance and integrator, not by the model"
+        yield diagnose(
+            "N329",
+            t=passage.t,
+            joints=passage.names,
+            independence=passage.independence,
+            count=len(passages),
         )
-    more, many = (
-        len(passages) - MAX_REPORTED,
-        " or more" if steps > MAX_CROSSINGS else "",
-    )
-    if more > 0:
-        yield f"the run passes singular configurations {more}{many} times later"
 
 
 class _StepMotion:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.motion_kinds import motion_kinds
 
 from ..output.energies import deformation_energies, elastic_coordinates
@@ -76,8 +77,8 @@ class Vibrations:
             q, _ = elastic_coordinates(self.system, samples, b)
             self._stored += float(deformation_energies(data.sid, q[sound]).sum())
 
-    def sentences(self, steps: int, span: float) -> Iterator[str]:
-        """Of a run of so many steps over a span [s]."""
+    def diagnostics(self, steps: int, span: float) -> Iterator[Diagnostic]:
+        """The coordinate that decides the steps of a run over a span [s] (N322)."""
         if steps < _MIN_STEPS or self.rows < _MIN_ROWS:
             return
         modes = sorted(self._found(), key=lambda each: -each.step_demand)
@@ -96,14 +97,15 @@ class Vibrations:
             return
         data, number = fastest.body, fastest.body.coordinate_numbers[fastest.row]
         kind = motion_kinds(data.sid)[fastest.row]
-        yield (
-            f"most of the {steps} steps follow a small vibration: q{number} of "
-            f"{data.name} ({kind}) at about {1.0 / period:.3g} Hz, "
-            f"{period * steps / span:.2g} steps a period, with "
-            f"{fastest.energy:.1e} J, {100.0 * share:.1g} % of the elastic energy. If "
-            f"it does not matter, [bodies.{data.name}.damping] lets it die out and "
-            f"shape_functions without {number} leave it out; if nothing should excite "
-            f"it, look where the markers of {data.name} are (`sidtool info MODEL`)"
+        yield diagnose(
+            "N322",
+            data.name,
+            number=number,
+            steps_per_period=period * steps / span,
+            kind=kind,
+            frequency=1.0 / period,
+            energy=fastest.energy,
+            share=share,
         )
 
     def _found(self) -> Iterator[Vibration]:

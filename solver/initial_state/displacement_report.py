@@ -1,4 +1,4 @@
-"""Changes of the given initial state by the assembly, as sentences."""
+"""Changes of the given initial state by the assembly, as diagnostics."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import as_3d, orientation_matrix
 
 from ..spatial import system_arrays as at
@@ -44,8 +45,8 @@ def displacements(system: System, work: WorkArrays) -> dict[str, tuple[float, fl
 
 def displacement_notes(
     system: System, work: WorkArrays, start: StateVectors, least: float
-) -> Iterator[str]:
-    """Sentences on bodies that the assembly moved, deformed or gave other velocities.
+) -> Iterator[Diagnostic]:
+    """Bodies that the assembly moved, deformed or gave other velocities (N221 to N223).
 
     Parameters
     ----------
@@ -61,11 +62,7 @@ def displacement_notes(
         name: min(max(v / system.length, w) * (time.end - time.start), relative[name])
         for name, (v, w) in changes.items()
     }
-    if changes_text := _largest_changes_text(changes, sizes, least, "m/s", "rad/s"):
-        yield (
-            "joints and drives replace initial velocities that the scene gives: "
-            f"{changes_text}"
-        )
+    yield from _report_changes("N223", changes, sizes, least, "m/s", "rad/s")
 
 
 def position_notes(
@@ -74,8 +71,8 @@ def position_notes(
     start: StateVectors,
     least: float,
     deformations: Mapping[str, tuple[float]] | None = None,
-) -> Iterator[str]:
-    """Sentences on bodies that the assembly moved or deformed.
+) -> Iterator[Diagnostic]:
+    """Bodies that the assembly moved or deformed (N221, N222).
 
     Parameters
     ----------
@@ -90,20 +87,12 @@ def position_notes(
     sizes = {
         name: max(way / system.length, a) for name, (way, a) in displacements_.items()
     }
-    if moved_text := _largest_changes_text(displacements_, sizes, least, "m", "rad"):
-        yield (
-            "the assembly moved bodies from where the scene puts them, to meet joints "
-            f"and drives: {moved_text}"
-        )
+    yield from _report_changes("N221", displacements_, sizes, least, "m", "rad")
     deformations = (
         _deformation_changes(system, start)[0] if deformations is None else deformations
     )
     sizes = {name: way / system.length for name, (way,) in deformations.items()}
-    if deformed_text := _largest_changes_text(deformations, sizes, least, "m"):
-        yield (
-            "the assembly deformed bodies otherwise than the scene says, to meet "
-            f"joints and drives: {deformed_text}"
-        )
+    yield from _report_changes("N222", deformations, sizes, least, "m")
 
 
 def _deformation_changes(
@@ -195,25 +184,30 @@ def _vector_change(specified_value: object, now: Array) -> tuple[Array, float]:
     return change, float(np.linalg.norm(change) / (largest or 1.0))
 
 
-def _largest_changes_text(
+def _report_changes(
+    code: str,
     changes: Mapping[str, tuple[float, ...]],
     sizes: Mapping[str, float],
     least: float,
     *units: str,
-) -> str:
-    """ "rod by 0.1 m and 0.2 rad, ..." of the bodies whose sizes are above `least`."""
+) -> Iterator[Diagnostic]:
+    """The diagnostic of the bodies whose sizes are above `least`, largest first.
+
+    Its data are their names, their changes as sentences and, for each unit, as numbers.
+    """
     listed = sorted((n for n in changes if sizes[n] > least), key=lambda n: -sizes[n])
-    parts = []
+    if not listed:
+        return
+    texts = []
     for name in listed[:MAX_LISTED]:
-        displacements_ = changes[name]
-        pairs = [
-            (w, u)
-            for w, u in zip(displacements_, units, strict=True)
-            if w > 1e-3 * least
-        ]
-        parts.append(
-            f"{name} by " + " and ".join(f"{way:.3g} {unit}" for way, unit in pairs)
-        )
+        pairs = zip(changes[name], units, strict=True)
+        parts = [f"{way:.3g} {unit}" for way, unit in pairs if way > 1e-3 * least]
+        texts.append(f"{name} by " + " and ".join(parts))
     if len(listed) > MAX_LISTED:
-        parts.append(f"{len(listed) - MAX_LISTED} more by less")
-    return ", ".join(parts)
+        texts.append(f"{len(listed) - MAX_LISTED} more by less")
+    linear = [changes[name][0] for name in listed]
+    if len(units) == 1:
+        yield diagnose(code, changes=texts, bodies=listed, linear=linear)
+        return
+    angular = [changes[name][1] for name in listed]
+    yield diagnose(code, changes=texts, bodies=listed, linear=linear, angular=angular)

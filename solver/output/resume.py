@@ -10,7 +10,9 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import diagnose, each_once
 from sidtool.formats.result import Result
+from sidtool.formats.result.accuracy_report import BODY_CODES
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.result.rows import Rows, iterate_rows
 from sidtool.formats.scene import OutputTimes
@@ -65,15 +67,15 @@ class ResumeState:
             name: max(value, self.done.drift.get(name, 0.0))
             for name, value in rest.drift.items()
         }
-        previous_notes = [n for n in self.done.notes if n not in self.done.warnings]
-        note = f"the run went on at t = {self.t:.9g} s, where it had been ended"
+        # The bodies of all parts are judged together.
+        previous = [d for d in self.done.diagnostics if d.code not in BODY_CODES]
         return replace(
             rest,
             counters=counters,
             drift=drift,
             events=(*self.done.events, *rest.events),
-            notes=tuple(
-                dict.fromkeys((*rest.warnings, *previous_notes, *rest.notes, note))
+            diagnostics=each_once(
+                (*rest.diagnostics, *previous, diagnose("N317", t=self.t))
             ),
         )
 

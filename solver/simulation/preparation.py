@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.result import Result
 
 from ..diagnostics.run_summary import InitialisedSystem, initialise
@@ -53,7 +54,7 @@ class RunStart:
     settings : integrator, tolerance or fixed step
     initialised : the system at its start
     system : the same system, with a place for the states of friction joints
-    notes : sentences for the notes of the result
+    diagnostics : of the scene, for the result
     resume : where an unfinished run ended, None for a new run
     times : output times
     tolerances : (rows,) largest residuals of the constraints
@@ -62,7 +63,7 @@ class RunStart:
     settings: RunSettings
     initialised: InitialisedSystem
     system: System
-    notes: Iterable[str]
+    diagnostics: Iterable[Diagnostic]
     resume: ResumeState | None
     times: OutputTimesAtSamples
     tolerances: Array
@@ -86,7 +87,7 @@ class RunStart:
 def prepare_run(
     system: System,
     settings: RunSettings,
-    notes: Iterable[str],
+    diagnostics: Iterable[Diagnostic],
     unfinished: Result | None,
 ) -> RunStart:
     """Find a consistent start, or the state in which an unfinished run ended.
@@ -105,7 +106,7 @@ def prepare_run(
         settings=settings,
         initialised=initialised,
         system=prepared,
-        notes=notes,
+        diagnostics=diagnostics,
         resume=resume,
         times=OutputTimesAtSamples(prepared),
         tolerances=constraint_tolerances(prepared, settings),

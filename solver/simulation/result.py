@@ -10,13 +10,19 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import (
+    Diagnostic,
+    diagnose,
+    each_once,
+    without,
+)
 from sidtool.formats.result import Result
 from sidtool.formats.result.accuracy_report import (
     MAX_DEFLECTION,
     MAX_ROTATION,
     MEANINGLESS_DEFLECTION,
     failure_text,
-    validity_warnings,
+    validity_diagnostics,
 )
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import observed_outputs
@@ -52,6 +58,8 @@ from .run_loop import Run, Stop
 if TYPE_CHECKING:
     from ..system.system import System
 
+#: A scene is stiff if stability limits at least one step in this number.
+STIFF_STEP_SHARE = 4
 #: Velocity coordinates up to which a static start is tried before it is advised.
 MAX_TRIED_COORDINATES = 300
 
@@ -93,22 +101,28 @@ def build_result(
         lambda: {"scene": scene_with_settings(scene, settings)}, "scene"
     )
     return known.with_lazy_fields(
-        lambda: _deferred_fields(run), "bodies", "notes", "warnings"
+        lambda: _deferred_fields(run), "bodies", "diagnostics"
     )
 
 
 def _deferred_fields(run: Run) -> dict[str, Any]:
     """Fields of a result that are evaluated when they are read."""
     scene, remarks = run.system.scene, run.recorder.verdicts.found.output_notes
-    warnings = validity_warnings(run.recorder.bodies)
+    found = each_once(
+        (
+            *validity_diagnostics(run.recorder.bodies),
+            *(
+                limit
+                for name, body in run.recorder.bodies.items()
+                for limit in body.model_limits(name)
+            ),
+            *_run_diagnostics(run),
+            *remarks.diagnostics(observed_outputs(scene)),
+        )
+    )
     return {
         "bodies": run.recorder.bodies,
-        "notes": (
-            *warnings,
-            *_run_notes(run),
-            *remarks.sentences(observed_outputs(scene)),
-        ),
-        "warnings": warnings,
+        "diagnostics": without(found, scene.diagnostics.ignore),
     }
 
 
@@ -202,13 +216,12 @@ def _settings_table(run: Run) -> dict[str, str | float]:
     return table
 
 
-def _run_notes(run: Run) -> Iterator[str]:
-    """Notes on the numbers of a run."""
+def _run_diagnostics(run: Run) -> Iterator[Diagnostic]:
+    """Diagnostics of the numbers of a run."""
     system, recorder, rtol = run.system, run.recorder, run.settings.rtol
     steps, initial = run.memory.steps, run.start.initial
-    yield from dict.fromkeys(
-        (*run.start.notes, *run.start.initialised.implausible_inputs)
-    )
+    yield from run.start.diagnostics
+    yield from run.start.initialised.implausible_inputs
     yield from singular_passage_notes(system, run.kernels, run.control, rtol, initial.z)
     yield from displacement_notes(system, recorder.sampler.work, initial, rtol)
     if run.current_time >= system.scene.time.end and not _stopping_event_text(run):
@@ -225,7 +238,7 @@ def _run_notes(run: Run) -> Iterator[str]:
     yield from result_notes.sampled_loop_notes(system, run.control, initial.z)
     if run.control.fixed_step != 1:
         span = run.current_time - system.scene.time.start
-        yield from recorder.verdicts.found.vibrations.sentences(steps, span)
+        yield from recorder.verdicts.found.vibrations.diagnostics(steps, span)
     yield from result_notes.rounding_notes(system, run.control, rtol, steps)
     reached_end = run.current_time >= system.scene.time.end or _stopping_event_text(run)
     if reached_end:  # speeds where a run stops are those of its failure
@@ -233,6 +246,7 @@ def _run_notes(run: Run) -> Iterator[str]:
         yield from rejected_trials(system, run.work)
     yield from result_notes.skipped_feature_notes(system, run.control, run.settings)
     yield from _constraint_deformation_notes(run)
+    yield from _stability_limit_notes(run)
     ends = (system.scene.time.start, run.current_time)
     control = run.control
     if reached_end:
@@ -270,8 +284,15 @@ def _has_static_start(system: System) -> bool:
     return True
 
 
-def _constraint_deformation_notes(run: Run) -> Iterator[str]:
-    """Notes on deformations that joints and drives impose instead of loads."""
+def _stability_limit_notes(run: Run) -> Iterator[Diagnostic]:
+    """Steps that stability of an explicit method limited, not the tolerance (N321)."""
+    steps, stiff = run.memory.steps, run.control.stiff_steps
+    if run.method.explicit and STIFF_STEP_SHARE * stiff > steps:
+        yield diagnose("N321", share=stiff / steps, method=run.settings.integrator)
+
+
+def _constraint_deformation_notes(run: Run) -> Iterator[Diagnostic]:
+    """Deformations that joints and drives impose instead of loads (N330)."""
     deformed = [
         n for n, body in run.recorder.bodies.items() if body.deflection > MAX_DEFLECTION
     ]
@@ -280,10 +301,7 @@ def _constraint_deformation_notes(run: Run) -> Iterator[str]:
             run.system, run.current_time, *_last_sound_state(run)
         )
         if why:
-            yield (
-                f"joints and drives deform {', '.join(deformed)}: {why}; such motions "
-                f"may magnify errors, and rtol = {run.settings.rtol:g} is not promised"
-            )
+            yield diagnose("N330", ", ".join(deformed), reason=why)
 
 
 def _initial_samples(run: Run) -> Samples:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from itertools import chain
 
-from sidtool.formats.result import FlexibleBody, InMemory, Result, Sink
+from sidtool.formats.diagnostics import INFO, Diagnostic, without
+from sidtool.formats.result import InMemory, Result, Sink
 
 from ..compiler import precompile
 from ..diagnostics.run_summary import initialise
@@ -25,7 +26,7 @@ from .result import (
 )
 from .run_loop import Progress, Run
 
-ExpectationCallback = Callable[[Mapping[str, FlexibleBody]], None]
+DiagnosticCallback = Callable[[Diagnostic], None]
 
 
 def simulate(
@@ -36,12 +37,11 @@ def simulate(
     step: float | None = None,
     spectral_radius: float | None = None,
     progress: Progress | None = None,
-    foresee: ExpectationCallback | None = None,
-    tell: Callable[[str], None] | None = None,
-    told: Iterable[str] = (),
+    report_diagnostic: DiagnosticCallback | None = None,
+    diagnostics: Iterable[Diagnostic] = (),
     into: Sink | None = None,
     stop: Callable[[], str] | None = None,
-    warn: Callable[[str], None] | None = None,
+    emit_warning: DiagnosticCallback | None = None,
     unfinished: Result | None = None,
 ) -> Result:
     """Integrates a compiled scene over its time span.
@@ -59,20 +59,18 @@ def simulate(
         Of generalised_alpha, 0 to 1, default as in the scene.
     progress
         Called with the simulated time [s] from time to time.
-    foresee
-        Called before the first step with what is expected of flexible bodies.
-    tell
-        Called before the first step with what is to be asked or known of the scene.
-    told
-        Sentences for the notes of the result.
+    report_diagnostic
+        Called before the first step with each diagnostic of the scene.
+    diagnostics
+        Of the scene, for the result.
     into
         Takes the rows of the result while the run goes on, and the result at its end,
         whose tables are then empty; default they are kept in memory.
     stop
         Asked from time to time why the run is to end before its time, if at all.
-    warn
-        Called after the run with each of the warnings of the result that a large
-        deformation is the cause of.
+    emit_warning
+        Called after the run with each of the warnings of the result, if a body may
+        have left linear theory; they take time to compute.
     unfinished
         A run of this scene and these settings that stopped, or that is complete to an
         earlier end; this one goes on from its last state, and its result is that of
@@ -92,8 +90,10 @@ def simulate(
         system.planar, loops, needs_body_quantities(system.scene)
     )
     started = time.perf_counter()
-    report_expectations(system, foresee, tell)
-    start = prepare_run(system, settings, chain(system.notes, told), unfinished)
+    report_implausible_inputs(system, report_diagnostic)
+    start = prepare_run(
+        system, settings, chain(system.diagnostics, diagnostics), unfinished
+    )
     plan = plan_outputs(start)
     arrays = allocate(start, plan)
     memory_sink = InMemory()
@@ -113,23 +113,20 @@ def simulate(
         result = start.resume.join(result)
     if into is not None:
         into.finish(result)
-    if warn is not None and may_exceed_linear_theory(run):
-        for text in result.warnings:
-            warn(text)
+    if emit_warning is not None and may_exceed_linear_theory(run):
+        for diagnostic in result.diagnostics:
+            if diagnostic.severity != INFO:
+                emit_warning(diagnostic)
     if failure:
         raise SimulationError(result.message, result)
     return result
 
 
-def report_expectations(
-    system: System,
-    foresee: ExpectationCallback | None,
-    tell: Callable[[str], None] | None,
+def report_implausible_inputs(
+    system: System, report_diagnostic: DiagnosticCallback | None
 ) -> None:
-    """Report implausible input, and what is expected of flexible bodies."""
-    initialised = system.cached(initialise)
-    if tell is not None:
-        for sentence in initialised.implausible_inputs:
-            tell(sentence)
-    if foresee is not None:
-        foresee(initialised.expected_bodies)
+    """Report what is implausible in a scene before it is run."""
+    if report_diagnostic is not None:
+        found = system.cached(initialise).implausible_inputs
+        for each in without(found, system.scene.diagnostics.ignore):
+            report_diagnostic(each)

@@ -17,6 +17,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import BLOCK_SHAPES, SID, Taylor, block_shape
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import (
     STATE,
     Drive,
@@ -509,8 +510,8 @@ def _natives(system: System, name: str) -> Iterator[NativeCallable]:
             yield from element.control.natives
 
 
-def rejected_trials(system: System, work: at.WorkArrays) -> list[str]:
-    """Which laws gave no number where a run could do without it.
+def rejected_trials(system: System, work: at.WorkArrays) -> list[Diagnostic]:
+    """Which laws gave no number where a run could do without it (N510).
 
     An exception of a callable is a defect of a program, whether the run needed the
     number or not.
@@ -525,5 +526,4 @@ def rejected_trials(system: System, work: at.WorkArrays) -> list[str]:
             if native.failure is not None and not (error and native.failure[0] == last):
                 t, why = native.failure
                 compiled.append(f"the law of {name} {why} at t = {t:.9g} s")
-    end = "; steps that ask for it are repeated, outputs that need it are no numbers"
-    return [f"{text}{end}" for text in dict.fromkeys(compiled)]
+    return [diagnose("N510", reason=text) for text in dict.fromkeys(compiled)]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.scene import SceneFile
 
 from ..functions.callables import NativeCallable
@@ -93,8 +94,8 @@ class System:
         prescribe have no coordinates.
     full_system
         Of a reduced scene: the one with all joints, if their forces are requested.
-    notes
-        Notes on how the system was compiled.
+    diagnostics
+        Of how the system was compiled.
     sids
         SIDs as they were read, by body.
     make_full_system
@@ -130,7 +131,7 @@ class System:
     shortest_features: Mapping[str, float] = field(default_factory=dict)
     prescribed_body_table: at.IntTable | None = None
     full_system: System | None = None
-    notes: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     sids: Mapping[str, SID] = field(default_factory=dict)
     source: SceneFile | None = None
     make_full_system: Callable[[], System] | None = None

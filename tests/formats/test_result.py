@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import diagnose, plain_text
 from sidtool.formats.geometric_stiffening import LoadStiffening
 from sidtool.formats.result import (
     Excitation,
@@ -45,7 +46,10 @@ def result() -> Result:
         versions={"sidtool": "0.1.0"},
         completed=False,
         message="the step became too small",
-        notes=("the forces of a and b are not determined", "größer als 1e-6"),
+        diagnostics=(
+            diagnose("N233", "a, b", reason="2 redundant constraints"),
+            plain_text("größer als 1e-6", "warning"),
+        ),
     )
 
 
@@ -55,7 +59,7 @@ def test_hdf5_returns_every_bit(result: Result, tmp_path: Path) -> None:
     for name in ("t", "values", "positions", "velocities", "multipliers"):
         assert np.array_equal(getattr(back, name), getattr(result, name))
     texts = ("title", "names", "position_names", "scene", "completed", "message")
-    for name in (*texts, "notes"):
+    for name in (*texts, "diagnostics", "notes", "warnings"):
         assert getattr(back, name) == getattr(result, name)
     for name in ("counters", "drift", "settings", "versions"):
         assert dict(getattr(back, name)) == dict(getattr(result, name))
@@ -102,18 +106,18 @@ def test_a_result_without_notes_and_a_file_of_before_have_none(
     result: Result, tmp_path: Path
 ) -> None:
     path = tmp_path / "r.h5"
-    write_result(path, replace(result, notes=()))
-    assert read_result(path).notes == ()
+    write_result(path, replace(result, diagnostics=()))
+    assert read_result(path).diagnostics == ()
     older = tmp_path / "older.h5"
 
     def without_notes(target: h5py.File) -> None:
         with h5py.File(path, "r") as file:
-            for name in set(file) - {"notes"}:
+            for name in set(file) - {"notes", "warnings", "diagnostics"}:
                 file.copy(name, target)
             target.attrs.update(file.attrs)
 
     write_sealed(older, without_notes)
-    assert read_result(older).notes == ()
+    assert read_result(older).diagnostics == ()
 
 
 def as_version_1(path: Path) -> None:
@@ -128,7 +132,7 @@ def as_version_1(path: Path) -> None:
         file.attrs["format_version"] = 1
         for table in TABLES:
             move(file, f"names/{table}", file[table], "names")
-        del file["names"]
+        del file["names"], file["diagnostics"]
         for name in ("notes", "warnings"):
             move(file, name, file, name)
         for body in file["bodies"].values():
@@ -144,7 +148,7 @@ def test_files_of_version_1_are_read(result: Result, tmp_path: Path) -> None:
         labels=("bending", "größer"),
         amplitudes=np.array([1e-3, 2e-5]),
     )
-    result = replace(result, bodies={"rod": rod}, warnings=("größer als 1e-6",))
+    result = replace(result, bodies={"rod": rod})
     path = tmp_path / "r.h5"
     write_result(path, result)
     as_version_1(path)
@@ -171,14 +175,13 @@ def test_lists_of_any_length_are_stored(result: Result, tmp_path: Path) -> None:
         values=np.arange(3e5).reshape(3, -1),
         positions=np.ones((3, 15_000)),
         position_names=names[:15_000],
-        notes=names[:5000],
-        warnings=names[:5000],
+        diagnostics=tuple(map(plain_text, names[:5000])),
         bodies={"rod": rod},
     )
     write_result(tmp_path / "r.h5", wide)
     back = read_result(tmp_path / "r.h5")
     assert np.array_equal(back.values, wide.values)
-    for name in ("names", "position_names", "notes", "warnings"):
+    for name in ("names", "position_names", "diagnostics"):
         assert getattr(back, name) == getattr(wide, name)
     assert back.bodies["rod"].labels == rod.labels
     assert np.array_equal(back.bodies["rod"].frequencies, rod.frequencies)

@@ -28,7 +28,7 @@ def test_no_modes_are_given_where_no_axes_make_the_equations_constant() -> None:
     """A shaft that is not round on bearings of two stiffnesses."""
     rotor = random_rotor(3)
     flat = replace(rotor, sids={"shaft": shaft(0.02, 0.014)})
-    with pytest.raises(SimulationError, match="change as the bodies turn"):
+    with pytest.raises(SimulationError, match="N713"):
         missing(flat, 3)
 
 

@@ -7,6 +7,7 @@ F L^2 / (2 E I): these determine which runs leave the theory.
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from sidtool.cli.main import cli
 from sidtool.formats.result import read_result
 from sidtool.formats.sid_files import write_sid
 from sidtool.measurement import cache
+from tests.codes import codes, only
 from tests.solver.scenes import scene
 from tests.steel_bars import steel_bar
 
@@ -68,33 +70,53 @@ def command(*arguments: object) -> Any:
 
 def test_a_deflection_beyond_the_theory_is_a_warning_everywhere(folder: Path) -> None:
     stored = folder / "far.h5"
-    with pytest.warns(sidtool.ValidityWarning, match="b1"):
+    with pytest.warns(sidtool.DiagnosticWarning, match="N411 b1") as caught:
         result = sidtool.simulate(folder / "far.json")
     body = result.bodies["b1"]
     assert body.deflection == pytest.approx(2.0 * FAR, rel=0.05)
     assert body.rotation == pytest.approx(1.5 * 2.0 * FAR, rel=0.1)
-    (warning,) = result.warnings
-    assert result.notes[0] == warning and "b1" in warning
+    warning = only(result, "N411")
+    assert result.diagnostics[0] == warning and warning.subject == "b1"
+    assert warning.data["deflection"] == body.deflection
+    assert caught[0].message.code == "N411"  # type: ignore[union-attr]
 
     for quiet in ((), ("--quiet",)):
         found = command(
             "simulate", folder / "far.json", "-o", stored, "--force", *quiet
         )
         assert found.exit_code == 0
-        assert warning in found.stderr and warning not in found.stdout
-    assert read_result(stored).warnings == (warning,)
-    assert read_result(stored).bodies["b1"].rotation == body.rotation
-    assert warning in command("info", stored).stdout
+        assert "N411 b1" in found.stderr and "N411" not in found.stdout
+    read = read_result(stored)
+    assert read.diagnostics == result.diagnostics
+    assert only(read, "N411").data == warning.data
+    assert read.bodies["b1"].rotation == body.rotation
+    assert "N411 b1" in command("info", stored).stdout
     found = command("simulate", folder / "far.json", "--json")
-    assert json.loads(found.stdout)["warnings"] == [warning] and warning in found.stderr
+    assert warning.as_data() in json.loads(found.stdout)["diagnostics"]
+    assert "N411 b1" in found.stderr
+
+
+def test_a_code_is_ignored_and_strict_runs_fail_by_warnings(folder: Path) -> None:
+    ignored = command("simulate", folder / "far.json", "--ignore", "n411", "--json")
+    found = {d["code"] for d in json.loads(ignored.stdout)["diagnostics"]}
+    assert "N411" not in found | {ignored.stderr[8:12]}
+    quiet = [f"--ignore={code}" for code in found]
+    strict = ("simulate", folder / "far.json", "--strict")
+    assert command(*strict).exit_code == 1
+    assert command(*strict, "--ignore", "N411", *quiet).exit_code == 0
+    assert command(*strict, "--ignore", "N999").exit_code == 2
+    key = "diagnostics.ignore=['N411']"
+    assert "N411" not in command("simulate", folder / "far.json", "--set", key).stderr
 
 
 def test_within_the_theory_there_is_no_warning(folder: Path) -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("error", sidtool.ValidityWarning)
-        assert sidtool.simulate(folder / "safe.json").warnings == ()
-        assert sidtool.static_equilibrium(folder / "safe.json").warnings == ()
-    assert "warning" not in command("simulate", folder / "safe.json").stderr
+        warnings.simplefilter("error", sidtool.DiagnosticWarning)
+        warnings.filterwarnings("ignore", "N220")  # the load jumps at the start
+        assert codes(sidtool.simulate(folder / "safe.json")) == ["N220"]
+        assert not codes(sidtool.static_equilibrium(folder / "safe.json"))
+    ignored = command("simulate", folder / "safe.json", "--ignore", "N220")
+    assert "warning" not in ignored.stderr
 
 
 def test_numbers_without_meaning_are_an_error(folder: Path) -> None:
@@ -104,7 +126,7 @@ def test_numbers_without_meaning_are_an_error(folder: Path) -> None:
         sidtool.simulate(folder / "useless.json")
     result = stop.value.result
     assert result is not None and not result.completed and result.message
-    assert result.t[-1] == pytest.approx(0.1) and result.warnings
+    assert result.t[-1] == pytest.approx(0.1) and "N411" in codes(result)
     again = ("simulate", folder / "useless.json", "-o", stored)
     for arguments in (again, (*again, "--continue")):
         assert command(*arguments).exit_code == 1
@@ -116,38 +138,37 @@ def test_numbers_without_meaning_are_an_error(folder: Path) -> None:
 
 def test_the_worst_body_is_never_cut_off(folder: Path) -> None:
     found = command("simulate", folder / "nine.json")
-    assert "b9 " in found.stderr
-    summary = found.stdout.partition("\ndrift ")[2].splitlines()
-    bodies = [line.split()[0] for line in summary if line.startswith("b")]
+    assert "N411 b9" in found.stderr
+    rows = [line.split()[0] for line in found.stdout.splitlines()]
+    bodies = [name for name in rows if re.fullmatch(r"b\d", name)]
     assert len(bodies) == 8 and bodies[0] == "b9"
 
 
 def test_analyses_of_a_state_carry_its_warnings(folder: Path) -> None:
-    with pytest.warns(sidtool.ValidityWarning):
+    with pytest.warns(sidtool.DiagnosticWarning):
         rest = sidtool.static_equilibrium(folder / "far.json")
-    with pytest.warns(sidtool.ValidityWarning):
+    with pytest.warns(sidtool.DiagnosticWarning):
         modes = sidtool.linearise(folder / "far.json")
     deflection = abs(rest.result().values[0, 0])
     assert deflection == pytest.approx(FAR, rel=0.02)
-    assert rest.warnings and rest.warnings == modes.warnings
-    assert set(rest.notes) <= set(modes.notes)
-    assert rest.result().warnings == rest.warnings
+    assert codes(rest) == ["N411"] and set(rest.diagnostics) <= set(modes.diagnostics)
+    assert rest.result().diagnostics == rest.diagnostics
     for analysis in ("static", "modes"):
         found = command("analyse", analysis, folder / "far.json", "--json")
         assert found.exit_code == 0
-        assert json.loads(found.stdout)["warnings"] == list(rest.warnings)
+        assert only(rest, "N411").as_data() in json.loads(found.stdout)["diagnostics"]
 
 
 def test_a_study_carries_the_notes_of_its_reference(folder: Path) -> None:
     settings: Any = {"integrators": ["radau5"], "rtol": [1e-3]}
-    with pytest.warns(sidtool.ValidityWarning, match="b1"):
+    with pytest.warns(sidtool.DiagnosticWarning, match="b1"):
         study = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
-    (warning,) = study.warnings
-    assert study.notes[0] == warning and warning in study.report()
-    with pytest.warns(sidtool.ValidityWarning, match="b1"):  # of what was kept
+    assert study.diagnostics[0].code == "N411" and "N411 b1" in study.report()
+    with pytest.warns(sidtool.DiagnosticWarning, match="b1"):  # of what was kept
         again = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
-    assert again.notes == study.notes
-    assert not sidtool.study(folder / "safe.json", **settings).warnings
+    assert again.diagnostics == study.diagnostics
+    safe = sidtool.study(folder / "safe.json", **settings).diagnostics
+    assert "N411" not in [each.code for each in safe]
 
 
 def test_accuracy_refuses_from_where_a_run_warns(
@@ -157,9 +178,9 @@ def test_accuracy_refuses_from_where_a_run_warns(
     monkeypatch.setattr(cache, "cache_path", lambda: tmp_path)
     sids = {"b1": folder / "bar.SID_FEM"}
     with warnings.catch_warnings():
-        warnings.simplefilter("error", sidtool.ValidityWarning)
+        warnings.filterwarnings("error", "N411")
         below = sidtool.simulate(loaded(0.045), sids=sids)
-    with pytest.warns(sidtool.ValidityWarning):
+    with pytest.warns(sidtool.DiagnosticWarning, match="N411"):
         above = sidtool.simulate(loaded(0.055), sids=sids)
     assert below.bodies["b1"].deflection < 0.1 < above.bodies["b1"].deflection
     with pytest.raises(OutsideTheory, match="b1"):

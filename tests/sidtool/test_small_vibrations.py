@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,14 @@ import pytest
 
 import sidtool
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.model import ModelFile
 from sidtool.formats.motion_kinds import named_by_kind
 from sidtool.formats.scene import read_scene
 from sidtool.formats.toml.reading import validate_data
 from sidtool.mesh.mesh import Mesh
 from sidtool.pipeline.model_to_sid import sid_from_model
+from tests.codes import only, with_code
 
 from ..places import SLIDER_CRANK
 from .bodies import beam_data
@@ -51,8 +52,8 @@ def run(rod: SID, kind: str, energy: float, **changes: Any) -> sidtool.Result:
     )
 
 
-def vibration_notes(result: sidtool.Result) -> list[str]:
-    return [note for note in result.notes if "follow a small vibration" in note]
+def vibration_notes(result: sidtool.Result) -> list[Diagnostic]:
+    return with_code(result, "N322")
 
 
 @pytest.mark.parametrize(
@@ -63,13 +64,12 @@ def test_the_vibration_that_limits_steps_is_named_and_the_advice_helps(
 ) -> None:
     number = named_by_kind(rod)[kind]
     slow = run(rod, kind, energy)
-    (sentence,) = vibration_notes(slow)
-    words = rf"q{number} of rod \(bending z\) at about (\S+) Hz.* with (\S+) J"
-    found = re.search(words, sentence)
-    assert found is not None
+    found = only(slow, "N322").data
+    assert found["number"] == number and found["kind"] == "bending z"
     k, m = (x.m0[number - 1, number - 1] for x in (rod.Ke, rod.Me))
-    assert float(found[1]) == pytest.approx(np.sqrt(k / m) / (2 * np.pi), rel=0.02)
-    assert float(found[2]) == pytest.approx(energy, rel=0.1)
+    hertz = np.sqrt(k / m) / (2 * np.pi)
+    assert found["frequency"] == pytest.approx(hertz, rel=0.02)
+    assert found["energy"] == pytest.approx(energy, rel=0.1)
     retained = tuple(i for i in range(1, rod.nq + 1) if i != number)
     start = read_scene(FOLDER + "/slider_crank.toml").bodies["rod"].initial
     without = run(rod, kind, energy, shape_functions=retained, initial=start)
@@ -116,12 +116,12 @@ def test_a_pin_out_of_the_plane_costs_no_steps(tmp_path: Path) -> None:
             },
         }
         data = json.loads(model.model_dump_json()) | choices
-        heard: list[str] = []
-        sid = sid_from_model(validate_data(data, ModelFile), heard.append)
+        sid = sid_from_model(validate_data(data, ModelFile))
         scene = read_scene(FOLDER + "/slider_crank.toml")
         times = scene.time.model_copy(update={"end": 0.3})
         scene = scene.model_copy(update={"time": times})
         result = sidtool.simulate(scene, sids={"rod": sid}, base_folder=FOLDER)
         steps.append(result.counters["steps"])
-        assert any("8e-05 m away" in text for text in heard) == (off > 0)
+        (gap,) = [d.data["gap"] for d in with_code(sid, "N136")] or [0.0]
+        assert gap == pytest.approx(off, rel=1e-6, abs=1e-12)
     assert steps[1] < 1.2 * steps[0]

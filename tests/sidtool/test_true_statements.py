@@ -13,6 +13,7 @@ from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.imported_mesh import LEFT_OUT, unread_keyword_notes
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.system.errors import SimulationError
+from tests.codes import codes, with_code
 from tests.sidtool.importers.mesh_files import bdf_text, inp_text, msh_4, rod_mesh
 from tests.solver.scenes import scene, slender_rod
 from tests.steel_bars import steel_bar
@@ -49,14 +50,14 @@ def test_speeds_where_a_run_stops_are_no_sign_of_units_or_turns(
     """The crank turns by less than a radian, and the force is 50 N."""
     with pytest.raises(SimulationError) as stop:
         simulate(compile_scene(blocked_crank()), integrator=integrator, rtol=1e-3)
-    notes = " ".join(stop.value.result.notes)
-    assert "turns" not in notes and "units" not in notes
+    assert not {"N218", "N325"} & set(codes(stop.value.result))
 
 
 def test_ignored_keywords_are_not_called_without_effect() -> None:
     idle, left_out = unread_keyword_notes(["*STEP", f"*NONSTRUCTURAL MASS{LEFT_OUT}"])
-    assert "*STEP" in idle and "NONSTRUCTURAL" not in idle
-    assert "*NONSTRUCTURAL MASS" in left_out and "without effect" not in left_out
+    assert (idle.code, idle.data["keywords"]) == ("N112", ("*STEP",))
+    named = left_out.code, left_out.data["keywords"]
+    assert named == ("N113", ("*NONSTRUCTURAL MASS",))
     assert unread_keyword_notes([]) == []
 
 
@@ -92,10 +93,8 @@ def test_readers_distinguish_content_that_can_change_a_body(
     else:
         body = bdf_text(mesh).replace("ENDDATA", f"{text}ENDDATA")
         path.write_text(body, encoding="utf-8")
-    notes = [note for note in read_mesh(path, [name]).notes if name in note]
-    assert len(notes) == 1
-    assert ("lacks" in notes[0]) == changes
-    assert ("without effect" in notes[0]) != changes
+    found = [d for d in read_mesh(path, [name]).diagnostics if name in str(d)]
+    assert [each.code for each in found] == ["N113" if changes else "N112"]
 
 
 def test_a_start_in_equilibrium_has_no_warning(
@@ -111,11 +110,11 @@ def test_a_start_in_equilibrium_has_no_warning(
         initial={"state": "static"},
     )
     sids = {"bar": steel_bar(width=0.04, modes=6)}
-    with pytest.warns(sidtool.ValidityWarning):
+    with pytest.warns(sidtool.DiagnosticWarning, match="N411"):
         result = sidtool.simulate(described, sids=sids)
         rest = sidtool.static_equilibrium(described, sids=sids)
     assert result.completed and np.isfinite(result.positions).all()
-    assert not any("cannot start" in note for note in (*result.notes, *rest.notes))
+    assert "N703" not in codes(result) + codes(rest)
 
 
 @pytest.mark.parametrize(
@@ -143,8 +142,8 @@ def test_a_static_start_is_advised_where_there_is_one(
                       forces=loads, end=0.05)  # fmt: skip
     sids = {"bar": bent_bar()}
     result = sidtool.simulate(described, sids=sids)
-    (note,) = [text for text in result.notes if "equilibrium" in text]
-    assert ("static" in note) == rests
+    (found,) = [*with_code(result, "N219"), *with_code(result, "N220")]
+    assert ("static" in found.remedy) == rests
     at_rest = {"initial.state": "static"}
     if rests:
         assert sidtool.simulate(described.with_(at_rest), sids=sids).completed

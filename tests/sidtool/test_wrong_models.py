@@ -17,6 +17,12 @@ def test_a_mistake_gets_the_message_that_names_it(name: str) -> None:
         assert re.search(pattern, messages), messages
 
 
+@pytest.mark.parametrize("code", ["N101", "N103", "N104", "N107"])
+def test_implausible_bodies_are_in_the_gallery(code: str) -> None:
+    patterns = [pattern for _, words in MISTAKES.values() for pattern in words]
+    assert any(pattern.startswith(code) for pattern in patterns)
+
+
 def test_the_gallery_is_not_small() -> None:
     assert len(MISTAKES) >= 60
     rooms = [attempt.__module__ for attempt, _ in MISTAKES.values()]

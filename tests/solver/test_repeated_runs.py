@@ -73,7 +73,11 @@ def test_runs_of_one_system_are_those_of_new_ones(
     new_first = simulate(beam(), rtol=1e-5)
     new_rough = simulate(beam(), rtol=1e-3)
     assert count == [3]  # before notes are read: some try another start
-    assert first.notes and len(rough.notes) and rough.counters != first.counters
+    assert (
+        first.diagnostics
+        and len(rough.diagnostics)
+        and rough.counters != first.counters
+    )
     assert_same(again, first)
     assert_same(new_first, first)
     assert_same(new_rough, rough)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.imported_mesh import (
     RawCoupling,
@@ -68,7 +69,7 @@ def couplings_of(deck: Deck, body: Namespace, instance: str) -> list[RawCoupling
         try:
             coupling = _make_coupling(deck, definition, body, instance, i)
             if used is not None and used.isdisjoint(coupling.nodes):
-                deck.remarks.append(f"{coupling.name} holds other parts: left out")
+                deck.diagnostics.append(diagnose("N119", what=coupling.name))
                 continue
             couplings.append(coupling)
         except InputError as error:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic
 
 from ...mesh.imported_mesh import MOST_MEMBERS, parse_integers
 from .element_types import ElementType
@@ -107,7 +108,7 @@ class Deck:
     density : density of materials without *DENSITY
     temperatures : temperatures of nodes by *INITIAL CONDITIONS
     unread_keywords : keywords without effect
-    remarks : notes on renamed contents
+    diagnostics : of renamed and omitted contents
     """
 
     assembly: Namespace = field(default_factory=Namespace)
@@ -129,7 +130,7 @@ class Deck:
     density: float | None = None
     temperatures: set[float] = field(default_factory=set)
     unread_keywords: dict[str, None] = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
+    diagnostics: list[Diagnostic] = field(default_factory=list)
     scope: Namespace = field(default_factory=Namespace)
     system: tuple[Namespace, Array] | None = None
     material: str = ""

@@ -8,6 +8,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.connections import RawEquation, RawTie
 from ...mesh.imported_mesh import (
@@ -147,7 +148,7 @@ def _make_equations(
             for words, where in rows
         ]
         if deck.chosen and not all(labels for labels, _, _ in terms):
-            deck.remarks.append(f"an equation ({place}) holds other parts: left out")
+            deck.diagnostics.append(diagnose("N119", what=f"an equation ({place})"))
             continue
         length = max(len(labels) for labels, _, _ in terms)
         if any(len(labels) not in (1, length) for labels, _, _ in terms):
@@ -251,7 +252,7 @@ def _multi_point_constraints(
             labels_named(deck, definition, body, instance, name) for name in names
         ]
         if deck.chosen and not all(groups):
-            deck.remarks.append(f"*MPC ({place}) holds other parts: left out")
+            deck.diagnostics.append(diagnose("N119", what=f"*MPC ({place})"))
             continue
         length = max(map(len, groups), default=0)
         wanted = _NODES.get(kind.upper())
@@ -352,7 +353,7 @@ def ties_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawTie]:
                 used = {n for e in body.elements.values() for n in e.nodes}
                 slave_nodes = tuple(n for n in slave_nodes if n in used)
                 if not master or not (slave or slave_nodes):
-                    deck.remarks.append(f"*TIE {name} holds other parts: left out")
+                    deck.diagnostics.append(diagnose("N119", what=f"*TIE {name}"))
                     continue
             if single or not master or not (slave or slave_nodes):
                 raise InputError(

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.imported_mesh import (
     LEFT_OUT,
@@ -196,10 +197,9 @@ def _element_records(
     records: list[tuple[list[str], str]] = []
     further = {len(words) - 1 for words, _ in block.rows}
     if kind.count > 1 and min(further, default=0) > kind.count:
-        deck.remarks.append(
-            f"lines of {given} hold {', '.join(map(str, sorted(further)))} nodes: the "
-            f"first {kind.count} are those of the element, as in CalculiX"
-        )
+        what = f"{', '.join(map(str, sorted(further)))} nodes, of which the first "
+        what += f"{kind.count} are those of the element, as in CalculiX"
+        deck.diagnostics.append(diagnose("N120", place=f"lines of {given}", what=what))
         return [(words[: kind.count + 1], place) for words, place in block.rows]
     for words, place in block.rows:
         open_ = records and len(records[-1][0]) <= kind.count

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.imported_mesh import find_undefined_members
 from .deck import CouplingDefinition, Deck, Element, Member, Namespace, SurfacePart
@@ -32,7 +33,9 @@ def merge_instances(deck: Deck, part: str | None) -> Deck:
     name = None if part is None else deck.name(part)
     if name in deck.instances:
         others = tuple(other for other in deck.instances if other != name)
-        deck.remarks += [f"instance {other} is left out" for other in others]
+        deck.diagnostics += [
+            diagnose("N119", what=f"instance {other}") for other in others
+        ]
         chosen = {name: deck.instances[name]} if name is not None else {}
         scopes = [deck.assembly, *(deck.parts[part] for part in chosen.values())]
 
@@ -79,7 +82,7 @@ def merge_instances(deck: Deck, part: str | None) -> Deck:
         )
     left = len(body.elements) - len(labels)
     deck.outside = frozenset(body.elements) - labels
-    deck.remarks.append(f"{left} elements outside {name} are left out")
+    deck.diagnostics.append(diagnose("N119", what=f"{left} elements outside {name}"))
     body.elements = {n: e for n, e in body.elements.items() if n in labels}
     body.sections = [
         section
@@ -131,8 +134,8 @@ def _merge_to_one_scope(deck: Deck) -> Deck:
         ]
 
     used = set(deck.instances.values())
-    deck.remarks += [
-        f"part {part} has no instance and is left out"
+    deck.diagnostics += [
+        diagnose("N119", what=f"part {part}, which has no instance,")
         for part in deck.parts
         if part not in used
     ]
@@ -156,10 +159,9 @@ def _add_instance(deck: Deck, flat: Namespace, name: str, part: Namespace) -> Na
         _number_offset(flat.elements, part.elements),
     )
     if any(shift):
-        deck.remarks.append(
-            f"instance {name}: {shift[0]} is added to its node numbers, {shift[1]} to "
-            "its element numbers"
-        )
+        what = f"instance {name}: {shift[0]} is added to its node numbers, {shift[1]} "
+        what += "to its element numbers"
+        deck.diagnostics.append(diagnose("N118", what=what))
     nodes = place_nodes(part.nodes, deck.placement.get(name, []))
     scope = Namespace(
         name,
@@ -196,7 +198,8 @@ def _add_assembly(deck: Deck, flat: Namespace) -> None:
         _number_offset(flat.elements, own.elements),
     )
     if shift[0]:
-        deck.remarks.append(f"{shift[0]} is added to node numbers of the assembly")
+        what = f"{shift[0]} is added to node numbers of the assembly"
+        deck.diagnostics.append(diagnose("N118", what=what))
     flat.first = shift
     flat.nodes |= {n + shift[0]: place for n, place in own.nodes.items()}
     flat.elements |= {

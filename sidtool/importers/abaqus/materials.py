@@ -8,6 +8,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.model import Material
 
 from ...mesh.imported_mesh import parse_numbers
@@ -182,9 +183,10 @@ def _constants_at_temperature(
     if len(deck.temperatures) > 1 or (np.diff(places) <= 0).any():
         return rows
     at = next(iter(deck.temperatures), 0.0)
-    note = f"*{key} of material {material}: of {len(rows)} temperatures, at {at:g}"
-    if note not in deck.remarks:
-        deck.remarks.append(note)
+    place = f"*{key} of material {material}"
+    note = diagnose("N120", place=place, what=f"of {len(rows)} temperatures, at {at:g}")
+    if note not in deck.diagnostics:
+        deck.diagnostics.append(note)
     return [[float(np.interp(at, places, column)) for column in values.T]]
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ...mesh.imported_mesh import (
     ImportedMesh,
@@ -68,7 +69,9 @@ def _with_reference_nodes(
     own = reference_labels(deck, body)
     for given, label in own.items():
         if given != label:
-            deck.remarks.append(f"node {given} of the assembly is called {label} here")
+            deck.diagnostics.append(
+                diagnose("N118", what=f"node {given} of the assembly is called {label}")
+            )
     ((instance, _),) = deck.instances.items() or [("", "")]
     return place_nodes(body.nodes, deck.placement.get(instance, [])) | {
         label: deck.assembly.nodes[n] for n, label in own.items()
@@ -181,7 +184,9 @@ def _all_node_sets(deck: Deck, body: Namespace, instance: str) -> dict[str, list
             elif set(nodes) != set(sets[name]):
                 part = f"{instance or body.name}.{name}"
                 sets[part] = nodes
-                deck.remarks.append(f"set {name} of the part is called {part} here")
+                deck.diagnostics.append(
+                    diagnose("N118", what=f"set {name} of the part is called {part}")
+                )
     return sets
 
 
@@ -228,33 +233,34 @@ def _labels_of_group(group: Iterable[Member], instance: str) -> list[int]:
 
 def _reading_notes(
     deck: Deck, body: Namespace, elements: list[Element], name_only: list[Element]
-) -> Iterable[str]:
-    """Return notes on what was read, replaced and ignored."""
+) -> Iterable[Diagnostic]:
+    """Return what was read, replaced and ignored (N110 to N119)."""
     given = Counter(element.given for element in elements)
     kinds = {element.given: element.type for element in elements}
     used = {node for element in elements for node in element.nodes}
-    counted = ", ".join(f"{count} {name}" for name, count in given.items())
-    free = len(body.nodes) - len(used)
-    yield (
-        f"read {len(elements)} of {len(body.elements)} elements ({counted}) and "
-        f"{len(used)} of {len(body.nodes)} nodes"
-        + (f"; {free} nodes belong to no element" if free else "")
+    yield diagnose(
+        "N110",
+        elements=len(elements),
+        given=len(body.elements),
+        kinds=[f"{count} {name}" for name, count in given.items()],
+        used=len(used),
+        nodes=len(body.nodes),
     )
     for name, count in given.items():
         if kinds[name].replaced:
-            yield f"{count} elements {name}: {kinds[name].replaced}"
+            replacement = kinds[name].replaced
+            yield diagnose("N114", type=name, replacement=replacement, count=count)
     idle = [element.given for element in name_only if element.given not in POINTS]
     if deck.masses:
-        keywords = dict.fromkeys(
-            f"*{definition.block.keyword}" for definition in deck.masses
-        )
-        yield f"{' and '.join(keywords)} at nodes"
+        names = dict.fromkeys(f"*{each.block.keyword}" for each in deck.masses)
+        yield diagnose("N135", keywords=list(names))
     elif massless := len(name_only) - len(idle):
-        yield f"{massless} elements {' and '.join(POINTS)} have no mass"
+        reason = f"{' and '.join(POINTS)} without mass"
+        yield diagnose("N111", count=massless, reason=reason)
     for name, count in Counter(idle).items():
-        yield f"{count} elements {name} without a section only name nodes"
+        yield diagnose("N111", count=count, reason=f"{name} without a section")
     for part in deck.parts.values():
         if part is not body and not deck.chosen:
-            yield f"part {part.name} has no instance and is left out"
-    yield from deck.remarks
+            yield diagnose("N119", what=f"part {part.name}, which has no instance,")
+    yield from deck.diagnostics
     yield from unread_keyword_notes(deck.unread_keywords)

@@ -9,6 +9,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.imported_mesh import MOST_MEMBERS, parse_integers, parse_numbers
 from .deck import Deck, duplicate_error, extend_set, members_of, parse_range
@@ -98,9 +99,9 @@ def read_nfill(deck: Deck, block: Block) -> None:
     """
     (bias,) = parse_numbers([block.options.get("BIAS", "1")], block.place)
     if bias > 0 and bias != 1:
-        deck.remarks.append(
-            f"*NFILL, BIAS={bias:g}: an interval is {bias:g} times the next one, from "
-            "the first set on"
+        what = f"an interval is {bias:g} times the next one, from the first set on"
+        deck.diagnostics.append(
+            diagnose("N120", place=f"*NFILL, BIAS={bias:g}", what=what)
         )
     for words, place in block.rows:
         sets = [_ordered_nodes(deck, word, place) for word in words[:2]]
@@ -115,9 +116,10 @@ def read_nfill(deck: Deck, block: Block) -> None:
                 "zero, and the step of node numbers",
             )
         if sizes[0] != sizes[1]:
-            deck.remarks.append(
-                f"*NFILL ({place}): the last {abs(sizes[0] - sizes[1])} nodes of the "
-                "longer set have no partner and are passed over"
+            count_left = abs(sizes[0] - sizes[1])
+            what = f"the last {count_left} nodes of the longer set have no partner"
+            deck.diagnostics.append(
+                diagnose("N120", place=f"*NFILL ({place})", what=what, count=count_left)
             )
         _check_number(count * sizes[0], place)
         powers = -np.log(bias) * np.arange(count)

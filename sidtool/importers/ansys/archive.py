@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import Diagnostic
 
 from ...mesh.imported_mesh import (
     LEFT_OUT,
@@ -334,7 +335,7 @@ _READERS: dict[str, Callable[[ArchiveContent, list[str]], None]] = {
 
 
 def _imported_mesh(content: ArchiveContent) -> ImportedMesh:
-    raw, masses, replaced = [], [], dict[str, None]()
+    raw, masses, replaced = [], [], dict[Diagnostic, None]()
     middles = MidsideNodes(content.nodes)
     materials = materials_of(content)
     states = set[str | None]()
@@ -369,16 +370,16 @@ def _imported_mesh(content: ArchiveContent) -> ImportedMesh:
     if len(states) > 1:
         raise InputError("mixes states of plane elements", expected="one of them")
     mesh = assemble_mesh(middles.nodes, raw, content.sets)
-    notes = [*reading_notes(middles.nodes, raw, len(raw)), *replaced]
-    notes += middles.note()
-    notes += unread_keyword_notes(content.unread_keywords)
+    found = [*reading_notes(middles.nodes, raw, len(raw)), *replaced]
+    found += middles.note()
+    found += unread_keyword_notes(content.unread_keywords)
     labels = {element.label for element in raw}
     idle = {values[10] for values, _ in content.elements} - labels
     return ImportedMesh(
         mesh,
         materials,
         states.pop(),
-        tuple(notes),
+        tuple(found),
         masses=tuple(masses),
         equations=(*equations_of(content), *middles.equations),
         parts={

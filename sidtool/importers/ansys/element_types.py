@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 #: ANSYS element type -> our name.
 _ANSYS = {
@@ -61,7 +62,7 @@ _FOREIGN: dict[int | None, tuple[str, str]] = {
 
 def element_kind(
     given: int | None, keys: Mapping[int, int], label: int, place: str
-) -> tuple[str, str | None, list[str]]:
+) -> tuple[str, str | None, list[Diagnostic]]:
     """Our element, its formulation if there is a choice, and what is replaced.
 
     Raises
@@ -82,10 +83,12 @@ def element_kind(
         return kind, "incompatible_modes", []
     if given not in (185, 182):
         replaced = "reduced integration is replaced by full integration"
-        reduced = given == 183 or (given == 186 and option == 0)
-        return kind, None, [f"type {given}: {replaced}"] if reduced else []
+        if given != 183 and (given != 186 or option):
+            return kind, None, []
+        return kind, None, [diagnose("N114", type=str(given), replacement=replaced)]
     formulation, replaced = _KEYOPT.get(option, _KEYOPT[0])
-    return kind, formulation, [f"type {given}, KEYOPT(2) = {option}: {replaced}"]
+    name = f"{given}, KEYOPT(2) = {option}"
+    return kind, formulation, [diagnose("N114", type=name, replacement=replaced)]
 
 
 def plane_state(kind: str, keys: Mapping[int, int]) -> str | None:

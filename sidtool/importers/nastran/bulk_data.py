@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ...mesh.connections import RawBar, RawEquation
 from ...mesh.imported_mesh import (
@@ -139,7 +140,7 @@ def bulk_data(
         with stops.collect_errors():
             content.masses.append(read_conm2(card, content.frames))
     content.bars = [fill_bar_defaults(content, card) for card in content.bars]
-    content.name_only_notes = property_node_sets(content)
+    content.name_only = property_node_sets(content)
     content.close_gaps()
     return content
 
@@ -422,12 +423,12 @@ def _imported_mesh(content: BulkData, bending: bool) -> ImportedMesh:
     with stops.collect_errors():
         materials_of(content)
     stops.check()
-    notes = reading_notes(content.nodes, raw, len(raw))
-    notes += [*content.name_only_notes, *turned, *middles.note(), *_notes(content)]
+    found = reading_notes(content.nodes, raw, len(raw))
+    found += [*content.name_only, *turned, *middles.note(), *_notes(content)]
     return ImportedMesh(
         assemble_mesh(content.nodes, raw, content.sets),
         materials_of(content),
-        notes=tuple(notes),
+        diagnostics=tuple(found),
         couplings=tuple(content.couplings),
         masses=tuple(mass.scaled(content.weight) for mass in content.masses),
         equations=(*equations, *middles.equations),
@@ -457,11 +458,15 @@ def _note_plane(content: BulkData, label: int, kind: str) -> None:
         ] = None
 
 
-def _notes(content: BulkData) -> list[str]:
-    notes = []
+def _notes(content: BulkData) -> list[Diagnostic]:
+    found = []
     if content.weight != 1.0:
-        notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
-    return notes + unread_keyword_notes(content.unread_keywords)
+        replaced = f"densities by {content.weight:g} times those"
+        factor = content.weight
+        found.append(
+            diagnose("N116", key="PARAM WTMASS", replaced=replaced, factor=factor)
+        )
+    return found + unread_keyword_notes(content.unread_keywords)
 
 
 def _structure(content: BulkData) -> ImportedMesh:
@@ -501,14 +506,14 @@ def _structure(content: BulkData) -> ImportedMesh:
     everything: list[RawElement | RawShell | RawBar | RawSpring]
     everything = [*solids, *shells, *bars, *springs]
     check_unique_labels(everything)
-    notes = reading_notes(content.nodes, everything, len(everything))
-    notes += [*content.name_only_notes, *turned, *middles.note(), *_notes(content)]
+    found = reading_notes(content.nodes, everything, len(everything))
+    found += [*content.name_only, *turned, *middles.note(), *_notes(content)]
     return ImportedMesh(
         assemble_mesh(content.nodes, solids, content.sets)
         if solids
         else mesh_of_points(content.nodes, content.sets),
         materials_of(content),
-        notes=tuple(notes),
+        diagnostics=tuple(found),
         couplings=tuple(content.couplings),
         masses=tuple(mass.scaled(content.weight) for mass in content.masses),
         equations=(*equations, *middles.equations),

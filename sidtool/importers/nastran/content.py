@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ...mesh.connections import BarSection
 from ...mesh.imported_mesh import RawCoupling, RawMass
@@ -102,7 +103,7 @@ class BulkData:
     chosen : sets of MPC that case control selects
     controlled : whether there is case control
     unread_keywords : cards and fields without effect
-    name_only_notes : notes on elements that only name nodes
+    name_only : diagnostics of elements that only name nodes
     stops : reasons to refuse the file
     frames : coordinate systems, with the nodes as the file gives them
     """
@@ -142,7 +143,7 @@ class BulkData:
     shells: bool = False
     density: float | None = None
     completed: set[str] = field(default_factory=set)
-    name_only_notes: tuple[str, ...] = ()
+    name_only: tuple[Diagnostic, ...] = ()
     frames: CoordinateSystems = field(
         default_factory=lambda: CoordinateSystems({}, {}, {})
     )
@@ -258,12 +259,12 @@ WITHOUT_EFFECT = frozenset(
 _SET_PREFIXES = {1: "LINE", 2: "SURFACE"}
 
 
-def property_node_sets(content: BulkData) -> tuple[str, ...]:
+def property_node_sets(content: BulkData) -> tuple[Diagnostic, ...]:
     """Make node sets SURFACE2, LINE1, ... of such elements, by their property.
 
     Returns
     -------
-    notes on them
+    diagnostics of them
     """
     dimensions = [
         reference_element(kind).dimension for _, _, kind, *_ in content.elements
@@ -291,10 +292,9 @@ def property_node_sets(content: BulkData) -> tuple[str, ...]:
         content.sets.setdefault(name, []).extend(nodes)
     if not omitted:
         return ()
-    return (
-        f"{omitted} elements of lower dimension have no material and only name nodes: "
-        f"{', '.join(node_sets)}",
-    )
+    names = list(node_sets)
+    reason = f"without a material ({', '.join(names)})"
+    return (diagnose("N111", count=omitted, reason=reason, sets=names),)
 
 
 Position = tuple[float, float, float]
@@ -308,7 +308,7 @@ _MIRRORED = {
 }
 
 
-def count_right_handed(content: BulkData) -> tuple[str, ...]:
+def count_right_handed(content: BulkData) -> tuple[Diagnostic, ...]:
     """Give the nodes of left-handed solids in the order of right-handed ones.
 
     An element counts as left-handed if all its quadrature points are mirrored; others
@@ -316,7 +316,7 @@ def count_right_handed(content: BulkData) -> tuple[str, ...]:
 
     Returns
     -------
-    a sentence on the elements that were turned, if there are some
+    N115 on the elements that were turned, if there are some
     """
     by_kind: dict[str, list[int]] = {}
     for row, (_, _, kind, nodes, _) in enumerate(content.elements):
@@ -333,10 +333,8 @@ def count_right_handed(content: BulkData) -> tuple[str, ...]:
     if not turned:
         return ()
     first = content.elements[min(turned)][0]
-    return (
-        f"nodes are counted left-handed in {len(turned)} solid elements (the first is "
-        f"{first}); they are the same bodies counted right-handed",
-    )
+    sense = f"left-handed (the first is {first})"
+    return (diagnose("N115", count=len(turned), sense=sense),)
 
 
 def _is_left_handed(

@@ -9,6 +9,7 @@ import numpy as np
 
 from sidtool.solver import simulate
 from sidtool.solver.system.errors import SimulationError
+from tests.codes import with_code
 from tests.metamorphic.generator import functions
 from tests.metamorphic.generator.additions import add_more, deformed
 from tests.metamorphic.generator.case import Case, Table, compiled, run
@@ -27,7 +28,7 @@ DRIVEN = {
 #: How often drives are halved before a scene is given up, and the request of the runs
 #: that tell; a loop is blocked where its constraints are hardly independent.
 HALVINGS, RTOL, BLOCKED = 6, 1e-7, 1e-3
-FORCED = "joints and drives deform"
+FORCED = "N330"
 #: Scenes that a process keeps; whoever changes one changes a copy.
 KEPT = 100
 
@@ -112,7 +113,7 @@ def within_reach(case: Case) -> Case:
             if least(constraints(case, stop.result)) > BLOCKED:
                 raise
         else:
-            if not any(FORCED in note for note in result.notes):
+            if not with_code(result, FORCED):
                 return case
         table = copied(case)
         for drive in table["drives"].values():

@@ -7,7 +7,6 @@ what they say and with something else.
 from __future__ import annotations
 
 import json
-import re
 from typing import Any
 
 import numpy as np
@@ -16,15 +15,16 @@ import pytest
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene, simulate
+from tests.codes import codes, only, with_code
 from tests.metamorphic.generator import functions
 from tests.metamorphic.generator.case import Case, compiled, measured
 from tests.metamorphic.generator.said import as_spin, copied, with_table
 from tests.metamorphic.generator.scenes import random_scene
 
 SEEDS = range(10)
-MOVED = "the assembly moved bodies"
-BENT = "the assembly deformed bodies"
-REPLACED = "joints and drives replace initial velocities"
+MOVED = "N221"
+BENT = "N222"
+REPLACED = "N223"
 RTOL = 1e-6
 
 
@@ -35,19 +35,14 @@ def started(case: Case) -> Result:
     return simulate(compiled(with_table(case, table), keep_joints=True), rtol=RTOL)
 
 
-def told(result: Result, about: str) -> dict[str, list[float]]:
-    """Body -> numbers of the sentence that begins so; empty without one."""
-    notes = [note for note in result.notes if note.startswith(about)]
-    assert len(notes) <= 1
-    text = notes[0].rpartition(": ")[2] if notes else ""
-    found = {}
-    for part in text.split(", "):
-        name, _, numbers = part.partition(" by ")
-        if numbers and not name.endswith(" more"):
-            sizes = re.findall(r"([-+.e\d]+) (m|rad)", numbers)
-            by_unit = {unit: float(size) for size, unit in sizes}
-            found[name] = [by_unit.get("m", 0.0), by_unit.get("rad", 0.0)]
-    return found
+def told(result: Result, code: str) -> dict[str, list[float]]:
+    """Body -> linear and angular change of the diagnostic; empty without one."""
+    if not with_code(result, code):
+        return {}
+    data: Any = only(result, code).data
+    columns = [data[kind] for kind in ("linear", "angular") if kind in data]
+    rows = zip(*columns, strict=True)
+    return dict(zip(data["bodies"], map(list, rows), strict=True))
 
 
 def replaced(case: Case, result: Result) -> dict[str, list[float]]:
@@ -173,7 +168,10 @@ def test_output_times_that_miss_the_end_of_the_run_are_told(seed: int) -> None:
         )
         ended = "ended the run" in result.message
         missed = not ended and result.t[-1] < end * (1.0 - 1e-9)
-        assert any("the last output time" in note for note in result.notes) == missed
+        assert ("N327" in codes(result)) == missed
+        if missed:
+            data = only(result, "N327").data
+            assert data["last"] == result.t[-1] and data["end"] == end
         assert bool(events) == ended
 
 
@@ -211,8 +209,7 @@ def test_a_function_that_a_program_gives_is_told() -> None:
         drives=given,
     )
     result = simulate(system)
-    (note,) = [n for n in result.notes if "given by a program" in n]
-    assert note.startswith(f"{name}: ") and "The result keeps what was seen" in note
+    assert only(result, "N328").subject == name
     kept = json.loads(result.scene)["drives"][name]["function"]
     assert kept["type"] == "callable" != drive["function"]["type"]
-    assert not any("program" in n for n in simulate(compiled(case)).notes)
+    assert "N328" not in codes(simulate(compiled(case)))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import sidtool
-from sidtool.formats.base.errors import warn_caller
+from sidtool.formats.diagnostics.python_warnings import warn_caller
 
 GRAVITY, MASS, LENGTH = 9.81, 2.0, 0.5
 
@@ -72,7 +72,7 @@ def test_warnings_name_the_line_of_the_caller(tmp_path: Path) -> None:
     with warnings.catch_warnings(record=True) as observed:
         warnings.simplefilter("always")
         model.convert()
-        warn_caller("here")
+        warn_caller(UserWarning("here"))
     assert len(observed) > 1
     assert {Path(w.filename).name for w in observed} == {Path(__file__).name}
 

@@ -18,7 +18,7 @@ from tests.places import SLIDER_CRANK
 
 SCENE, SID = SLIDER_CRANK / "slider_crank.toml", SLIDER_CRANK / "rod_q4.SID_FEM"
 #: Commands that print no numbers.
-SILENT = {"demo", "schema", "warmup", "new"}
+SILENT = {"explain", "demo", "schema", "warmup", "new"}
 SHORT = ["--set", "time.end=0.1"]
 
 
@@ -53,7 +53,7 @@ def test_numbers_as_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     target = tmp_path / "r.h5"
     data, err = printed_json(capsys, "simulate", SCENE, *SHORT, "-o", target)
     assert data["completed"] and data["times"]["count"] == 11
-    assert f"{target} written" in err and "frequencies" in err
+    assert not err and data["diagnostics"] == []
     known, _ = printed_json(capsys, "info", target)
     result = sidtool.read(target)
     assert known["outputs"]["piston.x"]["last"] == result["piston.x"][-1]

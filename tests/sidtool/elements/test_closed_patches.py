@@ -22,6 +22,7 @@ from sidtool.geometry.nurbs_patch import (
     refine_patch,
 )
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from tests.codes import only
 
 from ..models import rod_data
 
@@ -225,7 +226,7 @@ def test_a_side_on_a_part_of_the_other_is_tied() -> None:
     )
     body = finite_element_model(model.model_copy(update={"geometry": wide}))
     plain = hertz(model)
-    assert any("geometry.bottom" in note for note in body.notes)
+    assert "geometry.bottom" in only(body, "N123").line
     frequencies = hertz(model.model_copy(update={"geometry": wide}))
     assert_allclose(frequencies, plain, rtol=0.1)
     q4 = model.model_copy(
@@ -274,9 +275,11 @@ def test_numbers_that_the_knot_spans_do_not_allow_are_noted() -> None:
     body = finite_element_model(ring(settings))
     patch, _ = body.patches[0]
     assert patch.shape[0] == 3 and patch.shape[1] >= 26
-    assert any("discretisation.functions[1]" in note for note in body.notes)
+    note = only(body, "N155")
+    assert note.subject == "discretisation.functions[1]"
+    assert note.data == {"found": patch.shape[1], "requested": 26}
     fitting = {"type": "iga", "degrees": [2, 2], "functions": [3, patch.shape[1]]}
-    assert finite_element_model(ring(fitting)).notes == ()
+    assert finite_element_model(ring(fitting)).diagnostics == ()
 
 
 def test_a_ball_has_the_torsion_of_a_ball() -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sidtool.conversion import element_accuracy
+from sidtool.formats.diagnostics import WARNING, Diagnostic
 from sidtool.formats.model import ModelFile
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from tests.codes import only
 from tests.metamorphic.parts.meshes import block, dimension
 
 from .bores import pinned
@@ -40,13 +41,14 @@ def bar(
     mesh = block(kind, counts, (LENGTH, HEIGHT, DEPTH)[: dimension(kind)])
     marker = {"end": {"node": 1, "mesh_node": 1}}
     model = pinned(folder, mesh, {}, marker)
+    state = "plane_stress" if dimension(kind) == 2 else None
     settings = model.discretisation.model_copy(
-        update={"formulation": formulation, "state": "plane_stress"}
+        update={"formulation": formulation, "state": state}
     )
     return model.model_copy(update={"discretisation": settings})
 
 
-def notes(model: ModelFile) -> tuple[str, ...]:
+def notes(model: ModelFile) -> tuple[Diagnostic, ...]:
     return element_accuracy.element_notes(finite_element_model(model))
 
 
@@ -56,11 +58,10 @@ def test_the_better_mesh_bends_as_a_beam(
 ) -> None:
     formulation = "full_integration" if kind in ("quad4", "hex8") else None
     (note,) = notes(bar(tmp_path, kind, counts, formulation))
-    assert note.startswith(f"{kind} elements bend too stiffly")
-    own, excess = map(
-        float, re.search(r"body, ([\d.]+).* are ([\d.]+) %", note).groups()
-    )
-    assert own / (1 + excess / 100) == pytest.approx(FIRST, rel=0.02)
+    assert (note.code, note.data["kinds"]) == ("N141", kind)
+    assert note.data["sense"] == "too stiff"
+    own, excess = (np.array(note.data[name]) for name in ("own", "differences"))
+    assert own[0] / (1 + excess[0]) == pytest.approx(FIRST, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -100,15 +101,12 @@ def test_the_note_has_the_sign_of_the_difference(
     right = np.array([100.0, 200.0, 300.0])
     pair = right * factors, right
     monkeypatch.setattr(element_accuracy, "_frequencies", lambda *_: pair)
-    text = " ".join(notes(bar(tmp_path, "tet4", (20, 1, 1))))
-    assert bool(text) == (stiff or soft)
-    assert ("stiff" in text, "soft" in text) == (stiff, soft)
-    if text:
-        way = -1.0 if soft and not stiff else 1.0
-        shares = re.findall(r"(-?[\d.]+) %", text)
-        assert [float(x) / 100 for x in shares] == pytest.approx(
-            way * (np.array(factors) - 1), abs=6e-3
-        )
+    found = notes(bar(tmp_path, "tet4", (20, 1, 1)))
+    assert len(found) == (stiff or soft)
+    for note in found:
+        sense = str(note.data["sense"])
+        assert ("stiff" in sense, "soft" in sense) == (stiff, soft)
+        assert note.data["differences"] == pytest.approx(np.array(factors) - 1)
 
 
 def test_a_fine_mesh_has_no_note(tmp_path: Path) -> None:
@@ -137,11 +135,11 @@ def test_models_too_large_to_compare_are_noted(
     model = bar(tmp_path, "tet4", (20, 1, 1))
     monkeypatch.setattr(element_accuracy, "_LARGEST_MESH", 100)
     (note,) = notes(model)
-    assert "bend too stiffly where few" in note
-    assert f"{3 * 41 * 3 * 3} degrees of freedom" in note
+    assert note.code == "N142"
+    assert f"{3 * 41 * 3 * 3} degrees of freedom" in note.message
 
 
 def test_conversion_notes_stiff_elements(tmp_path: Path) -> None:
     model = bar(tmp_path, "tet4", (20, 1, 1))
-    with pytest.warns(UserWarning, match="tet4 elements bend too stiffly"):
-        sid_from_model(model)
+    note = only(sid_from_model(model), "N141")
+    assert note.severity == WARNING and note.data["kinds"] == "tet4"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.mesh.mesh import Mesh
 from sidtool.pipeline.model_to_sid import finite_element_model
+from tests.codes import only, with_code
 from tests.metamorphic.parts.meshes import block
 
 from .bores import DEPTH, PLANE, RADIUS, REFERENCE, SOLID, bored, pinned
@@ -67,9 +67,11 @@ def test_a_pin_finds_the_axis_of_its_bore(
     nodes = body.positions[body.node_sets["BORE"]]
     off = np.linalg.norm(nodes.mean(axis=0) - exact[: body.dimension])
     assert off > 0.1 * RADIUS
-    (note,) = [n for n in body.notes if n.startswith("marker pin")]
-    assert f"on the axis of a cylinder of radius {RADIUS:g} m" in note
-    assert f"the mean of its {len(nodes)} nodes is {off:.3g} m away" in note
+    place = only(body, "N136")
+    assert place.subject == "marker pin"
+    assert place.data["radius"] == pytest.approx(RADIUS, rel=1e-9)
+    assert place.data["count"] == len(nodes)
+    assert place.data["gap"] == pytest.approx(off, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -240,9 +242,10 @@ def test_points_and_lines_of_nodes(tmp_path: Path, kind: str) -> None:
     expected = body.positions[apart].mean(axis=0)
     assert_allclose(body.marker("a").position[: mesh.dimension], expected, atol=1e-12)
     assert_allclose(body.marker("s").position[:2], 0, atol=1e-9 * RADIUS)
-    text = " ".join(body.notes)
-    assert "the nodes of marker a span no face or edge: each weighs alike" in text
-    assert f"1 of the {len(stray)} nodes of marker s belong to no face" in text
+    assert only(body, "N137").subject == "marker a"
+    idle = only(body, "N138")
+    assert idle.subject == "marker s"
+    assert idle.data == {"idle": 1, "count": len(stray)}
 
 
 def test_the_rim_of_a_bore_weighs_by_length(tmp_path: Path) -> None:
@@ -257,7 +260,8 @@ def test_the_rim_of_a_bore_weighs_by_length(tmp_path: Path) -> None:
     gap = body.marker("pin").position - [0, 0, DEPTH]
     assert np.linalg.norm(gap) < 1e-3 * RADIUS
     assert_allclose(body.marker("axis").position, [0, 0, DEPTH], atol=1e-9 * RADIUS)
-    assert 'at = "axis" puts it there' in " ".join(body.notes)
+    (place,) = [d for d in with_code(body, "N136") if d.subject == "marker pin"]
+    assert 'at = "axis"' in place.remedy
 
 
 def test_node_sets_that_are_no_cylinder_are_refused(tmp_path: Path) -> None:
@@ -339,7 +343,6 @@ def test_a_nearly_round_bore_has_a_note(tmp_path: Path) -> None:
             tmp_path, replace(mesh, positions=positions), {"BORE": bore}, pin
         )
         body = finite_element_model(model)
-        (note,) = [n for n in body.notes if n.startswith("marker pin")]
-        (miss,) = re.findall(r"which they miss by up to (\S+) m", note)
-        assert 0.004 * RADIUS < float(miss) < 0.01 * RADIUS
+        miss = only(body, "N136").data["deviation"]
+        assert isinstance(miss, float) and 0.004 * RADIUS < miss < 0.01 * RADIUS
         assert np.abs(body.marker("pin").position - [0, 0, DEPTH / 2]).max() < 2e-5

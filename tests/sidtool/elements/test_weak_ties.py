@@ -14,6 +14,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.geometry.nurbs_patch import NurbsPatch, patch_from_model
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
+from tests.codes import codes, only, with_code
 
 from ..models import annulus, rod_data
 from .test_frontend_patches import split, written
@@ -113,8 +114,8 @@ def test_sides_on_a_part_of_a_side_are_tied(tmp_path: Path, name: str) -> None:
     found = []
     for elements in fine:
         model = model_of(tmp_path, parts, elements, clamp)
-        with pytest.warns(UserWarning, match="tied weakly"):
-            sid = sid_from_model(model)
+        sid = sid_from_model(model)
+        assert len(with_code(sid, "N123")) == count
         found.append(np.sqrt(np.diag(sid.Ke.m0)))
     model = model_of(tmp_path, conforming, fine[1], same)
     exact = sid_from_model(model)
@@ -146,8 +147,9 @@ def test_an_arc_on_a_part_of_an_arc_is_tied(tmp_path: Path) -> None:
     errors = []
     exact = sid_from_model(model_of(tmp_path, split | {"b": lug}, 10, ["a0.bottom"]))
     for elements in (5, 10):
-        with pytest.warns(UserWarning, match="b.left lies on a part of a.right: tied"):
-            sid = sid_from_model(model_of(tmp_path, whole, elements, ["a.bottom"]))
+        sid = sid_from_model(model_of(tmp_path, whole, elements, ["a.bottom"]))
+        tie = only(sid, "N123")
+        assert (tie.subject, tie.data["master"]) == ("b.left", "a.right")
         squares = np.diag(sid.Ke.m0) / np.diag(exact.Ke.m0)
         errors.append(np.abs(np.sqrt(squares) - 1).max())
     area = np.pi / 4 * (1.3**2 - 1) + np.pi / 12 * (1.7**2 - 1.3**2)
@@ -166,13 +168,13 @@ def test_ties_pass_the_patch_test(tmp_path: Path, name: str, turn: float) -> Non
     parts, _, (clamp, _), count = PARTS[name]
     turned = {key: box(*_ends(patch), turn=turn) for key, patch in parts.items()}
     body = finite_element_model(model_of(tmp_path, turned, 3, clamp))
-    assert len(body.notes) == count
+    assert codes(body) == ["N123"] * count
     d = body.dimension
     slope = np.random.default_rng(1).normal(size=(d, d))
     u = (body.positions @ slope.T).ravel()
     force = (body.stiffness @ u).reshape(-1, d)
     surface = np.unique(np.concatenate(list(body.node_sets.values())))
-    tied = np.concatenate([body.node_sets[note.split()[0]] for note in body.notes])
+    tied = np.concatenate([body.node_sets[tie.subject] for tie in body.diagnostics])
     inside = np.setdiff1d(np.arange(len(force)), surface)
     assert_allclose(force[inside], 0, atol=1e-9 * np.abs(force).max())
     assert tied.size

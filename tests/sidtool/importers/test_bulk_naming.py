@@ -8,6 +8,7 @@ import pytest
 
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.imported_mesh import ImportedMesh
+from tests.codes import codes
 
 from .test_bulk_shells import body
 
@@ -44,11 +45,11 @@ def test_elements_without_material_name_nodes(tmp_path: Path, property_: str) ->
         "SURFACE2": [5, 6, 7, 8],
         "LINE1": [1, 2],
     }
-    assert found.notes[:2] == (
-        "read 1 of 1 elements (1 hex8) and 8 of 8 nodes",
-        "4 elements of lower dimension have no material and only name nodes: SURFACE1, "
-        "SURFACE2, LINE1",
-    )
+    assert codes(found)[:2] == ["N110", "N111"]
+    kept, naming = found.diagnostics[:2]
+    assert (kept.data["elements"], kept.data["used"]) == (1, 8)
+    assert naming.data["count"] == 4
+    assert naming.data["sets"] == ("SURFACE1", "SURFACE2", "LINE1")
     assert not found.bars
     sid = body(tmp_path, f"{CUBE}{SKIN}{property_}ENDDATA\n")
     assert sid.mass == pytest.approx(7850, rel=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,11 @@ from numpy.testing import assert_allclose
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import WARNING
+from sidtool.importers import calculix_engine
 from sidtool.importers.calculix_deck import free_deck, without_layers
 from sidtool.pipeline.model_to_sid import sid_from_model
+from tests.codes import codes, only
 
 from .decks import STEEL, calculix, frequencies, listed
 
@@ -71,8 +75,9 @@ def body(
 ) -> SID:
     """The SID of shells or beams by CalculiX, which makes solids of them."""
     path = model_file(folder, deck, node, held, **geometry)
-    with pytest.warns(UserWarning, match="CalculiX makes"):
-        return sid_from_model(path)
+    sid = sid_from_model(path)
+    assert "N127" in codes(sid)
+    return sid
 
 
 def model_file(
@@ -353,8 +358,8 @@ def test_a_ring_with_cylindrical_axes_becomes_oval(
     """Two modes of a thin ring, which know the modulus along it alone (Hoppe, 1871)."""
     radius, thickness = 0.5, 0.01
     text = hoop_deck(radius, thickness, along)
-    with pytest.warns(UserWarning, match="24 elements of the deck"):
-        sid = sid_from_model(model_file(tmp_path, text, 1))
+    sid = sid_from_model(model_file(tmp_path, text, 1))
+    assert only(sid, "N127").data["elements"] == 24
     assert sid.mass == pytest.approx(2400 * np.pi * radius * thickness**2, rel=1e-5)
     wave = 6 / np.sqrt(5) * np.sqrt(along / (12 * 1200.0)) * thickness / radius**2
     differences = np.sort(np.abs(frequencies(sid) / (wave / (2 * np.pi)) - 1))
@@ -368,7 +373,28 @@ def test_content_skipped_by_geometry_ignore_is_noted(tmp_path: Path) -> None:
     deck += "*NODE PRINT, NSET=LEFT\nU\n*NONSTRUCTURAL MASS, ELSET=EP\n5.0\n"
     ignore = ["NONSTRUCTURAL MASS", "NODE PRINT"]
     path = model_file(tmp_path, deck, 2, ignore=ignore)
-    notes: list[str] = []
-    sid_from_model(path, notes.append)
-    (note,) = [text for text in notes if "NONSTRUCTURAL MASS" in text]
-    assert "lacks" in note and "NODE PRINT" not in note
+    note = only(sid_from_model(path), "N113")
+    assert note.severity == WARNING
+    assert note.data["keywords"] == ("*NONSTRUCTURAL MASS",)
+
+
+@pytest.mark.needs("ccx")
+def test_warnings_of_calculix_are_diagnostics(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each once, on however many lines they are."""
+    run = subprocess.run
+    text = b"\n *WARNING in e_c3d: not\n       meant\n"
+
+    def warn(*given: Any, **options: Any) -> Any:
+        done = run(*given, **options)
+        done.stdout += 2 * text
+        return done
+
+    monkeypatch.setattr(calculix_engine.subprocess, "run", warn)
+    sid = sid_from_model(
+        model_file(tmp_path, plate_deck("S8R", 0.3, shell(0.005), 3), 2)
+    )
+    warning = only(sid, "N128")
+    assert warning.severity == WARNING
+    assert warning.data["warning"] == "in e_c3d: not meant"

@@ -14,6 +14,8 @@ from sidtool.elements.mesh_contact import check_contact
 from sidtool.formats.base.errors import InputError
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.mesh import ElementBlock, Mesh
+from sidtool.pipeline.model_to_sid import sid_from_model
+from tests.codes import only, with_code
 
 from .decks import STEEL, Block, body, deck, deck_file, frequencies, listed
 from .mesh_files import rod_mesh
@@ -76,22 +78,24 @@ def test_convert_lists_what_has_no_effect_and_what_is_replaced(tmp_path: Path) -
     text += "1, 1, 5.\n*SOMETHING OF A STEP\n*END STEP\n"
     source = deck_file(tmp_path, text)
     output = str(tmp_path / "body.SID_FEM")
-    result = CliRunner().invoke(cli, ["convert", str(source), "-o", output])
+    result = CliRunner().invoke(cli, ["convert", str(source), "-o", output, "-v"])
     assert result.exit_code == 0, result.output
-    lines_of_notes = [
-        line for line in result.output.splitlines() if line.startswith("note:")
-    ]
-    of_the_basis = ("note: basis:", "note: p is a single point")
-    lines_of_notes = [
-        line for line in lines_of_notes if not line.startswith(of_the_basis)
-    ]
-    assert lines_of_notes == [
-        "note: read 6 of 6 elements (6 C3D8R) and 24 of 24 nodes",
-        "note: 6 elements C3D8R: reduced integration is replaced by incompatible modes",
-        "note: without effect on the body: *EXPANSION, *DAMPING (damping is that of "
-        "the model file), *BOUNDARY, all steps",
-        "note: material S of the file: E = 2.1e+11 Pa, nu = 0.3, density = 7850 kg/m^3",
-    ]
+    of_the_basis = ("N160", "N161", "N163")
+    read, replaced, unread, used = (
+        each
+        for each in sid_from_model(source).diagnostics
+        if each.code not in of_the_basis
+    )
+    for each in (read, replaced, unread, used):
+        assert each.line in " ".join(result.output.split())
+    assert (read.code, read.data["elements"], read.data["used"]) == ("N110", 6, 24)
+    assert (replaced.code, replaced.data["type"]) == ("N114", "C3D8R")
+    assert replaced.data["count"] == 6
+    keywords = ["*EXPANSION", "*DAMPING", "*BOUNDARY", "all steps"]
+    assert unread.code == "N112"
+    assert [str(k).split(" (")[0] for k in unread.data["keywords"]] == keywords
+    assert (used.code, used.data["name"]) == ("N117", "S")
+    assert used.data["properties"] == "E = 2.1e+11 Pa, nu = 0.3, density = 7850 kg/m^3"
 
 
 def test_surplus_nodes_of_element_lines_are_noted(tmp_path: Path) -> None:
@@ -101,9 +105,10 @@ def test_surplus_nodes_of_element_lines_are_noted(tmp_path: Path) -> None:
     text = text.replace(lines, lines.replace("\n", ", 1, 2,\n"))
     text = text.replace("MATERIAL=S\n", "MATERIAL=S, OFFSET=0.5\n")
     (tmp_path / "part.inp").write_text(text, encoding="utf-8")
-    notes = read_mesh(tmp_path / "part.inp").notes
-    assert any("hold 10 nodes: the first 8 are" in note for note in notes)
-    assert any("OFFSET of *SOLID SECTION" in note for note in notes)
+    mesh = read_mesh(tmp_path / "part.inp")
+    (surplus,) = with_code(mesh, "N120")
+    assert "10 nodes" in surplus.message and "first 8" in surplus.message
+    assert "OFFSET of *SOLID SECTION" in only(mesh, "N112").data["keywords"]
     assert body(tmp_path, text).mass == pytest.approx(MASS, rel=1e-12)
     first = lines.splitlines()[0]
     mixed = text.replace(f"{first}, 1, 2,", first)

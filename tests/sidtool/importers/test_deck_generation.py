@@ -143,11 +143,9 @@ WALL, TOP, 2, 25
         expected = (300 * np.cos(a), 300 * np.sin(a), z)
         assert_allclose(scope.nodes[n], expected, atol=1e-12)
     assert 28 in scope.nodes and 29 not in scope.nodes
-    remarks = read_deck(tmp_path / "part.inp").remarks
-    assert remarks == [
-        "*NFILL (line 13): the last 2 nodes of the longer set have no partner and are "
-        "passed over"
-    ]
+    (unpaired,) = read_deck(tmp_path / "part.inp").diagnostics
+    assert (unpaired.code, unpaired.data["place"]) == ("N120", "*NFILL (line 13)")
+    assert unpaired.data["count"] == 2
 
 
 def test_unsorted_sets_keep_their_order(tmp_path: Path) -> None:

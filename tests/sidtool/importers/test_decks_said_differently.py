@@ -227,4 +227,4 @@ def test_elements_folded_by_curved_edges_are_reported(tmp_path: Path) -> None:
     rows += ["CTETRA,1,1,1,2,3,4,5,6", ",7,8,9,10", "PSOLID,1,1"]
     text = "\n".join(["BEGIN BULK", *rows, "MAT1,1,2.1e11,,0.3,7850.", "ENDDATA", ""])
     with pytest.raises(InputError, match=r"is folded.*Mesh\.HighOrderOptimize"):
-        body(tmp_path, text)
+        body(tmp_path, text, discretisation={"type": "mesh"})

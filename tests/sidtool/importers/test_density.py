@@ -16,6 +16,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile
 from sidtool.pipeline.model_to_sid import sid_from_model
+from tests.codes import codes, only, with_code
 
 from .decks import MATERIAL, STEEL, Block, frequencies
 from .mesh_files import bdf_text, mesh_model, rod_mesh
@@ -198,9 +199,10 @@ def test_density_without_effect_is_named(tmp_path: Path, ending: str) -> None:
         del data["material"]
         data["markers"] = {"p": {"node": 1, "mesh_node": 1}}
         data["geometry"] |= {"density": 5000.0, "file": str(tmp_path / f"a.{ending}")}
-        notes = imported_mesh_model(ModelFile.checked(data, "test")).notes
-        found = [note for note in notes if note.startswith("geometry.density")]
-        assert bool(found) == is_idle
+        mesh = imported_mesh_model(ModelFile.checked(data, "test"))
+        found = with_code(mesh, "N121", "N145")
+        assert [note.code for note in found] == ["N145" if is_idle else "N121"]
+        assert not is_idle or found[0].subject == "geometry.density"
 
 
 @pytest.mark.parametrize(
@@ -237,5 +239,6 @@ def test_order_of_elements_beside_own_shells_is_named(tmp_path: Path) -> None:
     for order in (1, 2):
         data["geometry"] |= {"engine": "calculix", "order": order}
         data["geometry"]["file"] = str(tmp_path / "a.bdf")
-        notes = imported_mesh_model(ModelFile.checked(data, "test")).notes
-        assert any(note.startswith("geometry.order") for note in notes)
+        mesh = imported_mesh_model(ModelFile.checked(data, "test"))
+        assert only(mesh, "N145").subject == "geometry.order"
+        assert "N132" in codes(mesh)

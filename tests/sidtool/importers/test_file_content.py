@@ -12,6 +12,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.geometry.nurbs_patch import patch_from_model
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.importers.nurbs_files import read_patches
+from tests.codes import codes
 
 from ..elements.test_frontend_patches import GISMO, geomdl
 from ..models import IGA, annulus
@@ -51,11 +52,13 @@ def test_a_gmsh_file_gives_notes_on_its_content(tmp_path: Path, version: str) ->
     path = tmp_path / "rod.msh"
     text = MSH[version](rod_mesh("hex8"))
     path.write_text(text + "$Periodic\n0\n$EndPeriodic\n", encoding="utf-8")
-    assert read_mesh(path).notes == (
-        "read 6 of 10 elements (6 hex8) and 28 of 28 nodes",
-        "4 elements of lower dimension only name nodes",
-        "without effect on the body: $Periodic",
-    )
+    mesh = read_mesh(path)
+    assert codes(mesh) == ["N110", "N111", "N112"]
+    read, idle, unread = mesh.diagnostics
+    counts = {"elements": 6, "given": 10, "used": 28, "nodes": 28}
+    assert read.data == counts | {"kinds": ("6 hex8",)}
+    assert idle.data["count"] == 4
+    assert unread.data["keywords"] == ("$Periodic",)
 
 
 def arc() -> dict[str, Any]:

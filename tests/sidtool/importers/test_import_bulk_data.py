@@ -17,6 +17,7 @@ from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.mesh import ElementBlock, Mesh, check_mesh
 from sidtool.mesh.reference_elements import edge_nodes, reference_element
 from sidtool.pipeline.model_to_sid import sid_from_model
+from tests.codes import codes
 from tests.metamorphic.parts.meshes import STEEL
 
 from .mesh_files import BDF, bdf_text, cdb_mesh, cdb_text, mesh_model, msh_2, rod_mesh
@@ -173,12 +174,11 @@ def test_cards_without_effect_are_listed(tmp_path: Path) -> None:
     path.write_text(BDF.replace("ENDDATA", more + "ENDDATA"), encoding="utf-8")
     imported = read_mesh(path)
     assert imported.materials["5"].density == 3925.0
-    assert imported.notes == (
-        "read 1 of 1 elements (1 tet4) and 4 of 4 nodes",
-        "PARAM WTMASS multiplies all densities by 0.5",
-        "without effect on the body: FORCE, PARAM POST, directions of SPC8: as a set "
-        "it names nodes",
-    )
+    assert codes(imported) == ["N110", "N116", "N112"]
+    _, factor, unread = imported.diagnostics
+    assert factor.data["key"] == "PARAM WTMASS" and factor.data["factor"] == 0.5
+    *idle, directions = unread.data["keywords"]
+    assert idle == ["FORCE", "PARAM POST"] and "SPC8" in directions
 
 
 def test_cards_of_other_files_are_read(tmp_path: Path) -> None:
@@ -225,7 +225,7 @@ def test_elements_that_carry_loads_alone_are_listed(tmp_path: Path) -> None:
     (tmp_path / "two.cdb").write_text(SINGLE.replace("FINISH", loads), encoding="utf-8")
     mesh = read_mesh(tmp_path / "two.cdb")
     assert sum(len(block.nodes) for block in mesh.mesh.blocks) == 2
-    assert any("elements of type 154" in note for note in mesh.notes)
+    assert any("elements of type 154" in note.line for note in mesh.diagnostics)
 
 
 @pytest.mark.parametrize(
@@ -426,7 +426,7 @@ def test_solids_of_nastran_counted_left_handed(tmp_path: Path, kind: str) -> Non
         path.write_text(bdf_text(mesh), encoding="utf-8")
         imported = read_mesh(path)
         check_mesh(imported.mesh)
-        assert any("left-handed" in note for note in imported.notes) == (name == "left")
+        assert ("N115" in codes(imported)) == (name == "left")
         found.append(mesh_matrices(imported.mesh, {"5": STEEL}, "solid"))
     for right, turned in zip(*found, strict=True):
         size = np.abs(right).max()

@@ -18,6 +18,7 @@ from sidtool.formats.base.sid import J_INDICES, SID
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.reference_elements import reference_element
 from sidtool.pipeline.model_to_sid import sid_from_model
+from tests.codes import only
 
 from .decks import STEEL, Block, deck, frequencies
 
@@ -253,6 +254,7 @@ def test_decks_define_rigid_couplings_by_their_keywords(
     text += "*ELEMENT, TYPE=MASS, ELSET=M\n9001, 9000\n*ELSET, ELSET=M\n9001\n"
     text += "*MASS, ELSET=M\n6.5\n"
     sid = body(tmp_path, text, held=True, clamp="LEFT", file="part.inp")
+    assert only(sid, "N135").data["keywords"] == ("*MASS",)
     assert sid.mass == pytest.approx(expected.mass, rel=1e-12)
     assert_allclose(sid.J.m0, expected.J.m0, rtol=1e-9, atol=1e-12)
     assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-8)

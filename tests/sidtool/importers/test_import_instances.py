@@ -9,7 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import WARNING
 from sidtool.importers.mesh_files import read_mesh
+from tests.codes import only, with_code
 
 from .decks import MATERIAL, STEEL, Block, body, deck, frequencies
 
@@ -77,6 +79,7 @@ def test_equations_between_sets_of_instances(tmp_path: Path) -> None:
         f"2\nA1, {i}, 1.\nA2, {i}, -1.\n" for i in (1, 2, 3)
     )
     sid = body(tmp_path, assembly(part("P", BLOCK), TWICE, rows))
+    assert only(sid, "N133").data == {"count": 27, "nodes": 18}
     expected = body(tmp_path, assembly(part("P", BLOCK), TWICE, TIED))
     assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-7)
 
@@ -88,7 +91,9 @@ def test_sets_of_instances_keep_their_owner(tmp_path: Path) -> None:
     (tmp_path / "part.inp").write_text(
         assembly(part("P", BLOCK), TWICE, rest), encoding="utf-8"
     )
-    mesh = read_mesh(tmp_path / "part.inp").mesh
+    imported = read_mesh(tmp_path / "part.inp")
+    assert any("I-2" in note.message for note in with_code(imported, "N118"))
+    mesh = imported.mesh
     x = {name: mesh.positions[rows][:, 0] for name, rows in mesh.node_sets.items()}
     assert_allclose(x["I-1.HIGH"], SIZE[0])
     assert_allclose(x["I-2.HIGH"], 2 * SIZE[0])
@@ -102,6 +107,7 @@ def test_one_instance_is_chosen_by_its_name(tmp_path: Path) -> None:
     instances = [TWICE[0], ("J", "Q", "0.3, 0., 0.\n")]
     text = assembly(text, instances, "*TIE\nJ.SL, I-1.SH\n")
     chosen = body(tmp_path, text, part="J")
+    assert {note.severity for note in with_code(chosen, "N119")} == {WARNING}
     alone = body(tmp_path, deck(Block((3, 1, 1), (0.1, 0.02, 0.03)), "C3D8I"))
     assert_allclose(chosen.mass, alone.mass, rtol=1e-12)
     assert_allclose(frequencies(chosen), frequencies(alone), rtol=1e-8)

@@ -13,9 +13,12 @@ from sidtool.cli.main import cli
 from sidtool.discretisation.registry import finite_element_model
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import WARNING
 from sidtool.formats.model import read_model
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.reduction.admissible_space import constrained_space
 from sidtool.reduction.body_frames import buckens_frame
+from tests.codes import only, with_code
 
 from .decks import MATERIAL, STEEL, Block, body, calculix, deck, deck_file, frequencies
 
@@ -212,15 +215,21 @@ def bars_tied_by_nodes() -> tuple[str, str]:
     """Fine on coarse, node by node, and the same with surfaces that are tied."""
     parts = two((8, 4, 4), (8, 2, 3))
     sides = surface_tie(parts)
-    nodes = "*NSET, NSET=N\n" + "".join(f"{n},\n" for n in parts[0].right)
+    ends = (*parts[0].right, *parts[0].left)
+    nodes = "*NSET, NSET=N\n" + "".join(f"{n},\n" for n in ends)
     nodes += "*SURFACE, NAME=NODES, TYPE=NODE\nN,\n"
     by_nodes = whole(parts, nodes + sides.replace("\nA, B\n", "\nNODES, B\n"))
     return by_nodes, whole(parts, sides)
 
 
 def test_nodes_that_are_tied_one_by_one(tmp_path: Path) -> None:
-    by_nodes, surfaces = (frequencies(body(tmp_path, t)) for t in bars_tied_by_nodes())
+    """Nodes of the slave side that are far from the master stay free."""
+    sids = [body(tmp_path, text) for text in bars_tied_by_nodes()]
+    by_nodes, surfaces = map(frequencies, sids)
     assert_allclose(by_nodes, surfaces, rtol=1e-2)
+    free = only(sids[0], "N124")
+    assert (free.severity, free.subject) == (WARNING, "tie T")
+    assert free.data["count"] == 25 and not with_code(sids[1], "N124")
 
 
 @pytest.mark.needs("ccx")
@@ -303,7 +312,11 @@ def test_convert_reports_the_nodes_of_a_tie(tmp_path: Path) -> None:
     parts = two((3, 2, 2), (4, 3, 3))
     path = deck_file(tmp_path, whole(parts, surface_tie(parts)))
     result = CliRunner().invoke(
-        cli, ["convert", str(path), "-o", str(tmp_path / "a.sid")]
+        cli, ["convert", str(path), "-o", str(tmp_path / "a.sid"), "-v"]
     )
     assert result.exit_code == 0, result.output
-    assert "tie T holds 9 nodes on 9 faces" in " ".join(result.output.split())
+    tie = only(sid_from_model(path), "N122")
+    assert tie.line in " ".join(result.output.split())
+    assert tie.subject == "tie T" and tie.units["gap"] == "m"
+    assert (tie.data["nodes"], tie.data["faces"]) == (9, 9)
+    assert tie.data["gap"] == pytest.approx(0.0, abs=1e-9)

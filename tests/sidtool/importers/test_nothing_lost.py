@@ -91,7 +91,9 @@ FREE = re.compile(r"\*ASSEMBLY|\*END|\*EQUATION$|1, 3$|1, 3 -> 1,4|900, 900 -> 9
 def content(value: Any) -> Any:
     """What was read, without the places and sentences, to compare."""
     if is_dataclass(value):
-        names = [f.name for f in fields(value) if f.name not in ("place", "notes")]
+        names = [
+            f.name for f in fields(value) if f.name not in ("place", "diagnostics")
+        ]
         return tuple((name, content(getattr(value, name))) for name in names)
     if isinstance(value, np.ndarray):
         return value.shape, value.tobytes()

@@ -9,6 +9,7 @@ import pytest
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
+from tests.codes import only
 
 from .bars.decks import body as bars_body
 from .bars.decks import bulk, grids
@@ -76,6 +77,10 @@ def test_each_part_has_its_mass(
             volume *= side
         sid = of(tmp_path, text, file, name, node)
         assert sid.mass == pytest.approx(STEEL["rho"] * volume, rel=1e-9)
+        chosen, count = only(sid, "N134"), len(block.elements)
+        assert chosen.subject == f"part {name}"
+        whole = len(SMALL.elements) + len(LARGE.elements)
+        assert (chosen.data["elements"], chosen.data["given"]) == (count, whole)
     with pytest.raises(InputError, match=r"no part '9'.*one of"):
         of(tmp_path, text, file, "9")
     with pytest.raises(InputError, match="2 unconnected parts"):

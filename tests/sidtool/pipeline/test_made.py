@@ -18,6 +18,7 @@ from sidtool.measurement import cache
 from sidtool.solver import compile_scene
 from sidtool.solver.simulation.replay import scene_of
 from sidtool.view.body_fields import find_fields
+from tests.codes import only
 from tests.steel_bars import bar_data
 
 from ..accuracy.arms import cantilever, spun, swinging
@@ -64,7 +65,7 @@ def test_a_model_is_converted_once(
     first = sidtool.simulate(path)
     expected = sidtool.simulate(scene, sids={"arm": cantilever(3)})
     assert first["arm.tip.uy"] == pytest.approx(expected["arm.tip.uy"], abs=1e-9)
-    assert any("arm is made of arm.json" in note for note in first.notes)
+    assert only(first, "N243").data["model"] == "arm.json"
     (stored,) = (folder / ".sidtool").iterdir()
     with monkeypatch.context() as patch:
         forbid(patch)
@@ -283,7 +284,7 @@ def test_commands_take_a_body_that_is_its_model(
     data = json.loads(capsys.readouterr().out)
     assert data["passed"] and data["bodies"]["arm"]["passed"]
     assert run(["info", str(path)]) == 0
-    assert "arm is made of arm.json" in capsys.readouterr().out
+    assert "N243 arm" in capsys.readouterr().out
 
 
 def test_bodies_of_models_are_shown_whole(folder: Path) -> None:

@@ -36,18 +36,16 @@ def prestress_is_beyond_buckling() -> str:
     return converted(bar_data(stiffening={"prestress": {"forces": forces}}))
 
 
-@mistake("quad4 elements bend too stiffly", "incompatible modes")
+@mistake(
+    "N141 f1 to f3 of quad4 elements are too stiff by up to 24 %", "incompatible modes"
+)
 def mesh_locks() -> str:
     mesh = {"type": "q4", "elements": [10, 1], "formulation": "full_integration"}
     return converted(plate_data(discretisation=mesh))
 
 
 @mistake(
-    "modes are those of the free body",
-    "held at root",
-    "27 %",
-    'fix = "root" under',
-    "Craig-Bampton",
+    "N162 held at root", r"105\.6 Hz instead of 83\.02", 'fix = "root"', "Craig-Bampton"
 )
 def frame_at_a_marker_is_no_clamp() -> str:
     data = plate_data(frame={"type": "tangent", "marker": "root"})

@@ -15,7 +15,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validate_data
-from sidtool.pipeline.model_to_sid import NOTE_PREFIX, sid_from_model
+from sidtool.pipeline.model_to_sid import sid_from_model
 from tests.solver.scenes import polynomial, scene, slender_rod
 from tests.steel_bars import bar_data, steel_bar
 
@@ -37,25 +37,25 @@ def mistake(*words: str) -> Callable[[Attempt], Attempt]:
 
 
 def simulated(described: Any, **sids: SID) -> str:
-    """Why a run was refused or stopped, and its notes and verdicts."""
+    """Why a run was refused or stopped, or its diagnostics with their codes."""
     try:
         result = sidtool.simulate(described, sids=sids)
     except InputError as error:
         return str(error)
     except sidtool.SimulationError as error:
-        notes = error.result.notes if error.result is not None else ()
-        return "\n".join([str(error), *notes])
+        found = error.result.diagnostics if error.result is not None else ()
+        return "\n".join([str(error), *(each.line for each in found)])
     verdicts = [body.after for body in result.bodies.values()]
-    return "\n".join([*result.notes, *verdicts])
+    return "\n".join([*(each.line for each in result.diagnostics), *verdicts])
 
 
 def converted(data: Any) -> str:
-    notes: list[str] = []
+    """Why a conversion was refused, or its diagnostics with their codes."""
     try:
-        sid_from_model(validate_data(data, ModelFile), notes.append)
+        sid = sid_from_model(validate_data(data, ModelFile))
     except InputError as error:
         return str(error)
-    return "\n".join(text for text in notes if text.startswith(NOTE_PREFIX))
+    return "\n".join(each.line for each in sid.diagnostics)
 
 
 # Parts ---------------------------------------------------------------------------

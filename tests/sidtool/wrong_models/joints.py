@@ -60,9 +60,7 @@ def two_drives_move_one_mechanism() -> str:
     return slider_crank(change)
 
 
-@mistake(
-    "joints and drives deform rod", "motor", "second", "contradict each other", "rtol"
-)
+@mistake("N330 rod", "motor", "second", "contradict each other")
 def two_drives_bend_the_rod() -> str:
     def change(d: Any) -> None:
         second = {"joint": "crank_pin", "function": polynomial(0.0, -3.0)}
@@ -167,7 +165,7 @@ def gears_turn_against_their_drives() -> str:
     return simulated(scene(bodies, joints, drives, ground=ground))
 
 
-@mistake("nothing moves", "joints and drives leave no motion")
+@mistake("N324", "joints and drives leave no motion")
 def gear_locks_one_axle() -> str:
     joints = {
         "one": hinge("ground", "rod.a"),
@@ -178,7 +176,7 @@ def gear_locks_one_axle() -> str:
     return simulated(described)
 
 
-@mistake("nothing moves", "no force acts along the 1 coordinates")
+@mistake("N324", "no force acts along the 1 free coordinates")
 def pendulum_hangs_on_its_long_axis() -> str:
     rod = {
         "mass": 1.0,
@@ -207,7 +205,7 @@ def point_mass_is_turned() -> str:
     return simulated(scene({"mass": {"mass": 1.0}}, joints, drives))
 
 
-@mistake("moved bodies", "piston by 2 m, rod by 1 m")
+@mistake("N221 .*piston by 2 m, rod by 1 m")
 def rod_is_put_in_the_wrong_way_round() -> str:
     def change(d: Any) -> None:
         d["bodies"]["rod"]["markers"] = {"a": 2, "b": 1}

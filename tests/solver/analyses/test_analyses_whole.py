@@ -19,6 +19,7 @@ from sidtool.solver.analyses.inverse_dynamics import inverse_dynamics
 from sidtool.solver.analyses.linearisation import linearise
 from sidtool.solver.analyses.static_equilibrium import static_equilibrium
 from sidtool.solver.system.errors import SimulationError
+from tests.codes import codes
 from tests.sidtool.beams import beam
 from tests.solver.integrators.test_singular_positions import slider_crank
 from tests.solver.scenes import polynomial, scene, slender_rod
@@ -192,7 +193,30 @@ def test_inertia_is_needed_where_the_frame_of_a_body_moves() -> None:
         simulate(again)
     run = simulate(compile_scene(validate_data(started, SceneFile), ".", {"bar": sid}))
     assert run.completed
-    assert not any("cannot start" in note for note in result.notes)
+    assert "N703" not in codes(result)
+
+
+def test_an_equilibrium_without_inertia_is_no_start() -> None:
+    """The same bar on a hinge along it: it may turn about its long axis, about which
+    the bent bar has no positive inertia. What is said of `simulate` is true."""
+    content = rotor("spatial", "revolute", spring=1.0, gravity=G)
+    table = content.model_dump(by_alias=True, exclude_none=True, mode="json")
+    table["joints"]["hub"]["axis"] = [1.0, 0.0, 0.0]
+    for quadratic in (True, False):
+        table["bodies"]["bar"]["quadratic_inertia"] = quadratic
+        described = validate_data(table, SceneFile)
+        sids = {"bar": bar(3.0, 0.01, stiffened=False)}
+        system = compile_scene(described, ".", sids, keep_joints=True)
+        found = static_equilibrium(system)
+        assert ("N703" in codes(found)) != quadratic
+        elastic = [float(q) for q in found.z[-sids["bar"].nq :]]
+        start = described.with_({"bodies.bar.initial": {"elastic": elastic}})
+        started = compile_scene(start.with_({"time.end": 1e-3}), ".", sids)
+        if quadratic:
+            assert simulate(started).completed
+        else:
+            with pytest.raises(SimulationError, match="t = 0 s"):
+                simulate(started)
 
 
 @pytest.mark.parametrize("start", [0.4, -0.3])

@@ -10,6 +10,7 @@ import pytest
 from sidtool.formats.base.errors import InputError
 from sidtool.solver import compile_scene
 from sidtool.solver.analyses.linearisation import Linearisation, linearise
+from tests.codes import only
 
 from ..dynamics.joint_scenes import scene
 
@@ -74,7 +75,8 @@ def test_a_joint_that_sticks_is_held(dimension: str) -> None:
     inertia += LOWER["I"] + LOWER["m"] * low**2
     known = np.sqrt(moment * G / inertia)
     assert found.eigenvalues == pytest.approx([1j * known], rel=1e-7)
-    assert "friction holds mid" in " ".join(found.notes)
+    held = only(found, "N514")
+    assert (held.subject, held.data["state"]) == ("mid", "holds")
 
 
 # --- a block on a belt: friction falls with speed, and the load with the way ----------
@@ -141,7 +143,8 @@ def test_a_block_that_slides_on_a_belt(
     known = [root for root in np.roots(polynomial) if root.imag > 0.0]
     assert len(known) == 1
     assert found.eigenvalues == pytest.approx(known, rel=1e-6)
-    assert "slide slides in this state" in " ".join(found.notes)
+    sliding = only(found, "N514")
+    assert (sliding.subject, sliding.data["state"]) == ("slide", "slides")
 
 
 # --- states without an answer ---------------------------------------------------------

@@ -9,11 +9,11 @@ import pytest
 
 from sidtool.solver.analyses.static_equilibrium import Equilibrium, static_equilibrium
 from sidtool.solver.system.errors import SimulationError
+from tests.codes import codes, only
 from tests.solver.scenes import compiled, scene
 
 G, MASS, ARM = 9.81, 3.0, 0.4
 PLACE = -0.52
-SAID = "motor is at its limit of "
 
 
 def rested(turning: bool, limit: float, i: float, **forces: Any) -> Equilibrium:
@@ -52,7 +52,8 @@ def stop(load: float) -> dict[str, Any]:
 def test_a_weak_lift_comes_to_rest_on_its_buffer(limit: float, i: float) -> None:
     found = rested(False, limit, i, stop=stop(MASS * G - limit))
     assert found.z[1] == pytest.approx(PLACE, rel=1e-8)
-    assert f"{SAID}{limit:g}" in found.notes
+    at_limit = only(found, "N511")
+    assert at_limit.subject == "motor" and at_limit.data["limit"] == limit
 
 
 @pytest.mark.parametrize("i", [0.0, 300.0])
@@ -70,12 +71,12 @@ def test_a_strong_motor_holds_and_says_nothing_of_limits(i: float) -> None:
     found = rested(False, 50.0, i)
     place = 0.0 if i else -MASS * G / 900.0
     assert found.z[1] == pytest.approx(place, abs=1e-9)
-    assert not any(SAID in note for note in found.notes)
+    assert "N511" not in codes(found)
 
 
 @pytest.mark.parametrize("i", [0.0, 300.0])
 def test_what_no_motor_can_hold_is_named(i: float) -> None:
     with pytest.raises(SimulationError) as failure:
         rested(False, 20.0, i)
-    assert f"largest at body; {SAID}20" in str(failure.value)
+    assert "largest at body; N511 motor: " in str(failure.value)
     assert "free to fall" not in str(failure.value)

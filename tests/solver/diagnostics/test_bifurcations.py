@@ -16,20 +16,16 @@ from sidtool.formats.scene import SceneFile
 from sidtool.solver import simulate
 from sidtool.solver.initial_state import sparse_jacobian
 from sidtool.solver.integrators.registry import INTEGRATORS
+from tests.codes import with_code
 from tests.solver.integrators.test_singular_positions import four_bar, slider_crank
 from tests.solver.scenes import compiled, polynomial
 
 
 def passages(result: Result) -> list[tuple[float, float]]:
-    """Times and independences that notes tell."""
-    texts = [note for note in result.notes if "passes a singular configuration" in note]
-    return [
-        (
-            float(text.split("at t = ")[1].split(" s ")[0]),
-            float(text.split(" keep ")[1].split(" of")[0]),
-        )
-        for text in texts
-    ]
+    """Times and independences that diagnostics state."""
+    found = with_code(result, "N329")
+    assert all(each.data["count"] >= len(found) for each in found)
+    return [(each.t or 0.0, float(each.data["independence"])) for each in found]
 
 
 def crank(longer: float, rtol: float = 1e-6, integrator: str = "radau9") -> Result:
@@ -49,7 +45,7 @@ def test_a_dead_point_that_is_passed_or_missed_by_a_hair_is_told(
     (when, near) = passages(result)[0]
     assert when == pytest.approx(0.5 * math.pi, abs=1e-3)
     assert near < max(2e-3, 3.0 * math.sqrt(2.0 * longer))
-    assert "guide" in next(n for n in result.notes if "singular" in n)
+    assert "guide" in with_code(result, "N329")[0].data["joints"]
 
 
 @pytest.mark.parametrize("longer", [1e-7, 1e-6, 1e-5])
@@ -101,5 +97,8 @@ def test_sparse_matrices_tell_what_dense_ones_tell(
     assert len(passages(found)) == len(passages(expected)) == (longer < 1e-3)
     for one, other in zip(passages(found), passages(expected), strict=True):
         assert one == pytest.approx(other, rel=0.2, abs=1e-6)
-    names = [[n.split(" of ")[1:3] for n in r.notes] for r in (found, expected)]
+    names = [
+        [each.data["joints"] for each in with_code(r, "N329")]
+        for r in (found, expected)
+    ]
     assert names[0] == names[1]

@@ -8,13 +8,21 @@ from typing import Any
 import pytest
 
 from sidtool.formats.base.sid import SID, Taylor
+from sidtool.formats.diagnostics import Diagnostic
+from sidtool.formats.result import Result
 from sidtool.solver import simulate
 from tests.bodies import particle_body
+from tests.codes import with_code
 from tests.solver.scenes import compiled, scene
 from tests.steel_bars import steel_bar
 
 ATTACHED = {"method": "attachment", "interfaces": ["tip"], "modes": 2}
 MODAL = {"method": "modal", "modes": 2}
+
+
+def rigid_directions(result: Result) -> list[Diagnostic]:
+    """Where no shape function moves a marker that is loaded."""
+    return [d for d in with_code(result, "N420") if d.data["missing"] == 1.0]
 
 
 def pulled(sid: SID, force: float) -> Any:
@@ -32,10 +40,11 @@ def pulled(sid: SID, force: float) -> Any:
 @pytest.mark.parametrize("force", [1e4, -3e3])
 def test_a_basis_without_axial_shape_is_told_and_does_not_stretch(force: float) -> None:
     """F L / (E A) with an attachment mode; nothing, and a note, without."""
-    told = "bar is rigid along x at b, where pull loads it"
     modal, attached = (pulled(steel_bar(reduction=r), force) for r in (MODAL, ATTACHED))
-    assert any(note.startswith(told) for note in modal.notes)
-    assert not any("is rigid" in note for note in attached.notes)
+    (found,) = rigid_directions(modal)
+    assert found.subject == "bar" and found.data["joints"] == ("pull",)
+    assert (found.data["directions"], found.data["marker"]) == ("along x", "b")
+    assert not rigid_directions(attached)
     assert abs(modal["bar.b.ux"][-1]) < 1e-15
     stretch = force * 1.0 / (2.1e11 * 0.02 * 0.02)
     assert attached["bar.b.ux"][-1] == pytest.approx(stretch, rel=1e-3)
@@ -74,11 +83,11 @@ def test_joints_on_what_no_shape_function_moves(
     described = scene(
         {"body": body, "load": load}, joints, end=1e-5, steps=1, dimension="spatial"
     )
-    words = f"body is rigid {'about' if turning else 'along'} {'xyz'[row]} at b"
+    direction = f"{'about' if turning else 'along'} {'xyz'[row]}"
     for part, wanted in ((sid, False), (quiet, True)):
-        notes = simulate(compiled(described, body=part)).notes
-        assert any(words in note for note in notes) == wanted, notes
-        assert sum("is rigid" in note for note in notes) == int(wanted)
+        found = rigid_directions(simulate(compiled(described, body=part)))
+        places = [(d.subject, d.data["directions"], d.data["marker"]) for d in found]
+        assert places == [("body", direction, "b")] * wanted
 
 
 @pytest.mark.parametrize("reduction", [MODAL, ATTACHED])
@@ -96,11 +105,9 @@ def test_where_a_chord_frame_sits_it_hides_nothing(reduction: Any) -> None:
     }
     load = {"mass": 1.0, "initial": {"position": far}}
     described = scene({"bar": body, "load": load}, joints, end=1e-5, steps=1)
-    notes = simulate(compiled(described, bar=sid)).notes
-    told = [note for note in notes if "is rigid" in note]
-    assert [note.partition(",")[0] for note in told] == (
-        ["bar is rigid along x at b"] if reduction is MODAL else []
-    )
+    found = rigid_directions(simulate(compiled(described, bar=sid)))
+    places = [(d.subject, d.data["directions"], d.data["marker"]) for d in found]
+    assert places == [("bar", "along x", "b")] * (reduction is MODAL)
 
 
 @pytest.mark.parametrize("reduction", [MODAL, ATTACHED])
@@ -122,9 +129,9 @@ def test_a_shaft_in_a_chord_frame_is_driven_at_its_origin(reduction: Any) -> Non
     described = scene(
         {"hub": hub, "bar": body}, joints, end=1e-5, steps=1, dimension="spatial"
     )
-    notes = simulate(compiled(described, bar=sid)).notes
-    told = [note.partition(",")[0] for note in notes if "is rigid" in note]
-    assert told == (["bar is rigid about x at a"] if reduction is MODAL else [])
+    found = with_code(simulate(compiled(described, bar=sid)), "N420")
+    missing = [(d.subject, d.data["directions"], d.data["marker"]) for d in found]
+    assert missing == ([("bar", "about x", "a")] if reduction is MODAL else [])
 
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-14])
@@ -144,5 +151,4 @@ def test_a_joint_where_the_body_frame_sits_is_no_missing_shape(rounding: float) 
     place = [-float(x) for x in sid.node("1").position]
     body["initial"] = {"position": place}
     described = scene({"body": body}, joints, end=1e-5, steps=1, dimension="spatial")
-    notes = simulate(compiled(described, body=sid)).notes
-    assert not any("is rigid" in note for note in notes), notes
+    assert not rigid_directions(simulate(compiled(described, body=sid)))

@@ -6,7 +6,6 @@ L / (E A) by the k-th of stretching, and dense algebra on the full mesh.
 
 from __future__ import annotations
 
-import re
 from functools import cache
 from typing import Any
 
@@ -14,11 +13,13 @@ import numpy as np
 import pytest
 
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import simulate
+from tests.codes import with_code
 from tests.sidtool.models import rod_data
 from tests.solver.scenes import compiled, scene
 from tests.steel_bars import steel_bar
@@ -33,7 +34,9 @@ def stout(**reduction: Any) -> SID:
     return steel_bar(width=0.1, height=0.1, elements=16, reduction=chosen)
 
 
-def notes(sid: SID, force: list[float], numbers: list[int] | None = None) -> list[str]:
+def missing_compliance(
+    sid: SID, force: list[float], numbers: list[int] | None = None
+) -> list[Diagnostic]:
     """Of a clamped bar under a force at its tip, with some shape functions."""
     body: dict[str, Any] = {"sid": "-", "markers": {"a": 1, "tip": 2}}
     body["damping"] = {"type": "modal", "ratio": 1.0}
@@ -45,8 +48,9 @@ def notes(sid: SID, force: list[float], numbers: list[int] | None = None) -> lis
         {"rod": body}, joints, forces={"pull": pull}, end=1e-4, steps=1,
         dimension="spatial",
     )  # fmt: skip
-    told = simulate(compiled(described, rod=sid)).notes
-    return [note for note in told if "carry" in note]
+    result = simulate(compiled(described, rod=sid))
+    assert not with_code(result, "N423")
+    return with_code(result, "N420")
 
 
 def share(k: int) -> float:
@@ -56,13 +60,12 @@ def share(k: int) -> float:
 
 def test_a_poor_axial_shape_beside_bending_modes_is_told() -> None:
     """The second mode of stretching alone carries 9 % of the pull at the tip."""
-    (note,) = notes(stout(), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
-    assert note.startswith("the shape functions of rod carry 9")
-    assert float(re.search(r"carry ([\d.]+) %", note)[1]) == pytest.approx(
-        100 * share(2), rel=0.02
-    )
-    for words in ("along x at tip", "pull loads it", "attachment", "Craig-Bampton"):
-        assert words in note
+    (found,) = missing_compliance(stout(), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
+    assert found.subject == "rod"
+    assert 1.0 - found.data["missing"] == pytest.approx(share(2), rel=0.02)
+    assert found.data["directions"] == "along x" and found.data["marker"] == "tip"
+    assert found.data["joints"] == ("pull",)
+    assert found.data["shapes"] == "attachment or Craig-Bampton"
 
 
 def test_what_the_first_axial_mode_lacks_is_small_beside_bending() -> None:
@@ -71,19 +74,19 @@ def test_what_the_first_axial_mode_lacks_is_small_beside_bending() -> None:
     assert known is not None
     both = share(1) + share(2)
     assert known.shares["2"][0] == pytest.approx(both, rel=3e-3)
-    assert notes(stout(), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[0]]) == []
-    assert notes(stout(), [1e3, 0.0, 0.0]) == []
+    assert missing_compliance(stout(), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[0]]) == []
+    assert missing_compliance(stout(), [1e3, 0.0, 0.0]) == []
 
 
 def test_only_what_is_loaded_is_told() -> None:
     """The first modes of bending are left out, which have 97 % of it."""
     numbers = [k for k in BENDING if k not in (1, 2)]
-    along_x = notes(stout(), [1e3, 0.0, 0.0], [*numbers, *STRETCHING])
+    along_x = missing_compliance(stout(), [1e3, 0.0, 0.0], [*numbers, *STRETCHING])
     assert along_x == []
-    (across,) = notes(stout(), [0.0, 0.0, 1e3], [*numbers, *STRETCHING])
-    assert "along z at tip" in across and "along y" not in across
-    (both,) = notes(stout(), [0.0, 7e2, 7e2], [*numbers, *STRETCHING])
-    assert "along y and" in both and "along z" in both
+    (across,) = missing_compliance(stout(), [0.0, 0.0, 1e3], [*numbers, *STRETCHING])
+    assert across.data["directions"] == "along z" and across.data["marker"] == "tip"
+    (both,) = missing_compliance(stout(), [0.0, 7e2, 7e2], [*numbers, *STRETCHING])
+    assert both.data["directions"] == "along y and along z"
 
 
 def test_attachment_shapes_carry_all() -> None:
@@ -93,15 +96,17 @@ def test_attachment_shapes_carry_all() -> None:
         reduction={"method": "attachment", "interfaces": ["tip"], "modes": 2},
     )
     for force in ([1e3, 0.0, 0.0], [0.0, 1e3, 1e3]):
-        assert notes(attached, force) == []
+        assert missing_compliance(attached, force) == []
 
 
 @pytest.mark.parametrize("suffix", [".SID_FEM", ".h5"])
 def test_files_carry_it(tmp_path: Any, suffix: str) -> None:
     path = tmp_path / f"rod{suffix}"
     write_sid(path, stout())
-    (note,) = notes(read_sid(path), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
-    assert "along x at tip" in note
+    (found,) = missing_compliance(
+        read_sid(path), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]]
+    )
+    assert found.data["directions"] == "along x" and found.data["marker"] == "tip"
 
 
 # A free part -----------------------------------------------------------------------
@@ -124,7 +129,7 @@ def free_part(method: str, modes: int) -> SID:
     return sid_from_model(validate_data(data, ModelFile), lambda _: None)
 
 
-def swung(sid: SID) -> list[str]:
+def swung(sid: SID) -> list[Diagnostic]:
     """Hung at one pin, with a mass at the other."""
     body = {"sid": "-", "markers": {"a": sid.nodes[0].id, "b": sid.nodes[1].id}}
     first, last = (node.position for node in sid.nodes)
@@ -138,37 +143,36 @@ def swung(sid: SID) -> list[str]:
         "pin": {"type": "revolute", "markers": ["rod.b", "load"]},
     }
     described = scene({"rod": body, "load": load}, joints, end=1e-5, steps=1)
-    told = simulate(compiled(described, rod=sid)).notes
-    return [note for note in told if "carry" in note]
+    return with_code(simulate(compiled(described, rod=sid)), "N420")
 
 
 def test_craig_bampton_of_a_free_part() -> None:
     """Its static shapes are those of a part that is held at its pins."""
     poor = free_part("craig_bampton", 1)
     assert poor.carried is not None and poor.carried.free
-    told = swung(poor)
-    assert any("of its compliance" in note and "hinge" in note for note in told), told
-    assert all("attachment or Herting" in note for note in told)
+    found = swung(poor)
+    assert any("hinge" in each.data["joints"] for each in found), found
+    assert all(each.data["shapes"] == "attachment or Herting" for each in found)
     assert swung(free_part("attachment", 1)) == []
 
 
 # Inertia ---------------------------------------------------------------------------
 
 
-def weighed(numbers: list[int], gravity: list[float]) -> list[str]:
+def weighed(numbers: list[int], gravity: list[float]) -> list[Diagnostic]:
     body = {"sid": "-", "markers": {"a": 1}, "shape_functions": numbers}
     joints = {"wall": {"type": "fixed", "markers": ["ground", "rod.a"]}}
     described = scene(
         {"rod": body}, joints, gravity=gravity, end=1e-4, steps=1, dimension="spatial"
     )
-    told = simulate(compiled(described, rod=stout())).notes
-    return [note for note in told if "weight" in note]
+    return with_code(simulate(compiled(described, rod=stout())), "N422")
 
 
 def test_weight_that_no_shape_bends_under_is_told() -> None:
     """Without the first modes of bending next to nothing is left of its sagging."""
     assert weighed([*BENDING], [0.0, -9.81, 0.0]) == []
     lacking = [k for k in BENDING if k not in (1, 2)]
-    (note,) = weighed(lacking, [0.0, -9.81, 0.0])
-    assert re.match(r"the shape functions of rod carry [\d.]+ % .* along y under", note)
+    (found,) = weighed(lacking, [0.0, -9.81, 0.0])
+    assert found.subject == "rod" and found.data["directions"] == "along y"
+    assert 0.9 < found.data["missing"] < 1.0
     assert weighed(lacking, [-9.81, 0.0, 0.0]) == []  # a stretch of a thousandth

@@ -9,19 +9,20 @@ import numpy as np
 import pytest
 
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.solver import simulate
 from tests.solver.scenes import compiled, scene
 from tests.steel_bars import steel_bar
 
-from .test_poor_shapes import BENDING, STRETCHING, stout
+from .test_poor_shapes import BENDING, STRETCHING, share, stout
 
 RELIEF = {"inertia_relief": False}
 
 
 def told(
     sid: SID, force: list[float], numbers: list[int] | None = None, held: bool = True
-) -> list[str]:
+) -> list[Diagnostic]:
     """What a run says of the shapes of a bar, clamped or free, pulled at its tip."""
     body: dict[str, Any] = {"sid": "-", "markers": {"a": 1, "tip": 2}}
     body["damping"] = {"type": "modal", "ratio": 1.0}
@@ -33,8 +34,17 @@ def told(
         {"rod": body}, wall if held else {}, forces={"pull": pull}, end=1e-4, steps=1,
         dimension="spatial",
     )  # fmt: skip
-    notes = simulate(compiled(described, rod=sid)).notes
-    return [note for note in notes if "shape function" in note]
+    found = simulate(compiled(described, rod=sid)).diagnostics
+    return [each for each in found if each.code in ("N420", "N422", "N423")]
+
+
+def unknown_direction(found: list[Diagnostic]) -> str:
+    """Direction at the tip of the one diagnostic N423, of which no share is known."""
+    (diagnostic,) = found
+    assert diagnostic.code == "N423" and diagnostic.subject == "rod"
+    assert diagnostic.data["marker"] == "tip" and "missing" not in diagnostic.data
+    assert diagnostic.data["joints"] == ("pull",)
+    return str(diagnostic.data["direction"])
 
 
 def older() -> SID:
@@ -44,20 +54,19 @@ def older() -> SID:
 
 def test_what_rests_on_the_upper_half_of_modes_cannot_be_judged() -> None:
     """Of a pull the second mode of stretching carries 9 %, but nobody knows."""
-    (note,) = told(older(), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
-    for words in ("compliance", "of rod carry cannot be judged", "SID does not tell"):
-        assert words in note
-    assert "that along x at tip (pull)" in note and "%" not in note
+    found = told(older(), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
+    assert unknown_direction(found) == "along x"
     (known,) = told(stout(), [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
-    assert "carry 9" in known
+    assert known.code == "N420"
+    assert known.data["missing"] == pytest.approx(1.0 - share(2), rel=2e-3)
 
 
 @pytest.mark.parametrize("bending", [BENDING[:2], BENDING])
 def test_modes_that_take_no_part_are_not_counted(bending: list[int]) -> None:
     """One mode of stretching has 8 / pi^2 of the pull, whatever bends beside it: no
     half of it says that 19 % are missing."""
-    (note,) = told(older(), [1e3, 0.0, 0.0], [*bending, STRETCHING[0]])
-    assert "that along x at tip (pull)" in note and "%" not in note
+    found = told(older(), [1e3, 0.0, 0.0], [*bending, STRETCHING[0]])
+    assert unknown_direction(found) == "along x"
 
 
 @pytest.mark.parametrize("force", [[0.0, 1e3, 0.0], [0.0, 5e2, -7e2]])
@@ -71,9 +80,9 @@ def test_the_first_modes_of_bending_are_missed() -> None:
     """Without them the rest carries 3 %, and rests on its own lowest ones."""
     numbers = [k for k in BENDING if k not in (1, 2)]
     (known,) = told(stout(), [0.0, 1e3, 0.0], numbers)
-    assert "along y" in known
-    (unknown,) = told(older(), [0.0, 1e3, 0.0], numbers[:2])
-    assert "cannot be judged" in unknown and "along y" in unknown
+    assert known.code == "N420" and known.data["directions"] == "along y"
+    found = told(older(), [0.0, 1e3, 0.0], numbers[:2])
+    assert unknown_direction(found) == "along y"
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.3, 0.8, 1.5])
@@ -90,8 +99,8 @@ def test_modes_of_one_frequency_may_be_any_of_their_plane(turned: float) -> None
         )
         for node in sid.nodes
     )
-    (note,) = told(replace(sid, nodes=nodes), [0.0, 1e3, 0.0], [3, 4])
-    assert "that along y" in note and "%" not in note
+    found = told(replace(sid, nodes=nodes), [0.0, 1e3, 0.0], [3, 4])
+    assert unknown_direction(found) == "along y"
 
 
 @pytest.mark.parametrize("force", [[1e3, 0.0, 0.0], [0.0, 1e3, 1e3]])
@@ -108,8 +117,8 @@ def test_labels_tell_static_shapes(force: list[float]) -> None:
 def test_files_of_others(tmp_path: Any) -> None:
     write_sid(tmp_path / "rod.SID_FEM", older())
     sid = read_sid(tmp_path / "rod.SID_FEM")
-    (note,) = told(sid, [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
-    assert "cannot be judged" in note
+    found = told(sid, [1e3, 0.0, 0.0], [*BENDING, STRETCHING[1]])
+    assert unknown_direction(found) == "along x"
 
 
 # Free bodies -------------------------------------------------------------------------
@@ -130,14 +139,19 @@ PULL = [1e3, 0.0, 0.0]
 def test_a_free_part_is_told_what_helps_it() -> None:
     """One marker among the interfaces of Craig-Bampton holds the part there only: its
     modes stand for the answer, as those of the free part do."""
-    (lacking,) = told(floating("modal", 2), PULL, held=False)
-    assert "rod is rigid along x at tip" in lacking
-    assert "attachment or Herting modes with this marker among" in lacking
-    (foreign,) = told(replace(floating("modal", 2), carried=None), PULL, held=False)
-    assert "rigid along x" in foreign and "; attachment modes with" in foreign
+    free = floating("modal", 2)
+    for sid, shapes in (
+        (free, "attachment or Herting"),
+        (replace(free, carried=None), "attachment"),
+    ):
+        (lacking,) = told(sid, PULL, held=False)
+        assert lacking.code == "N420" and lacking.data["missing"] == 1.0
+        assert lacking.data["directions"] == "along x"
+        assert lacking.data["marker"] == "tip" and lacking.data["shapes"] == shapes
     assert any(
-        "rigid along x" in note or "along x at tip" in note
-        for note in told(floating("craig_bampton", 2), PULL, held=False)
+        each.data["directions"] == "along x" and each.data["marker"] == "tip"
+        for each in told(floating("craig_bampton", 2), PULL, held=False)
+        if each.code == "N420"
     )
 
 
@@ -152,4 +166,4 @@ def test_and_that_helps(method: str) -> None:
 def test_a_held_part_is_told_craig_bampton() -> None:
     held = steel_bar(width=0.1, height=0.1, reduction={"method": "modal", "modes": 2})
     (lacking,) = told(held, PULL)
-    assert "attachment or Craig-Bampton modes with this marker among" in lacking
+    assert lacking.data["shapes"] == "attachment or Craig-Bampton"

@@ -214,6 +214,7 @@ def test_constants_excite_nothing() -> None:
 
 
 def test_an_output_grid_that_misses_the_end_says_so() -> None:
-    assert swinging(5.0).notes == ()
-    (note,) = swinging(3.0).notes
-    assert "the last output time is 9 s and not the end, 10 s" in note
+    assert swinging(5.0).diagnostics == ()
+    (found,) = swinging(3.0).diagnostics
+    assert found.code == "N327"
+    assert (found.data["last"], found.data["end"]) == (9.0, 10.0)

@@ -86,7 +86,7 @@ def bar(tie: str | None = None) -> SID:
     body = model(geometry, mesh, "left", [0.5, 0.5], youngs_modulus=YOUNG)
     if tie is None:
         return sid_from_model(body)
-    data = body.model_dump(mode="json", exclude_none=True)
+    data = body.model_dump(mode="json", exclude_unset=True)
     data["markers"]["tip"] = {"node": 2, "tie": {"type": tie, "to": "right"}}
     data["reduction"]["modes"] = 10
     return sid_from_model(validate_data(data, ModelFile))

@@ -14,6 +14,7 @@ from scipy.interpolate import make_interp_spline
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.solver import Timed, compile_scene, simulate
+from sidtool.solver.diagnostics.result_notes import callable_notes
 from sidtool.solver.diagnostics.run_summary import describe
 from sidtool.solver.functions.callables import Derivatives, interpolate_callable
 from tests.solver.dynamics.test_drives import cart
@@ -84,11 +85,12 @@ def test_what_cannot_be_looked_for_is_told(shortest: float) -> None:
         impulse(Timed(math.sin, shortest=shortest))
 
 
-def test_what_may_be_missed_is_told() -> None:
+def test_the_shortest_feature_that_is_not_missed_is_reported() -> None:
     system = compile_scene(pushed({"type": "callable"}), forces={"push": math.sin})
-    told = [line for line in describe(system) if line.startswith("push: given by")]
-    assert len(told) == 1
-    assert "less than 0.000244 s may be missed" in told[0]
+    (found,) = callable_notes(system)
+    assert (found.code, found.subject) == ("N328", "push")
+    assert found.data["shortest"] == pytest.approx(1.0 / 4096.0, rel=1e-3)
+    assert found.line in describe(system)
 
 
 @pytest.mark.parametrize("begin", [0.137, 0.5, 0.8811])

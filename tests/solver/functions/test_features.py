@@ -17,6 +17,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.functions.features import characteristic_features
 from sidtool.solver.integrators.registry import INTEGRATORS
+from tests.codes import with_code
 from tests.solver.scenes import polynomial, scene
 
 MASS = 2.0
@@ -207,9 +208,12 @@ def test_no_zone_of_friction_is_passed(method: str, speed: float, brake: float) 
             assert result["block.vx"][-1] == pytest.approx(exact, abs=0.1 * depth)
 
 
-def notes_of(content: Any, method: str, step: float, **given: Any) -> str:
+def passed(content: Any, method: str, step: float, **given: Any) -> dict[str, Any]:
+    """Data of what fixed steps may have passed over; empty without such a thing."""
     result = simulate(compile_scene(content, **given), integrator=method, step=step)
-    return " ".join(result.notes)
+    found = with_code(result, "N326")
+    assert all(each.data["step"] == step for each in found) and len(found) <= 1
+    return dict(found[0].data) if found else {}
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -223,16 +227,21 @@ def test_fixed_steps_say_what_they_may_have_passed(method: str) -> None:
     pulse = flight(0.0, actuator, 10.0)
     zone = flight(-1.5, detent(-6.1, 0.1, -1.0)[0], 10.0)
     dip, _ = braked(6.21, 3e-5, 1e-6, 0.05)
-    found = notes_of(pulse, method, 0.1, forces={"f": push})
-    assert "fixed steps of 0.1 s" in found and "f changes within 0.00977 s" in found
-    assert "(t = 3.28125 s)" in found
-    assert "f changes within 0.025 of its deflection, passed" in notes_of(
-        zone, method, 0.1
-    )
-    told = "brake changes within 2.67e-06 of its rate, passed once (first after t = 6 s"
-    # of order 2 a step knows the rates at its ends only
-    assert (told in notes_of(dip, method, 0.5)) == (INTEGRATORS[method].order > 2)
-    assert "fixed" not in notes_of(pulse, method, 5e-4, forces={"f": push})
-    assert "fixed" not in notes_of(zone, method, 5e-4)
+    found = passed(pulse, method, 0.1, forces={"f": push})
+    assert (found["names"], found["quantities"]) == (("f",), ("time",))
+    assert found["lengths"] == pytest.approx([10.0 / 1024.0])
+    assert found["times"] == (3.28125,)
+    found = passed(zone, method, 0.1)
+    assert (found["names"], found["quantities"]) == (("f",), ("deflection",))
+    assert found["lengths"] == pytest.approx([0.025]) and found["counts"][0] >= 1
+    found = passed(dip, method, 0.5)
+    if INTEGRATORS[method].order > 2:
+        assert (found["names"], found["quantities"]) == (("brake",), ("rate",))
+        assert found["lengths"] == pytest.approx([2.67e-6], rel=2e-3)
+        assert (found["counts"], found["times"]) == ((1,), (6.0,))
+    else:  # a step knows the rates at its ends only
+        assert not found
+    assert not passed(pulse, method, 5e-4, forces={"f": push})
+    assert not passed(zone, method, 5e-4)
     slow, _ = braked(6.05, 1e-3, 0.5, 0.05)
-    assert "fixed" not in notes_of(slow, method, 0.01)
+    assert not passed(slow, method, 0.01)

@@ -139,7 +139,7 @@ def test_linearised_crane_is_the_closed_loop() -> None:
     exact = [k for k in eigvals(matrix) if k.imag >= 0.0]
     exact.sort(key=abs)
     assert found.eigenvalues == pytest.approx(np.array(exact), rel=1e-6)
-    assert not found.notes
+    assert not found.diagnostics
     place = found.names.index("trolley.vx_body")
     assert np.abs(found.shapes[:, place]).min() > 1e-3
 

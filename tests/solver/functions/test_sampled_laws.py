@@ -21,6 +21,7 @@ from sidtool.solver import (
 )
 from sidtool.solver.integrators.registry import INTEGRATORS
 from sidtool.solver.system.errors import SimulationError
+from tests.codes import with_code
 from tests.solver.functions.loops import GIVEN, expression, pid
 from tests.solver.scenes import scene
 
@@ -175,9 +176,9 @@ def test_analyses_take_sampled_laws_as_continuous_and_say_so() -> None:
     for more in ({}, {"sample_time": PERIOD}):
         system = compile_scene(cart(pid("cart.x", **gains, **more)), keep_joints=True)
         modes, rest = linearise(system), static_equilibrium(system)
-        told = "the sampled laws of motor are taken as continuous"
-        for notes in (modes.notes, rest.notes):
-            assert any(told in note for note in notes) == bool(more)
+        for analysis in (modes, rest):
+            subjects = [each.subject for each in with_code(analysis, "N513")]
+            assert subjects == (["motor"] if more else [])
         found.append((modes.eigenvalues, rest.result().values))
     assert np.abs(found[0][0] - found[1][0]).max() < 1e-9
     assert np.abs(found[0][1] - found[1][1]).max() < 1e-9

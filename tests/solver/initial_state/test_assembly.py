@@ -86,7 +86,7 @@ def test_velocities_that_a_scene_leaves_open_follow_those_that_it_states(
     result = simulate(compile_scene(scene(bodies, joints, end=0.01, record=record)))
     found = [result[name][0] for name in record]
     assert found == pytest.approx([0.0, -2.0, 2.0, -2.0], abs=1e-10)
-    assert not result.notes
+    assert not result.diagnostics
 
 
 def test_a_fixed_body_stays_where_it_is() -> None:

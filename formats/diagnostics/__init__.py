@@ -1,0 +1,44 @@
+"""Diagnostics: what the program says beside its numbers, as data with codes.
+
+In reading order:
+
+- `record`: a diagnostic, how one is made of a code and values, how it is stored
+- `entry`: an entry of the catalogue, how its message is filled
+- `catalogue`: all entries by code
+- `conversion` (N1xx), `scene` (N2xx), `run` (N3xx), `validity` (N4xx), `laws` (N5xx),
+  `analyses` (N7xx): the entries by subject
+"""
+
+from .entry import ERROR, INFO, SEVERITIES, WARNING, Entry
+from .record import (
+    Diagnostic,
+    WithDiagnostics,
+    count_by_code,
+    count_by_severity,
+    diagnose,
+    each_once,
+    from_data,
+    plain_text,
+    texts,
+    warning_texts,
+    without,
+)
+
+__all__ = [
+    "ERROR",
+    "INFO",
+    "SEVERITIES",
+    "WARNING",
+    "Diagnostic",
+    "Entry",
+    "WithDiagnostics",
+    "each_once",
+    "count_by_code",
+    "count_by_severity",
+    "diagnose",
+    "from_data",
+    "plain_text",
+    "texts",
+    "warning_texts",
+    "without",
+]

@@ -1,0 +1,94 @@
+"""Diagnostics N7xx: static equilibria and natural modes."""
+
+from .entry import INFO, WARNING, Entry
+
+ENTRIES = (
+    Entry(
+        "N703",
+        WARNING,
+        "simulate cannot start in this equilibrium: {reason}",
+        "The mass matrix along the directions that the constraints leave free is not "
+        "positive definite in the deformed state.",
+        remedy="Cut the body into parts.",
+        example={"reason": "the inertia of arm is not positive"},
+    ),
+    Entry(
+        "N704",
+        WARNING,
+        "the equilibrium is unstable: it moves away along {coordinate}",
+        "Smallest eigenvalue of the symmetric tangent stiffness along the free "
+        "directions is negative. It is not evaluated for laws with states.",
+        remedy="Start nearer to another equilibrium.",
+        example={"coordinate": "arm.angle"},
+    ),
+    Entry(
+        "N710",
+        WARNING,
+        "the state is not steady ({coordinate} accelerates): modes are not its motion",
+        "Accelerations remain in axes that rotate with the bodies, and a Newton step "
+        "leads to no steady state within 5 % of the size of the mechanism.",
+        remedy="Analyse about the static equilibrium.",
+        example={"coordinate": "arm.wz_body"},
+    ),
+    Entry(
+        "N711",
+        WARNING,
+        "mode of {here:.4g} Hz has {there:.4g} Hz in the steady state near by",
+        "A Newton step on the accelerations that remain leads to a "
+        "steady state near by, in which loads stiffen or soften the bodies. Reported "
+        "where a frequency differs by more than 2 %.",
+        remedy='Set initial.state = "static".',
+        example={"here": 1.7, "there": 2.8, "coordinate": "arm.q1"},
+    ),
+    Entry(
+        "N712",
+        INFO,
+        "{bodies} are described in axes {axes}{rest}",
+        "Axes are sought in which the equations of small motions are constant: those "
+        "of each body, then those of one body for all, then inertial ones. "
+        "Frequencies in rotating axes differ from inertial ones by the speed.",
+        example={
+            "bodies": "rigid bodies",
+            "axes": "that turn with hub",
+            "rest": ", others in their own",
+        },
+    ),
+    Entry(
+        "N713",
+        WARNING,
+        "equations change as bodies turn{cause}: modes of an instant are not those of "
+        "the motion",
+        "The state matrix changes by more than 0.1 % over 0.4 rad of rotation in all "
+        "axes that were tried.",
+        remedy="Simulate, or use Floquet's theory. A round body needs both of a pair.",
+        example={"cause": ""},
+    ),
+    Entry(
+        "N715",
+        WARNING,
+        "frozen values of one instant: they do not describe a motion",
+        "Modes were requested with frozen = true (--frozen) of a state that is not "
+        "steady or of equations that change as bodies turn (see N710, N711, N713).",
+        example={},
+    ),
+    Entry(
+        "N717",
+        WARNING,
+        "modes from {first} on are left out: they change while the bodies turn",
+        "The shape function across the axis has no partner at a right "
+        "angle: its reduction holds one of two. Modes above 0.5 of its frequency may "
+        "change by more than 0.1 % over 0.4 rad.",
+        remedy="Convert with one mode more or less.",
+        units={"first": "Hz", "shape": "Hz"},
+        example={"first": 410.0, "shape": 520.0},
+    ),
+    Entry(
+        "N714",
+        WARNING,
+        "growing, by up to exp({rate:.4g} t/s)",
+        "Real part of an eigenvalue that is positive beyond rounding: damping ratio "
+        "below -1e-6. It is not reported with N710, N711 or N713, where eigenvalues "
+        "of the instant decide nothing.",
+        example={"subject": "modes 1, 2", "rate": 3.2},
+    ),
+)

@@ -1,0 +1,106 @@
+"""Diagnostics as printed lines, and the explanation of their codes."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import INFO, Diagnostic, count_by_severity
+from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
+from sidtool.formats.diagnostics.record import example_of
+
+#: Columns of a terminal.
+WIDTH = 100
+
+
+def diagnostic_line(diagnostic: Diagnostic) -> str:
+    """Return severity, code, subject, fact and remedy in lines of at most 100 columns.
+
+    The remedy has lines of its own where it does not fit behind the fact.
+    """
+    whole = f"{diagnostic.severity} {diagnostic.line}"
+    if len(whole) <= WIDTH:
+        return whole
+    parts = [f"{diagnostic.severity} {diagnostic.message_line}"]
+    if diagnostic.remedy:
+        parts.append(f"    {diagnostic.remedy}")
+    return "\n".join(
+        textwrap.fill(
+            part,
+            WIDTH,
+            subsequent_indent="    ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        for part in parts
+    )
+
+
+def diagnostic_lines(diagnostics: Iterable[Diagnostic]) -> str:
+    """Return the lines of diagnostics, errors and warnings first."""
+    order = {severity: k for k, severity in enumerate(count_by_severity(()))}
+    ordered = sorted(diagnostics, key=lambda each: order[each.severity])
+    return "\n".join(map(diagnostic_line, ordered))
+
+
+def severity_counts(diagnostics: Iterable[Diagnostic]) -> str:
+    """Return "0 errors, 1 warning, 2 notes"."""
+    counts = count_by_severity(diagnostics)
+    nouns = {**{severity: severity for severity in counts}, INFO: "note"}
+    return ", ".join(
+        f"{count} {nouns[severity]}" + ("" if count == 1 else "s")
+        for severity, count in counts.items()
+    )
+
+
+def explain(code: str) -> str:
+    """Return what a diagnostic means, how its numbers are computed, and what to do.
+
+    Raises
+    ------
+    InputError : there is no such code.
+    """
+    entry = CATALOGUE[parse_code(code)]
+    example = example_of(entry)
+    parts = [
+        f"{entry.code} ({entry.severity}): {GROUPS[entry.code[:2]]}",
+        diagnostic_line(example),
+        textwrap.fill(entry.explanation, WIDTH),
+    ]
+    if example.remedy:
+        parts.append(textwrap.fill(f"What to do: {example.remedy}", WIDTH))
+    if entry.severity != "error":
+        ignore = f'[diagnostics] ignore = ["{entry.code}"]'
+        text = f"Not reported with {ignore} in the scene, or --ignore {entry.code}."
+        parts.append(text)
+    return "\n\n".join(parts)
+
+
+def parse_code(text: str) -> str:
+    """Return the code that a user names.
+
+    Raises
+    ------
+    InputError : there is no such code.
+    """
+    try:
+        return find_code(text)
+    except KeyError:
+        raise InputError(
+            f"there is no diagnostic {text!r}",
+            expected="a code that `sidtool explain` lists, such as N411",
+        ) from None
+
+
+def list_codes() -> str:
+    """Return code, severity and example of all diagnostics, by subject."""
+    parts = []
+    for group, title in GROUPS.items():
+        lines = [
+            textwrap.shorten(f"{code}  {example_of(entry).message}", WIDTH)
+            for code, entry in CATALOGUE.items()
+            if code.startswith(group)
+        ]
+        parts.append("\n".join([title, *(f"  {line}" for line in lines)]))
+    return "\n\n".join(parts)

@@ -1,0 +1,30 @@
+"""Diagnostics of results and analyses by code."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from sidtool.formats.diagnostics import Diagnostic
+
+
+class HasDiagnostics(Protocol):
+    """A result, an analysis or a compiled scene."""
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]: ...
+
+
+def codes(found: HasDiagnostics) -> list[str]:
+    """The codes of the diagnostics of a result or an analysis, in their order."""
+    return [each.code for each in found.diagnostics]
+
+
+def with_code(found: HasDiagnostics, *wanted: str) -> list[Diagnostic]:
+    """The diagnostics with one of some codes."""
+    return [each for each in found.diagnostics if each.code in wanted]
+
+
+def only(found: HasDiagnostics, *wanted: str) -> Diagnostic:
+    """The one diagnostic with one of some codes."""
+    (diagnostic,) = with_code(found, *wanted)
+    return diagnostic
