@@ -73,7 +73,7 @@ class EventDetector:
         self.events_found: list[LocatedEvent] = []
         self.stopping_event = ""
 
-    def look(self, steps: StepStates) -> bool:
+    def find_events(self, steps: StepStates) -> bool:
         """Detect events in steps; True if one of them ends the run.
 
         Events after the end are dropped.

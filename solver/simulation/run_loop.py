@@ -240,7 +240,7 @@ class Run:
         if self.recorder.history is not None:
             self.recorder.history.add(steps)
         if self.event_detector is not None:
-            self.event_detector.look(steps)
+            self.event_detector.find_events(steps)
 
     def _enter_interval(self, end: float) -> str:
         """Start a smooth interval without memory of earlier steps.
