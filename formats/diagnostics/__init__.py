@@ -2,25 +2,24 @@
 
 In reading order:
 
-- `record`: a diagnostic, how one is made of a code and values, how it is stored
+- `record`: a diagnostic, how one is made of a code and values, and as data
 - `entry`: an entry of the catalogue, how its message is filled
 - `catalogue`: all entries by code
 - `conversion` (N1xx), `scene` (N2xx), `run` (N3xx), `validity` (N4xx), `laws` (N5xx),
   `analyses` (N7xx): the entries by subject
+- `hdf5`: diagnostics as a table of a file
+- `python_warnings`: diagnostics as warnings of Python
 """
 
 from .entry import ERROR, INFO, SEVERITIES, WARNING, Entry
 from .record import (
     Diagnostic,
     WithDiagnostics,
-    count_by_code,
     count_by_severity,
     diagnose,
     each_once,
     from_data,
     plain_text,
-    texts,
-    warning_texts,
     without,
 )
 
@@ -33,12 +32,9 @@ __all__ = [
     "Entry",
     "WithDiagnostics",
     "each_once",
-    "count_by_code",
     "count_by_severity",
     "diagnose",
     "from_data",
     "plain_text",
-    "texts",
-    "warning_texts",
     "without",
 ]

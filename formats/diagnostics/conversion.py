@@ -120,7 +120,7 @@ ENTRIES = (
         "N116",
         INFO,
         "{key} replaces {replaced} of the mesh file",
-        "Values stand in model file and mesh file; that of the model file is used.",
+        "Both files give the value; that of the model file is used.",
         example={"key": "geometry.thickness", "replaced": "0.01, 0.02"},
     ),
     Entry(
@@ -193,7 +193,7 @@ ENTRIES = (
         "{count:d} nodes are not above the faces of the tie and stay free",
         "Slave nodes without a projection on the master faces within the tolerance; "
         "their number is above 0.",
-        remedy="Raise POSITION TOLERANCE, or mend the surfaces.",
+        remedy="Raise POSITION TOLERANCE, or correct the surfaces.",
         example={"subject": "tie WELD", "count": 3},
     ),
     Entry(
@@ -208,7 +208,7 @@ ENTRIES = (
         "N126",
         WARNING,
         "consistent mass matrix: the inertia of twisted sections (Oe m1) is unreliable",
-        "A consistent mass matrix of nodes that rotate does not tell the rotary "
+        "A consistent mass matrix of nodes that rotate does not separate the rotary "
         "inertia of sections from the inertia of their line. Of Euler-Bernoulli "
         "beams 20 % of Oe m1 of torsion is found on fine meshes, and wrong signs on "
         "coarse ones.",
@@ -294,7 +294,7 @@ ENTRIES = (
     Entry(
         "N136",
         INFO,
-        "stands at {position}, {gap} from the mean of its {count:d} nodes ({reason})",
+        "is at {position}, {gap} from the mean of its {count:d} nodes ({reason})",
         "Distance of the marker from the mean of the tied nodes, reported above 1e-6 "
         "of their extent. Forces at the marker then cause moments on the nodes.",
         remedy="{remedy}",

@@ -35,29 +35,12 @@ class Entry:
     explanation: str
     remedy: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
-    example: Mapping[str, Value] = field(default_factory=dict)
+    example: Mapping[str, Any] = field(default_factory=dict)
 
     def data_unit(self, name: str) -> str:
         """The unit of a value in the data of a diagnostic; "1" for fractions."""
         unit = self.units.get(name, "")
         return "1" if unit == "%" else unit
-
-
-class _MessageFormatter(Formatter):
-    """Fills names of a template with numbers, their units, and lists of names."""
-
-    def __init__(self, units: Mapping[str, str]) -> None:
-        self.units = units
-
-    def vformat(
-        self, format_string: str, args: Sequence[Any], kwargs: Mapping[str, Any]
-    ) -> str:
-        parts = []
-        for text, name, spec, _ in self.parse(format_string):
-            parts.append(text)
-            if name is not None:
-                parts.append(_text(kwargs[name], spec or "", self.units.get(name, "")))
-        return "".join(parts)
 
 
 def fill(template: str, values: Mapping[str, Value], units: Mapping[str, str]) -> str:
@@ -66,7 +49,12 @@ def fill(template: str, values: Mapping[str, Value], units: Mapping[str, str]) -
     Numbers have three significant digits and their unit, fractions with the unit "%"
     are printed in per cent, several names or numbers are joined by commas.
     """
-    return _MessageFormatter(units).vformat(template, (), values)
+    parts = []
+    for text, name, spec, _ in Formatter().parse(template):
+        parts.append(text)
+        if name is not None:
+            parts.append(_text(values[name], spec or "", units.get(name, "")))
+    return "".join(parts)
 
 
 def _text(value: Value, spec: str, unit: str) -> str:

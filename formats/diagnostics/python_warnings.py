@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from .entry import Value
 from .record import Diagnostic, plain_text
@@ -40,6 +40,13 @@ class DiagnosticWarning(UserWarning):
 def warn_of(diagnostic: Diagnostic) -> None:
     """Emit a `DiagnosticWarning` at the line outside of sidtool that called it."""
     warn_caller(DiagnosticWarning(diagnostic))
+
+
+def warn_of_each(diagnostics: Iterable[Diagnostic]) -> None:
+    """Emit a `DiagnosticWarning` for each diagnostic but information."""
+    for diagnostic in diagnostics:
+        if diagnostic.is_warning:
+            warn_of(diagnostic)
 
 
 def warn_caller(warning: Warning) -> None:

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
-from .entry import ERROR, INFO, SEVERITIES, WARNING, Entry, Value, fill
+from .catalogue import CATALOGUE
+from .entry import ERROR, INFO, SEVERITIES, Entry, Value, fill
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,11 @@ class Diagnostic:
         return f"{fact}{stop} {self.remedy}" if self.remedy else fact
 
     @property
+    def is_warning(self) -> bool:
+        """Whether it says that a number may be wrong or is missing."""
+        return self.severity != INFO
+
+    @property
     def message_line(self) -> str:
         """Code, subject and message without the remedy, to be part of an error."""
         return replace(self, remedy="").line
@@ -52,12 +58,8 @@ class Diagnostic:
         """The statement with its code, as it is printed."""
         return f"{self.code} {self}" if self.code else str(self)
 
-    def located(self, subject: str) -> Self:
-        """The same statement of a subject, unless it has one."""
-        return self if self.subject else replace(self, subject=subject)
-
     def within(self, owner: str) -> Self:
-        """The same statement of a part of an owner, such as a marker of a body."""
+        """The same statement of an owner, or of a part of it, such as a marker."""
         subject = f"{owner}, {self.subject}" if self.subject else owner
         return replace(self, subject=subject)
 
@@ -91,12 +93,12 @@ class WithDiagnostics:
     @property
     def notes(self) -> tuple[str, ...]:
         """All diagnostics as sentences."""
-        return texts(self.diagnostics)
+        return tuple(map(str, self.diagnostics))
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """The sentences that say that numbers may be wrong."""
-        return warning_texts(self.diagnostics)
+        return tuple(str(each) for each in self.diagnostics if each.is_warning)
 
 
 def from_data(record: Mapping[str, Any]) -> Diagnostic:
@@ -136,12 +138,8 @@ def diagnose(
     ------
     KeyError : there is no such code, or a value that it names is missing.
     """
-    from .catalogue import CATALOGUE
-
     entry = CATALOGUE[code]
-    known: dict[str, Value] = dict(values)
-    if t is not None:
-        known["t"] = t
+    known = values if t is None else {**values, "t": t}
     return Diagnostic(
         code,
         entry.severity,
@@ -156,12 +154,7 @@ def diagnose(
 
 def example_of(entry: Entry) -> Diagnostic:
     """Return the diagnostic of an entry with the values of its example."""
-    values = dict(entry.example)
-    t = values.pop("t", None)
-    subject = str(values.pop("subject", ""))
-    return diagnose(
-        entry.code, subject, t=None if t is None else float(str(t)), **values
-    )
+    return diagnose(entry.code, **entry.example)
 
 
 def plain_text(text: str, severity: str = INFO) -> Diagnostic:
@@ -177,20 +170,10 @@ def each_once(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 def without(
     diagnostics: Iterable[Diagnostic], ignored: Iterable[str]
 ) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics whose codes are not ignored; errors always stay."""
+    """Return, once each, the diagnostics whose codes are not ignored; errors stay."""
     codes = frozenset(ignored)
-    return tuple(d for d in diagnostics if d.severity == ERROR or d.code not in codes)
-
-
-def texts(diagnostics: Iterable[Diagnostic], *severities: str) -> tuple[str, ...]:
-    """Return the statements of some severities, default all, as sentences."""
-    chosen = severities or SEVERITIES
-    return tuple(str(d) for d in diagnostics if d.severity in chosen)
-
-
-def warning_texts(diagnostics: Iterable[Diagnostic]) -> tuple[str, ...]:
-    """Return the sentences that say that numbers may be wrong."""
-    return texts(diagnostics, ERROR, WARNING)
+    kept = (d for d in diagnostics if d.severity == ERROR or d.code not in codes)
+    return each_once(kept)
 
 
 def count_by_severity(diagnostics: Iterable[Diagnostic]) -> dict[str, int]:
@@ -201,23 +184,10 @@ def count_by_severity(diagnostics: Iterable[Diagnostic]) -> dict[str, int]:
     return counts
 
 
-def count_by_code(diagnostics: Iterable[Diagnostic]) -> dict[str, int]:
-    """Return how often each code occurs; text without a code counts as one code ""."""
-    counts: dict[str, int] = {}
-    for diagnostic in diagnostics:
-        counts[diagnostic.code] = counts.get(diagnostic.code, 0) + 1
-    return counts
-
-
-def _plain(value: Value) -> Value:
+def _plain(value: Any) -> Any:
     """A value without types of NumPy."""
-    if isinstance(value, str):
+    if isinstance(value, str) or type(value) is int:
         return value
     if isinstance(value, Sequence):
-        names = tuple(v for v in value if isinstance(v, str))
-        return names or tuple(_plain_number(v) for v in value if not isinstance(v, str))
-    return _plain_number(value)
-
-
-def _plain_number(value: float) -> float:
-    return value if type(value) is int else float(value)
+        return tuple(v if isinstance(v, str) else _plain(v) for v in value)
+    return float(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -205,16 +205,7 @@ class FlexibleBody:
         limits, found, excitation = [], self.found, self.excitation
         is_limited = found is not None and found.lacks_stiffening and not found.diverges
         if found and is_limited and abs(found.ratio) >= SIGNIFICANT_CHANGE:
-            limits.append(
-                diagnose(
-                    "N404",
-                    name,
-                    t=found.time,
-                    ratio=found.ratio,
-                    load=found.load,
-                    remedy=found.remedy,
-                )
-            )
+            limits.append(_missing_stiffening("N404", name, found))
         if 0.0 < excitation.frequency < math.inf:
             ratio = self.highest_frequency / excitation.frequency
             if ratio < MIN_FREQUENCY_RATIO:
@@ -293,6 +284,18 @@ def deformation_diagnostics(
     return []
 
 
+def _missing_stiffening(code: str, name: str, found: LoadStiffening) -> Diagnostic:
+    """Centrifugal softening without the stiffening that the SID lacks (N404, N405)."""
+    return diagnose(
+        code,
+        name,
+        t=found.time,
+        ratio=found.ratio,
+        load=found.load,
+        remedy=found.remedy,
+    )
+
+
 def divergence_diagnostic(name: str, found: LoadStiffening) -> Diagnostic:
     """Why deformations of a body grow without bound (N405 to N408)."""
     if abs(found.ratio) > UNBOUNDED_RATIO:
@@ -300,15 +303,7 @@ def divergence_diagnostic(name: str, found: LoadStiffening) -> Diagnostic:
     if found.axial:
         return diagnose("N406", name, t=found.time, load=found.load)
     if found.lacks_stiffening:
-        remedy = found.remedy
-        return diagnose(
-            "N405",
-            name,
-            t=found.time,
-            ratio=found.ratio,
-            load=found.load,
-            remedy=remedy,
-        )
+        return _missing_stiffening("N405", name, found)
     return diagnose(
         "N408", name, t=found.time, factor=abs(found.ratio), load=found.load
     )
@@ -318,28 +313,39 @@ def validity_diagnostics(
     bodies: Mapping[str, FlexibleBody],
 ) -> tuple[Diagnostic, ...]:
     """Diagnostics of bodies that left linear theory in a run, the worst first."""
-    statements = {name: body.beyond_theory(name) for name, body in bodies.items()}
-    order = [
-        n for n in sorted(statements, key=lambda n: -bodies[n].excess) if statements[n]
-    ]
-    return limit_bodies([(name, statements[name]) for name in order])
+    found = {name: body.beyond_theory(name) for name, body in bodies.items()}
+    return worst_first(found, {name: body.excess for name, body in bodies.items()})
 
 
-def limit_bodies(
-    statements: Sequence[tuple[str, Sequence[Diagnostic]]],
+def worst_first(
+    found: Mapping[str, Sequence[Diagnostic]], excess: Mapping[str, float]
 ) -> tuple[Diagnostic, ...]:
-    """Diagnostics of the first bodies, and the names of the rest (N419)."""
-    first = tuple(d for _, found in statements[:MAX_WARNINGS] for d in found)
-    omitted = [name for name, _ in statements[MAX_WARNINGS:]]
+    """Diagnostics of the worst bodies, and the names of the rest (N419).
+
+    Parameters
+    ----------
+    found : diagnostics of each body, if it has some
+    excess : deformation over what linear theory holds to, by body
+    """
+    names = sorted((n for n in found if found[n]), key=lambda n: -excess[n])
+    first = tuple(d for name in names[:MAX_WARNINGS] for d in found[name])
+    omitted = names[MAX_WARNINGS:]
     if omitted:
         first += (diagnose("N419", ", ".join(omitted)),)
     return first
 
 
-def failure_text(bodies: Mapping[str, FlexibleBody]) -> str:
-    """Why the numbers of a run mean nothing; empty where they mean something."""
-    worst = max(bodies, key=lambda n: bodies[n].deflection, default="")
-    if not worst or not bodies[worst].deflection > MEANINGLESS_DEFLECTION:
+def failure_text(
+    deflections: Mapping[str, float], describe: Callable[[str], Sequence[Diagnostic]]
+) -> str:
+    """Why numbers mean nothing; empty where they mean something.
+
+    Parameters
+    ----------
+    deflections : largest elastic displacement over size, by body
+    describe : diagnostics of a body by its name
+    """
+    worst = max(deflections, key=lambda name: deflections[name], default="")
+    if not worst or not deflections[worst] > MEANINGLESS_DEFLECTION:
         return ""
-    found = bodies[worst].beyond_theory(worst)
-    return f"gives numbers without meaning: {' '.join(map(str, found))}"
+    return f"gives numbers without meaning: {' '.join(map(str, describe(worst)))}"

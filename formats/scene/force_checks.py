@@ -67,7 +67,7 @@ def _check_pair(force: Force, place: str, scene: SceneTables) -> None:
         return
     if getattr(force, "coordinate", None) is not None:
         raise_failure(
-            f"{place}.coordinate", "stands beside markers", "a coordinate of a joint"
+            f"{place}.coordinate", "is given with markers", "a coordinate of a joint"
         )
     assert markers is not None
     for index, text in enumerate(markers):

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from sidtool.formats.base.progress import NamedStages, count_within
 from sidtool.formats.base.sid import SID, Array
-from sidtool.formats.diagnostics import Diagnostic, each_once, plain_text, without
+from sidtool.formats.diagnostics import Diagnostic, plain_text, without
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
 from sidtool.formats.result.rows import Columns, Rows
 from sidtool.formats.scene import SceneFile, expand_names, unit_of
@@ -81,7 +81,7 @@ class Plan:
         """
         if self.evaluated_run is None:
             return None
-        found = each_once((*of_run, *self.evaluated_run.diagnostics))
+        found = (*of_run, *self.evaluated_run.diagnostics)
         ignored = self.scene.diagnostics.ignore
         known = replace(self.evaluated_run, diagnostics=without(found, ignored))
         return self.with_errors(known)

@@ -12,8 +12,8 @@ import numpy as np
 from sidtool.formats import result as stored
 from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import INFO, Diagnostic, plain_text
-from sidtool.formats.diagnostics.python_warnings import warn_of
+from sidtool.formats.diagnostics import Diagnostic, plain_text
+from sidtool.formats.diagnostics.python_warnings import warn_of, warn_of_each
 from sidtool.formats.result import units_in
 
 from ..report.tables import import_optional
@@ -162,9 +162,7 @@ class Result(stored.Result):
 
 def emit_warnings(result: Found) -> Found:
     """Emit the warnings of a result to the caller of sidtool and return the result."""
-    for diagnostic in result.diagnostics:
-        if diagnostic.severity != INFO:
-            warn_of(diagnostic)
+    warn_of_each(result.diagnostics)
     return result
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
-from sidtool.formats.diagnostics import INFO, each_once
-from sidtool.formats.diagnostics.python_warnings import warn_of
+from sidtool.formats.diagnostics import each_once
+from sidtool.formats.diagnostics.python_warnings import warn_of_each
 from sidtool.formats.file_names import scene_given
 from sidtool.formats.scene import SceneFile, matching_names, unit_of
 from sidtool.formats.sid_files import read_sid
@@ -92,10 +92,7 @@ def sweep(
         result = _Sweep(designs, points, measures, doing, programs).run_all(
             title or content.title
         )
-    found = each_once(each for p in result.points for each in p.diagnostics)
-    for diagnostic in found:
-        if diagnostic.severity != INFO:
-            warn_of(diagnostic)
+    warn_of_each(each_once(each for p in result.points for each in p.diagnostics))
     return result
 
 

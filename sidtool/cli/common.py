@@ -354,12 +354,11 @@ def print_warnings(
 
     printed : diagnostics that have been printed before
     """
-    from sidtool.formats.diagnostics import INFO
 
     from ..report.diagnostics import diagnostic_line
 
     for each in diagnostics:
-        if each.severity != INFO and each not in printed:
+        if each.is_warning and each not in printed:
             click.echo(diagnostic_line(each), err=True)
             click.get_current_context().meta[_WARNED] = True
 

@@ -199,7 +199,6 @@ def _write_field(path: Path, field: Any) -> None:
 
 
 def _write_sid(output: Path, sid: Any, dialect: str, verbose: bool) -> None:
-    from sidtool.formats.diagnostics import INFO
     from sidtool.formats.sid_files import write_sid
 
     from ..report.diagnostics import diagnostic_line, severity_counts
@@ -208,7 +207,7 @@ def _write_sid(output: Path, sid: Any, dialect: str, verbose: bool) -> None:
     lines = [f"{output}: {_print_summary(sid)}"]
     if sid.diagnostics:
         lines.append(f"diagnostics: {severity_counts(sid.diagnostics)}")
-    infos = [each for each in sid.diagnostics if each.severity == INFO]
+    infos = [each for each in sid.diagnostics if not each.is_warning]
     lines += [diagnostic_line(each) for each in infos if verbose or each.code == "N160"]
     print_result("\n".join(lines), lambda: _sid_data(sid))
 

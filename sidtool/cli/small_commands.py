@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import textwrap
 import time
 from collections.abc import Callable
 from importlib import import_module
@@ -93,6 +92,7 @@ def _describe_scene_file(content: Any, path: Path) -> str:
     from ..pipeline.model_cache import convert_bodies
     from ..pipeline.scene_changes import with_initial_state
     from ..report.input_files import describe_scene
+    from ..report.tables import wrapped
 
     folder = path.parent
     try:
@@ -102,24 +102,9 @@ def _describe_scene_file(content: Any, path: Path) -> str:
         lines = describe(compile_scene(whole, folder, model_sids, accept_defects=True))
     except InputError as error:
         raise error.located(path) from None
-    return "\n".join(
-        [
-            describe_scene(content),
-            "",
-            *map(
-                _wrapped,
-                (each.line for of_body in notes.values() for each in of_body),
-            ),
-            *map(_wrapped, lines),
-        ]
-    )
-
-
-def _wrapped(line: str) -> str:
-    """A line as lines that fit on the screen."""
-    from ..report.diagnostics import WIDTH
-
-    return textwrap.fill(line, WIDTH, subsequent_indent="    ", break_on_hyphens=False)
+    converted = [each.line for of_body in notes.values() for each in of_body]
+    texts = (wrapped(line, "    ") for line in [*converted, *lines])
+    return "\n".join([describe_scene(content), "", *texts])
 
 
 def _describe_result_file(content: Any, _: Path) -> str:

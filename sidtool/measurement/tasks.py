@@ -86,7 +86,7 @@ def convert_model(model: ModelFile) -> ConversionOutcome:
         seconds: list[float] = []
         while len(seconds) < 2 and sum(seconds) < MIN_TOTAL_SECONDS:
             began = time.perf_counter(), time.process_time()
-            sid = sid_from_model(model, _ignore_stage)
+            sid = sid_from_model(model)
             passed = time.perf_counter() - began[0]
             seconds.append(busy_seconds(passed, time.process_time() - began[1]))
     except InputError as error:
@@ -135,10 +135,6 @@ def run_task(task: RunTask) -> RunRecord:
         return failed_run(str(error))
     reference = system if task.once else None
     return record_run(result, seconds, noted=task.once, system=reference)
-
-
-def _ignore_stage(_: str) -> None:
-    return None
 
 
 Task = TypeVar("Task")

@@ -12,8 +12,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import report_stage
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import INFO
-from sidtool.formats.diagnostics.python_warnings import warn_of
+from sidtool.formats.diagnostics.python_warnings import warn_of_each
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, expand_names, has_wildcard, matching_names
 from sidtool.formats.toml.reading import validate_data
@@ -178,9 +177,7 @@ def _equilibrium_outputs(
         changed = validate_data(content, SceneFile, source="scene of the result")
         with compiled_scene(changed, dict(result.sids), None, True, programs) as system:
             equilibrium = static_equilibrium(system)
-        for diagnostic in equilibrium.diagnostics:
-            if diagnostic.severity != INFO:
-                warn_of(diagnostic)
+        warn_of_each(equilibrium.diagnostics)
         again = equilibrium.result()
         if not _is_same_state(again, result):
             raise InputError(

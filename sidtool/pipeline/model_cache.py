@@ -140,7 +140,7 @@ class BodyModel:
         file = self._cached_sid_file(self.model)[1].with_suffix(FIELD_ENDING)
         with suppress(InputError):
             return read_field(file)
-        field = field_from_model(self.model, _ignore_progress)[1]
+        field = field_from_model(self.model)[1]
         with suppress(OSError, InputError):
             file.parent.mkdir(exist_ok=True)
             write_field(file, field)
@@ -164,10 +164,6 @@ class BodyModel:
         """
         name = f"{CACHE_FOLDER}/{self.path.stem}-{model_digest(model)}.h5"
         return name, self.folder / name
-
-
-def _ignore_progress(_: str) -> None:
-    return None
 
 
 def body_models(scene: SceneFile, folder: Path) -> dict[str, BodyModel]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import NamedStages, count_within, report_stage
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
-from sidtool.formats.diagnostics import Diagnostic, each_once, without
+from sidtool.formats.diagnostics import Diagnostic, without
 from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.plausibility import body_warnings, material_warnings
@@ -190,7 +190,7 @@ def _convert(
         begin("stress")
         sid = add_stress_recovery(sid, body, frame, basis, model.stress, initial)
     found += body_warnings(sid)
-    kept = without(each_once(found), model.diagnostics.ignore)
+    kept = without(found, model.diagnostics.ignore)
     sid = replace(sid, diagnostics=kept)
     if not with_field:
         return sid, None

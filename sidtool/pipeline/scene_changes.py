@@ -13,8 +13,8 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.sid import SID
-from sidtool.formats.diagnostics import INFO, Diagnostic, diagnose
-from sidtool.formats.diagnostics.python_warnings import warn_of
+from sidtool.formats.diagnostics import Diagnostic, diagnose
+from sidtool.formats.diagnostics.python_warnings import warn_of_each
 from sidtool.formats.file_names import path_of, scene_given
 from sidtool.formats.model import ModelFile
 from sidtool.formats.motion_kinds import motion_kinds
@@ -198,9 +198,7 @@ def _sid_of_object(given: SID | ModelFile) -> SID:
     key = name_object(given)
     if key not in _CONVERTED_OBJECTS:
         sid = _CONVERTED_OBJECTS[key] = sid_from_model(given)
-        for diagnostic in sid.diagnostics:
-            if diagnostic.severity != INFO:
-                warn_of(diagnostic)
+        warn_of_each(sid.diagnostics)
     return _CONVERTED_OBJECTS[key]
 
 

@@ -6,12 +6,17 @@ import textwrap
 from collections.abc import Iterable
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.diagnostics import INFO, Diagnostic, count_by_severity
+from sidtool.formats.diagnostics import (
+    ERROR,
+    INFO,
+    SEVERITIES,
+    Diagnostic,
+    count_by_severity,
+)
 from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
 from sidtool.formats.diagnostics.record import example_of
 
-#: Columns of a terminal.
-WIDTH = 100
+from .tables import WIDTH, counted_noun, wrapped
 
 
 def diagnostic_line(diagnostic: Diagnostic) -> str:
@@ -22,34 +27,23 @@ def diagnostic_line(diagnostic: Diagnostic) -> str:
     whole = f"{diagnostic.severity} {diagnostic.line}"
     if len(whole) <= WIDTH:
         return whole
-    parts = [f"{diagnostic.severity} {diagnostic.message_line}"]
+    lines = [wrapped(f"{diagnostic.severity} {diagnostic.message_line}", "    ")]
     if diagnostic.remedy:
-        parts.append(f"    {diagnostic.remedy}")
-    return "\n".join(
-        textwrap.fill(
-            part,
-            WIDTH,
-            subsequent_indent="    ",
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-        for part in parts
-    )
+        lines.append(wrapped(diagnostic.remedy, "    ", "    "))
+    return "\n".join(lines)
 
 
 def diagnostic_lines(diagnostics: Iterable[Diagnostic]) -> str:
     """Return the lines of diagnostics, errors and warnings first."""
-    order = {severity: k for k, severity in enumerate(count_by_severity(()))}
-    ordered = sorted(diagnostics, key=lambda each: order[each.severity])
+    ordered = sorted(diagnostics, key=lambda each: SEVERITIES.index(each.severity))
     return "\n".join(map(diagnostic_line, ordered))
 
 
 def severity_counts(diagnostics: Iterable[Diagnostic]) -> str:
     """Return "0 errors, 1 warning, 2 notes"."""
     counts = count_by_severity(diagnostics)
-    nouns = {**{severity: severity for severity in counts}, INFO: "note"}
     return ", ".join(
-        f"{count} {nouns[severity]}" + ("" if count == 1 else "s")
+        counted_noun(count, "note" if severity == INFO else severity)
         for severity, count in counts.items()
     )
 
@@ -66,11 +60,11 @@ def explain(code: str) -> str:
     parts = [
         f"{entry.code} ({entry.severity}): {GROUPS[entry.code[:2]]}",
         diagnostic_line(example),
-        textwrap.fill(entry.explanation, WIDTH),
+        wrapped(entry.explanation),
     ]
     if example.remedy:
-        parts.append(textwrap.fill(f"What to do: {example.remedy}", WIDTH))
-    if entry.severity != "error":
+        parts.append(wrapped(f"What to do: {example.remedy}"))
+    if entry.severity != ERROR:
         ignore = f'[diagnostics] ignore = ["{entry.code}"]'
         text = f"Not reported with {ignore} in the scene, or --ignore {entry.code}."
         parts.append(text)

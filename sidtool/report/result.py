@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import printable
 from sidtool.formats.base.html import html_table
-from sidtool.formats.diagnostics import INFO, WithDiagnostics
+from sidtool.formats.diagnostics import WithDiagnostics
 from sidtool.formats.diagnostics.entry import per_cent
 from sidtool.formats.result import (
     AccuracyReport,
@@ -23,8 +22,15 @@ from sidtool.formats.result import (
     units_in,
 )
 
-from .diagnostics import WIDTH, diagnostic_lines, severity_counts
-from .tables import TextBlock, counted_noun, named_values, text_table
+from .diagnostics import diagnostic_lines, severity_counts
+from .tables import (
+    WIDTH,
+    TextBlock,
+    counted_noun,
+    named_values,
+    text_table,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from sidtool.solver.analyses.linearisation import Linearisation
@@ -119,13 +125,7 @@ def _title_line(result: Result, first: float, last: float) -> str:
 def _labelled_lines(entries: Sequence[tuple[str, str]], width: int) -> str:
     """Texts behind their labels, in lines that fit on the screen."""
     return "\n".join(
-        textwrap.fill(
-            f"{label:<{width}}  {printable(text)}",
-            WIDTH,
-            subsequent_indent=" " * (width + 2),
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
+        wrapped(f"{label:<{width}}  {printable(text)}", " " * (width + 2))
         for label, text in entries
     )
 
@@ -150,10 +150,11 @@ def _body_row(name: str, body: FlexibleBody) -> list[str]:
     stiffness = _share_text(found.ratio)
     if not found.carried:
         stiffness += " (rotation only)"
-    fastest = "unknown"
-    if excitation.frequency:
-        fastest = "jump" if math.isinf(excitation.frequency) else (
-            f"{excitation.frequency:.3g} Hz")  # fmt: skip
+    fastest = f"{excitation.frequency:.3g} Hz"
+    if math.isinf(excitation.frequency):
+        fastest = "jump"
+    elif not excitation.frequency:
+        fastest = "unknown"
     deflection = f"{_share_text(body.deflection)} of size"
     return [name, deflection, stiffness, f"{body.highest_frequency:.4g} Hz", fastest]
 
@@ -165,35 +166,40 @@ def _share_text(share: float) -> str:
 
 def accuracy_lines(report: AccuracyReport) -> list[tuple[str, str]]:
     """Return whether a requested accuracy is kept, and what causes the error."""
-    worst = max(report.outputs, key=lambda o: o.error / o.allowed)
-    share = worst.error / worst.allowed
-    kept = "kept" if share <= 1.0 else "NOT kept"
-    unit = f" {worst.unit}" if worst.unit else ""
-    lines = [
-        ("wanted", f"{_request_text(report)}: {kept}"),
-        (
-            "error",
-            f"{worst.error:.1e}{unit} in {worst.name} (estimate), "
-            f"{_share_text(share)} of what is allowed",
-        ),
-    ]
-    theories = [o for o in report.outputs if o.theory is not None]
+    worst = _worst_output(report)
+    kept = "kept" if worst.error <= worst.allowed else "NOT kept"
+    text = _share_of_allowed(worst, worst.error, " (estimate)")
+    lines = [("wanted", f"{_request_text(report)}: {kept}"), ("error", text)]
+    theories = [(o, o.theory) for o in report.outputs if o.theory is not None]
     if theories:
-        most = max(theories, key=lambda o: (o.theory or 0.0) / o.allowed)
-        ratio = (most.theory or 0.0) / most.allowed
-        unit = f" {most.unit}" if most.unit else ""
-        lines.append(
-            (
-                "theory",
-                f"linear theory has an error of about {most.theory:.1e}{unit} in "
-                f"{most.name}, {_share_text(ratio)} of what is allowed",
-            )
+        text = _share_of_allowed(
+            *max(theories, key=lambda pair: pair[1] / pair[0].allowed)
         )
+        lines.append(("theory", f"linear theory has an error of about {text}"))
     choices = "; ".join(f"{line.part}: {line.choice}" for line in report.budget)
-    searched = f"{counted_noun(report.runs, 'run')} in {report.seconds:.2f} s"
+    searched = _search_text(report)
     lines.append(("model", choices))
     lines.append(("search", searched if report.searched else f"earlier, {searched}"))
     return lines
+
+
+def _share_of_allowed(output: OutputError, error: float, more: str = "") -> str:
+    """An error of an output, and how much that is of what is allowed."""
+    share = _share_text(error / output.allowed)
+    amount = f"{error:.1e}{_unit_text(output)}"
+    return f"{amount} in {output.name}{more}, {share} of what is allowed"
+
+
+def _worst_output(report: AccuracyReport) -> OutputError:
+    return max(report.outputs, key=lambda o: o.error / o.allowed)
+
+
+def _unit_text(output: OutputError) -> str:
+    return f" {output.unit}" if output.unit else ""
+
+
+def _search_text(report: AccuracyReport) -> str:
+    return f"{counted_noun(report.runs, 'run')} in {report.seconds:.2f} s"
 
 
 def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
@@ -255,8 +261,7 @@ def _body_contributions(name: str, body: FlexibleBody) -> str:
     """Describe the change of stiffness of a body, and the contribution of each elastic
     coordinate.
     """
-    after = textwrap.fill(f"{name}: {body.after}", WIDTH, break_on_hyphens=False)
-    return f"{after}\n{contributions(name, body)}"
+    return f"{wrapped(f'{name}: {body.after}')}\n{contributions(name, body)}"
 
 
 def contributions(name: str, body: FlexibleBody) -> TextBlock:
@@ -470,7 +475,7 @@ def _plain_notes(result: WithDiagnostics) -> list[str]:
     """Return the diagnostics without the warnings, which are printed before, as one
     paragraph.
     """
-    infos = [each for each in result.diagnostics if each.severity == INFO]
+    infos = [each for each in result.diagnostics if not each.is_warning]
     return [diagnostic_lines(infos)] if infos else []
 
 
@@ -482,7 +487,7 @@ def accuracy_summary(report: AccuracyReport) -> TextBlock:
     """Return a few lines: the request, the worst output, and the sentences."""
     entries = [("wanted", _request_text(report)), ("reached", _reached_text(report))]
     entries += [("choice", text) for text in report.sentences]
-    searched = f"{counted_noun(report.runs, 'run')} in {report.seconds:.2f} s"
+    searched = _search_text(report)
     how = f"by {searched}" if report.searched else f"before, by {searched}"
     return named_values([*entries, ("found", how)])
 
@@ -555,10 +560,9 @@ def _request_text(report: AccuracyReport) -> str:
 
 
 def _reached_text(report: AccuracyReport) -> str:
-    worst = max(report.outputs, key=lambda o: o.error / o.allowed)
-    unit = f" {worst.unit}" if worst.unit else ""
+    worst = _worst_output(report)
     return (
-        f"{worst.name} errs most, by {worst.error:.1e}{unit} "
+        f"{worst.name} errs most, by {worst.error:.1e}{_unit_text(worst)} "
         f"({_relative_text(worst) or 'absolute'}) of {worst.allowed:.1e} allowed: "
         "measured at the output times against the finest model, an estimate"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any, Self
 
@@ -11,6 +12,8 @@ from numpy.typing import ArrayLike
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.html import html_table
 
+#: Columns of a screen.
+WIDTH = 100
 #: Values below this fraction of the largest one are printed as zero.
 _ROUNDING = 1e-12
 
@@ -69,6 +72,22 @@ def named_values(entries: Iterable[tuple[str, str]]) -> TextBlock:
     width = max((len(name) for name, _ in pairs), default=0)
     lines = "\n".join(f"{name:<{width}}  {text}" for name, text in pairs)
     return TextBlock(lines, html_table(pairs))
+
+
+def wrapped(text: str, indent: str = "", first: str = "") -> str:
+    """Return a text as lines that fit on a screen.
+
+    indent : of all lines but the first
+    first : indent of the first line
+    """
+    return textwrap.fill(
+        text,
+        WIDTH,
+        initial_indent=first,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def counted_noun(count: int, word: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
@@ -15,8 +14,10 @@ from ..comparison.block_differences import Comparison, ComparisonRow
 from ..comparison.comparison import compare, comparison_report, to_json
 from ..validate.checks import Check, check, report, verdict
 from ..validate.unit_guess import UnitGuess, guess_units
-from .diagnostics import WIDTH
-from .tables import counted_noun, text_table
+from .tables import counted_noun, text_table, wrapped
+
+#: Indent of the details of an identity.
+_DETAIL = " " * 6
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,7 @@ def _check_table(checks: tuple[Check, ...]) -> str:
     for row, line in zip(reported, lines, strict=True):
         head.append(line)
         if row["detail"]:
-            head.append(textwrap.fill(row["detail"], WIDTH, initial_indent=" " * 6,
-                                      subsequent_indent=" " * 6))  # fmt: skip
+            head.append(wrapped(row["detail"], _DETAIL, _DETAIL))
     return "\n".join(head)
 
 

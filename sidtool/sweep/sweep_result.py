@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sidtool.formats.base.html import html_table
-from sidtool.formats.diagnostics import INFO, Diagnostic
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.file_names import check_ending, kind_by_ending
 from sidtool.formats.storage.atomic import atomic_path
 
@@ -198,7 +198,7 @@ def _as_array(values: list[Any]) -> np.ndarray:
 
 def _message_of(point: SweepPoint) -> str:
     """Return why a point failed, or else the codes of its warnings."""
-    codes = dict.fromkeys(d.code for d in point.diagnostics if d.severity != INFO)
+    codes = dict.fromkeys(d.code for d in point.diagnostics if d.is_warning)
     return point.message or ("warnings: " + ", ".join(codes) if codes else "")
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import Diagnostic, each_once, without
+from sidtool.formats.diagnostics import Diagnostic, without
 from sidtool.formats.result import Result
 from sidtool.formats.storage.hdf5_files import versions
 
@@ -81,13 +81,11 @@ def result_of_states(
     remarks.add(times, outputs_)
     for undefined in remarks.undefined_notes():
         raise SimulationError(undefined.message_line)
-    found = each_once(
-        (
-            *find_state_warnings(system, z),
-            *diagnostics,
-            *callable_notes(system),
-            *remarks.diagnostics(),
-        )
+    found = (
+        *find_state_warnings(system, z),
+        *diagnostics,
+        *callable_notes(system),
+        *remarks.diagnostics(),
     )
     return Result(
         title=system.scene.title,

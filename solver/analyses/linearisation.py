@@ -17,7 +17,6 @@ from sidtool.formats.diagnostics import (
     Diagnostic,
     WithDiagnostics,
     diagnose,
-    each_once,
     without,
 )
 
@@ -173,16 +172,14 @@ def linearise(
         reason = causes[0].message_line + (SAG_ADVICE if is_static else "")
         raise SimulationError(f"there are no natural modes: {reason}")
     modes = _natural_modes(mechanics, small, axes.highest)
-    found = each_once(
-        (
-            *find_state_warnings(system, z[None]),
-            *of_state,
-            *((diagnose("N715"), *causes) if causes else ()),
-            *axes.diagnostics,
-            *(() if causes else _growth_notes(modes)),
-            *mechanics.notes(),
-            *notes_of_laws,
-        )
+    found = (
+        *find_state_warnings(system, z[None]),
+        *of_state,
+        *((diagnose("N715"), *causes) if causes else ()),
+        *axes.diagnostics,
+        *(() if causes else _growth_notes(modes)),
+        *mechanics.notes(),
+        *notes_of_laws,
     )
     return replace(modes, diagnostics=without(found, system.scene.diagnostics.ignore))
 

@@ -24,7 +24,6 @@ from sidtool.formats.diagnostics import (
     Diagnostic,
     WithDiagnostics,
     diagnose,
-    each_once,
     without,
 )
 from sidtool.formats.result import Result
@@ -146,17 +145,15 @@ def static_equilibrium(system: System) -> Equilibrium:
             largest = max(largest, mechanics.force_size(z))
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < FORCE_TOLERANCE or size == 0.0:
-            found = each_once(
-                (
-                    *find_state_warnings(system, z[None]),
-                    *_check_equilibrium(mechanics, motion),
-                    *force_limit_notes(system, mechanics.work),
-                    *_stability_notes(mechanics, z, motion, multipliers),
-                    *implausible_value_warnings(system),
-                    *assembly_notes,
-                    *law_notes,
-                    *_friction_notes(system),
-                )
+            found = (
+                *find_state_warnings(system, z[None]),
+                *_check_equilibrium(mechanics, motion),
+                *force_limit_notes(system, mechanics.work),
+                *_stability_notes(mechanics, z, motion, multipliers),
+                *implausible_value_warnings(system),
+                *assembly_notes,
+                *law_notes,
+                *_friction_notes(system),
             )
             diagnostics = without(found, system.scene.diagnostics.ignore)
             v = np.zeros(system.n_velocities)

@@ -18,9 +18,9 @@ from sidtool.formats.result import FlexibleBody
 from sidtool.formats.result.accuracy_report import (
     MAX_DEFLECTION,
     MAX_ROTATION,
-    MEANINGLESS_DEFLECTION,
     deformation_diagnostics,
-    limit_bodies,
+    failure_text,
+    worst_first,
 )
 from sidtool.formats.sid_mass import body_size
 
@@ -341,22 +341,22 @@ def find_state_warnings(system: System, z: Array) -> tuple[Diagnostic, ...]:
     z : (nt, n positions)
         States.
     """
-    excess, found = {}, {}
-    for name, (deflection_, rotation) in _measure_deformations(system, z).items():
-        excess[name] = max(deflection_ / MAX_DEFLECTION, rotation / MAX_ROTATION)
-        found[name] = deformation_diagnostics(name, deflection_, rotation)
-    order = sorted(excess, key=lambda name: -excess[name])
-    return limit_bodies([(n, found[n]) for n in order if found[n]])
+    measured = _measure_deformations(system, z)
+    found = {n: deformation_diagnostics(n, *sizes) for n, sizes in measured.items()}
+    excess = {
+        name: max(deflection_ / MAX_DEFLECTION, rotation / MAX_ROTATION)
+        for name, (deflection_, rotation) in measured.items()
+    }
+    return worst_first(found, excess)
 
 
 def find_state_failure(system: System, z: Array) -> str:
     """Why states z (nt, n positions) mean nothing; empty where they mean something."""
     measured = _measure_deformations(system, z)
-    worst = max(measured, key=lambda name: measured[name][0], default="")
-    if not worst or not measured[worst][0] > MEANINGLESS_DEFLECTION:
-        return ""
-    found = deformation_diagnostics(worst, *measured[worst])
-    return f"gives numbers without meaning: {' '.join(map(str, found))}"
+    return failure_text(
+        {name: deflection_ for name, (deflection_, _) in measured.items()},
+        lambda name: deformation_diagnostics(name, *measured[name]),
+    )
 
 
 def _measure_deformations(system: System, z: Array) -> dict[str, tuple[float, float]]:

@@ -117,7 +117,7 @@ def implausible_value_warnings(system: System) -> Iterator[Diagnostic]:
     for data in system.bodies:
         if data.is_scene_body and data.sid.nq:
             for warning in body_warnings(data.sid, gravity or None):
-                yield warning.located(data.name)
+                yield warning.within(data.name)
     yield from _angle_warnings(system)
     yield from _size_warnings(system)
     yield from _inertia_warnings(system)

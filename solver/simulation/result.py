@@ -13,7 +13,6 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import (
     Diagnostic,
     diagnose,
-    each_once,
     without,
 )
 from sidtool.formats.result import Result
@@ -108,17 +107,15 @@ def build_result(
 def _deferred_fields(run: Run) -> dict[str, Any]:
     """Fields of a result that are evaluated when they are read."""
     scene, remarks = run.system.scene, run.recorder.verdicts.found.output_notes
-    found = each_once(
-        (
-            *validity_diagnostics(run.recorder.bodies),
-            *(
-                limit
-                for name, body in run.recorder.bodies.items()
-                for limit in body.model_limits(name)
-            ),
-            *_run_diagnostics(run),
-            *remarks.diagnostics(observed_outputs(scene)),
-        )
+    found = (
+        *validity_diagnostics(run.recorder.bodies),
+        *(
+            limit
+            for name, body in run.recorder.bodies.items()
+            for limit in body.model_limits(name)
+        ),
+        *_run_diagnostics(run),
+        *remarks.diagnostics(observed_outputs(scene)),
     )
     return {
         "bodies": run.recorder.bodies,
@@ -146,7 +143,9 @@ def failure_reason(run: Run, stop_reason: str) -> str:
         return explain_failure(stop_reason, run.recorder.bodies)
     if not run.recorder.may_exceed(MEANINGLESS_DEFLECTION, np.inf):
         return ""
-    return failure_text(run.recorder.bodies)
+    bodies = run.recorder.bodies
+    deflections = {name: body.deflection for name, body in bodies.items()}
+    return failure_text(deflections, lambda name: bodies[name].beyond_theory(name))
 
 
 def stop_reason(run: Run, stop: Stop) -> str:

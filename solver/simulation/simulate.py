@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from itertools import chain
 
-from sidtool.formats.diagnostics import INFO, Diagnostic, without
+from sidtool.formats.diagnostics import Diagnostic, without
 from sidtool.formats.result import InMemory, Result, Sink
 
 from ..compiler import precompile
@@ -115,7 +115,7 @@ def simulate(
         into.finish(result)
     if emit_warning is not None and may_exceed_linear_theory(run):
         for diagnostic in result.diagnostics:
-            if diagnostic.severity != INFO:
+            if diagnostic.is_warning:
                 emit_warning(diagnostic)
     if failure:
         raise SimulationError(result.message, result)
