@@ -48,11 +48,8 @@ from ..importers.matrix_market import (
 from ..importers.mesh_files import DeckNames, read_deck_names
 from ..importers.nastran.shells import deck_of_bulk
 from ..mesh.connections import NamedSets
-from ..mesh.imported_mesh import (
-    hide_included_text,
-    undefined_notes,
-    unread_keyword_notes,
-)
+from ..mesh.deck_text import hide_included_text
+from ..mesh.imported_mesh import undefined_notes, unread_keyword_notes
 from ..mesh.mesh import Mesh
 from ..mesh.quadratic_fields import softest_deformation
 from ..mesh.unit_systems import UnitSystem

@@ -25,13 +25,8 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.storage.hdf5_files import check_own_data, check_size
 
-from ..mesh.imported_mesh import (
-    ONLY_NODES,
-    number_table,
-    parse_integers,
-    parse_numbers,
-    read_lines,
-)
+from ..mesh.deck_text import number_table, parse_integers, parse_numbers, read_lines
+from ..mesh.imported_mesh import ONLY_NODES
 from .matrix_market import is_matrix_market, read_matrix_market
 from .mesh_files import MESH_READERS, read_mesh
 

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
-from ..mesh.imported_mesh import number_table, parse_integers, read_lines
+from ..mesh.deck_text import number_table, parse_integers, read_lines
 
 _HEADER = "%%MatrixMarket matrix, coordinate or array, real or integer, general or "
 _SYMMETRIES = ("general", "symmetric")

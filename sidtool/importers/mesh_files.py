@@ -12,13 +12,13 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import diagnose
 
+from ..mesh.deck_text import hide_included_text
 from ..mesh.imported_mesh import (
     LEFT_OUT,
     ONLY_NODES,
     ImportedMesh,
     RawMass,
     find_undefined_members,
-    hide_included_text,
 )
 from ..mesh.mesh import ElementBlock
 from .abaqus.couplings import masses_of

@@ -7,6 +7,7 @@ quadratic_fields     deformations by quadratic displacement fields
 materials            anisotropic materials
 connections          bars, ties, couplings, equations of a mesh file
 imported_mesh        content of a mesh file of any program
+deck_text            lines and numbers of mesh files, included files
 midside_nodes        missing mid-side nodes of quadratic elements
 collapsed_elements   elements with repeated nodes
 refusals             all reasons to refuse a file, reported together

@@ -1,19 +1,10 @@
-"""Content of a mesh file of any program, and the files that it includes.
-
-Circular and long chains of included files are refused. A deck from others may include
-any file of its reader, so messages do not quote the text of included files, only
-keywords and numbers.
-"""
+"""Content of a mesh file of any program."""
 
 from __future__ import annotations
 
-import re
-from bisect import bisect_left
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,7 +13,6 @@ from numpy.typing import NDArray
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
-from sidtool.formats.storage.unreadable import unreadable_error
 
 from .collapsed_elements import collapse_element
 from .connections import RawBar, RawEquation, RawTie
@@ -30,9 +20,6 @@ from .imported_shells import RawShell, RawSpring
 from .materials import ElasticMaterial
 from .mesh import ElementBlock, Mesh
 from .reference_elements import reference_element
-
-#: Labels are held in 64 bits.
-_MAX_LABEL = 2**63 - 1
 
 Indices = NDArray[np.int64]
 
@@ -146,37 +133,6 @@ class RawElement:
     material: str | None = None
     thickness: float | None = None
     formulation: str | None = None
-
-
-def read_lines(path: str | Path) -> list[str]:
-    """The lines of a text file.
-
-    Raises
-    ------
-    InputError : it cannot be read, is empty, or is no text.
-    """
-    _check_regular(Path(path))
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise unreadable_error(path, "a file", error) from None
-    if not data.strip():
-        raise InputError("is empty", source=path, expected="a mesh or a matrix")
-    try:
-        return data.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        pass
-    if b"\0" in data:
-        raise InputError("holds binary data", source=path, expected="the text format")
-    return data.decode("latin-1").splitlines()
-
-
-def _check_regular(path: Path) -> None:
-    """Refuse pipes and devices, which may never end."""
-    if path.exists() and not (path.is_file() or path.is_dir()):
-        raise InputError(
-            "is a pipe or a device", source=path, expected="a regular file"
-        )
 
 
 class _Labelled(Protocol):
@@ -401,213 +357,3 @@ def check_defined(
                 place=place,
                 expected="a node of this file",
             )
-
-
-def parse_numbers(
-    words: Sequence[str], place: str, what: str = "numbers"
-) -> list[float]:
-    """Finite numbers from words.
-
-    Raises
-    ------
-    InputError : one is not.
-    """
-    result = []
-    for word in words:
-        try:
-            value = float(word.replace("D", "E").replace("d", "e"))
-        except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            raise InputError(f"found {word.strip()!r}", place=place, expected=what)
-        result.append(value)
-    return result
-
-
-def parse_integers(
-    words: Sequence[str], place: str, what: str = "integers"
-) -> list[int]:
-    """Integers from words.
-
-    Raises
-    ------
-    InputError : one is not.
-    """
-    try:
-        numbers = [int(word) for word in words]
-    except ValueError:
-        numbers = []
-    if len(numbers) < len(words) or any(abs(number) > _MAX_LABEL for number in numbers):
-        text = " ".join(words)[:60]
-        raise InputError(f"found {text!r}", place=place, expected=what)
-    return numbers
-
-
-def number_table(rows: Sequence[tuple[str, Sequence[str]]], width: int) -> Array:
-    """(rows, width) finite numbers from rows of a place and words.
-
-    Raises
-    ------
-    InputError : a row has another number of words, or one is no number.
-    """
-    for place, words in rows:
-        if len(words) != width:
-            raise InputError(
-                f"has {len(words)} entries",
-                place=place,
-                expected=f"{width} (is the file cut off?)",
-            )
-    try:
-        table = np.array([words for _, words in rows], dtype=float)
-        if np.isfinite(table).all():
-            return table.reshape(-1, width)
-    except ValueError:
-        pass
-    read = [parse_numbers(words, place) for place, words in rows]
-    return np.array(read).reshape(-1, width)
-
-
-#: Largest number of INCLUDE lines of a deck: ten files that include each other ten
-#: times would give 10^10.
-MAX_INCLUDES = 1000
-#: Pattern of a line that includes a file, in `.inp` and `.bdf`.
-_TAKES_IN = re.compile(
-    r"\s*\*.*\bINPUT\s*=\s*(?P<inp>[^,]+)|\s*INCLUDE\s+(?P<bdf>\S.*)", re.IGNORECASE
-)
-#: Patterns of lines of a deck that begin with a keyword.
-_KEYWORD = re.compile(r"\s*\*[A-Z][A-Z -]*(?=,|$)", re.IGNORECASE)
-_CARD = re.compile(r"[A-Z][A-Z0-9]{0,7}\*?(?=(?: *,| ) *[-+.0-9])", re.IGNORECASE)
-_QUOTED_OR_WORD = re.compile(r"'[^'\n]*'|\"[^\"\n]*\"|[^\s,;='\"()\[\]]+")
-_WORD = re.compile(r"[^\s,;='\"()\[\]]+")
-_NUMBER = re.compile(r"[-+.0-9][-+.0-9deDE]*")
-#: Pattern of words of messages that are never hidden.
-_PLAIN = re.compile(r"[a-z]+|\*?[A-Za-z]?")
-#: Minimum length of a word that identifies included text.
-MIN_WORD_LENGTH = 6
-
-
-@dataclass
-class IncludedFiles:
-    """The stack of open files, and the number of included files."""
-
-    open: list[Path] = field(default_factory=list)
-    count: int = 0
-
-    def enter(self, file: Path) -> None:
-        """Begin a file; `open.pop()` ends it.
-
-        Raises
-        ------
-        InputError : the file includes itself, or there are too many files.
-        """
-        name = file.resolve()
-        if name in self.open:
-            raise InputError(
-                "includes itself", source=file, expected="files that come to an end"
-            )
-        self.open.append(name)
-        self.count += 1
-        if self.count > MAX_INCLUDES:
-            raise InputError(
-                f"takes in more than {MAX_INCLUDES} files",
-                source=file,
-                expected="a deck with fewer lines of INCLUDE",
-            )
-
-
-def named_file(deck: Path, name: str) -> Path:
-    r"""Return the file that a deck names, also in the spelling of Windows, ..\FILE."""
-    path = deck.parent / name
-    if "\\" in name and not path.exists():
-        return deck.parent / name.replace("\\", "/")
-    return path
-
-
-def located_line(number: int, file: str) -> str:
-    """Return the location of a line, with the name of an included file."""
-    return f"{file}, line {number}" if file else f"line {number}"
-
-
-@contextmanager
-def hide_included_text(path: Path) -> Iterator[None]:
-    """Remove text of included files from errors that are raised inside the context."""
-    try:
-        yield
-    except InputError as error:
-        files = _deck_files(path)
-        if not files[1:]:
-            raise
-        hidden = _IncludedWords(files)
-        raise InputError(
-            hidden.hide_words(error.problem),
-            source=error.source,
-            place=error.place,
-            expected=error.expected and hidden.hide_words(error.expected),
-            also=[hidden.hide_words(text) for text in error.also],
-        ) from None
-
-
-def _deck_files(path: Path) -> list[Path]:
-    """Return a deck and all readable files that it includes."""
-    files, waiting = [path], [path]
-    while waiting and len(files) < MAX_INCLUDES:
-        file = waiting.pop()
-        for line in _lines_of_file(file):
-            if match := _TAKES_IN.match(line.split("$")[0]):
-                name = (match["inp"] or match["bdf"]).strip().strip("'\"")
-                other = named_file(file, name)
-                if other not in files:
-                    files.append(other)
-                    waiting.append(other)
-    return files
-
-
-def _lines_of_file(file: Path) -> list[str]:
-    try:
-        return read_lines(file)
-    except (InputError, ValueError):
-        return []
-
-
-class _IncludedWords:
-    """Words of the included files that do not occur in the deck itself."""
-
-    def __init__(self, files: list[Path]) -> None:
-        own = {
-            w.upper() for line in _lines_of_file(files[0]) for w in _WORD.findall(line)
-        }
-        own |= {part.upper() for file in files for part in (file.name, str(file))}
-        words: set[str] = set()
-        formed = _KEYWORD if files[0].suffix.lower() == ".inp" else _CARD
-        for file in files[1:]:
-            for line in _lines_of_file(file):
-                match = formed.match(line)
-                if match:
-                    own |= {w.upper() for w in _WORD.findall(match[0].strip(" *"))}
-                    line = line[match.end() :]
-                words |= {w.upper() for w in _WORD.findall(line)}
-        self._own = own
-        self._words = sorted(w for w in words - own if not _NUMBER.fullmatch(w))
-
-    def hide_words(self, text: str) -> str:
-        """A text without these words."""
-        return _QUOTED_OR_WORD.sub(self._replace, text)
-
-    def _replace(self, match: re.Match[str]) -> str:
-        text = match[0]
-        quoted = text[0] in "'\""
-        if not quoted and _PLAIN.fullmatch(text):
-            return text
-        words = _WORD.findall(text.strip("'\""))
-        hidden = "(text of an included file)"
-        return hidden if any(map(self._is_hidden, words)) else text
-
-    def _is_hidden(self, word: str) -> bool:
-        word = word.upper().rstrip(".:")
-        if word in self._own:
-            return False
-        k = bisect_left(self._words, word)
-        there = self._words[k] if k < len(self._words) else ""
-        return there == word or (
-            len(word) >= MIN_WORD_LENGTH and there.startswith(word)
-        )

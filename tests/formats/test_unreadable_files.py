@@ -16,7 +16,7 @@ from sidtool.formats.sid_files import read_sid
 from sidtool.formats.storage import operating_system
 from sidtool.formats.storage.unreadable import QUOTES, unreadable_error
 from sidtool.formats.toml.reading import read_data
-from sidtool.mesh.imported_mesh import read_lines
+from sidtool.mesh.deck_text import read_lines
 from tests.places import SLIDER_CRANK
 
 READERS = [read_sid, read_data, read_field, read_result, read_lines, read_rows]

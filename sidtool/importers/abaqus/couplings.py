@@ -8,12 +8,8 @@ from dataclasses import replace
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import diagnose
 
-from ...mesh.imported_mesh import (
-    RawCoupling,
-    RawMass,
-    find_undefined_members,
-    parse_numbers,
-)
+from ...mesh.deck_text import parse_numbers
+from ...mesh.imported_mesh import RawCoupling, RawMass, find_undefined_members
 from .deck import CouplingDefinition, Deck, Namespace, resolve_name
 from .keywords import Block
 from .surfaces import defined_elements, resolve_nodes, surface_nodes

@@ -9,7 +9,8 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic
 
-from ...mesh.imported_mesh import MOST_MEMBERS, parse_integers
+from ...mesh.deck_text import parse_integers
+from ...mesh.imported_mesh import MOST_MEMBERS
 from .element_types import ElementType
 from .keywords import Block
 

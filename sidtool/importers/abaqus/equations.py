@@ -11,12 +11,8 @@ from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.connections import RawEquation, RawTie
-from ...mesh.imported_mesh import (
-    RawCoupling,
-    find_undefined_members,
-    parse_integers,
-    parse_numbers,
-)
+from ...mesh.deck_text import parse_integers, parse_numbers
+from ...mesh.imported_mesh import RawCoupling, find_undefined_members
 from .couplings import labels_named
 from .deck import CouplingDefinition, Deck, Namespace, resolve_name
 from .keywords import Block

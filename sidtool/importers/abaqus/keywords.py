@@ -13,13 +13,8 @@ from pathlib import Path
 
 from sidtool.formats.base.errors import InputError
 
-from ...mesh.imported_mesh import (
-    ONLY_NODES,
-    IncludedFiles,
-    located_line,
-    named_file,
-    read_lines,
-)
+from ...mesh.deck_text import IncludedFiles, located_line, named_file, read_lines
+from ...mesh.imported_mesh import ONLY_NODES
 
 #: Commas outside double quotes.
 _COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')

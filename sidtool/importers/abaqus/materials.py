@@ -11,7 +11,7 @@ from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.model import Material
 
-from ...mesh.imported_mesh import parse_numbers
+from ...mesh.deck_text import parse_numbers
 from ...mesh.materials import (
     AnisotropicMaterial,
     CylindricalMaterial,

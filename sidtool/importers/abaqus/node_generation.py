@@ -11,7 +11,8 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import diagnose
 
-from ...mesh.imported_mesh import MOST_MEMBERS, parse_integers, parse_numbers
+from ...mesh.deck_text import parse_integers, parse_numbers
+from ...mesh.imported_mesh import MOST_MEMBERS
 from .deck import Deck, duplicate_error, extend_set, members_of, parse_range
 from .instances import place_nodes
 from .keywords import Block

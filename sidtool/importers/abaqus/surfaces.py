@@ -8,7 +8,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 
-from ...mesh.imported_mesh import parse_numbers
+from ...mesh.deck_text import parse_numbers
 from .deck import Deck, Element, Namespace, SurfacePart, resolve_name
 from .keywords import Block
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import Diagnostic
 
+from ...mesh.deck_text import parse_integers, parse_numbers, read_lines
 from ...mesh.imported_mesh import (
     LEFT_OUT,
     ONLY_NODES,
@@ -19,9 +20,6 @@ from ...mesh.imported_mesh import (
     RawElement,
     assemble_mesh,
     find_undefined_members,
-    parse_integers,
-    parse_numbers,
-    read_lines,
     reading_notes,
     unread_keyword_notes,
 )

@@ -10,7 +10,8 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 
 from ...mesh.connections import RawEquation, Term
-from ...mesh.imported_mesh import RawMass, parse_integers, parse_numbers
+from ...mesh.deck_text import parse_integers, parse_numbers
+from ...mesh.imported_mesh import RawMass
 from .content import ArchiveContent, ConstraintEquation, axes_of
 
 _DIRECTIONS = ("UX", "UY", "UZ")

@@ -7,7 +7,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import Material
 
-from ...mesh.imported_mesh import parse_integers, parse_numbers
+from ...mesh.deck_text import parse_integers, parse_numbers
 from ...mesh.materials import (
     AnisotropicMaterial,
     CylindricalMaterial,

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from sidtool.formats.base.errors import InputError
 
-from ...mesh.imported_mesh import (
-    MOST_MEMBERS,
+from ...mesh.deck_text import (
     IncludedFiles,
     located_line,
     named_file,
@@ -18,6 +17,7 @@ from ...mesh.imported_mesh import (
     parse_numbers,
     read_lines,
 )
+from ...mesh.imported_mesh import MOST_MEMBERS
 
 #: A real number whose exponent has no letter, as in 2.1+11.
 _EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
