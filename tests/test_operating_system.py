@@ -16,23 +16,35 @@ PRODUCT = ("sidtool", "formats", "solver")
 MODULE = ROOT / "formats" / "storage" / "operating_system.py"
 #: Modules that other systems lack, or that act otherwise there.
 MODULES = {"signal", "resource", "fcntl", "pwd", "grp", "termios", "msvcrt", "winreg"}
+MODULES |= {"_winapi", "nt", "posix", "pty", "select", "syslog", "tty", "winsound"}
 #: The same of functions, by where they are called from.
 FUNCTIONS = {
-    "os": {"replace", "rename", "fsync", "kill", "killpg", "getppid", "fork"}
-    | {"sched_getaffinity", "cpu_count", "process_cpu_count", "sysconf", "uname"}
-    | {"access", "chmod", "umask", "getuid", "geteuid", "mkfifo", "statvfs", "name"}
-    | {"readlink", "link", "symlink", "startfile"},
-    "sys": {"platform", "getwindowsversion"},
-    "tempfile": {"mkstemp"},
-    "platform": {"node", "system", "release"},
-    "ctypes": {"WinDLL", "windll", "wintypes"},
+    "sys": {"platform", "getwindowsversion", "getfilesystemencoding"},
+    "ctypes": {"WinDLL", "windll", "wintypes", "OleDLL", "oledll", "util"},
+    "locale": {"setlocale", "getpreferredencoding", "getencoding", "getlocale"},
+    "time": {"tzset", "clock_gettime"},
+    "socket": {"AF_UNIX"},
     "Path": {"home"},
-    "multiprocessing": {"cpu_count"},
+}
+#: All of these modules that acts alike on all systems and may be used.
+PORTABLE = {
+    "os": {"PathLike", "fspath", "fsdecode", "fsencode", "path", "scandir", "getcwd"}
+    | {"environ", "getpid", "_exit", "devnull", "open", "fdopen", "write", "dup2"}
+    | {"fstat", "O_RDWR", "O_WRONLY", "SEEK_SET"},
+    "tempfile": {"gettempdir", "mkdtemp", "TemporaryDirectory"},
+    "shutil": {"copyfile", "copyfileobj", "rmtree", "which"},
+    "platform": {"machine", "python_implementation", "python_version"},
+    "multiprocessing": {"active_children", "get_context"},
 }
 #: Methods of paths; `replace` and `rename` of paths take one argument.
 METHODS = {"chmod", "lchmod", "expanduser", "symlink_to", "hardlink_to", "touch"}
+METHODS |= {"owner", "readlink"}
+#: Arguments of subprocesses: the shell of a system, and what others refuse.
+ARGUMENTS = {"shell", "preexec_fn", "start_new_session", "process_group", "umask"}
+ARGUMENTS |= {"creationflags", "startupinfo", "pass_fds", "executable"}
 #: Beginnings of paths, and variables that name folders, of one system.
 TEXTS = ("/dev/", "/proc/", "XDG_", "LOCALAPPDATA", "APPDATA", "USERPROFILE")
+TEXTS += ("/tmp", "/etc/", "/sys/", "/usr/", "/bin/", "TMPDIR", "USERNAME", "\\\\?\\")
 
 #: What Python has on POSIX only, or what ends the process at once on Windows.
 LACKING = {f"os.{name}" for name in ("kill", "mkfifo", "fork", "getuid", "geteuid")}
@@ -74,23 +86,31 @@ def docstrings(tree: ast.AST) -> set[int]:
     }
 
 
+def differs(module: str, name: str) -> bool:
+    """Whether a name of a module is forbidden, or not known to be portable."""
+    if module in PORTABLE:
+        return name not in PORTABLE[module]
+    return name in FUNCTIONS.get(module, ())
+
+
 def differing(tree: ast.AST) -> Iterator[tuple[int, str]]:
     """Lines that use what is not the same on all systems."""
     documented = docstrings(tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for entry in node.names:
-                if entry.name.partition(".")[0] in MODULES:
+                renamed = entry.asname and entry.name in (*FUNCTIONS, *PORTABLE)
+                if entry.name.partition(".")[0] in MODULES or renamed:
                     yield node.lineno, f"import {entry.name}"
         elif isinstance(node, ast.ImportFrom):
             module = node.module or ""
             if module in MODULES:
                 yield node.lineno, f"from {module} import"
             for entry in node.names:
-                if entry.name in FUNCTIONS.get(module, ()):
+                if differs(module, entry.name):
                     yield node.lineno, f"from {module} import {entry.name}"
         elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            if node.attr in FUNCTIONS.get(node.value.id, ()):
+            if differs(node.value.id, node.attr):
                 yield node.lineno, f"{node.value.id}.{node.attr}"
         elif isinstance(node, ast.Constant) and id(node) not in documented:
             text = node.value if isinstance(node.value, str) else ""
@@ -102,6 +122,10 @@ def differing(tree: ast.AST) -> Iterator[tuple[int, str]]:
                 node.func.attr in ("replace", "rename") and alone
             ):
                 yield node.lineno, f".{node.func.attr}()"
+        if isinstance(node, ast.Call):
+            for key in node.keywords:
+                if key.arg in ARGUMENTS:
+                    yield node.lineno, f"{key.arg}="
 
 
 def without_encoding(tree: ast.AST) -> Iterator[tuple[int, str]]:
@@ -154,6 +178,9 @@ def opens_text(node: ast.Call) -> bool:
         ("import os\nos.replace(a, b); os.sched_getaffinity(0)", 2),
         ("path.replace(other); text.replace('a', 'b')", 1),
         ("path.chmod(1); Path.home(); sys.platform", 3),
+        ("import os as o, numpy as np\nfrom tempfile import mkstemp", 2),
+        ("run(command, shell=True); Popen(a, start_new_session=True)", 2),
+        ("open('/tmp/a', 'rb'); os.popen(a); path.owner(); os.sep", 4),
         ("'''/dev/null is a device'''; open('/dev/null', encoding='ascii')", 1),
         ("replace(record, field=1); os.getpid()", 0),
     ],
@@ -179,6 +206,9 @@ def test_text_without_encoding_is_found(code: str, found: int) -> None:
 def test_one_module_contains_system_dependent_code() -> None:
     words = {*TEXTS, ".replace(", ".rename("} | {f".{name}(" for name in METHODS}
     words |= {f"{word} {name}" for name in MODULES for word in ("import", "from")}
+    words |= {f"import {name} as" for name in (*FUNCTIONS, *PORTABLE)}
+    words |= {w for name in PORTABLE for w in (f"{name}.", f"from {name} import")}
+    words |= {f"{name}=" for name in ARGUMENTS}
     for owner, names in FUNCTIONS.items():
         words |= {f"from {owner} import", *(f"{owner}.{name}" for name in names)}
     found = [
