@@ -6,6 +6,7 @@ content              contents of bulk data, cards without effect, node order
 coordinate_systems   coordinate systems
 properties           properties of solids and shells, materials
 bars, bar_sections   bars and their cross-sections
-constraints          couplings, masses, multi-point constraints
+constraints          couplings, multi-point constraints
+masses               masses at nodes
 shells               shells as a deck for CalculiX
 """

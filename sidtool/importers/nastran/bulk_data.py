@@ -1,5 +1,5 @@
 """Nastran bulk data (.bdf, .nas, .dat): solids, plane elements, shells, bars, springs,
-their materials, sets, coordinate systems of nodes, RBE2, RBE3, MPC and CONM2.
+their materials, sets, coordinate systems of nodes, RBE2, RBE3, MPC and masses.
 
 Every card is read, listed as without effect on a linear elastic body, or refused.
 """
@@ -37,7 +37,6 @@ from .cards import CASE_CONTROL, Card, read_cards
 from .constraints import (
     equations_of,
     read_case_control,
-    read_conm2,
     read_mpc,
     read_mpcadd,
     read_rbar,
@@ -54,6 +53,7 @@ from .content import (
 )
 from .coordinate_systems import CoordinateSystems, systems_of
 from .laminates import mat2, mat8, pcomp, shells_of
+from .masses import pmass, point_masses
 from .properties import (
     check_no_extra_mass,
     corner_thicknesses,
@@ -136,9 +136,7 @@ def bulk_data(
     for system, place in content.direction_systems().items():
         with stops.collect_errors():
             content.frames.frame(system, place)
-    for card in content.mass_cards:
-        with stops.collect_errors():
-            content.masses.append(read_conm2(card, content.frames))
+    content.masses = point_masses(content)
     content.bars = [fill_bar_defaults(content, card) for card in content.bars]
     content.name_only = property_node_sets(content)
     content.close_gaps()
@@ -337,7 +335,8 @@ _READERS: dict[str, Callable[[BulkData, Card], None]] = {
     "SET1": _read_set1,
     "PARAM": _read_param,
     **dict.fromkeys(("RBE2", "RBAR", "RBE3"), _read_coupling),
-    "CONM2": _read_mass,
+    **dict.fromkeys(("CONM1", "CONM2", "CMASS1", "CMASS2"), _read_mass),
+    "PMASS": pmass,
     "MDLPRM": _read_mdlprm,
     **dict.fromkeys(("CORD2R", "CORD2C", "CORD2S"), _read_system),
     **dict.fromkeys(("CORD1R", "CORD1C", "CORD1S"), _read_system),

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 
-import numpy as np
-
 from sidtool.formats.base.errors import InputError
 
 from ...mesh.connections import RawEquation, Term
-from ...mesh.imported_mesh import RawCoupling, RawMass
+from ...mesh.imported_mesh import RawCoupling
 from .cards import Card, is_real, parse_members, real_number
 from .content import BulkData, duplicate_error
-from .coordinate_systems import CoordinateSystems
 
 
 def read_rbe2(card: Card) -> RawCoupling:
@@ -137,39 +134,6 @@ def _check_directions(card: Card, what: str, directions: str) -> None:
             place=card.place,
             expected="1, 2 and 3 with or without rotations",
         )
-
-
-def read_conm2(card: Card, frames: CoordinateSystems) -> RawMass:
-    """EID, G, CID, M, X1, X2, X3, blank, I11, I21, I22, I31, I32, I33.
-
-    Products of inertia are integrals of x y dm there; offset and inertia are along the
-    axes of the system CID. With CID = -1 the X are the place of the mass.
-
-    Raises
-    ------
-    InputError : the axes of its system depend on position.
-    """
-    given = card.integer(2, "a system", 0)
-    node, system = card.integer(1, "a node"), max(given, 0)
-    if given < -1 or (system and not frames.is_rectangular(system, card.place)):
-        raise InputError(
-            f"CONM2 {card.word(0)} is given in the system {card.word(2)}",
-            place=card.place,
-            expected="the basic system or a rectangular one",
-        )
-    axes = frames.frame(system, card.place)[1]
-    offset = axes.T @ [card.real(i, "an offset") for i in (4, 5, 6)]
-    x, y, z = offset - (frames.named(node, card.place) if given < 0 else np.zeros(3))
-    i11, i21, i22, i31, i32, i33 = (card.real(i, "an inertia") for i in range(8, 14))
-    own = np.array([[i11, -i21, -i31], [-i21, i22, -i32], [-i31, -i32, i33]])
-    i = (axes.T @ own @ axes).tolist()
-    return RawMass(
-        node,
-        card.real(3, "a mass"),
-        card.place,
-        (float(x), float(y), float(z)),
-        (i[0][0], i[1][1], i[2][2], i[0][1], i[1][2], i[2][0]),
-    )
 
 
 #: Fields of a line: a blank one or the set, two terms of three, a blank one.

@@ -90,7 +90,8 @@ class BulkData:
     Attributes
     ----------
     gaps : set -> members of its ranges, some of which may be undefined
-    bars, mass_cards : cards of bars and rods, and CONM2
+    bars, mass_cards : cards of bars and rods, and of masses
+    scalar_masses : mass of every PMASS
     bar_defaults : fields that cards CBAR and CBEAM omit
     moduli : E, G and density of MAT1 for bars
     corners : plane element -> its own thicknesses at the corners as they are written,
@@ -130,6 +131,7 @@ class BulkData:
     weight: float = 1.0
     couplings: list[RawCoupling] = field(default_factory=list)
     masses: list[RawMass] = field(default_factory=list)
+    scalar_masses: dict[int, float] = field(default_factory=dict)
     mass_cards: list[Card] = field(default_factory=list)
     systems: dict[int, CoordinateSystem] = field(default_factory=dict)
     local: dict[int, tuple[int, str]] = field(default_factory=dict)
@@ -246,7 +248,7 @@ ALTERNATIVES = {
         ("CELAS3", "CELAS4", "CBUSH1D", "CBUSH2D", "CGAP"),
         "a force in the scene between markers",
     ),
-    **dict.fromkeys(("CMASS1", "CMASS2", "CMASS3", "CMASS4", "CONM1"), "CONM2"),
+    **dict.fromkeys(("CMASS3", "CMASS4"), "CONM2"),
     "CSHEAR": "shells",
 }
 WITHOUT_EFFECT = frozenset(
