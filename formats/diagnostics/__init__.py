@@ -5,8 +5,8 @@ In reading order:
 - `record`: a diagnostic, how one is made of a code and values, and as data
 - `entry`: an entry of the catalogue, how its message is filled
 - `catalogue`: all entries by code
-- `conversion` (N1xx), `scene` (N2xx), `run` (N3xx), `validity` (N4xx), `laws` (N5xx),
-  `analyses` (N7xx): the entries by subject
+- `conversion` (N1xx), `scene` (N2xx), `stops` (N30x, N50x), `run` (N3xx), `validity`
+  (N4xx), `laws` (N5xx), `analyses` (N7xx): the entries by subject
 - `hdf5`: diagnostics as a table of a file
 - `python_warnings`: diagnostics as warnings of Python
 """
@@ -20,6 +20,7 @@ from .record import (
     each_once,
     from_data,
     plain_text,
+    stop_message,
     without,
 )
 
@@ -36,5 +37,6 @@ __all__ = [
     "diagnose",
     "from_data",
     "plain_text",
+    "stop_message",
     "without",
 ]

@@ -1,8 +1,28 @@
-"""Diagnostics N7xx: static equilibria and natural modes."""
+"""Diagnostics N7xx: static equilibria, natural modes and inverse dynamics."""
 
-from .entry import INFO, WARNING, Entry
+from .entry import ERROR, INFO, WARNING, Entry
 
 ENTRIES = (
+    Entry(
+        "N701",
+        ERROR,
+        "no equilibrium in {iterations} steps: {residual:.1e} of the forces, at {body}",
+        "Newton's method with a line search on the forces along the directions that "
+        "joints leave free. Residual: norm of what is unbalanced over the largest "
+        "forces met; an equilibrium is below 1e-10. The body is that on which the "
+        "unbalanced forces do most work.",
+        remedy="Hold what may fall or fly away, or start nearer to an equilibrium.",
+        example={"iterations": 200, "residual": 1.0, "body": "satellite"},
+    ),
+    Entry(
+        "N702",
+        ERROR,
+        "the equilibrium leaves joints open: {gaps}",
+        "Positions are moved onto the constraints in each step. The largest residuals "
+        "over the sizes of the joints are named.",
+        remedy="Correct positions of markers, or lengths.",
+        example={"gaps": "pin by 0.02 m"},
+    ),
     Entry(
         "N703",
         WARNING,
@@ -81,6 +101,55 @@ ENTRIES = (
         remedy="Convert with one mode more or less.",
         units={"first": "Hz", "shape": "Hz"},
         example={"first": 410.0, "shape": 520.0},
+    ),
+    Entry(
+        "N718",
+        ERROR,
+        "the state has no natural modes",
+        "See the warning behind it: the state is not steady (N710, N711), or its "
+        "equations change as bodies turn (N713), by more than 0.1 % over 0.4 rad.",
+        remedy="{remedy}",
+        example={
+            "remedy": "With --frozen (frozen = true) they are those of one instant.",
+            "t": 0.0,
+        },
+    ),
+    Entry(
+        "N719",
+        ERROR,
+        "no accelerations: the mass matrix is not positive along what can move",
+        "Smallest eigenvalue of the mass matrix along the directions that the "
+        "constraints leave free, scaled to ones on its diagonal, is not above 0.",
+        remedy="Give each body that can move mass and inertia.",
+        example={"t": 0.0},
+    ),
+    Entry(
+        "N721",
+        ERROR,
+        "elastic coordinates find no equilibrium: bodies are too soft for the loads",
+        "Newton's method on the elastic coordinates under the loads of the prescribed "
+        "motion; the correction grew instead of falling.",
+        remedy="Use simulate, or stiffer bodies.",
+        example={"t": 0.2},
+    ),
+    Entry(
+        "N722",
+        ERROR,
+        "the joints cannot be closed: drives demand a position out of reach",
+        "Positions are found from one output time to the next; below the smallest part "
+        "of an interval that is tried (halvings) the joints cannot be closed.",
+        remedy="Correct lengths, or the drive from this time on.",
+        example={"t": 0.2},
+    ),
+    Entry(
+        "N723",
+        ERROR,
+        "{joints} demand {rates} that do not exist",
+        "Least-squares solution of the derivatives of the constraints; its largest "
+        "residual over the sizes of the joints exceeds that of rounding. The "
+        "configuration is singular, or there are too many constraints.",
+        remedy="Free a joint, or shift the output times.",
+        example={"joints": ("crank", "slider"), "rates": "velocities", "t": 0.2},
     ),
     Entry(
         "N714",

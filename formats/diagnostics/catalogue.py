@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import analyses, conversion, laws, run, scene, validity
+from . import analyses, conversion, laws, run, scene, stops, validity
 from .entry import Entry
 
 #: Subject of the codes of each hundred.
@@ -12,12 +12,12 @@ GROUPS = {
     "N3": "Run and integration",
     "N4": "Validity: small deformations and shape functions",
     "N5": "Friction, force laws and control laws",
-    "N7": "Static equilibrium and natural modes",
+    "N7": "Static equilibrium, natural modes and inverse dynamics",
 }
 
 #: Entry of each code.
 CATALOGUE: dict[str, Entry] = {}
-for _module in (conversion, scene, run, validity, laws, analyses):
+for _module in (conversion, scene, stops, run, validity, laws, analyses):
     for _entry in _module.ENTRIES:
         assert _entry.code not in CATALOGUE, _entry.code
         CATALOGUE[_entry.code] = _entry

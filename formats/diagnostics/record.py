@@ -176,6 +176,19 @@ def without(
     return each_once(kept)
 
 
+def stop_message(causes: Sequence[Diagnostic]) -> str:
+    """Return in one line when and why a run or an analysis stopped.
+
+    Parameters
+    ----------
+    causes : what happened first, then its causes
+    """
+    reason = "; ".join(each.message_line for each in causes if each.is_warning)
+    if causes and causes[0].t is not None:
+        return f"stopped at t = {causes[0].t:.9g} s: {reason}"
+    return reason
+
+
 def count_by_severity(diagnostics: Iterable[Diagnostic]) -> dict[str, int]:
     """Return how many diagnostics there are of each severity."""
     counts = dict.fromkeys(SEVERITIES, 0)

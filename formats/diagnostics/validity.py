@@ -1,6 +1,6 @@
 """Diagnostics N4xx: limits of the floating frame, and what shape functions lack."""
 
-from .entry import WARNING, Entry
+from .entry import ERROR, WARNING, Entry
 
 ENTRIES = (
     Entry(
@@ -110,6 +110,16 @@ ENTRIES = (
         "reported above 0.15 rad.",
         remedy="Cut the body into parts joined by fixed joints.",
         example={"subject": "blade", "rotation": 0.3, "limit": 0.15},
+    ),
+    Entry(
+        "N414",
+        ERROR,
+        "deforms by {deflection:.2g} of its size: numbers of the run mean nothing",
+        "Largest displacement of a node in the body frame over the size of the body, "
+        "reported above 1. See the warnings of the same body for the cause.",
+        remedy="Check units and loads, or convert with [stiffening].",
+        units={"deflection": "%"},
+        example={"subject": "blade", "deflection": 2.5},
     ),
     Entry(
         "N419",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -335,17 +335,14 @@ def worst_first(
     return first
 
 
-def failure_text(
-    deflections: Mapping[str, float], describe: Callable[[str], Sequence[Diagnostic]]
-) -> str:
-    """Why numbers mean nothing; empty where they mean something.
+def meaningless_body(deflections: Mapping[str, float]) -> tuple[Diagnostic, ...]:
+    """The body that makes numbers meaningless (N414), if one does.
 
     Parameters
     ----------
     deflections : largest elastic displacement over size, by body
-    describe : diagnostics of a body by its name
     """
     worst = max(deflections, key=lambda name: deflections[name], default="")
     if not worst or not deflections[worst] > MEANINGLESS_DEFLECTION:
-        return ""
-    return f"gives numbers without meaning: {' '.join(map(str, describe(worst)))}"
+        return ()
+    return (diagnose("N414", worst, deflection=deflections[worst]),)

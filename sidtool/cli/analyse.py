@@ -16,6 +16,7 @@ from .common import (
     force_option,
     input_files,
     output_path,
+    print_failure,
     print_result,
     read_scene_with_changes,
     result_target,
@@ -240,7 +241,7 @@ def _run_analysis(
     try:
         return analysis(read_scene_with_changes(scene, changes), **settings)
     except SimulationError as error:
-        click.echo(f"sidtool: {scene}: {error}", err=True)
+        print_failure(error, scene)
         if error.result is not None:
             _write_result(output, error.result)
         raise click.exceptions.Exit(1) from None

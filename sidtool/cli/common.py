@@ -28,6 +28,7 @@ from sidtool.formats.storage.operating_system import (
 
 if TYPE_CHECKING:
     from sidtool.formats.diagnostics import Diagnostic
+    from sidtool.solver.system.errors import SimulationError
 
     from ..api.scene import Scene
 
@@ -361,6 +362,14 @@ def print_warnings(
         if each.is_warning and each not in printed:
             click.echo(diagnostic_line(each), err=True)
             click.get_current_context().meta[_WARNED] = True
+
+
+def print_failure(error: SimulationError, scene: Path) -> None:
+    """Print why a run or an analysis stopped, the cause and what it depends on."""
+    t = error.diagnostics[0].t
+    outcome = "failed" if t is None else f"stopped at t = {t:.9g} s"
+    click.echo(f"sidtool: {scene}: {outcome}", err=True)
+    print_warnings(error.diagnostics)
 
 
 def print_remarks(sentences: Iterable[str], err: bool = False) -> None:

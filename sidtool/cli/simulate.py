@@ -25,6 +25,7 @@ from .common import (
     force_option,
     input_files,
     output_path,
+    print_failure,
     print_result,
     print_warnings,
     read_scene_with_changes,
@@ -202,13 +203,12 @@ def simulate(
                 return
             result = _run(content, model, settings, files, ends, printed)
         except SimulationError as error:
-            click.echo(f"sidtool: {scene}: {error}", err=True)
+            print_failure(error, scene)
             if error.result is not None:
+                printed.update(error.diagnostics)
                 print_warnings(error.result.diagnostics, printed)
                 _print_result(error.result, files, verbose)
             files.print_messages(err=True)
-            if stop.number and output is not None and not files.failed:
-                click.echo("note: the same command with --continue goes on", err=True)
             status = 128 + stop.number if stop.number else 1
             raise click.exceptions.Exit(status) from None
         except OSError:

@@ -90,8 +90,6 @@ def run_overview(
     ]
     if result.message and result.completed:
         before.append(("ended", result.message))
-    elif result.message and verbose:
-        before.append(("stopped", result.message.removeprefix("stopped ")))
     if result.accuracy is not None:
         before += accuracy_lines(result.accuracy)
     before += event_lines(result.events)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import Diagnostic, without
+from sidtool.formats.diagnostics import Diagnostic, stop_message, without
 from sidtool.formats.result import Result
 from sidtool.formats.storage.hdf5_files import versions
 
@@ -40,14 +40,14 @@ def result_of_states(
     kind: str,
     times: Array,
     states: Sequence[MotionState],
-    message: str = "",
+    failure: Sequence[Diagnostic] = (),
     diagnostics: Sequence[Diagnostic] = (),
 ) -> Result:
     """The scene's outputs at some states, as a result.
 
     Parameters
     ----------
-    message
+    failure
         Why later states are missing, if they are.
 
     Raises
@@ -80,8 +80,9 @@ def result_of_states(
     remarks = OutputNotes(system)
     remarks.add(times, outputs_)
     for undefined in remarks.undefined_notes():
-        raise SimulationError(undefined.message_line)
+        raise SimulationError(undefined)
     found = (
+        *failure,
         *find_state_warnings(system, z),
         *diagnostics,
         *callable_notes(system),
@@ -105,6 +106,13 @@ def result_of_states(
         sids=system.sids,
         versions=versions(),
         diagnostics=without(found, system.scene.diagnostics.ignore),
-        completed=not message,
-        message=message,
+        completed=not failure,
+        message=stop_message(failure),
     )
+
+
+def with_failure(result: Result, failure: Sequence[Diagnostic]) -> Result:
+    """A result whose numbers mean nothing, and why."""
+    found = without((*failure, *result.diagnostics), ())
+    message = stop_message(failure)
+    return replace(result, completed=False, message=message, diagnostics=found)

@@ -9,17 +9,18 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import Diagnostic
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..diagnostics.failure_causes import lost_inertia_cause
+from ..diagnostics.singular_configurations import dependent_row_names
 from ..initial_state.assembly import StateVectors, dense_jacobian, row_names
-from ..initial_state.constraint_jacobian import friction_directions
+from ..initial_state.constraint_jacobian import friction_directions, normalised_rows
 from ..initial_state.given_state import store_rotations
 from ..spatial import system_arrays as at
 from ..spatial.coordinates import retract
 from ..system import work_arrays
 from ..system.characteristic_sizes import constraint_sizes
-from ..system.control_laws import law_error
+from ..system.control_laws import law_failure
 from ..system.errors import SimulationError
 from ..system.sid_packing import symmetrise
 from ..system.system import System
@@ -52,9 +53,9 @@ class DenseEquations:
     def evaluate(self, z: Array, v: Array) -> None:
         """Raises SimulationError where a law gives no number."""
         work_arrays.evaluate(self.system, self.work, self.t, z, v)
-        law_text = law_error(self.system, self.work)
-        if law_text:
-            raise SimulationError(law_text)
+        invalid = law_failure(self.system, self.work, self.t)
+        if invalid:
+            raise SimulationError(invalid)
 
     def set_scale(self, z: Array, stiffness: float = 1.0) -> None:
         """Takes the scale from the masses and stiffnesses at a position.
@@ -223,9 +224,10 @@ class DenseEquations:
         n_independent -= len(self.system.redundant)
         C = dense_jacobian(self.system, self.work.C) * self.scale
         if n - null_space(C).shape[1] < n_independent:
+            joints = dependent_row_names(self.system, normalised_rows(C))
+            remedy = "Start beside it: the mechanism could move on in several ways."
             raise SimulationError(
-                f"the constraints depend on each other at t = {self.t:.9g} s (singular "
-                "configuration): the mechanism could move on in several ways"
+                diagnose("N310", t=self.t, joints=joints, remedy=remedy)
             )
 
     def test_directions(self, motion: Array) -> Array:
@@ -248,13 +250,9 @@ class DenseEquations:
         size = np.sqrt(np.maximum(np.abs(inertia.diagonal()), np.finfo(float).tiny))
         scaled = inertia / np.outer(size, size)
         if len(scaled) and not np.linalg.eigvalsh(scaled)[0] > MIN_INERTIA:
-            cause = (
-                lost_inertia_cause(self.system, self.work) or "; a body lacks inertia"
-            )
-            raise SimulationError(
-                f"no accelerations are known at t = {self.t:.9g} s: the mass matrix is "
-                f"not positive along what can move{cause}"
-            )
+            lost = lost_inertia_cause(self.system, self.work)
+            none = diagnose("N719", t=self.t)
+            raise SimulationError((none, lost) if lost else none)
         shape = size.reshape(-1, *[1] * (right.ndim - 1))
         return np.asarray(np.linalg.solve(scaled, right / shape) / shape, np.float64)
 
@@ -275,13 +273,9 @@ class DenseEquations:
         unmet = np.flatnonzero(residual > DEMAND_TOLERANCE * size)
         if len(unmet):
             rows = tuple(unmet[unmet < self.system.n_rows])
-            names = dict.fromkeys(row_names(self.system, rows))
-            raise SimulationError(
-                f"stopped at t = {self.t:.9g} s: joints and drives demand "
-                f"{('velocities', 'accelerations')[order - 1]} that do not exist "
-                f"({', '.join(names)}): a singular configuration, or too many "
-                "constraints"
-            )
+            names = tuple(dict.fromkeys(row_names(self.system, rows)))
+            rates = ("velocities", "accelerations")[order - 1]
+            raise SimulationError(diagnose("N723", t=self.t, joints=names, rates=rates))
         return x
 
     def closed(self, z: Array) -> Array:

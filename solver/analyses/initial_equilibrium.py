@@ -172,7 +172,7 @@ def _deformed_start(system: System, start: StateVectors) -> StateVectors:
         mechanics.scale = coordinate_sizes(system)
         z = _SpecifiedVelocities(mechanics, start.v).deformed(start.z)
         if z is None:
-            raise SimulationError("joints come apart without the deformation of bodies")
+            raise SimulationError(diagnose("N722", t=t))
         if not system.friction_joints:
             return z
         next_system = with_friction_states_of(system, t, z)
@@ -182,7 +182,8 @@ def _deformed_start(system: System, start: StateVectors) -> StateVectors:
         ).all():
             return z
         system = next_system
-    raise SimulationError("joints with friction find no way to stick or slide")
+    joints = tuple(rub.joint for rub in system.friction_joints)
+    raise SimulationError(diagnose("N501", t=t, joints=joints))
 
 
 def _has_rigid_velocity(system: System, v: Array) -> bool:

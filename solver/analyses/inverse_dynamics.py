@@ -8,16 +8,16 @@ transient run approaches it when the motion is slow compared with the vibrations
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.result import Result
 from sidtool.formats.scene import output_times
 
 from ..diagnostics.body_loads import find_state_failure
+from ..diagnostics.singular_configurations import dependent_row_names
 from ..initial_state.assembly import StateVectors, assemble
 from ..initial_state.displacement_report import position_notes
 from ..initial_state.given_state import store_rotations
@@ -27,7 +27,7 @@ from ..system.errors import SimulationError
 from ..system.sid_packing import symmetrise
 from ..system.system import System
 from ..system.work_arrays import new_work_arrays
-from .analysis_results import MotionState, result_of_states
+from .analysis_results import MotionState, result_of_states, with_failure
 from .dense_equations import (
     DenseEquations,
     least_squares,
@@ -96,12 +96,13 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
             states.append(motion.with_accelerations(state))
         except SimulationError as error:
             done = np.array(times[: len(states)])
-            error.result = result_of_states(system, kind, done, states, str(error))
+            error.result = result_of_states(
+                system, kind, done, states, error.diagnostics
+            )
             raise
     result = result_of_states(system, kind, times, states, diagnostics=moved)
     if failure := find_state_failure(system, result.positions):
-        result = replace(result, completed=False, message=failure)
-        raise SimulationError(failure, result)
+        raise SimulationError(failure, with_failure(result, failure))
     return result
 
 
@@ -250,11 +251,13 @@ class PrescribedMotion:
         mechanics.evaluate(state.z, np.zeros(self.system.n_velocities))
         C = mechanics.jacobian[:, self.driven]
         norms = np.linalg.norm(C, axis=1, keepdims=True)
-        sizes = np.linalg.svd(C / np.where(norms > 0.0, norms, 1.0), compute_uv=False)
+        rows = C / np.where(norms > 0.0, norms, 1.0)
+        sizes = np.linalg.svd(rows, compute_uv=False)
         if np.min(sizes, initial=1.0) < MIN_INDEPENDENCE:
+            joints = dependent_row_names(self.system, rows)
+            remedy = "Shift the output times: drives do not decide the motion here."
             raise SimulationError(
-                f"stopped at t = {mechanics.t:.9g} s: the drives do not decide how the "
-                "mechanism goes on from here (singular configuration)"
+                diagnose("N310", t=mechanics.t, joints=joints, remedy=remedy)
             )
         mechanics.solve_demanded(C, -mechanics.constraint_rates, 1)
         mechanics.evaluate(state.z, state.v)
@@ -295,10 +298,7 @@ class PrescribedMotion:
             z = self.mechanics.displaced(state.z, self._correction(left)[0])
             if size <= CONVERGED * max(self._elastic_size(z), 1e-300):
                 return state
-        raise SimulationError(
-            f"stopped at t = {self.mechanics.t:.9g} s: the elastic coordinates find no "
-            "equilibrium; the bodies are too soft for a quasi-static deformation"
-        )
+        raise SimulationError(diagnose("N721", t=self.mechanics.t))
 
     def _closed_state(self, z: Array) -> StateVectors | None:
         closed = self.closed(z)
@@ -361,10 +361,7 @@ def _advance_to(
             return state_reached
         else:
             state, target = state_reached, target_time
-    raise SimulationError(
-        f"stopped at t = {mechanics.t:.9g} s: the drives demand a position that the "
-        "mechanism cannot reach"
-    )
+    raise SimulationError(diagnose("N722", t=mechanics.t))
 
 
 def _predict_and_correct(

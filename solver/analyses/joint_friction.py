@@ -19,7 +19,7 @@ from ..initial_state.initial_friction import with_prescribed_friction
 from ..integrators.output_sampling import OUTPUT_LOAD, OUTPUT_RATE
 from ..linear.accelerations import solve_prescribed_friction
 from ..linear.joint_friction import friction_limit
-from ..output.stick_slip import NO_SOLUTION, StickSlipDecision, with_friction_states
+from ..output.stick_slip import StickSlipDecision, with_friction_states
 from ..spatial import system_arrays as at
 from ..system.characteristic_sizes import friction_coordinate_sizes, resting_rates
 from ..system.errors import SimulationError
@@ -85,8 +85,13 @@ def friction_forces(
     system, work, memory = mechanics.system, mechanics.work, mechanics.memory
     memory.multiplier[:], memory.friction_L[:] = multipliers, responses
     if solve_prescribed_friction(system.arrays, work, memory) != 0:
-        raise SimulationError(f"stopped at t = {mechanics.t:.9g} s: {NO_SOLUTION}")
+        raise SimulationError(_no_solution(system, mechanics.t))
     return np.array(work.friction_force)
+
+
+def _no_solution(system: System, t: float) -> Diagnostic:
+    joints = tuple(rub.joint for rub in system.friction_joints)
+    return diagnose("N501", t=t, joints=joints)
 
 
 def with_friction_states_of(system: System, t: float, start: StateVectors) -> System:
@@ -102,8 +107,8 @@ def with_friction_states_of(system: System, t: float, start: StateVectors) -> Sy
     system = with_friction_states(with_prescribed_friction(system, start))
     decision = StickSlipDecision(system)
     reason = decision.choose_states(t, start.z, start.v)
-    if reason:
-        raise SimulationError(f"at t = {t:.9g} s: {reason}")
+    if reason is not None:
+        raise SimulationError(reason)
     return system
 
 
@@ -136,8 +141,8 @@ class FrictionEquations(DenseEquations):
         system = self.system
         decision = StickSlipDecision(system)
         reason = decision.choose_states(self.t, z, v)
-        if reason:
-            raise SimulationError(f"at t = {self.t:.9g} s: {reason}")
+        if reason is not None:
+            raise SimulationError(reason)
         output = decision.friction_output(np.array([self.t]), z[None], v[None])[0]
         self._loads = output[:, OUTPUT_LOAD]
         largest = np.abs(decision.memory.multiplier).max(initial=0.0)
@@ -234,7 +239,7 @@ class FrictionEquations(DenseEquations):
                 C[row[at.R_ROWS + r]] -= self._changes[j, r] * direction
         directions = null_space(C)
         if directions.shape != motion.shape:
-            raise SimulationError(f"at t = {self.t:.9g} s: {NO_SOLUTION}")
+            raise SimulationError(_no_solution(self.system, self.t))
         return directions
 
     def solve_inertia(self, inertia: Array, right: Array) -> Array:

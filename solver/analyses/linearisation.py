@@ -44,9 +44,10 @@ NEAR_STATE, STEADY_RESIDUAL = 0.05, 1e-6
 #: rounding.
 NO_DISPLACEMENT, EQUAL_FREQUENCY, ROUNDING = 1e-12, 0.01, 1e-11
 SAG_ADVICE = (
-    "; a shaft that sags in its static equilibrium would rotate about its bent axis: "
-    'without state = "static" modes are those about the straight shaft'
+    'Analyse the straight shaft, without state = "static": one that sags would '
+    "rotate about its bent axis."
 )
+FROZEN_ADVICE = "With --frozen (frozen = true) they are those of one instant."
 #: Axes in which modes are seen.
 INERTIAL, ROTATING = "inertial", "rotating with each body"
 #: Accelerations below this part of those of the forces are rounding.
@@ -169,8 +170,8 @@ def linearise(
         mechanics.evaluate(z, v)
         is_rotating = axis_angular_velocities(mechanics).any()
         is_static = is_rotating and system.scene.initial.state == "static"
-        reason = causes[0].message_line + (SAG_ADVICE if is_static else "")
-        raise SimulationError(f"there are no natural modes: {reason}")
+        remedy = SAG_ADVICE if is_static else FROZEN_ADVICE
+        raise SimulationError((diagnose("N718", t=t, remedy=remedy), *causes))
     modes = _natural_modes(mechanics, small, axes.highest)
     found = (
         *find_state_warnings(system, z[None]),

@@ -41,7 +41,7 @@ from ..system.characteristic_sizes import coordinate_sizes
 from ..system.errors import SimulationError
 from ..system.system import System
 from ..system.work_arrays import new_work_arrays
-from .analysis_results import MotionState, result_of_states
+from .analysis_results import MotionState, result_of_states, with_failure
 from .dense_equations import DenseEquations, null_space, refuse_eliminated_joints
 from .frozen_inputs import (
     state_entries,
@@ -162,25 +162,20 @@ def static_equilibrium(system: System) -> Equilibrium:
                 z, v, multipliers, residual, iteration, system, diagnostics
             )
             if failure := find_state_failure(system, z[None]):
-                meaningless = replace(
-                    equilibrium.result(), completed=False, message=failure
-                )
+                meaningless = with_failure(equilibrium.result(), failure)
                 raise SimulationError(failure, meaningless)
             return equilibrium
         step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
+    none = diagnose(
+        "N701",
+        iterations=MAX_ITERATIONS,
+        residual=best,
+        body=_most_loaded_body(system, motion @ force),
+    )
     limits = force_limit_notes(system, mechanics.work)
-    cause = "; ".join(each.message_line for each in limits) or (
-        "a body may be free to fall or to fly away"
-    )
-    questions = implausible_value_warnings(system)
-    raise SimulationError(
-        f"no static equilibrium found in {MAX_ITERATIONS} steps: the unbalanced part "
-        f"of the forces is {best:.1e}, largest at "
-        f"{_most_loaded_body(system, motion @ force)}; "
-        f"{cause}" + "".join(f"; {each.message_line}" for each in questions)
-    )
+    raise SimulationError((none, *limits, *implausible_value_warnings(system)))
 
 
 def _most_loaded_body(system: System, force: Array) -> str:
@@ -210,11 +205,11 @@ def _check_equilibrium(
     """
     if mechanics.scaled_residual > RESIDUAL_TOLERANCE:
         where = largest_residuals_text(mechanics.system, mechanics.residual)
-        raise SimulationError(f"no static equilibrium keeps the joints closed: {where}")
+        raise SimulationError(diagnose("N702", gaps=where))
     cause = lost_inertia_cause(mechanics.system, mechanics.work)
-    if not cause or _has_inertia(mechanics, motion):
+    if cause is None or _has_inertia(mechanics, motion):
         return ()
-    return (diagnose("N703", reason=cause.removeprefix("; ")),)
+    return (diagnose("N703", reason=replace(cause, code="", remedy="").line),)
 
 
 def _has_inertia(mechanics: DenseEquations, motion: Array) -> bool:

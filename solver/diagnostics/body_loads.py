@@ -19,7 +19,7 @@ from sidtool.formats.result.accuracy_report import (
     MAX_DEFLECTION,
     MAX_ROTATION,
     deformation_diagnostics,
-    failure_text,
+    meaningless_body,
     worst_first,
 )
 from sidtool.formats.sid_mass import body_size
@@ -350,13 +350,10 @@ def find_state_warnings(system: System, z: Array) -> tuple[Diagnostic, ...]:
     return worst_first(found, excess)
 
 
-def find_state_failure(system: System, z: Array) -> str:
-    """Why states z (nt, n positions) mean nothing; empty where they mean something."""
+def find_state_failure(system: System, z: Array) -> tuple[Diagnostic, ...]:
+    """Why states z (nt, n positions) mean nothing (N414), if so."""
     measured = _measure_deformations(system, z)
-    return failure_text(
-        {name: deflection_ for name, (deflection_, _) in measured.items()},
-        lambda name: deformation_diagnostics(name, *measured[name]),
-    )
+    return meaningless_body({name: sizes[0] for name, sizes in measured.items()})
 
 
 def _measure_deformations(system: System, z: Array) -> dict[str, tuple[float, float]]:

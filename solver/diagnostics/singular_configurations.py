@@ -165,12 +165,8 @@ class _StepMotion:
         independence = max(least, float(np.sqrt(2.0 * residuals.max())))
         if independence > limit:
             return None
-        combination, _ = _least_independence(self.system, B)
-        rows = np.flatnonzero(np.abs(combination) > INVOLVED_SHARE)
-        names = dict.fromkeys(row_names(self.system, tuple(map(int, rows))))
-        return SingularPassage(
-            self.begin + best * self.h, independence, tuple(sorted(names))
-        )
+        t = self.begin + best * self.h
+        return SingularPassage(t, independence, dependent_row_names(self.system, B))
 
     def _minimum(self) -> tuple[float, float]:
         """The share of the step with the least independence, and that."""
@@ -249,6 +245,20 @@ def _least_independence(system: System, B: Any) -> tuple[Array, float]:
     return left[:, last], float(sizes[last])
 
 
+def dependent_names(system: System, t: float, z: Array) -> tuple[str, ...]:
+    """Joints and drives that depend on each other most at positions z."""
+    work = new_work_arrays(system)
+    work.interval_time[0] = float(system.clocks(np.array([t]))[0])
+    return dependent_row_names(system, _scaled_rows(system, work, t, z))
+
+
+def dependent_row_names(system: System, B: Any) -> tuple[str, ...]:
+    """Names of normalised rows with a part in their least independent combination."""
+    combination, _ = _least_independence(system, B)
+    rows = np.flatnonzero(np.abs(combination) > INVOLVED_SHARE)
+    return tuple(sorted(set(row_names(system, tuple(map(int, rows))))))
+
+
 def _spectral_distance(A: Any, B: Any) -> float:
     """More than singular values of matrices can differ by, in the spectral norm."""
     difference = abs(A - B)
@@ -291,19 +301,12 @@ def joints_at_dead_points(
     return tuple(names[j] for j in np.flatnonzero(is_at_rest & ~is_prescribed))
 
 
-def undetermined_friction_notes(system: System, t: float, z: Array, v: Array) -> str:
-    """What to know where friction is not decided, since joints are at dead points."""
+def dead_point_causes(system: System, t: float, z: Array, v: Array) -> list[Diagnostic]:
+    """Joints at dead points, where friction is not decided (N504)."""
     names = joints_at_dead_points(system, t, z, v)
     if not names:
-        return ""
+        return []
     joints = [system.scene.joints[name] for name in names]
     ends = [marker_reference(m)[0] for joint in joints for m in marker_names(joint)]
     bodies = dict.fromkeys(end for end in ends if end != "ground")
-    one = len(names) == 1
-    return (
-        f"; the mechanism stands at a dead point of {', '.join(names)} (singular "
-        f"configuration): no motion of it moves {', '.join(bodies)} there, so that "
-        f"what friction {'it holds' if one else 'they hold'} is not determined; start "
-        "beside the dead point or with a larger speed, drive the mechanism, or leave "
-        f"{'this joint' if one else 'these joints'} without friction"
-    )
+    return [diagnose("N504", t=t, joints=names, bodies=tuple(bodies))]

@@ -229,8 +229,8 @@ def _assemble_velocities(state: InitialState) -> None:
     size = max(1.0 / state.duration, state.speed, state.largest_relative(rates))
     if state.largest_relative(residual_rates) > 1e-8 * size:
         residual = state.work.row[:, at.C_RATE]
-        why = later_contradiction(system, state.t, state.z, state.v)
-        why = why or velocity_contradiction(system, state.t, state.z, state.v)
+        where = system, state.t, state.z, state.v
+        why = later_contradiction(*where) or velocity_contradiction(*where)
         raise InputError(
             "no velocities meet all joints and drives: "
             f"{why or largest_residuals_text(system, residual) + ' per second'}",

@@ -142,7 +142,27 @@ def initial_contradiction(system: System) -> tuple[str, str]:
     )
 
 
-def later_contradiction(system: System, t: float, z: Array, v: Array) -> str:
+@dataclass(frozen=True)
+class Contradiction:
+    """Joints and drives that cannot be met from a time [s] on.
+
+    Attributes
+    ----------
+    statement
+        In words, with a gap or a point mass where one is known.
+    """
+
+    t: float
+    names: tuple[str, ...]
+    statement: str
+
+    def __str__(self) -> str:
+        return f"at t = {self.t:.4g} s {self.statement}"
+
+
+def later_contradiction(
+    system: System, t: float, z: Array, v: Array
+) -> Contradiction | None:
     """What cannot be met a little after a time t [s] of a run in the state z, v."""
     span = system.scene.time
     for share in LATER_FRACTIONS:
@@ -151,10 +171,9 @@ def later_contradiction(system: System, t: float, z: Array, v: Array) -> str:
         names, is_satisfied = _contradiction_test(state)
         gap = _smallest_gap(state, is_satisfied, names) if names else None
         if names and (gap is None or gap.gap > COINCIDENT_DISTANCE * system.length):
-            return (
-                f"at t = {later_time:.4g} s {_contradiction_text(state.system, names)}"
-            )
-    return ""
+            text = _contradiction_text(state.system, names)
+            return Contradiction(later_time, tuple(names), text)
+    return None
 
 
 def velocity_contradiction(system: System, t: float, z: Array, v: Array) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import Initial, as_3d, orientation_matrix
 
 from ..dynamics.drives import function_value
@@ -101,10 +102,10 @@ def store_rotations(system: System, work: WorkArrays, z: Array) -> None:
     ]
 
 
-def lost_rotation_text(
+def lost_rotation(
     system: System, work: WorkArrays, control: loop_state.StepLoopState
-) -> str:
-    """Why the last step could not be counted; empty if it could."""
+) -> Diagnostic | None:
+    """Why rotations of the last step could not be counted (N315, N318), if so."""
     fixed = control.fixed_step == 1
     n, h = system.n_rotation_counters, control.step if fixed else 0.0
     known, evaluated = control.z[len(control.z) - n :], work.rotation_counter[:n]
@@ -125,16 +126,10 @@ def lost_rotation_text(
             np.linalg.norm(known[part]) > np.pi
             and counted_rotation.kind == at.ROTATION_VECTOR_MEASURE
         ):
-            return (
-                f"{name} is nearly a full turn away from rest, beyond which a bushing "
-                "does not know its torque; `shaft` names an axis to turn about"
-            )
-        return (
-            f"{name} turns by more than {projection.MAX_ROTATION_PER_STEP} rad in a "
-            "step, which cannot be told from less"
-            f"{'; a smaller fixed step may help' if fixed else ''}"
-        )
-    return ""
+            return diagnose("N315", name, t=control.time)
+        limit = projection.MAX_ROTATION_PER_STEP
+        return diagnose("N318", name, t=control.time, limit=limit)
+    return None
 
 
 @dataclass(frozen=True, eq=False)

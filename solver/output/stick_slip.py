@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..integrators import loop_state, output_sampling
 from ..integrators.output_sampling import (
@@ -46,7 +47,6 @@ OBSERVED_SLIP = 1e-6
 CLEAR_REVERSAL = 2.0
 #: Joints that stick hold the same motion where so little tells them apart.
 SHARED_MOTION = 1e-8
-NO_SOLUTION = "friction has no solution, or several: the load that it makes feeds it"
 
 
 def with_friction_states(system: System) -> System:
@@ -144,11 +144,11 @@ class StickSlipDecision:
         work_arrays.raise_pending(self.system)
         return output
 
-    def choose_states(self, t: float, z: Array, v: Array) -> str:
+    def choose_states(self, t: float, z: Array, v: Array) -> Diagnostic | None:
         """Decide the friction states from an instant on, into the history.
 
         What slides goes on sliding; what rests sticks if it can. Returns why there is
-        no decision, or an empty string.
+        no decision (N501, N502), if so.
         """
         progress = TIME_ROUNDING * max(abs(t), self.span)
         self._count = self._count + 1 if t <= self._last + progress else 0
@@ -158,7 +158,7 @@ class StickSlipDecision:
             joints = self.changing_joints or [
                 k // count for k in self.reversing_contacts
             ]
-            return f"{self._joint_names(joints)} change between stick and slip at once"
+            return diagnose("N502", t=t, joints=self._joint_names(joints))
         states = np.array([t]), z[None], v[None]
         before, changing = self.friction_state.copy(), self.changing_joints
         slip_direction = self.friction_state[:, at.SLIP_DIRECTION]
@@ -180,7 +180,7 @@ class StickSlipDecision:
             if self._reverses(states, int(j), -before[j, at.SLIP_DIRECTION]):
                 at_rest[j] = False
         self.changing_joints = []
-        reason = self._release_overloaded(
+        is_decided = self._release_overloaded(
             states, at_rest, [j for j in changing if stays_stuck[j]]
         )
         self.friction_state[~self._is_sticking, at.STICK_POSITION] = 0.0
@@ -188,7 +188,11 @@ class StickSlipDecision:
         changed = (before[:, at.SLIP_DIRECTION] != slip_direction) & self.is_started
         self.changed_joints = {*np.flatnonzero(changed).tolist(), *changing}
         self.is_started = True
-        return reason
+        if is_decided:
+            return None
+        resting = self._joint_names(np.flatnonzero(at_rest))
+        every = tuple(rub.joint for rub in self.system.friction_joints)
+        return diagnose("N501", t=t, joints=resting or every)
 
     @property
     def _is_sticking(self) -> NDArray[np.bool_]:
@@ -291,24 +295,20 @@ class StickSlipDecision:
 
     def _release_overloaded(
         self, states: StateOfMotion, at_rest: Array, observed_slips: list[int]
-    ) -> str:
-        """Lets go, in sequence, what friction cannot hold.
+    ) -> bool:
+        """Lets go, in sequence, what friction cannot hold; False without a decision.
 
         Parameters
         ----------
         observed_slips
             Joints that were seen to break loose.
         """
-        slip_direction, names = (
-            self.friction_state[:, at.SLIP_DIRECTION],
-            self._joint_names(np.flatnonzero(at_rest)),
-        )
+        slip_direction = self.friction_state[:, at.SLIP_DIRECTION]
         for _ in range(4 * len(slip_direction) + 1):
             self._mark_shared()
             output = self.friction_output(*states)[0]
             if not np.isfinite(output[:, OUTPUT_FRICTION]).all():
-                moves = self._release_together(states, at_rest)
-                return "" if moves else f"{NO_SOLUTION} ({names})"
+                return self._release_together(states, at_rest)
             limits = self.rest_speed * output[:, OUTPUT_LOAD]
             negligible = self._negligible()
             excess = np.abs(output[:, OUTPUT_FRICTION]) - limits - negligible
@@ -330,9 +330,9 @@ class StickSlipDecision:
                 slip_direction * output[:, OUTPUT_ACCELERATION] < -least
             )
             if not must_stick.any():
-                return ""
+                return True
             slip_direction[must_stick] = 0.0
-        return f"friction allows neither stick nor slip ({names})"
+        return False
 
     def _negligible(self) -> Array:
         """Friction forces that change no rate in the whole run, (n_frictions,).
@@ -366,8 +366,8 @@ class StickSlipDecision:
                 return True
         return False
 
-    def _joint_names(self, joints: Iterable[int]) -> str:
-        return ", ".join(self.system.friction_joints[j].joint for j in joints)
+    def _joint_names(self, joints: Iterable[int]) -> tuple[str, ...]:
+        return tuple(self.system.friction_joints[j].joint for j in joints)
 
 
 def set_friction_states(system: System, t: Array, z: Array, v: Array) -> None:
@@ -416,12 +416,11 @@ class StickSlipEvents(StickSlipDecision):
 
     def enter_interval(
         self, t: float, z: Array, v: Array
-    ) -> tuple[str, list[LocatedEvent]]:
+    ) -> tuple[Diagnostic | None, list[LocatedEvent]]:
         """Decide friction from an instant on, and set sticking coordinates of z and v
         to rest.
 
-        Returns why there is no decision, or an empty string; and the joints that
-        changed.
+        Returns why there is no decision, if so; and the joints that changed.
         """
         if self.is_started:
             self._project(t, z, v)

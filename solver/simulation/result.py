@@ -10,17 +10,13 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import (
-    Diagnostic,
-    diagnose,
-    without,
-)
+from sidtool.formats.diagnostics import Diagnostic, diagnose, stop_message, without
 from sidtool.formats.result import Result
 from sidtool.formats.result.accuracy_report import (
     MAX_DEFLECTION,
     MAX_ROTATION,
     MEANINGLESS_DEFLECTION,
-    failure_text,
+    meaningless_body,
     validity_diagnostics,
 )
 from sidtool.formats.result.data import TABLES
@@ -31,32 +27,33 @@ from sidtool.formats.storage.hdf5_files import versions
 from ..diagnostics import result_notes
 from ..diagnostics.body_loads import find_state_warnings
 from ..diagnostics.failure_causes import (
-    CAUSES,
-    REMEDIES,
-    explain_failure,
-    friction_lock_cause,
+    friction_lock_causes,
     infeasible_drive_cause,
     lost_inertia_cause,
     mass_rounding_cause,
     near_singular_cause,
+    step_loop_failure,
 )
 from ..diagnostics.implausible_forces import runaway_warnings
 from ..diagnostics.initial_deformation import initial_deformation_notes
 from ..diagnostics.singular_configurations import singular_passage_notes
-from ..initial_state import assembly
 from ..initial_state.displacement_report import displacement_notes
-from ..initial_state.given_state import lost_rotation_text
+from ..initial_state.given_state import lost_rotation
 from ..initial_state.integrator_start import scene_with_settings
 from ..integrators import loop_state
 from ..linear.factor_storage import Memory
 from ..output import columns
 from ..output.samples import Samples
-from ..system.control_laws import law_error, rejected_trials
+from ..system.control_laws import law_failure, rejected_trials
 from .run_loop import Run, Stop
 
 if TYPE_CHECKING:
     from ..system.system import System
 
+#: Causes of a stop after which loads and stiffness are those of no body, and the
+#: diagnostics of such loads.
+LOST_INERTIA_CODES = frozenset({"N307", "N312"})
+LOAD_CODES = frozenset({"N405", "N406", "N407", "N408"})
 #: A scene is stiff if stability limits at least one step in this number.
 STIFF_STEP_SHARE = 4
 #: Velocity coordinates up to which a static start is tried before it is advised.
@@ -64,12 +61,17 @@ MAX_TRIED_COORDINATES = 300
 
 
 def build_result(
-    run: Run, seconds: dict[str, float], failure: str, rows: Mapping[str, Any]
+    run: Run,
+    seconds: dict[str, float],
+    failure: tuple[Diagnostic, ...],
+    rows: Mapping[str, Any],
 ) -> Result:
     """What a run found; what is reported of it waits until somebody looks at it.
 
     Parameters
     ----------
+    failure
+        Why it stopped early, or why its numbers mean nothing.
     rows
         t and the tables, where they are known; default they are empty.
     """
@@ -93,22 +95,27 @@ def build_result(
         sids=system.sids,
         versions=versions(),
         completed=not failure,
-        message=failure or _stopping_event_text(run),
+        message=stop_message(failure) or _stopping_event_text(run),
     )
     scene, settings = system.scene, run.settings
     known = known.with_lazy_fields(
         lambda: {"scene": scene_with_settings(scene, settings)}, "scene"
     )
     return known.with_lazy_fields(
-        lambda: _deferred_fields(run), "bodies", "diagnostics"
+        lambda: _deferred_fields(run, failure), "bodies", "diagnostics"
     )
 
 
-def _deferred_fields(run: Run) -> dict[str, Any]:
+def _deferred_fields(run: Run, failure: tuple[Diagnostic, ...]) -> dict[str, Any]:
     """Fields of a result that are evaluated when they are read."""
     scene, remarks = run.system.scene, run.recorder.verdicts.found.output_notes
+    beyond_theory = validity_diagnostics(run.recorder.bodies)
+    if any(each.code in LOST_INERTIA_CODES for each in failure):
+        # Loads and stiffness at the end are those of no body.
+        beyond_theory = tuple(d for d in beyond_theory if d.code not in LOAD_CODES)
     found = (
-        *validity_diagnostics(run.recorder.bodies),
+        *failure,
+        *beyond_theory,
         *(
             limit
             for name, body in run.recorder.bodies.items()
@@ -131,57 +138,38 @@ def may_exceed_linear_theory(run: Run) -> bool:
     return run.recorder.may_exceed(MAX_DEFLECTION, MAX_ROTATION)
 
 
-def failure_reason(run: Run, stop_reason: str) -> str:
-    """Why a run stopped early, or why its numbers mean nothing; empty if they do.
-
-    Parameters
-    ----------
-    stop_reason
-        Why the run stopped early, if it did.
-    """
-    if stop_reason:
-        return explain_failure(stop_reason, run.recorder.bodies)
+def meaningless_numbers(run: Run) -> tuple[Diagnostic, ...]:
+    """Why the numbers of a finished run mean nothing (N414); empty if they do."""
     if not run.recorder.may_exceed(MEANINGLESS_DEFLECTION, np.inf):
-        return ""
+        return ()
     bodies = run.recorder.bodies
-    deflections = {name: body.deflection for name, body in bodies.items()}
-    return failure_text(deflections, lambda name: bodies[name].beyond_theory(name))
+    return meaningless_body({name: body.deflection for name, body in bodies.items()})
 
 
-def stop_reason(run: Run, stop: Stop) -> str:
-    """Return why a run ends early, with its likely cause."""
-    return stop.reason if stop.code is None else _step_loop_failure(run, stop.code)
-
-
-def _step_loop_failure(run: Run, code: int) -> str:
+def stop_causes(run: Run, stop: Stop) -> tuple[Diagnostic, ...]:
+    """Return why a run ends early, and then the likely cause."""
+    if stop.code is None:
+        return stop.causes
     system, work, control = run.system, run.work, run.control
-    law_text = law_error(system, work, since=run.current_time)
-    if law_text:
-        return f"stopped at t = {run.current_time:.9g} s: {law_text}"
-    cause = CAUSES.get(code, f"code {code}")
-    if code in (loop_state.TOO_SMALL, loop_state.OFF_CONSTRAINTS):
-        cause = lost_rotation_text(system, work, control) or cause
+    t = run.current_time
+    if invalid := law_failure(system, work, t, since=t):
+        return (invalid,)
     fastest = columns.fastest_body(system, control)
-    text = (
-        f"stopped at t = {run.current_time:.9g} s: {cause} (fastest change: {fastest})"
-    )
-    if contradiction := infeasible_drive_cause(
-        system, run.current_time, *_last_sound_state(run)
-    ):
-        return f"{text}; {contradiction}"
-    fixed = control.fixed_step == 1
-    text += REMEDIES.get(code, "") if fixed else ""
-    text += (
-        lost_inertia_cause(system, work, run.current_time)
+    failure = step_loop_failure(stop.code, fastest, run.settings, t)
+    if stop.code in (loop_state.TOO_SMALL, loop_state.OFF_CONSTRAINTS):
+        failure = lost_rotation(system, work, control) or failure
+    cause = (
+        infeasible_drive_cause(system, t, *_last_sound_state(run))
+        or lost_inertia_cause(system, work, t)
         or mass_rounding_cause(system, work)
-        or friction_lock_cause(system, run.memory, run.current_time, control)
-        or near_singular_cause(control, bool(run.method.singular_loop))
     )
-    if system.redundant:
-        rows = assembly.row_names(system, system.redundant)
-        names = ", ".join(dict.fromkeys(rows))
-        text += f"; redundant at the start, perhaps contradicting now: {names}"
-    return text
+    if cause is not None:
+        return (failure, cause)
+    if locked := friction_lock_causes(system, run.memory, t, control):
+        return (failure, *locked)
+    passes = bool(run.method.singular_loop)
+    singular = near_singular_cause(system, control, passes)
+    return (failure, singular) if singular else (failure,)
 
 
 def _last_sound_state(run: Run) -> tuple[Array, Array]:
@@ -299,8 +287,8 @@ def _constraint_deformation_notes(run: Run) -> Iterator[Diagnostic]:
         why = infeasible_drive_cause(
             run.system, run.current_time, *_last_sound_state(run)
         )
-        if why:
-            yield diagnose("N330", ", ".join(deformed), reason=why)
+        if why is not None:
+            yield diagnose("N330", ", ".join(deformed), reason=why.message)
 
 
 def _initial_samples(run: Run) -> Samples:

@@ -9,16 +9,17 @@ from typing import NamedTuple
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
-from ..diagnostics.failure_causes import singular_system_message
-from ..diagnostics.singular_configurations import undetermined_friction_notes
+from ..diagnostics.failure_causes import singular_start_causes
+from ..diagnostics.singular_configurations import dead_point_causes
 from ..initial_state.given_state import store_rotations
 from ..integrators import loop_state, newton_iteration, output_sampling
 from ..integrators.registry import INTEGRATORS, StepFunction
 from ..integrators.singular_configurations import NEAR_SINGULAR
 from ..output import dense_output, events
 from ..output.resume import ResumeState, previous_rows
-from ..system.control_laws import law_error
+from ..system.control_laws import law_failure
 from ..system.sensors import SampledLaws
 from ..system.work_arrays import raise_pending
 from .preparation import OutputPlan, RunArrays, RunStart
@@ -28,9 +29,9 @@ Progress = Callable[[float], None]
 
 
 class Stop(NamedTuple):
-    """Why a run ends before its time: a reason in words, or the code of a step loop."""
+    """Why a run ends before its time: diagnostics, or the code of a step loop."""
 
-    reason: str = ""
+    causes: tuple[Diagnostic, ...] = ()
     code: int | None = None
 
 
@@ -117,7 +118,8 @@ class Run:
                     else ""
                 )
                 if why and not failure:
-                    return Stop(f"{why} at t = {self.current_time:.9g} s")
+                    ended = diagnose("N319", t=self.current_time, reason=why)
+                    return Stop((ended,))
             if failure:
                 return Stop(failure)
             if code != loop_state.INTERVAL_END:
@@ -242,10 +244,10 @@ class Run:
         if self.event_detector is not None:
             self.event_detector.find_events(steps)
 
-    def _enter_interval(self, end: float) -> str:
+    def _enter_interval(self, end: float) -> tuple[Diagnostic, ...]:
         """Start a smooth interval without memory of earlier steps.
 
-        Returns why it cannot start, or an empty string.
+        Returns why it cannot start, if so.
         """
         self.needs_new_interval = False
         failure = self._decide_friction()
@@ -269,32 +271,33 @@ class Run:
             if failure:
                 return failure
             status = self._evaluate_start()
-        law_text = law_error(self.system, self.work, since=begin)
-        if law_text and begin == self.system.scene.time.start:
-            raise InputError(law_text, place="forces", expected="a number at the start")
-        if law_text:
-            return f"stopped at t = {begin:.9g} s: {law_text}"
+        invalid = law_failure(self.system, self.work, begin, since=begin)
+        if invalid and begin == self.system.scene.time.start:
+            raise InputError(
+                invalid.message, place="forces", expected="a number at the start"
+            )
+        if invalid:
+            return (invalid,)
         if status != 0:
-            return singular_system_message(self.system, self.work, begin, status)
+            return singular_start_causes(
+                self.system, self.work, begin, control.z, status
+            )
         store_rotations(self.system, self.work, control.z)
         control.force_measures[:, :2] = self.work.measure
-        return ""
+        return ()
 
-    def _decide_friction(self) -> str:
-        """Decide the friction states; returns why there is no decision, or an empty
-        string.
-        """
+    def _decide_friction(self) -> tuple[Diagnostic, ...]:
+        """Decide the friction states; returns why there is no decision, if so."""
         if self.stick_slip_events is None:
-            return ""
+            return ()
         reason, located = self.stick_slip_events.enter_interval(
             self.current_time, self.control.z, self.control.v
         )
         self.breaks += located
-        if reason:
-            reason += undetermined_friction_notes(
-                self.system, self.current_time, self.control.z, self.control.v
-            )
-        return f"stopped at t = {self.current_time:.9g} s: {reason}" if reason else ""
+        if reason is None:
+            return ()
+        state = self.current_time, self.control.z, self.control.v
+        return (reason, *dead_point_causes(self.system, *state))
 
     def _evaluate_start(self) -> int:
         """Evaluates the state in hand; 0, or the code of a singular system."""

@@ -20,9 +20,9 @@ from .preparation import allocate, plan_outputs, prepare_run
 from .recorder import Recorder
 from .result import (
     build_result,
-    failure_reason,
     may_exceed_linear_theory,
-    stop_reason,
+    meaningless_numbers,
+    stop_causes,
 )
 from .run_loop import Progress, Run
 
@@ -102,9 +102,9 @@ def simulate(
     assembled = time.perf_counter()
     stopped = run.integrate(progress, stop)
     solved = time.perf_counter() - assembled - recorder.seconds
-    reason = "" if stopped is None else stop_reason(run, stopped)
+    failure = () if stopped is None else stop_causes(run, stopped)
     run.finish(failed=stopped is not None)
-    failure = failure_reason(run, reason)
+    failure = failure or meaningless_numbers(run)
     seconds = {"seconds_assembly": assembled - started, "seconds": solved}
     result = build_result(
         run, seconds, failure, memory_sink.arrays() if into is None else {}
@@ -118,7 +118,7 @@ def simulate(
             if diagnostic.is_warning:
                 emit_warning(diagnostic)
     if failure:
-        raise SimulationError(result.message, result)
+        raise SimulationError(failure, result)
     return result
 
 

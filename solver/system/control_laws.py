@@ -472,6 +472,14 @@ def _unknown_output(measure: float, rate: float) -> float:
     return math.nan
 
 
+def law_failure(
+    system: System, work: at.WorkArrays, t: float, since: float = -np.inf
+) -> Diagnostic | None:
+    """The law that gave no number at a time t [s] that was reached (N509)."""
+    text = law_error(system, work, since)
+    return diagnose("N509", t=t, reason=text) if text else None
+
+
 def law_error(system: System, work: at.WorkArrays, since: float = -np.inf) -> str:
     """Which law gave no number, when, and of what; nothing if all did since a time."""
     if (

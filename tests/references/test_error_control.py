@@ -33,17 +33,17 @@ def test_generalised_alpha_stops_where_rounding_hides_errors(
     case: str, rtol: float
 ) -> None:
     """What was computed so far is kept, and as good as rounding allows."""
-    with pytest.raises(SimulationError, match="stopped at t = .* rounding") as failure:
+    with pytest.raises(SimulationError, match="N306") as failure:
         simulate(compiled(case), integrator="generalised_alpha", rtol=rtol)
     result = failure.value.result
     assert result is not None and not result.completed
-    assert "radau9" in result.message
+    assert result.diagnostics[0].data["rtol"] == rtol
     assert result.t[-1] > 0.4 * compiled(case).scene.time.end
     assert relative_error(case, result) < 2e-7
 
 
 @pytest.mark.parametrize("integrator", ["trapezoidal", "generalised_alpha"])
 def test_a_tolerance_that_numbers_do_not_resolve_is_refused(integrator: str) -> None:
-    with pytest.raises(SimulationError, match="t = 0 s: rounding hides") as failure:
+    with pytest.raises(SimulationError, match="t = 0 s: N306") as failure:
         simulate(compiled("Simeon"), integrator=integrator, rtol=1e-10)
-    assert "radau9" in str(failure.value) and "singular" not in str(failure.value)
+    assert [each.code for each in failure.value.diagnostics] == ["N306"]

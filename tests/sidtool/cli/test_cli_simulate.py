@@ -13,6 +13,7 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.result import Sink, read_result
 from sidtool.formats.result.rows import write_rows
 from tests.places import SLIDER_CRANK
@@ -139,14 +140,15 @@ def test_a_run_that_stops_stores_the_motion_so_far(
     def stop(system: object, *, into: Sink, **_: object) -> None:
         partial = replace(read_result(tmp_path / "whole.h5"), completed=False)
         write_rows(partial, into)
-        raise SimulationError("at 1.5 s the step became too small", partial)
+        raise SimulationError(diagnose("N302", t=1.5, fastest="rod"), partial)
 
     assert run(["simulate", SCENE, "-o", str(tmp_path / "whole.h5")]) == 0
     capsys.readouterr()
     monkeypatch.setattr(solver, "simulate", stop, raising=False)
     assert run(["simulate", SCENE, "-o", str(tmp_path / "part.h5")]) == 1
     error = capsys.readouterr().err
-    assert "slider_crank.toml: at 1.5 s the step became too small" in error
+    assert "slider_crank.toml: stopped at t = 1.5 s" in error
+    assert "error N302 " in error and max(map(len, error.splitlines())) <= 100
     assert not read_result(tmp_path / "part.h5").completed
 
 

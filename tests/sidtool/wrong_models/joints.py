@@ -43,7 +43,7 @@ def slider_line_is_too_far_away() -> str:
     return slider_crank(change)
 
 
-@mistake("motor", "piston_pin", "contradict each other", "only deforming rod can help")
+@mistake("N313", "motor", "piston_pin", "contradict each other")
 def drive_sits_on_the_wrong_joint() -> str:
     def change(d: Any) -> None:
         d["drives"]["motor"]["joint"] = "piston_pin"
@@ -93,8 +93,8 @@ def slider_stands_across_the_start() -> str:
 
 
 @mistake(
+    "N313",
     "bearing, motor, crank_pin, piston_pin and slider contradict each other",
-    "only deforming rod",
 )
 def crank_is_welded_to_the_rod() -> str:
     def change(d: Any) -> None:

@@ -206,9 +206,8 @@ def friction_joint_scene(
 
 @mistake(
     "stopped at t = 0 s",
-    "dead point of slider",
-    "no motion of it moves piston",
-    "start beside",
+    "N504 dead point of slider",
+    "friction holds piston",
 )
 def friction_at_rest_in_the_dead_point() -> str:
     """Crank and rod lie in line: the slider can be moved neither way."""

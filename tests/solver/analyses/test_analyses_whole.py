@@ -163,7 +163,7 @@ def test_modes_of_an_impossible_body_are_refused_by_name() -> None:
     system = compile_scene(
         content, ".", {"bar": massless()}, accept_defects=True, keep_joints=True
     )
-    with pytest.raises(SimulationError, match="mass matrix is not positive.*bar"):
+    with pytest.raises(SimulationError, match="N719.*bar"):
         linearise(system, about="start")
 
 
@@ -189,7 +189,7 @@ def test_inertia_is_needed_where_the_frame_of_a_body_moves() -> None:
     again = compile_scene(
         validate_data(started, SceneFile), ".", {"bar": sid}, keep_joints=True
     )
-    with pytest.raises(SimulationError, match="t = 0 s; bar has deformed so far"):
+    with pytest.raises(SimulationError, match="t = 0 s: N307 bar"):
         simulate(again)
     run = simulate(compile_scene(validate_data(started, SceneFile), ".", {"bar": sid}))
     assert run.completed
@@ -227,7 +227,7 @@ def test_inverse_dynamics_stops_where_forces_are_not_determined(start: float) ->
     drive = polynomial(start, rate)
     content = slider_crank(start, speeds=(rate, -rate), drive=drive, end=end).scene
     system = compile_scene(content, keep_joints=True)
-    with pytest.raises(SimulationError, match="singular configuration") as failure:
+    with pytest.raises(SimulationError, match="N310") as failure:
         inverse_dynamics(system)
     result = failure.value.result
     assert result is not None and not result.completed

@@ -244,7 +244,7 @@ def test_a_load_rests_on_springs_alone(dimension: str) -> None:
 
 def test_a_falling_body_has_no_equilibrium() -> None:
     content = scene("planar", bodies={"stone": {"mass": 1.0}}, gravity=[0.0, -G])
-    with pytest.raises(SimulationError, match="free to fall"):
+    with pytest.raises(SimulationError, match="N701"):
         static_equilibrium(compiled(content))
 
 
@@ -329,7 +329,7 @@ def test_inverse_dynamics_of_flexible_bodies_must_be_asked_for() -> None:
 
 def test_a_body_too_soft_for_quasi_statics_is_told() -> None:
     system = flexible_slider_crank(1e-5, ["rod.q1"])
-    with pytest.raises(SimulationError, match="too soft|cannot reach") as failure:
+    with pytest.raises(SimulationError, match="N721|N722") as failure:
         inverse_dynamics(system, quasi_static=True)
     assert failure.value.result is not None
     assert len(failure.value.result.t) > 0

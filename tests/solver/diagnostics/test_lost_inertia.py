@@ -27,10 +27,10 @@ def test_a_sid_that_is_no_body_is_not_said_to_have_deformed() -> None:
         end=0.01,
     )
     system = compile_scene(described, sids={"bar": sid}, accept_defects=True)
-    with pytest.raises(SimulationError, match="SID of bar has a defect") as error:
+    with pytest.raises(SimulationError) as error:
         simulate(system)
-    assert "deformed so far" not in str(error.value)
-    assert 'frame = "held"' in str(error.value)
+    assert error.value.code == "N308"
+    assert 'frame = "held"' in error.value.diagnostics[0].remedy
 
 
 def test_a_free_body_without_inertia_is_not_said_to_be_deformed_by_joints() -> None:
@@ -40,9 +40,9 @@ def test_a_free_body_without_inertia_is_not_said_to_be_deformed_by_joints() -> N
     sid = replace(sid, J=Taylor(flat), Cr=Taylor(sid.Cr.m0, np.ones((2, 2, 3))))
     described = scene({"bar": {"sid": "-"}}, {}, end=0.01, dimension="spatial")
     system = compile_scene(described, sids={"bar": sid}, accept_defects=True)
-    with pytest.raises(SimulationError, match="SID of bar has a defect") as error:
+    with pytest.raises(SimulationError) as error:
         simulate(system)
-    assert "assembly" not in str(error.value)
+    assert error.value.code == "N308"
 
 
 def test_a_bar_struck_hard_names_the_remedy_and_it_helps() -> None:
@@ -50,9 +50,11 @@ def test_a_bar_struck_hard_names_the_remedy_and_it_helps() -> None:
     sid = slender_bar(2, TANGENT, False)
     start = struck(sid, [0.5, 3.0, 2.0], [0.0, 0.0, 3.0])
     bar = {"sid": "-", "markers": {"b": 2}, "initial": start}
-    with pytest.raises(SimulationError, match="quadratic_inertia = true of the body"):
+    with pytest.raises(SimulationError) as error:
         less = {"bar": bar | {"quadratic_inertia": False}}
         run(sid, "spatial", 0.15, 1e-7, bodies=less)
+    lost = [d for d in error.value.diagnostics if d.code == "N307"]
+    assert lost and "quadratic_inertia" in lost[0].remedy
     run(sid, "spatial", 0.15, 1e-7, bodies={"bar": bar})
 
 
@@ -67,10 +69,10 @@ def test_the_assembly_is_named_where_it_deforms_a_body_too_far() -> None:
     bar = {"sid": "-", "markers": {"a": 1, "b": 2}, "quadratic_inertia": False}
     wall = {"markers": {"wall": {"position": [1.0, 0.05, 0.0]}}}
     described = scene({"bar": bar}, joints, dimension="spatial", ground=wall)
-    told = "do not meet its joints and drives, .* the assembly deforms bar so far that"
-    with pytest.raises(SimulationError, match=f"t = 0 s; .*{told}") as error:
+    with pytest.raises(SimulationError) as error:
         simulate(compile_scene(described, sids={"bar": sid}))
-    assert "has deformed" not in str(error.value)
+    found = error.value.diagnostics[0]
+    assert (found.code, found.subject, found.t) == ("N312", "bar", 0.0)
 
 
 @pytest.mark.parametrize("modes", [16, 24])

@@ -25,6 +25,10 @@ def stopped(system: System, **settings: Any) -> Result:
     result = failure.value.result
     assert result is not None and not result.completed
     assert str(failure.value) == result.message
+    assert result.diagnostics[: len(failure.value.diagnostics)] == (
+        failure.value.diagnostics
+    )
+    assert failure.value.diagnostics[0].severity == "error"
     assert np.isfinite(result.values).all()
     return result
 
@@ -51,7 +55,8 @@ def flywheel(speed: float) -> System:
 def test_a_run_that_fails_in_its_first_step_keeps_the_start() -> None:
     """60 rad/s in steps of 0.05 s are 3 rad each, more than can be counted."""
     result = stopped(flywheel(60.0), step=0.05)
-    assert "stopped at t = 0 s" in result.message
+    assert result.diagnostics[0].code == "N318"
+    assert result.diagnostics[0].data["limit"] == 2.5
     assert result.t == pytest.approx([0.0], abs=0)
     assert result["wheel.wz"] == pytest.approx([60.0])
     assert result["energy.supplied"] == pytest.approx([0.0], abs=0)
@@ -111,7 +116,7 @@ def test_an_interval_that_cannot_be_entered_keeps_what_was_before(
         record=["block.x", "block.ax"],
     )
     result = stopped(compiled(described))
-    assert "stopped at t = 0.5 s: the constraints depend" in result.message
+    assert (result.diagnostics[0].code, result.diagnostics[0].t) == ("N310", 0.5)
     assert result.t == pytest.approx([0.0, 0.25, 0.5])
     assert result["block.x"] == pytest.approx(0.75 * result.t**2, abs=1e-9)
     assert result["block.ax"] == pytest.approx([1.5] * 3)
@@ -140,14 +145,15 @@ def test_matrices_without_a_scale_are_not_positive(worst: float) -> None:
 @pytest.mark.parametrize("step", [0, 1])
 def test_the_integrator_of_a_run_is_not_advised_to_it(step: int) -> None:
     """Methods that pass singular positions themselves are no remedy for themselves."""
-    near = SimpleNamespace(largest_independence=1.0, independence=1e-3, fixed_step=step)
-    apart = SimpleNamespace(largest_independence=1.0, independence=0.5, fixed_step=step)
-    assert "radau9" in failure_causes.near_singular_cause(near, passes=False)
-    assert "radau9" not in failure_causes.near_singular_cause(near, passes=True)
+    state: dict[str, Any] = {"time": 0.0, "z": np.array([np.nan]), "fixed_step": step}
+    near = SimpleNamespace(largest_independence=1.0, independence=1e-3, **state)
+    apart = SimpleNamespace(largest_independence=1.0, independence=0.5, **state)
     for passes in (True, False):
-        told = failure_causes.near_singular_cause(near, passes)
-        assert ("tolerance" in told) == (step == 0)
-        assert failure_causes.near_singular_cause(apart, passes) == ""
+        found = failure_causes.near_singular_cause(None, near, passes)
+        assert found is not None and found.code == "N310"
+        assert ("radau9" in found.remedy) != passes
+        assert ("tolerance" in found.remedy) == (step == 0)
+        assert failure_causes.near_singular_cause(None, apart, passes) is None
 
 
 @pytest.mark.parametrize("integrator", ["radau9", "dop853"])
@@ -163,5 +169,7 @@ def test_no_step_is_advised_where_none_can_help(integrator: str) -> None:
         {"turn": {"joint": "a", "function": polynomial(0.0, 1.0)}},
     )
     result = stopped(compiled(slider), integrator=integrator, step=1e-2)
-    assert "contradict each other" in result.message
-    assert "may help" not in result.message
+    stop, cause = result.diagnostics[:2]
+    assert stop.code in {"N303", "N304"}
+    assert cause.code == "N313" and set(cause.data["joints"]) >= {"a", "b", "c"}
+    assert cause.data["later"] > stop.t

@@ -136,5 +136,5 @@ def test_a_body_that_loses_the_inertia_of_its_frame_is_named() -> None:
     sid = soft_body(3, 4, planar=False, stiffening=True)
     body = {"sid": "-", "initial": {"elastic": [0.7, -0.4, 0.5]}}
     system = compiled(scene({"soft": body}, dimension="spatial"), soft=sid)
-    with pytest.raises(SimulationError, match="soft has deformed so far.*moments"):
+    with pytest.raises(SimulationError, match="N307 soft"):
         simulate(system)
