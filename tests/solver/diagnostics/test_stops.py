@@ -11,10 +11,18 @@ import pytest
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.solver import compile_scene, simulate
+from sidtool.solver.analyses.dense_equations import DenseEquations
+from sidtool.solver.analyses.static_equilibrium import _check_equilibrium
 from sidtool.solver.diagnostics import failure_causes
+from sidtool.solver.initial_state.given_state import initial_estimate
+from sidtool.solver.initial_state.integrator_start import run_settings
+from sidtool.solver.integrators import loop_state
 from sidtool.solver.simulation import simulate as simulate_module
+from sidtool.solver.spatial import system_arrays as at
+from sidtool.solver.system import work_arrays
 from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
+from sidtool.solver.system.work_arrays import new_work_arrays
 from tests.places import ROOT
 from tests.solver.scenes import compiled, polynomial, scene, slender_rod
 
@@ -173,3 +181,72 @@ def test_no_step_is_advised_where_none_can_help(integrator: str) -> None:
     assert stop.code in {"N303", "N304"}
     assert cause.code == "N313" and set(cause.data["joints"]) >= {"a", "b", "c"}
     assert cause.data["later"] > stop.t
+
+
+@pytest.mark.parametrize(
+    ("ended", "code"),
+    [
+        (loop_state.NOT_FINITE, "N301"),
+        (loop_state.TOO_SMALL, "N302"),
+        (loop_state.OFF_CONSTRAINTS, "N303"),
+        (loop_state.NO_CONVERGENCE, "N304"),
+        (loop_state.TOO_STIFF, "N305"),
+        (loop_state.BELOW_ROUNDING, "N306"),
+    ],
+)
+def test_each_end_of_a_step_loop_has_its_code(ended: int, code: str) -> None:
+    system = flywheel(1.0)
+    settings = run_settings(system, "radau9", 1e-6, 0.01, None)
+    found = failure_causes.step_loop_failure(ended, "wheel", settings, 0.5)
+    assert (found.code, found.severity, found.t) == (code, "error", 0.5)
+
+
+def two_bodies() -> tuple[System, at.WorkArrays, Any]:
+    """A ship of 1e6 kg and a fly of 1e-9 kg, evaluated at rest."""
+    bodies = {"ship": {"mass": 1e6, "inertia": 1e6}}
+    bodies["fly"] = {"mass": 1e-9, "inertia": 1e-9}
+    system = compiled(scene(bodies, {}))
+    work, start = new_work_arrays(system), initial_estimate(system)
+    work_arrays.evaluate(system, work, 0.0, start.z, start.v)
+    return system, work, start.z
+
+
+def test_inertia_that_rounding_hides_is_a_possible_cause() -> None:
+    system, work, _ = two_bodies()
+    found = failure_causes.mass_rounding_cause(system, work)
+    assert found is not None
+    assert (found.code, found.subject, found.severity) == ("N309", "fly", "warning")
+    assert found.data["heaviest"] == "ship" and float(str(found.data["ratio"])) < 1e-14
+
+
+def test_a_singular_mass_matrix_names_its_body() -> None:
+    system, work, z = two_bodies()
+    first = int(system.arrays.body[system.index("fly"), at.BLOCK])
+    work.M[first : first + 9] = 0.0
+    (found,) = failure_causes.singular_start_causes(system, work, 0.0, z, 1)
+    assert (found.code, found.data["bodies"]) == ("N311", ("fly",))
+
+
+def hinged_rod(offset: float) -> DenseEquations:
+    """A rod whose hinge is open by an offset [m]."""
+    joints = {"pin": {"type": "revolute", "markers": ["ground", "rod.a"]}}
+    system = compiled(scene({"rod": slender_rod(1.0)}, joints))
+    mechanics = DenseEquations(system, 0.0, 0.5)
+    start = initial_estimate(system)
+    start.z[0] += offset
+    mechanics.evaluate(start.z, start.v)
+    return mechanics
+
+
+def test_an_open_joint_is_no_equilibrium() -> None:
+    with pytest.raises(SimulationError) as failure:
+        _check_equilibrium(hinged_rod(0.1), np.zeros((3, 0)))
+    assert failure.value.code == "N702" and "pin" in str(failure.value.data["gaps"])
+
+
+def test_rates_that_do_not_exist_name_their_joints() -> None:
+    """Both rows of the hinge demand another rate of one coordinate."""
+    C = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    with pytest.raises(SimulationError) as failure:
+        hinged_rod(0.0).solve_demanded(C, np.array([0.0, 1.0]), 1)
+    assert failure.value.code == "N723" and failure.value.data["joints"] == ("pin",)
