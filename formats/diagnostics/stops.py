@@ -166,8 +166,8 @@ ENTRIES = (
         "N319",
         WARNING,
         "{reason}, not finished",
-        "A signal such as Ctrl-C ended the run between two steps (t < time.end, the end "
-        "of the span). Its files hold the motion so far.",
+        "A signal such as Ctrl-C ended the run between two steps. The result "
+        "has completed = false, its files hold the motion so far.",
         remedy="With -o and --continue the same command goes on.",
         example={"reason": "ended by Ctrl-C", "t": 0.4},
     ),

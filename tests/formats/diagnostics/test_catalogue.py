@@ -17,7 +17,7 @@ from sidtool.report.diagnostics import WIDTH, diagnostic_line, explain, list_cod
 ROOT = Path(__file__).parents[3]
 #: What an explanation of a warning names: a threshold, a formula or a quantity of one.
 _MEASURE = re.compile(
-    r"\d|=|<|eigenvalue|singular|null space|positive definite|norm|rtol|rank|residual|"
+    r"\d|=|eigenvalue|singular|null space|positive definite|norm|rtol|rank|residual|"
     r"max|finite",
     re.IGNORECASE,
 )
