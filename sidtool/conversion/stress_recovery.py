@@ -38,9 +38,6 @@ _RANDOM_STATES = 400
 _PEAK_SHARE, _MAX_PEAK_POINTS = 0.99, 100
 #: Number of points that are evaluated together, in all states.
 _POINTS_PER_BATCH = 2_000
-#: Distance from the edges of a patch at which slopes are evaluated; they do not exist
-#: on degenerate edges.
-_DISTANCE_FROM_EDGES = 1e-7
 
 
 def add_stress_recovery(
@@ -290,10 +287,7 @@ def _knot_span_points(body: FiniteElementModel) -> Iterator[QuadraturePart]:
     for number, ((patch, numbers), continuum) in enumerate(places):
         ends = [breakpoints(knots) for knots in patch.knots]
         axes = tuple(np.sort([*x, *(x[:-1] + x[1:]) / 2]) for x in ends)
-        inner = tuple(
-            np.clip(x, _DISTANCE_FROM_EDGES, 1 - _DISTANCE_FROM_EDGES) for x in axes
-        )
-        nodes, values, slopes = sampled_batch(patch, axes, inner)
+        nodes, values, slopes = sampled_batch(patch, axes)
         law = continuum.law
         for start in range(0, len(nodes), _POINTS_PER_BATCH):
             cut = slice(start, start + _POINTS_PER_BATCH)

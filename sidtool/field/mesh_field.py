@@ -156,8 +156,6 @@ def _stress_at_nodes(body: FiniteElementModel, mesh: Mesh, fields: Array) -> Arr
 
 #: Largest number of points of one patch.
 _MAX_POINTS = 200_000
-#: Slopes are taken this far inside the patch, where degenerate edges have some.
-_DISTANCE_FROM_BORDER = 1e-7
 
 
 def patch_field(
@@ -169,10 +167,7 @@ def patch_field(
     """
     axes = _parameter_grid(patch)
     shape = tuple(len(axis) for axis in axes)
-    inner = tuple(
-        np.clip(axis, _DISTANCE_FROM_BORDER, 1 - _DISTANCE_FROM_BORDER) for axis in axes
-    )
-    nodes, values, slopes = sampled_batch(patch, axes, inner)
+    nodes, values, slopes = sampled_batch(patch, axes)
     table = body.table[numbers[nodes], : len(shape)]
     points = np.einsum("pm,pmd->pd", values, patch.points[nodes])
 

@@ -41,6 +41,9 @@ Indices = NDArray[np.int64]
 _MAX_GAUSS_POINTS, _RATIONAL_TOLERANCE, _CHECKED_LINES = 64, 1e-10, 7
 #: Entries of the largest array of one batch of knot spans, its strains.
 _BATCH_ENTRIES = 1_000_000
+#: A patch is degenerate where its Jacobian is below this share of its largest; slopes
+#: are then evaluated at this distance from its edges, where they exist.
+_DEGENERATE_SHARE, _DISTANCE_FROM_EDGES = 1e-6, 1e-7
 
 
 def expected_mass(model: ModelFile, patches: list[NurbsPatch]) -> GeometryMass:
@@ -268,18 +271,30 @@ def _basis_tables(
 
 
 def sampled_batch(
-    patch: NurbsPatch, axes: tuple[Array, ...], inner: tuple[Array, ...]
+    patch: NurbsPatch, axes: tuple[Array, ...]
 ) -> tuple[Indices, Array, Array]:
-    """The functions of a patch at the points of a grid of parameters.
+    """Evaluate the functions of a patch at the points of a grid of parameters.
 
+    The slopes of a patch that is degenerate at some of the points are those of points
+    inside the patch, close to its edges: at degenerate edges they do not exist.
+
+    Parameters
+    ----------
     axes : parameters of each direction
-    inner : those where slopes are taken, inside the patch
 
     Returns
     -------
     nodes (p, m) that reach each point, their values (p, m) and slopes (p, m, d) [1/m]
     """
-    nodes, values, _ = _rational_functions(patch, _single_point_tables(patch, axes))
+    nodes, values, slopes = _rational_functions(
+        patch, _single_point_tables(patch, axes)
+    )
+    jacobians = np.swapaxes(patch.points[nodes], 1, 2) @ slopes[:, 0]
+    sizes = np.abs(np.linalg.det(jacobians))
+    inner = axes
+    if sizes.min() < _DEGENERATE_SHARE * sizes.max():
+        inset = _DISTANCE_FROM_EDGES
+        inner = tuple(np.clip(axis, inset, 1 - inset) for axis in axes)
     ones = [np.ones((len(axis), 1)) for axis in inner]
     batch = _element_batch(patch, _single_point_tables(patch, inner), ones)
     assert np.array_equal(nodes, batch.nodes)
