@@ -6,6 +6,7 @@ not call back into it. Who reads from the top never comes to a file that was lef
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -74,12 +75,15 @@ def walk(scene: sidtool.Scene, monkeypatch: pytest.MonkeyPatch) -> tuple[int, se
         raise FirstStep
 
     monkeypatch.setattr(Run, "_make_steps", first_step)
+    # A collection of garbage closes unfinished generators of other tests: calls here.
+    gc.disable()
     sys.setprofile(look)
     try:
         with pytest.raises(FirstStep):
             scene.simulate()
     finally:
         sys.setprofile(None)
+        gc.enable()
     return calls[0], again
 
 

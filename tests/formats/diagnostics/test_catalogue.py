@@ -31,7 +31,8 @@ def calls(code: str = "diagnose") -> Iterator[tuple[str, ast.Call]]:
     """Calls of `diagnose` in the source, with the file that holds them."""
     for folder in ("formats", "solver", "sidtool"):
         for path in (ROOT / folder).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            text = path.read_text(encoding="utf-8")
+            for node in ast.walk(ast.parse(text)) if f"{code}(" in text else ():
                 is_call = isinstance(node, ast.Call)
                 if is_call and getattr(node.func, "id", "") == code:
                     yield f"{path.relative_to(ROOT)}:{node.lineno}", node
