@@ -27,8 +27,13 @@ from ..integrators.output_sampling import (
     OUTPUT_RATE,
 )
 from ..spatial import system_arrays as at
+from ..spatial.coordinates import rate
 from ..system import work_arrays
-from ..system.characteristic_sizes import resting_rates
+from ..system.characteristic_sizes import (
+    RESTING_RATE,
+    coordinate_sizes,
+    resting_rates,
+)
 from ..system.joint_friction import FrictionStateHistory
 from ..system.system import System
 from .dense_output import StepPoints, StepStates, join_steps
@@ -47,6 +52,9 @@ OBSERVED_SLIP = 1e-6
 CLEAR_REVERSAL = 2.0
 #: Joints that stick hold the same motion where so little tells them apart.
 SHARED_MOTION = 1e-8
+#: A dead point is left when the mobility of a joint grows so much, relative to the one
+#: it has, while the mechanism moves by this part of its size.
+DEAD_POINT_GROWTH, SMALL_MOTION = 1e16, 1e-3
 
 
 def with_friction_states(system: System) -> System:
@@ -180,6 +188,8 @@ class StickSlipDecision:
             if self._reverses(states, int(j), -before[j, at.SLIP_DIRECTION]):
                 at_rest[j] = False
         self.changing_joints = []
+        if np.abs(v / coordinate_sizes(self.system)).max() * self.span <= RESTING_RATE:
+            self._leave_dead_points(states, at_rest)
         is_decided = self._release_overloaded(
             states, at_rest, [j for j in changing if stays_stuck[j]]
         )
@@ -281,6 +291,38 @@ class StickSlipDecision:
             return True
         self.friction_state[j, at.SLIP_DIRECTION] = 0.0
         return False
+
+    def _leave_dead_points(self, states: StateOfMotion, at_rest: Array) -> None:
+        """Set the slip directions of joints that a mechanism at rest moves at once.
+
+        At a dead point the coordinate x of a joint is stationary: no friction force of
+        it holds the mechanism, and its acceleration vanishes. In a motion along the
+        accelerations a it goes where its second derivative, x'' of velocities along a,
+        points.
+        """
+        t, z, v = states
+        slip_direction = self.friction_state[:, at.SLIP_DIRECTION]
+        for j in np.flatnonzero(at_rest):
+            for direction in (1.0, -1.0):
+                slip_direction[j] = direction
+                acceleration = self.friction_output(*states)[0, j, OUTPUT_ACCELERATION]
+                mobility, a = self.memory.friction_P[j, j], self.memory.acceleration
+                size = np.abs(a / coordinate_sizes(self.system)).max()
+                if not 0.0 < size < np.inf:
+                    continue
+                motion, displacement = a / size, np.zeros_like(z[0])
+                rate(self.system.arrays, z[0], SMALL_MOTION * motion, displacement)
+                moving = v + np.sqrt(size) * motion
+                curvature = self.friction_output(t, z, moving)[
+                    0, j, OUTPUT_ACCELERATION
+                ]
+                self.friction_output(t, z + displacement, v)
+                is_dead = self.memory.friction_P[j, j] > DEAD_POINT_GROWTH * mobility
+                if is_dead and direction * (curvature - acceleration) > 0.0:
+                    at_rest[j] = False
+                    break
+            else:
+                slip_direction[j] = 0.0
 
     def _mark_shared(self) -> None:
         """Mark sticking joints if some of them constrain the same motion."""

@@ -133,6 +133,18 @@ def test_the_guide_is_pressed_up_and_down_after_dead_points(start: float) -> Non
     assert np.ptp(result["energy.balance"]) < 1e-7 * lost
 
 
+@pytest.mark.parametrize("dead_point", [0.0, np.pi])
+def test_a_motor_leaves_a_dead_point_at_once(dead_point: float) -> None:
+    """The motion depends continuously on the start. From rest at the inner dead point
+    the guide stuck for up to 0.1 s, as the sense of its motion is of second order."""
+    ends = [
+        motored(start, 6.0, [0.0, -9.81], {"guide": {"coefficient": 0.25}}, {})
+        for start in (dead_point, dead_point + 1e-9)
+    ]
+    turned = [(r["crank.angle"] - r["crank.angle"][0])[1:] for r in ends]
+    assert turned[0] == pytest.approx(turned[1], rel=1e-7)
+
+
 def test_joints_that_hold_one_motion_let_go_together() -> None:
     """Four joints rub. With the head of the rod stuck alone the guide jams, whatever
     holds it, and the motor was said to meet friction without a solution."""
