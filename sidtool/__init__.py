@@ -78,8 +78,8 @@ _TABLES = """
     Box BuckensFrame Bushing Characteristic ChordFrame Coincident Constant Coupling
     CraigBamptonReduction Cylinder Cylindrical Distance Drive ElasticInitial Event
     Expression Fixed FrequencyDamping Friction Gear GeneralSection Given Ground
-    Harmonic HertingReduction IgaDiscretisation Initial JointFriction
-    KrylovReduction LumpedMass Marker Material MatricesDiscretisation
+    Harmonic HertingReduction IgaDiscretisation Initial Input InputFunction
+    JointFriction KrylovReduction LumpedMass Marker Material MatricesDiscretisation
     MatricesGeometry MeshDiscretisation MeshGeometry ModalDamping ModalReduction
     NodeMarker NurbsGeometry Outputs PatchesGeometry Pid Piece PlanarJoint
     PointForce PointOnLine PointOnPlane Polynomial Prestress Prismatic

@@ -21,7 +21,7 @@ from .bodies import (
 )
 from .drives import Drive, driven_coordinate
 from .events import Event
-from .file import SceneFile, read_scene
+from .file import SceneFile, read_input_table, read_scene, with_inputs
 from .forces import (
     Actuator,
     Bushing,
@@ -36,6 +36,7 @@ from .functions import (
     Function,
     Given,
     Harmonic,
+    InputFunction,
     Piece,
     Polynomial,
     SineRamp,
@@ -44,6 +45,7 @@ from .functions import (
     Sum,
     coefficients,
 )
+from .inputs import Input
 from .joints import (
     Coincident,
     Coupling,
@@ -67,6 +69,7 @@ from .laws import Expression, ForceFunction, Pid
 from .outputs import (
     FRICTION_QUANTITIES,
     IN_BODY,
+    INPUTS,
     KIND,
     MOMENTA,
     ORIENTATIONS,
@@ -131,7 +134,10 @@ __all__ = [
     "KIND",
     "MOMENTA",
     "ORIENTATIONS",
+    "INPUTS",
     "Initial",
+    "Input",
+    "InputFunction",
     "Instruction",
     "Joint",
     "JointFriction",
@@ -193,7 +199,9 @@ __all__ = [
     "parse_output",
     "position_3d",
     "rarer_outputs",
+    "read_input_table",
     "read_scene",
+    "with_inputs",
     "orientation_matrix",
     "tolerance",
     "unit_of",

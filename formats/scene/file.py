@@ -7,10 +7,13 @@ the other; reading a whole scene costs milliseconds.
 
 from __future__ import annotations
 
+import csv
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+import numpy as np
 from pydantic import model_validator
 
 from ..base.errors import InputError
@@ -20,6 +23,9 @@ from .base import Table, as_tuples
 from .laws import Expression
 from .scene_checks import check_scene
 from .tables import SceneTables
+from .values import expected_names
+
+Scene = TypeVar("Scene", bound="SceneFile")
 
 
 class SceneFile(SceneTables):
@@ -55,6 +61,74 @@ class SceneFile(SceneTables):
         return self
 
 
+def with_inputs(scene: Scene, inputs: Mapping[str, Any]) -> Scene:
+    """The scene whose inputs follow other tables, or stay at other values.
+
+    Parameters
+    ----------
+    inputs : by name times [s] and values, (nt,) each, or a number
+
+    Raises
+    ------
+    InputError : an unknown name, or no such table.
+    """
+    changes: dict[str, Any] = {}
+    for name, value in inputs.items():
+        place = f"inputs.{name}"
+        if name not in scene.inputs:
+            expected = expected_names(name, scene.inputs, "input")
+            raise InputError("there is no such input", place=place, expected=expected)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            changes[f"{place}.initial"] = float(value)
+            continue
+        try:
+            times, values = (np.asarray(part, float) for part in value)
+        except (TypeError, ValueError):
+            times = values = np.zeros((0, 0))
+        if times.ndim != 1 or times.shape != values.shape:
+            raise InputError(
+                "is no table", place=place, expected="times and as many values, (nt,)"
+            )
+        changes[f"{place}.times"] = times.tolist()
+        changes[f"{place}.values"] = values.tolist()
+    return scene.with_(changes) if changes else scene
+
+
+def read_input_table(path: str | Path) -> tuple[list[float], list[float]]:
+    """Times [s] and values from a CSV file with two columns, with or without a header.
+
+    Raises
+    ------
+    InputError : the file cannot be read, or holds other rows.
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            rows = list(enumerate(csv.reader(file), 1))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot be read: {error}", source=path) from None
+    rows = [(line, row) for line, row in rows if "".join(row).strip()]
+    if rows and not _is_number(rows[0][1][0]):
+        rows = rows[1:]
+    for line, row in rows:
+        if len(row) != 2 or not all(map(_is_number, row)):
+            raise InputError(
+                f"found {','.join(row)!r}",
+                source=path,
+                place=f"line {line}",
+                expected="a time and a value",
+            )
+    if not rows:
+        raise InputError("holds no values", source=path, expected="columns t and value")
+    return [float(row[0]) for _, row in rows], [float(row[1]) for _, row in rows]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
 def read_scene(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:
     """Read a scene from TOML or JSON, with `changes` as in `SceneFile.with_`.
 
@@ -63,9 +137,6 @@ def read_scene(path: str | Path, changes: Mapping[str, Any] | None = None) -> Sc
     InputError : the file cannot be read or is not a valid scene.
     """
     return SceneFile.load(path, changes)
-
-
-Scene = TypeVar("Scene", bound="SceneFile")
 
 
 def with_numbers(scene: Scene, changes: Mapping[str, Any]) -> Scene | None:

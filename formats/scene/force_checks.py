@@ -12,6 +12,7 @@ from .forces import Bushing, Characteristic, Force, Friction, PointForce, Spring
 from .functions import (
     Given,
     Harmonic,
+    InputFunction,
     Piece,
     Polynomial,
     SineRamp,
@@ -19,6 +20,7 @@ from .functions import (
     Spline,
     Sum,
 )
+from .inputs import Input
 from .laws import Expression, ForceFunction, Pid
 from .outputs import marker_reference
 from .tables import SceneTables
@@ -40,7 +42,7 @@ def check_force(force: Force, place: str, scene: SceneTables) -> None:
         _check_bushing(force, place, scene)
     function = getattr(force, "function", None)
     if function is not None:
-        check_function(function, f"{place}.function", scene.time)
+        check_function(function, f"{place}.function", scene)
 
 
 def _check_components(force: PointForce, place: str, scene: SceneTables) -> None:
@@ -131,15 +133,16 @@ def _check_bushing(force: Bushing, place: str, scene: SceneTables) -> None:
                 raise_failure(f"{place}.{key}", problem, expected)
 
 
-def check_function(function: ForceFunction, place: str, time: Time) -> None:
+def check_function(function: ForceFunction, place: str, scene: SceneTables) -> None:
     """Raise what does not fit in a function or a law as `InputError` with its key."""
+    time = scene.time
     if isinstance(function, Polynomial):
         _check_polynomial(function, place, time)
     elif isinstance(function, Harmonic):
         _check_harmonic(function, place)
     elif isinstance(function, Sum):
         for index, part in enumerate(function.parts):
-            check_function(part, f"{place}.parts[{index}]", time)
+            check_function(part, f"{place}.parts[{index}]", scene)
     elif isinstance(function, SmoothStep | SineRamp):
         if not function.to > function.from_:
             raise_failure(
@@ -148,15 +151,21 @@ def check_function(function: ForceFunction, place: str, time: Time) -> None:
         if isinstance(function, SineRamp):
             _check_offset(function, place)
     elif isinstance(function, Spline):
-        _check_spline(function, place, time)
+        _check_points(function.times, function.values, place)
+        _check_span(function.times, place, time)
     elif isinstance(function, Given):
         _check_given(function, place, time)
+    elif isinstance(function, InputFunction):
+        if function.name not in scene.inputs:
+            expected = expected_names(function.name, scene.inputs, "input")
+            problem = f"there is no input {function.name!r}"
+            raise_failure(f"{place}.name", problem, expected)
     elif isinstance(function, Expression):
-        check_expression(function, place)
+        check_expression(function, place, scene)
     elif isinstance(function, Pid):
         check_pid(function, place)
         if not isinstance(function.reference, float | str):
-            check_function(function.reference, f"{place}.reference", time)
+            check_function(function.reference, f"{place}.reference", scene)
 
 
 def _check_offset(ramp: SineRamp, place: str) -> None:
@@ -173,8 +182,26 @@ def _check_harmonic(function: Harmonic, place: str) -> None:
         )
 
 
-def _check_spline(function: Spline, place: str, time: Time) -> None:
-    times, values = function.times, function.values
+def check_input(signal: Input, place: str, time: Time) -> None:
+    """Raise what does not fit in the table of an input."""
+    times, values = signal.times, signal.values
+    if (times is None) != (values is None):
+        missing = "times" if times is None else "values"
+        raise_failure(f"{place}.{missing}", "is missing", "times and values, or none")
+    if times is None or values is None:
+        return
+    _check_points(times, values, place)
+    if signal.interpolation != "hold":
+        if len(times) < 2:
+            problem = f"has one time, and is {signal.interpolation}"
+            raise_failure(f"{place}.times", problem, "two or more")
+        _check_span(times, place, time)
+
+
+def _check_points(
+    times: tuple[float, ...], values: tuple[float, ...], place: str
+) -> None:
+    """Raise a table whose times do not grow, or that has no value for each of them."""
     if len(times) != len(values):
         problem = f"has {len(values)} values for {len(times)} times"
         raise_failure(f"{place}.values", problem, "one value for each time")
@@ -183,6 +210,10 @@ def _check_spline(function: Spline, place: str, time: Time) -> None:
             raise_failure(
                 f"{place}.times", f"{later} follows {earlier}", "growing times"
             )
+
+
+def _check_span(times: tuple[float, ...], place: str, time: Time) -> None:
+    """Raise a table that does not cover the run."""
     if times[0] > time.start or times[-1] < time.end:
         problem = f"goes from {times[0]} to {times[-1]}"
         raise_failure(
@@ -287,9 +318,15 @@ def _check_marker_of_sid(body: SidBody, marker: str, name: str, place: str) -> N
         raise_failure(place, f"{name} has no marker {marker!r}", expected)
 
 
-def check_expression(law: Expression, place: str) -> None:
+def check_expression(law: Expression, place: str, scene: SceneTables) -> None:
     """Raise what does not fit in a formula and its states, with the key."""
     _check_limits(law.limits, place)
+    for key, names in (("parameters", law.parameters), ("states", law.states)):
+        for name in names:
+            if name in scene.inputs:
+                raise_failure(
+                    f"{place}.{key}.{name}", "is an input as well", "another name"
+                )
     _check_formula(law.value, law, f"{place}.value")
     for name, state in law.states.items():
         location = f"{place}.states.{name}"

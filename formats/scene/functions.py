@@ -149,8 +149,15 @@ class Given(Table):
     )
 
 
+class InputFunction(Table):
+    """The value of an input of the scene, see `Input`."""
+
+    type: Literal["input"] = "input"
+    name: str = Field(description="of one of the inputs of the scene")
+
+
 Single = Annotated[
-    Constant | Polynomial | Harmonic | SmoothStep | SineRamp | Spline,
+    Constant | Polynomial | Harmonic | SmoothStep | SineRamp | Spline | InputFunction,
     Field(discriminator="type"),
 ]
 
@@ -165,7 +172,15 @@ class Sum(Table):
 
 
 Function = Annotated[
-    Constant | Polynomial | Harmonic | SmoothStep | SineRamp | Spline | Sum | Given,
+    Constant
+    | Polynomial
+    | Harmonic
+    | SmoothStep
+    | SineRamp
+    | Spline
+    | InputFunction
+    | Sum
+    | Given,
     Field(discriminator="type"),
 ]
 

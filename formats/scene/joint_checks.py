@@ -133,7 +133,7 @@ def check_drives(scene: SceneTables) -> None:
                 f"{place}.{'joint' if drive.joint else 'marker'}", problem, expected
             )
         driven[key] = name
-        check_function(drive.function, f"{place}.function", scene.time)
+        check_function(drive.function, f"{place}.function", scene)
         _check_law(drive, name, scene)
 
 

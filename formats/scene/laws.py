@@ -21,6 +21,7 @@ from .functions import (
     Function,
     Given,
     Harmonic,
+    InputFunction,
     Polynomial,
     SineRamp,
     SmoothStep,
@@ -50,7 +51,8 @@ class State(Table):
 class Expression(Table):
     """A formula of outputs, such as "-50*elbow.angle - 3*elbow.angle_rate + 2*sin(t)".
 
-    Names are t, pi, parameters, states, and outputs that are positions or velocities:
+    Names are t, pi, parameters, states, inputs of the scene, and outputs that are
+    positions or velocities:
     coordinates of joints and their rates, places and velocities of markers and rigid
     bodies, elastic coordinates; states of other laws as FORCE.state.NAME or
     DRIVE.state.NAME. Names with a hyphen stand in quotes. Operators are + - * / and **;
@@ -119,6 +121,7 @@ ForceFunction = Annotated[
     | SmoothStep
     | SineRamp
     | Spline
+    | InputFunction
     | Sum
     | Given
     | Expression

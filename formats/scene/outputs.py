@@ -33,7 +33,8 @@ friction has friction, the force or torque along its coordinate, normal_force, t
 that makes it, and sticking, 1 or 0; fx to mz are with friction. Of the whole scene:
 energy.kinetic, .elastic (of bodies), .potential (of gravity and of springs),
 .dissipated, .supplied and .balance (the first four less the fifth), and
-constraint.position and .velocity, the largest residual of the constraints.
+constraint.position and .velocity, the largest residual of the constraints. An input
+of the scene is inputs.NAME.
 """
 
 from __future__ import annotations
@@ -90,8 +91,10 @@ SCENE_QUANTITIES = {
 }
 #: Those that the state at one time decides and that can take any value.
 INSTANTANEOUS = ("kinetic", "elastic", "potential", "x", "y", "z")
+#: What stands before the name of an input.
+INPUTS = "inputs"
 #: Names that no part of a scene may have.
-RESERVED = frozenset(["ground", *SCENE_QUANTITIES])
+RESERVED = frozenset(["ground", INPUTS, *SCENE_QUANTITIES])
 ELASTIC = re.compile(r"(q|vq)([1-9]\d*|\*)")
 #: An elastic coordinate or its velocity by its kind, see `motion_kinds`.
 KIND = re.compile(
@@ -128,6 +131,8 @@ def parse_output(name: str) -> OutputName:
         raise InputError(f"found {name!r}", expected=_EXPECTED)
     owner, quantity = parts[0], parts[-1]
     marker = parts[1] if len(parts) == 3 else ""
+    if owner == INPUTS and not marker:
+        return OutputName(owner, marker, quantity)
     if owner in SCENE_QUANTITIES:
         if marker or quantity not in SCENE_QUANTITIES[owner]:
             listed = ", ".join(SCENE_QUANTITIES[owner])

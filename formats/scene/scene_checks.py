@@ -6,17 +6,19 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ..base.errors import InputError
+from ..toml.expressions import check_names
 from .accuracy import check_wanted
 from .bodies import RigidBody
 from .connections import multipliers, owner_table
 from .drives import Drive
 from .events import check_quantity
-from .force_checks import check_force, check_reference
+from .force_checks import check_force, check_input, check_reference
 from .functions import Given
 from .joint_checks import check_drives, check_joint
 from .laws import states_of
 from .outputs import (
     FRICTION_QUANTITIES,
+    INPUTS,
     JOINT_QUANTITIES,
     MULTIPLIER,
     NAME,
@@ -66,9 +68,10 @@ def check_scene(scene: SceneTables, fitting: SceneTables | None = None) -> None:
         check_initial(body.initial, f"bodies.{name}.initial", scene.dimension)
     for name, joint in _changed_parts("joints", scene, fitting):
         check_joint(joint, f"joints.{name}", scene)
-    acting = ("drives", "forces", "outputs", "accuracy", "events")
+    acting = ("inputs", "drives", "forces", "outputs", "accuracy", "events")
     if all(getattr(scene, part) is getattr(fitting, part, None) for part in acting):
         return
+    _check_inputs(scene)
     check_drives(scene)
     for name, force in _changed_parts("forces", scene, fitting):
         check_force(force, f"forces.{name}", scene)
@@ -82,6 +85,18 @@ def check_scene(scene: SceneTables, fitting: SceneTables | None = None) -> None:
         if not has_wildcard(event.quantity):
             _check_output(event.quantity, place, scene)
         check_quantity(event.quantity, place)
+
+
+def _check_inputs(scene: SceneTables) -> None:
+    for name, signal in scene.inputs.items():
+        if name in scene.parameters:
+            raise_failure(f"inputs.{name}", "is a parameter as well", "another name")
+        try:
+            check_names([name])
+        except InputError as error:
+            problem = error.problem.replace("a parameter", "an input")
+            raise_failure(f"inputs.{name}", problem, error.expected or "")
+        check_input(signal, f"inputs.{name}", scene.time)
 
 
 def _changed_parts(
@@ -142,6 +157,11 @@ def _check_output(text: str, place: str, scene: SceneTables) -> None:
         _check_connection(owner, quantity, place, scene)
         raise InputError(error.problem, place=place, expected=error.expected) from None
     if name.owner in SCENE_QUANTITIES:
+        return
+    if name.owner == INPUTS and not name.marker:
+        if name.quantity not in scene.inputs:
+            expected = expected_names(name.quantity, scene.inputs, "input")
+            raise_failure(place, f"there is no input {name.quantity!r}", expected)
         return
     if name.owner in {**scene.forces, **scene.drives} and name.marker == STATE:
         _check_state(name, place, scene)

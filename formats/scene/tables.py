@@ -25,6 +25,7 @@ from .bodies import Body, ElasticInitial, Ground, Initial, SidBody
 from .drives import Drive
 from .events import Event
 from .forces import Force
+from .inputs import Input
 from .joints import Joint
 
 #: Limits of the requested relative error; what is feasible is measured.
@@ -82,8 +83,8 @@ class Outputs(Table):
         "drives and forces fx, mz and, along their coordinate, force or torque, power; "
         "of joints and drives the multipliers f1, f2, ...; of springs, dampers and "
         "actuators length, deflection, rate; energy.kinetic, constraint.position, "
-        "momentum.x, angular_momentum.x, ...; y and z likewise; `*` stands for any "
-        "letters within a part: rod.*.ux, *.x, pin.f*",
+        "momentum.x, angular_momentum.x, inputs.NAME, ...; y and z likewise; `*` "
+        "stands for any letters within a part: rod.*.ux, *.x, pin.f*",
     )
 
 
@@ -159,6 +160,7 @@ class SceneTables(File):
         "joints",
         "drives",
         "forces",
+        "inputs",
         "events",
         PARAMETERS,
     )
@@ -198,6 +200,9 @@ class SceneTables(File):
         default_factory=dict
     )
     forces: Takes[dict[str, Force], Mapping[str, Force | Entries]] = Field(
+        default_factory=dict
+    )
+    inputs: Takes[dict[str, Input], Mapping[str, Input | Entries]] = Field(
         default_factory=dict
     )
     events: Takes[dict[str, Event], Mapping[str, Event | Entries]] = Field(

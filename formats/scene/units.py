@@ -5,12 +5,14 @@ from __future__ import annotations
 from .connections import FORCES, THREAD_MULTIPLIER, force_coordinate, is_turned
 from .drives import Drive, driven_coordinate
 from .forces import Force, PointForce
+from .functions import InputFunction
 from .joints import Coupling, Gear, coupled_coordinates
 from .laws import Pid
 from .outputs import (
     EFFORTS,
     FRICTION_QUANTITIES,
     IN_BODY,
+    INPUTS,
     JOINT_QUANTITIES,
     MEASURES,
     MULTIPLIER,
@@ -51,6 +53,8 @@ def unit_of(name: str, scene: SceneTables | None = None) -> str:
         return "J"
     if parsed.owner == "constraint" and not parsed.marker:
         return ""
+    if parsed.owner == INPUTS and not parsed.marker:
+        return _input_unit(parsed.quantity, scene)
     if parsed.owner in _MOMENTA and not parsed.marker:
         return _MOMENTA[parsed.owner]
     if "_" in quantity and quantity.rpartition("_")[0] in _WORDS:
@@ -78,6 +82,20 @@ def unit_of(name: str, scene: SceneTables | None = None) -> str:
         unit = "rad" if coordinate.startswith("angle") else "m"
         return f"{unit}/s" if is_rate(quantity) else unit
     return _KINDS[quantity[0]] if len(quantity) == 2 else "m"
+
+
+def _input_unit(name: str, scene: SceneTables | None) -> str:
+    """Return the unit that an input states, else that of a force that it scales."""
+    if scene is None or name not in scene.inputs:
+        return ""
+    stated = scene.inputs[name].unit
+    if stated is not None:
+        return stated
+    for owner, force in scene.forces.items():
+        function = getattr(force, "function", None)
+        if isinstance(function, InputFunction) and function.name == name:
+            return _law_unit(OutputName(owner, "", VALUE), scene)
+    return ""
 
 
 def _effort_unit(coordinate: str) -> str:

@@ -6,8 +6,12 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ..diagnostics import Diagnostic, diagnose
+from ..toml.expressions import output_names, parse_expression
 from ..toml.tables import Table
 from .bodies import SidBody
+from .functions import Given, InputFunction
+from .laws import Expression
+from .outputs import INPUTS
 from .tables import SceneTables
 
 #: Keys of a flexible body, and of its start, that only count for its deformation.
@@ -38,11 +42,35 @@ def unused_keys(
     if not spectral_radius and "spectral_radius" in given:
         reason = "it is for generalised_alpha"
         yield diagnose("N244", "accuracy.spectral_radius", reason=reason)
+    used = set(_used_inputs(scene))
+    for name in scene.inputs:
+        if name not in used:
+            reason = "no force, drive or formula takes it"
+            yield diagnose("N244", f"inputs.{name}", reason=reason)
     for name, body in scene.sid_bodies.items():
         idle = list(_idle_keys(body)) if body.rigid else []
         if idle:
             listed = ", ".join(f"bodies.{name}.{key}" for key in idle)
             yield diagnose("N244", listed, reason=f"{name} is rigid")
+
+
+def _used_inputs(scene: SceneTables) -> Iterator[str]:
+    """Yield the inputs that forces and drives take; all of them if a program gives
+    one of their laws, which may read any."""
+    for owner in (*scene.forces.values(), *scene.drives.values()):
+        function = getattr(owner, "function", None)
+        reference = getattr(function, "reference", None)
+        for part in (function, reference, *getattr(function, "parts", ())):
+            if isinstance(part, InputFunction):
+                yield part.name
+        if isinstance(function, Expression):
+            states = function.states.values()
+            texts = (text for state in states for text in (state.rate, state.next))
+            for text in (function.value, *texts):
+                for name in output_names(parse_expression(text or "0", function.known)):
+                    yield name.removeprefix(f"{INPUTS}.")
+        if isinstance(function, Given) and not function.terms:
+            yield from scene.inputs
 
 
 def _idle_keys(body: SidBody) -> Iterator[str]:

@@ -29,6 +29,7 @@ from .outputs import (
     ELASTIC,
     FRICTION_QUANTITIES,
     IN_BODY,
+    INPUTS,
     MOMENTA,
     ORIENTATIONS,
     PEAK_STRESS,
@@ -186,6 +187,7 @@ def known_outputs(scene: SceneTables, sids: Mapping[str, SID]) -> Iterator[str]:
         if function is not None:
             yield f"{name}.{VALUE}"
         yield from _qualified_names(f"{name}.{STATE}", states_of(function))
+    yield from _qualified_names(INPUTS, scene.inputs)
     for owner, quantities in SCENE_QUANTITIES.items():
         yield from _qualified_names(owner, quantities)
 

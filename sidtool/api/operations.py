@@ -11,7 +11,7 @@ from sidtool.formats.base.sid import SID
 from sidtool.formats.file_names import path_of, scene_given
 from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result as Stored
-from sidtool.formats.scene import SceneFile
+from sidtool.formats.scene import SceneFile, with_inputs
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.toml.files import locate_errors
 
@@ -63,6 +63,7 @@ def simulate(
     searching: Callable[[str, float | None], None] | None = None,
     drives: Mapping[str, Any] | None = None,
     forces: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, Any] | None = None,
     unfinished: Stored | None = None,
 ) -> Result:
     """Compile a scene and integrate its motion.
@@ -91,6 +92,8 @@ def simulate(
         `of = "acceleration"` a `Law`
     forces : the same for functions that scale forces or define actuators; a `Law` also
         takes outputs of the motion
+    inputs : times [s] and values, (nt,) each, or a number, of inputs of the scene, by
+        name; they go on between values as `interpolation` of the input says
     unfinished : result of an interrupted run with the same scene and settings, or of a
         complete run to an earlier `time.end`; this run continues from its last state
         and returns the whole motion
@@ -108,6 +111,8 @@ def simulate(
 
     content = scene_given(scene)
     folder = Path(base_folder or content.folder)
+    with locate_errors(content):
+        content = with_inputs(content, inputs or {})
     settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     with locate_errors(content), wrap_errors(drives, forces) as stop:

@@ -104,6 +104,7 @@ class Scene(SceneFile):
         searching: Callable[[str, float | None], None] | None = None,
         drives: Programs | None = None,
         forces: Programs | None = None,
+        inputs: Mapping[str, Any] | None = None,
         unfinished: stored.Result | None = None,
     ) -> Result:
         """Simulate the scene; arguments and errors as of `sidtool.simulate`."""
@@ -123,6 +124,7 @@ class Scene(SceneFile):
             searching=searching,
             drives=drives,
             forces=forces,
+            inputs=inputs,
             unfinished=unfinished,
         )
 

@@ -439,19 +439,23 @@ full_fields = click.option(
 
 
 def files_by_body(
-    option: str, texts: Iterable[str], bodies: Iterable[str] | None = None
+    option: str,
+    texts: Iterable[str],
+    bodies: Iterable[str] | None = None,
+    what: str = "BODY",
 ) -> dict[str, str]:
     """Return files by body, from an option that may be given several times.
 
     bodies : bodies that may be named; None if they are not known
+    what : what the names are of, if not of bodies
 
     Raises
     ------
     InputError : a text is not BODY=FILE, names an unknown body, or names a body twice.
     """
     known = None if bodies is None else tuple(bodies)
-    expected = "BODY=FILE" + (
-        f" with a BODY out of {', '.join(known)}" if known else ", as in rod=rod.h5"
+    expected = f"{what}=FILE" + (
+        f" with a {what} out of {', '.join(known)}" if known else ", as in rod=rod.h5"
     )
     files: dict[str, str] = {}
     for text in texts:

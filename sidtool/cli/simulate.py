@@ -93,6 +93,14 @@ if TYPE_CHECKING:
     help="Take a body with a SID as rigid; may be given several times.",
 )
 @click.option(
+    "--input",
+    "inputs",
+    metavar="NAME=FILE",
+    multiple=True,
+    help="Table of an input of the scene: CSV with columns t and value; may be given "
+    "several times.",
+)
+@click.option(
     "--continue",
     "goes_on",
     is_flag=True,
@@ -128,6 +136,7 @@ def simulate(
     swaps: tuple[str, ...],
     rigid: tuple[str, ...],
     accuracy: tuple[str, ...],
+    inputs: tuple[str, ...],
     goes_on: bool,
     changes: tuple[str, ...],
     force: bool,
@@ -160,6 +169,7 @@ def simulate(
       sidtool simulate slider_crank.toml --accuracy 1e-3 -o result.h5
       sidtool simulate slider_crank.toml --accuracy "piston.x=1e-6 m"
       sidtool simulate slider_crank.toml --set piston.mass=6 --set time.end=1
+      sidtool simulate arm.toml --input torque=torque.csv -o result.h5
       sidtool simulate slider_crank.toml -o result.h5 --continue
       sidtool simulate slider_crank.toml -o result.h5 --continue --set time.end=9
 
@@ -179,7 +189,7 @@ def simulate(
     from sidtool.solver.system.errors import SimulationError
 
     targets = [result_target(path) for path in outputs]
-    named = [text.partition("=")[2] for text in (*swaps, *changes)]
+    named = [text.partition("=")[2] for text in (*swaps, *inputs, *changes)]
     check_targets(targets, [*input_files(scene), *named], force)
     output, csv = _single_target(targets, "result"), _single_target(targets, "table")
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
@@ -198,6 +208,7 @@ def simulate(
                 swaps, rigid, parse_accuracy_options(accuracy), accept_defects
             )
             content = read_scene_with_changes(scene, changes)
+            content = _with_input_tables(content, inputs)
             if unfinished is not None and _is_done(unfinished, content):
                 click.echo(f"{output}: is complete to t = {unfinished.t[-1]:.9g} s")
                 return
@@ -223,6 +234,17 @@ def simulate(
     _print_result(result, files, verbose)
     if output is None and csv is None:
         click.echo("nothing written: -o FILE.h5 keeps the result, .csv its outputs")
+
+
+def _with_input_tables(scene: SceneFile, texts: tuple[str, ...]) -> SceneFile:
+    """Return the scene whose inputs follow the tables of --input."""
+    from sidtool.formats.scene import read_input_table, with_inputs
+    from sidtool.formats.toml.files import locate_errors
+
+    files = files_by_body("--input", texts, [*scene.inputs], "NAME")
+    with locate_errors(scene):
+        tables = {name: read_input_table(file) for name, file in files.items()}
+        return with_inputs(scene, tables)
 
 
 def _print_result(result: Result, files: OutputFiles, verbose: bool) -> None:

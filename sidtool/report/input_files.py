@@ -12,6 +12,7 @@ from sidtool.formats.model import Material, ModelFile, NodeMarker
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 from sidtool.formats.model.reduction import BuckensFrame
 from sidtool.formats.scene import (
+    INPUTS,
     Body,
     Drive,
     Event,
@@ -23,6 +24,7 @@ from sidtool.formats.scene import (
     SidBody,
     driven_coordinate,
     marker_names,
+    unit_of,
 )
 from sidtool.formats.scene.base import Table
 
@@ -299,6 +301,9 @@ def scene_parts(scene: SceneFile) -> list[TextBlock]:
     if scene.forces:
         forces = [[name, *_force_row(force)] for name, force in scene.forces.items()]
         parts.append(text_table(["force", "kind", "acts on", "numbers"], forces))
+    if scene.inputs:
+        inputs = [[name, *_input_row(name, scene)] for name in scene.inputs]
+        parts.append(text_table(["input", "initial", "unit", "then"], inputs))
     if scene.events:
         events = [[name, *_event_row(event)] for name, event in scene.events.items()]
         parts.append(text_table(["event", "when", "then"], events))
@@ -389,6 +394,14 @@ def _format_amount(value: Any) -> str:
             f"{name} = {_format_amount(entry)}" for name, entry in value.items()
         )
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _input_row(name: str, scene: SceneFile) -> list[str]:
+    signal = scene.inputs[name]
+    then = signal.interpolation
+    if signal.times is not None:
+        then += f", {counted_noun(len(signal.times), 'value')} in the table"
+    return [f"{signal.initial:g}", unit_of(f"{INPUTS}.{name}", scene) or "none", then]
 
 
 def _event_row(event: Event) -> list[str]:

@@ -11,6 +11,7 @@ from sidtool.formats.base.sid import SID, orientation_fault
 from sidtool.formats.dead_nodes import check_moves, dead_nodes
 from sidtool.formats.scene import (
     FRICTION_QUANTITIES,
+    INPUTS,
     SCENE_QUANTITIES,
     STATE,
     VALUE,
@@ -107,7 +108,7 @@ def check_outputs(system: System) -> None:
         if is_stress(name.quantity):
             check_stress(system, name)
             continue
-        if name.marker or name.owner in SCENE_QUANTITIES:
+        if name.marker or name.owner in (INPUTS, *SCENE_QUANTITIES):
             continue
         if coordinate_of(name.quantity) or name.quantity in FRICTION_QUANTITIES:
             continue

@@ -7,7 +7,7 @@ rates that the solver cannot integrate over are refused.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -21,6 +21,8 @@ from sidtool.formats.scene import (
     ForceFunction,
     Given,
     Harmonic,
+    Input,
+    InputFunction,
     Polynomial,
     SineRamp,
     SmoothStep,
@@ -40,6 +42,7 @@ from .piecewise import (
     PiecewisePolynomial,
     SineRampFunction,
     SmoothCurve,
+    input_pieces,
 )
 
 
@@ -61,6 +64,16 @@ class RealData:
         return np.concatenate([*self._parts, np.zeros(1)])
 
 
+#: What of an input jumps between its values.
+_JUMP = {"hold": "value", "linear": "rate"}
+#: What drives can take of inputs, by the derivatives that must not jump, plus one.
+_CONTINUOUS_INPUTS = {
+    1: 'interpolation = "linear" or "smooth" of the input; or of = "acceleration" of '
+    "the drive, which may jump",
+    2: 'interpolation = "smooth" of the input; of = "acceleration" of the drive, which '
+    'may jump; of = "rate" with a linear input; or a formula whose state follows the '
+    "input with a lag",
+}
 #: A jump of a value or a rate counts as none below this part of the largest one.
 EQUAL_VALUES = 1e-9
 
@@ -72,9 +85,13 @@ class FunctionTable:
     ----------
     span
         Times [s] between which functions of a program are evaluated.
+    inputs
+        Of the scene, by name; all functions that are an input share its numbers.
 
     Attributes
     ----------
+    required_continuity
+        Continuous derivatives that drives need of each input, plus one.
     shortest_features
         By the drives and forces that a program gives, the duration of the shortest
         feature that is surely seen [s].
@@ -82,13 +99,21 @@ class FunctionTable:
         What was seen of their functions, by the places of these in the scene.
     """
 
-    def __init__(self, pool: RealData, span: tuple[float, float]) -> None:
+    def __init__(
+        self,
+        pool: RealData,
+        span: tuple[float, float],
+        inputs: Mapping[str, Input] | None = None,
+    ) -> None:
         self._pool = pool
         self._span = span
         self._rows: list[tuple[int, int, int, int]] = []
         self._parts: list[tuple[int, int, int, int]] = []
         self._breaks: dict[float, list[str]] = {}
         self._features: dict[str, list[Features]] = {}
+        self._inputs = inputs or {}
+        self._input_rows: dict[str, tuple[int, int, int, int]] = {}
+        self.required_continuity = dict.fromkeys(self._inputs, 0)
         self.shortest_features: dict[str, float] = {}
         self.given_functions: dict[str, Given] = {}
 
@@ -134,6 +159,8 @@ class FunctionTable:
     ) -> tuple[int, int, int, int]:
         """The row of a function that is no sum."""
         name = place.split(".")[1]
+        if isinstance(function, InputFunction) and program is None:
+            return self._add_input(function.name, place, continuity)
         if program is not None:
             curve = SmoothCurve(
                 *interpolate_callable(program, self._span, place, continuity == 2)
@@ -150,6 +177,44 @@ class FunctionTable:
         for t in entry.breaks:
             self._breaks.setdefault(t, []).append(name)
         return (*entry.shape, data, entry.kind)
+
+    def _add_input(
+        self, name: str, place: str, continuity: int
+    ) -> tuple[int, int, int, int]:
+        """The row of an input, which is smooth enough for what takes it.
+
+        Raises
+        ------
+        InputError
+            It jumps where a drive would have to follow.
+        """
+        signal = self._inputs[name]
+        if place.startswith("drives") and signal.continuity < continuity:
+            raise InputError(
+                f"the input {name} has a {_JUMP[signal.interpolation]} that jumps",
+                place=place,
+                expected=_CONTINUOUS_INPUTS[continuity],
+            )
+        known = self.required_continuity
+        if place.startswith("drives"):
+            known[name] = max(known[name], continuity)
+        if name not in self._input_rows:
+            compiled: CompiledFunction | None = input_pieces(signal, self._span[0])
+            if compiled is None:
+                table = Spline.model_construct(
+                    times=signal.times, values=signal.values, interpolation=None
+                )
+                compiled = _compile_spline(table, "", signal.continuity - 1)
+            entry = _table_entry(compiled, self._span)
+            for t in entry.breaks:
+                self._breaks.setdefault(t, [])
+            self._features[f"inputs.{name}"] = [entry.features]
+            self._input_rows[name] = (
+                *entry.shape,
+                self._pool.add(entry.data),
+                entry.kind,
+            )
+        return self._input_rows[name]
 
     def add_law_features(self, program: Callable[[float], float], name: str) -> None:
         """Has steps look at what a law makes of time; what jumps is left to them."""

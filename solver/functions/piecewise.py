@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from sidtool.formats.base.sid import Array
-from sidtool.formats.scene import SineRamp
+from sidtool.formats.scene import Input, SineRamp
 
 from ..spatial import system_arrays as at
 from . import features
@@ -17,6 +17,8 @@ from .features import Features
 
 #: Part of its period in which a polynomial of `features` follows a harmonic.
 RESOLVED_PERIOD = 0.5
+#: Coefficients of a piece of an input, as of the cubic between values of a smooth one.
+N_INPUT_TERMS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +142,19 @@ class SineRampFunction:
         part = RESOLVED_PERIOD * (self.ramp.to - self.ramp.from_)
         starts = np.array([-np.inf, self.ramp.from_, self.ramp.to])
         return Features(starts, np.array([np.inf, part, np.inf]))
+
+
+def input_pieces(signal: Input, start: float) -> PiecewisePolynomial | None:
+    """Constant pieces of an input from the start of a run on, which a plant rewrites;
+    None if the input has a table that is no sequence of constants."""
+    times, values = signal.times or (), signal.values or ()
+    if times and signal.interpolation != "hold":
+        return None
+    before = np.searchsorted(times, start, side="right")
+    first = values[before - 1] if before else signal.initial
+    held = np.array([first, *values[before:]])
+    terms = np.column_stack([held, np.zeros((len(held), N_INPUT_TERMS - 1))])
+    return PiecewisePolynomial(np.array([start, *times[before:]]), terms)
 
 
 CompiledFunction = (

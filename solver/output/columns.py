@@ -11,6 +11,7 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import (
     FRICTION_QUANTITIES,
     IN_BODY,
+    INPUTS,
     MOMENTA,
     ORIENTATIONS,
     SCENE_QUANTITIES,
@@ -110,7 +111,7 @@ def evaluate_outputs(
     names, columns = system.scene.outputs.record, []
     for text in names:
         owner, _, quantity = parse_output(text)
-        if owner in SCENE_QUANTITIES:
+        if owner in (INPUTS, *SCENE_QUANTITIES):
             columns.append(quantities.column(owner, quantity))
         else:
             columns.append(_column(evaluated, text))

@@ -164,7 +164,7 @@ def ended_by_event(result: Result) -> bool:
 
 def _with_time(before: dict[str, Any], now: dict[str, Any]) -> dict[str, Any]:
     """The first scene with the end of the second one, if that is not earlier; with its
-    output times, too, if they begin with those of the first."""
+    output times and tables of inputs, too, if they begin with those of the first."""
     old, new = before.get("time", {}), now["time"]
     time = dict(old)
     if new["end"] > old.get("end", new["end"]):
@@ -172,7 +172,22 @@ def _with_time(before: dict[str, Any], now: dict[str, Any]) -> dict[str, Any]:
     times, more = old.get("output_times"), new.get("output_times")
     if times and more and more[: len(times)] == times:
         time["output_times"] = more
-    return before | {"time": time}
+    inputs = {
+        name: _extended_input(signal, now.get("inputs", {}).get(name, signal))
+        for name, signal in before.get("inputs", {}).items()
+    }
+    return before | {"time": time} | ({"inputs": inputs} if inputs else {})
+
+
+def _extended_input(before: dict[str, Any], now: dict[str, Any]) -> dict[str, Any]:
+    """The later one of two inputs if its table begins with that of the first; a smooth
+    curve through more points is another one."""
+    parts = ("times", "values")
+    if before.get("interpolation") == "smooth" or not all(p in now for p in parts):
+        return before
+    known = {p: before.get(p, []) for p in parts}
+    begins = all(now[p][: len(known[p])] == known[p] for p in parts)
+    return {**before, **{p: now[p] for p in parts}} if begins else before
 
 
 def _changed_keys(before: Any, now: Any, key: str = "") -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import (
     FRICTION_QUANTITIES,
+    INPUTS,
     Given,
     OutputName,
     SceneFile,
@@ -18,6 +19,7 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.scene.outputs import is_joint_output
 
+from ..dynamics.drives import function_values
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import WorkArrays
 from ..system import work_arrays
@@ -46,13 +48,24 @@ class SceneOutputs:
         self.evaluated = evaluated
 
     def column(self, owner: str, quantity: str) -> Array:
-        """Values (nt,) of one of `sidtool.formats.scene.outputs.SCENE_QUANTITIES`."""
+        """Values (nt,) of an input, or of one of
+        `sidtool.formats.scene.outputs.SCENE_QUANTITIES`.
+        """
+        if owner == INPUTS:
+            return self._input(quantity)
         if owner == "constraint":
             return self._residuals[quantity]
         if owner in ("momentum", "angular_momentum"):
             name = f"{owner}_{quantity}"
             return momentum_column(self.evaluated, "", name)
         return getattr(self, quantity)  # type: ignore[no-any-return]
+
+    def _input(self, name: str) -> Array:
+        """Values of an input of the scene, (nt,)."""
+        values = np.zeros((len(self.times), 3))
+        row, clocks = self.system.input_rows[name], self.system.clocks(self.times)
+        function_values(self.system.arrays, row, clocks, self.times, values)
+        return values[:, 0]
 
     @cached_property
     def kinetic(self) -> Array:

@@ -16,9 +16,11 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array, rigid_sid
 from sidtool.formats.scene import (
+    INPUTS,
     STATE,
     Constant,
     Given,
+    InputFunction,
     SceneFile,
     as_3d,
     coordinate_of,
@@ -106,7 +108,8 @@ def build_system(
     }
     data[GROUND_NAME] = known.get(GROUND_NAME) or _ground_body(scene)
     scene, data = with_rotated_markers(scene, data, rotations)
-    functions = FunctionTable(real_data, (scene.time.start, scene.time.end))
+    span = scene.time.start, scene.time.end
+    functions = FunctionTable(real_data, span, scene.inputs)
     _check_drive_names(scene, drives)
     laws = compile_laws(scene, forces, drives, sampled)
     drive_index = _add_drive_functions(scene, functions, drives, laws)
@@ -115,11 +118,22 @@ def build_system(
     table = LawTable(scene, data, functions, laws, forces)
     elements = compile_forces(scene, functions, planar, forces, table.rows)
     drive_law_rows, elements = _add_drive_laws(elements, scene, table)
+    input_rows = {
+        name: functions.add(InputFunction(name=name), f"{INPUTS}.{name}")
+        for name in scene.inputs
+    }
     scene = _with_given_functions(scene, functions.given_functions, forces, drives)
     others = [name for name in scene.bodies if name not in frames]
     order = (GROUND_NAME, *frames, *others, *state_bodies(laws))
     parts = BuildInputs(
-        scene, data, frames, order, drive_index, drive_law_rows, real_data
+        scene,
+        data,
+        frames,
+        order,
+        drive_index,
+        drive_law_rows,
+        real_data,
+        input_rows,
     )
     reduced = replace(
         _assemble_tables(parts, functions, elements), sids=sids, source=original
@@ -312,6 +326,8 @@ def _assemble_tables(
         set_at_start=tables.set_at_start,
         drive_law_rows=parts.drive_law_rows,
         features=functions.features(),
+        input_rows=parts.input_rows,
+        input_continuity=functions.required_continuity,
         shortest_features=functions.shortest_features,
     )
 

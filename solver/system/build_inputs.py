@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,6 +38,7 @@ class BuildInputs:
         the value at the start
     drive_law_rows : row of the force table with the law of a drive, by drives with one
     real_data : where the numbers of all tables go
+    input_rows : row of the function of each input
     """
 
     scene: SceneFile
@@ -47,6 +48,7 @@ class BuildInputs:
     drive_index: Mapping[str, int]
     drive_law_rows: Mapping[str, int]
     real_data: RealData
+    input_rows: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def planar(self) -> bool:

@@ -19,11 +19,13 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import BLOCK_SHAPES, SID, Taylor, block_shape
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import (
+    INPUTS,
     STATE,
     Drive,
     Expression,
     Function,
     Given,
+    InputFunction,
     Instruction,
     Pid,
     SceneFile,
@@ -220,6 +222,7 @@ class LawTable:
     ) -> None:
         self.scene, self._data, self._functions = scene, data, functions
         self.laws, self.programs = laws, programs
+        self._inputs = {name: InputFunction(name=name) for name in scene.inputs}
 
     def rows(self, element: ForceRow) -> list[ForceRow]:
         """The rows of a force: itself, what its law reads, and the states of that."""
@@ -247,7 +250,8 @@ class LawTable:
             drive, at.PRESCRIBED_VALUE, None, GROUND_MARKER, (), ForceLaw()
         )
         value, rate, second = (
-            list(self._rows(prescribed, parts, drive)) for parts in led
+            list(self._rows(prescribed, parts, drive, continuity))
+            for parts, continuity in zip(led, (1, 1, 0), strict=True)
         )
         rates = len(rate), len(rate) + len(second)
         value[-1] = replace(value[-1], derivative_rows=rates)
@@ -278,9 +282,20 @@ class LawTable:
                 self._functions.add_law_features(program, force)
 
     def _rows(
-        self, element: ForceRow, parts: LawInstructions, force: str
+        self,
+        element: ForceRow,
+        parts: LawInstructions,
+        force: str,
+        continuity: int = 0,
     ) -> Iterator[ForceRow]:
-        compiled = _LawCompiler(self, parts, force)
+        """Rows of the measures that a law reads, then its own.
+
+        Parameters
+        ----------
+        continuity
+            1 if inputs in it must not jump.
+        """
+        compiled = _LawCompiler(self, parts, force, continuity)
         for sensor in compiled.sensors:
             yield replace(sensor, name=force, is_measure=True)
         law = ControlledForce(compiled.reads, tuple(compiled.natives))
@@ -295,11 +310,23 @@ class LawTable:
             return SensorSignal(elastic_coordinate_row(state_body(owner, state), 0), 1)
         return sensor_signal(name, self.scene, self._data, self.place(force))
 
-    def function(self, timing: TimeLaw, force: str) -> int:
-        """The row of a function of time; a speed that it gives must not jump."""
+    def function(self, timing: TimeLaw, force: str, continuity: int) -> int:
+        """The row of a function of time; a speed that it gives must not jump.
+
+        Parameters
+        ----------
+        continuity
+            1 if an input must not jump.
+        """
         is_speed = getattr(self.scene.drives.get(force), "of", "") == "rate"
         place, joined = self.place(force), int(is_speed)
+        if isinstance(timing.function, InputFunction):
+            joined = continuity
         return self._functions.add(timing.function, place, None, joined)
+
+    def input_function(self, name: str) -> InputFunction | None:
+        """The function that an input is, by its name or that of its output."""
+        return self._inputs.get(name.removeprefix(f"{INPUTS}."))
 
     def place(self, owner: str) -> str:
         """The key of a law in the scene."""
@@ -310,8 +337,10 @@ class LawTable:
 class _LawCompiler:
     """The instructions of one law, as they stand in the real data."""
 
-    def __init__(self, table: LawTable, parts: LawInstructions, force: str) -> None:
-        self.table, self.force = table, force
+    def __init__(
+        self, table: LawTable, parts: LawInstructions, force: str, continuity: int
+    ) -> None:
+        self.table, self.force, self.continuity = table, force, continuity
         self.sensors: list[ForceRow] = []
         self.reads: dict[str, tuple[int, Callable[[float, float], float]]] = {}
         self.natives: list[NativeCallable] = []
@@ -344,9 +373,11 @@ class _LawCompiler:
         elif isinstance(part, TimeLaw):
             row = self.rows.get(id(part.function))
             if row is None:
-                row = self.table.function(part, self.force)
+                row = self.table.function(part, self.force, self.continuity)
                 self.rows[id(part.function)] = row
             self._emit(op.FUNCTION, row, part.order, 1)
+        elif isinstance(part, OutputRate) and self._emit_input(part.name, 1):
+            pass
         elif isinstance(part, OutputRate):
             signal = self.table.read(part.name, self.force)
             prescribed = self.table.laws[self.force].prescribed
@@ -370,6 +401,8 @@ class _LawCompiler:
 
     def _emit_name(self, name: str) -> None:
         """Pushes what stands behind a name."""
+        if self._emit_input(name, 0):
+            return
         owner, _, quantity = name.rpartition(".")
         scene, is_along = self.table.scene, quantity in (*EFFORTS, POWER)
         if not is_along or owner_table(owner, quantity, scene) != "forces":
@@ -378,6 +411,16 @@ class _LawCompiler:
             self.table.read(name, self.force)  # raises
         else:
             self._emit_force(name, owner, quantity == POWER)
+
+    def _emit_input(self, name: str, order: int) -> bool:
+        """Pushes an input or its rate; False if a name is that of no input."""
+        function = self.table.input_function(name)
+        if function is None or name in _all_states(self.table.laws[self.force]):
+            return False
+        self._add_instruction(TimeLaw(function, order))
+        if order == 0:
+            self.reads[name] = 0, _unknown_output
+        return True
 
     def _emit_force(self, name: str, owner: str, is_power: bool) -> None:
         """Pushes the force of another element along its coordinate, or its power."""
@@ -468,7 +511,7 @@ def _passive_force_output(
 
 
 def _unknown_output(measure: float, rate: float) -> float:
-    """What follows from the law of another force."""
+    """What follows from the law of another force, or comes from outside."""
     return math.nan
 
 

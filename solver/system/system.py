@@ -81,6 +81,9 @@ class System:
         Constraint rows that follow from the others.
     features
         Features of the functions of time that no step may skip, by drives and forces.
+    input_rows, input_continuity
+        Rows of the functions of inputs, and what drives need of these, see
+        `FunctionTable.required_continuity`.
     inactive_rows
         Constraint rows that are left out, since they follow from the others except for
         rounding of the data.
@@ -126,6 +129,8 @@ class System:
     drive_law_rows: Mapping[str, int] = field(default_factory=dict)
     redundant: tuple[int, ...] = field(default=())
     features: Mapping[str, Features] = field(default_factory=dict)
+    input_rows: Mapping[str, int] = field(default_factory=dict)
+    input_continuity: Mapping[str, int] = field(default_factory=dict)
     inactive_rows: tuple[int, ...] = field(default=())
     full_constraints: at.IntTable | None = None
     shortest_features: Mapping[str, float] = field(default_factory=dict)

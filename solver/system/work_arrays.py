@@ -70,7 +70,7 @@ def _work_maker(system: System) -> Callable[[], at.WorkArrays]:
         force_scale=(len(system.forces),),
         law_derivative=(len(system.forces), 2),
         stack=(control_laws.STACK_DEPTH * (1 + 2 * n_measures),),
-        law_failure=(control_laws.FAILURE_MEASURES + 2 * n_measures,),
+        law_failure=(control_laws.FAILURE_MEASURES + 2 * max(n_measures, 1),),
         interval_time=(1,),
         scratch=(max(2 * largest, MIN_SCRATCH),),
         modal_scratch=(MODES[space].record.size * largest_nq,),

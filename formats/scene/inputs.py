@@ -1,0 +1,46 @@
+"""Inputs of a scene: signals from outside, for forces, drives and control laws."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from ..toml.constructor_types import Field, Number, OptionalNumbers
+from .base import Table
+
+#: How an input goes on between its values, by the number of continuous derivatives
+#: plus one.
+INTERPOLATIONS = ("hold", "linear", "smooth")
+
+
+class Input(Table):
+    """A signal that comes from outside of the scene.
+
+    A program that advances the scene as a plant sets it. In a run it follows its table
+    `times`, `values`, or stays at `initial`. Held values jump, so that a drive cannot
+    prescribe them as positions or rates: it takes a held acceleration, a linear rate, a
+    smooth position, or the state of a formula that follows the input with a lag.
+    """
+
+    initial: Number = Field(
+        default=0.0, description="value at the start, and before the first held time"
+    )
+    unit: str | None = Field(
+        default=None,
+        description="such as N m; default that of the force that it alone scales",
+    )
+    interpolation: Literal["hold", "linear", "smooth"] = Field(
+        default="hold",
+        description="between values: hold the last one, straight lines, or a cubic "
+        "spline; of a plant the way through the next communication step",
+    )
+    times: OptionalNumbers = Field(
+        default=None, min_length=1, description="of a table for runs [s], growing"
+    )
+    values: OptionalNumbers = Field(
+        default=None, min_length=1, description="as many as there are times"
+    )
+
+    @property
+    def continuity(self) -> int:
+        """0 if its value may jump, 1 if its rate may, 2 if neither does."""
+        return INTERPOLATIONS.index(self.interpolation)
