@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from sidtool.formats.result import Result
     from sidtool.formats.scene import SceneFile
 
+    from ..api.scene import Scene
     from .result_files import OutputFiles
 
 
@@ -236,7 +237,7 @@ def simulate(
         click.echo("nothing written: -o FILE.h5 keeps the result, .csv its outputs")
 
 
-def _with_input_tables(scene: SceneFile, texts: tuple[str, ...]) -> SceneFile:
+def _with_input_tables(scene: Scene, texts: tuple[str, ...]) -> Scene:
     """Return the scene whose inputs follow the tables of --input."""
     from sidtool.formats.scene import read_input_table, with_inputs
     from sidtool.formats.toml.files import locate_errors

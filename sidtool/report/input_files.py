@@ -398,7 +398,7 @@ def _format_amount(value: Any) -> str:
 
 def _input_row(name: str, scene: SceneFile) -> list[str]:
     signal = scene.inputs[name]
-    then = signal.interpolation
+    then: str = signal.interpolation
     if signal.times is not None:
         then += f", {counted_noun(len(signal.times), 'value')} in the table"
     return [f"{signal.initial:g}", unit_of(f"{INPUTS}.{name}", scene) or "none", then]
