@@ -16,7 +16,7 @@ from ..beams.element import translate_motion
 from ..elements.finite_element_model import BeamOutline
 from ..elements.material_points import InertiaPoints
 from ..elements.solid_matrices import element_batches, mesh_matrices
-from ..mesh.imported_shells import RawShell, RawSpring
+from ..mesh.connections import RawShell, RawSpring
 from ..mesh.materials import ElasticMaterial
 from ..mesh.mesh import Mesh
 from ..mesh.unit_systems import UnitSystem

@@ -10,9 +10,8 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
-from ..mesh.deck_text import IncludedFiles, named_file, read_lines
+from ..mesh.deck_text import IncludedFiles, RefusalCollector, named_file, read_lines
 from ..mesh.imported_mesh import ONLY_NODES
-from ..mesh.refusals import RefusalCollector
 from .abaqus.deck import Namespace
 from .abaqus.element_types import POINTS
 from .abaqus.input_file import read_deck

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from sidtool.formats.base.errors import InputError
 
-from ..mesh.deck_text import parse_integers, parse_numbers, read_lines
+from ..mesh.deck_text import RefusalCollector, parse_integers, parse_numbers, read_lines
 from ..mesh.imported_mesh import (
     LEFT_OUT,
     ONLY_NODES,
@@ -23,7 +23,6 @@ from ..mesh.imported_mesh import (
     reading_notes,
     unread_keyword_notes,
 )
-from ..mesh.refusals import RefusalCollector
 from .gmsh_binary import is_binary, text_lines
 
 #: Gmsh type -> dimension, nodes, our name, our order of its nodes.

@@ -5,11 +5,9 @@ reference_elements   shape functions of the reference elements
 quadrature_rules     quadrature on the reference elements
 quadratic_fields     deformations by quadratic displacement fields
 materials            anisotropic materials
-connections          bars, ties, couplings, equations of a mesh file
+connections          bars, shells, ties, couplings, equations of a mesh file
 imported_mesh        content of a mesh file of any program
-deck_text            lines and numbers of mesh files, included files
-midside_nodes        missing mid-side nodes of quadratic elements
-collapsed_elements   elements with repeated nodes
-refusals             all reasons to refuse a file, reported together
+deck_text            lines and numbers of mesh files, included files, refusals
+element_nodes        repeated nodes, missing mid-side nodes
 unit_systems         unit systems and conversion of a SID
 """

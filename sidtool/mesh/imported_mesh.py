@@ -14,9 +14,8 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
-from .collapsed_elements import collapse_element
-from .connections import RawBar, RawEquation, RawTie
-from .imported_shells import RawShell, RawSpring
+from .connections import RawBar, RawEquation, RawShell, RawSpring, RawTie
+from .element_nodes import collapse_element
 from .materials import ElasticMaterial
 from .mesh import ElementBlock, Mesh
 from .reference_elements import reference_element

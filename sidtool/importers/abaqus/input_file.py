@@ -15,9 +15,8 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import diagnose
 
-from ...mesh.deck_text import parse_integers, parse_numbers
+from ...mesh.deck_text import RefusalCollector, parse_integers, parse_numbers
 from ...mesh.imported_mesh import LEFT_OUT, ONLY_NODES, ImportedMesh
-from ...mesh.refusals import RefusalCollector
 from .couplings import read_coupling, read_coupling_kind, read_mass
 from .deck import (
     Deck,

@@ -13,6 +13,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import Diagnostic
 
 from ...mesh.deck_text import parse_integers, parse_numbers, read_lines
+from ...mesh.element_nodes import MidsideNodes
 from ...mesh.imported_mesh import (
     LEFT_OUT,
     ONLY_NODES,
@@ -23,7 +24,6 @@ from ...mesh.imported_mesh import (
     reading_notes,
     unread_keyword_notes,
 )
-from ...mesh.midside_nodes import MidsideNodes
 from .constraints import (
     POINT_MASS,
     equations_of,

@@ -9,8 +9,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
-from ...mesh.deck_text import parse_integers, parse_numbers
-from ...mesh.refusals import RefusalCollector
+from ...mesh.deck_text import RefusalCollector, parse_integers, parse_numbers
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
-from ...mesh.connections import RawBar, RawEquation
+from ...mesh.connections import RawBar, RawEquation, RawShell, RawSpring
+from ...mesh.element_nodes import MidsideNodes, linear_kind
 from ...mesh.imported_mesh import (
     LEFT_OUT,
     ONLY_NODES,
@@ -28,8 +29,6 @@ from ...mesh.imported_mesh import (
     reading_notes,
     unread_keyword_notes,
 )
-from ...mesh.imported_shells import RawShell, RawSpring
-from ...mesh.midside_nodes import MidsideNodes, linear_kind
 from ...mesh.reference_elements import reference_element
 from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
 from .bars import bar, bar_defaults, bars_of, fill_bar_defaults

@@ -19,10 +19,10 @@ from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ...mesh.connections import BarSection
+from ...mesh.deck_text import RefusalCollector
 from ...mesh.imported_mesh import RawCoupling, RawMass
 from ...mesh.materials import ElasticMaterial
 from ...mesh.reference_elements import edge_nodes, reference_element, shape_of
-from ...mesh.refusals import RefusalCollector
 from .cards import Card, parse_member_groups
 from .coordinate_systems import CoordinateSystem, CoordinateSystems
 

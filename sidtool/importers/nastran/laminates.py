@@ -8,8 +8,8 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 
-from ...mesh.collapsed_elements import collapse_element
-from ...mesh.imported_shells import RawShell, ShellSection
+from ...mesh.connections import RawShell, ShellSection
+from ...mesh.element_nodes import collapse_element
 from .cards import Card, is_real, real_number
 from .content import BulkData, PlaneLaw, Property, duplicate_error
 from .properties import corner_thicknesses, new_name

@@ -7,7 +7,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
-from ...mesh.imported_shells import RawSpring
+from ...mesh.connections import RawSpring
 from .cards import Card, is_real
 from .content import BulkData, duplicate_error
 
