@@ -22,10 +22,22 @@ from ..measurement.tasks import ConversionOutcome, RunTask, compile_task
 from ..measurement.variants import setting_of
 from ..pipeline.model_cache import model_digest
 from ..study.run_study import Say, Workers, workers
-from ..sweep.axes import Over, axis_combinations, parse_axes
-from ..sweep.design import Design, Designs, models_of_designs
-from ..sweep.measures import MEASURES, TIME, Measure, parse_measures
-from ..sweep.sweep_result import Sweep, SweepPoint
+from ..sweep.design import (
+    Design,
+    Designs,
+    Over,
+    axis_combinations,
+    models_of_designs,
+    parse_axes,
+)
+from ..sweep.sweep_result import (
+    MEASURES,
+    TIME,
+    Measure,
+    Sweep,
+    SweepPoint,
+    parse_measures,
+)
 from .study import programs_here
 
 Path_ = str | os.PathLike[str]

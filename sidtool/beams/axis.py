@@ -12,7 +12,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import BeamGeometry
 
-from .profiles import Profile, profile
+from .cross_section import Profile, profile
 
 #: Sines of angles below this count as zero.
 _PARALLEL_TOLERANCE = 1e-9

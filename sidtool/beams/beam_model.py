@@ -24,16 +24,17 @@ from ..elements.finite_element_model import (
 from ..elements.markers import check_length, name_marker_in_errors
 from ..elements.markers import markers_with_position as with_places
 from .axis import Axis, beam_axis
-from .cross_section import section_at, side_profile
-from .element import BeamElement, BeamProperties, ElementRows
-from .integration_points import (
+from .cross_section import Profile, profile, section_at, side_profile
+from .element import (
+    BeamElement,
+    BeamProperties,
+    ElementRows,
     MaterialPointCollector,
     ParticleCollector,
     RowCollector,
     rotate_tensor,
     scatter_rows,
 )
-from .profiles import Profile, profile
 
 #: Degree of the area profile up to which mass and moments are exact.
 EXACT_AREA_DEGREE = 6

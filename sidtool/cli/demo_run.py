@@ -256,7 +256,7 @@ def _write_plots(
 ) -> None:
     from ..plot.bodies import plot_sid
     from ..plot.curves import plot_motions
-    from ..plot.precision import plot_precision
+    from ..plot.studies import plot_precision
 
     plot_sid(folder / "rod.png", sid, field)
     plot_motions(

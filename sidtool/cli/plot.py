@@ -136,7 +136,7 @@ def _plot_content(
 
         return plot_result(output, content, kind, outputs)
     if detected == "study":
-        from ..plot.precision import plot_study
+        from ..plot.studies import plot_study
 
         plot_study(output, content)
         return []

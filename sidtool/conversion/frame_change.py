@@ -52,7 +52,7 @@ from sidtool.formats.sid_mass import (
 
 from ..mesh.quadratic_fields import LEVI_CIVITA
 from ..validate import check
-from .rotary_inertia import CENTRIFUGAL_PRODUCTS
+from .inertia_integrals import CENTRIFUGAL_PRODUCTS
 
 #: Replacement of "Hz" in labels with a frequency of another frame.
 _FORMER_HERTZ = "hertz in another frame"

@@ -45,8 +45,8 @@ from ..elements.material_points import BeamMaterial, stress_from_gradient
 from ..reduction.admissible_space import constrained_space
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
+from .inertia_integrals import CENTRIFUGAL_PRODUCTS, centrifugal_loads
 from .quadrature import quadrature_parts
-from .rotary_inertia import CENTRIFUGAL_PRODUCTS, centrifugal_loads
 
 
 def add_geometric_stiffening(

@@ -27,9 +27,8 @@ from ..isogeometric.iga import sampled_batch
 from ..mesh.quadratic_fields import LEVI_CIVITA
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
-from .nodal_averages import NodalAverages
 from .prestress import InitialStress
-from .quadrature import QuadraturePart, quadrature_parts
+from .quadrature import NodalAverages, QuadraturePart, quadrature_parts
 
 #: Number of random states of equal energy for the choice of peak points.
 _RANDOM_STATES = 400

@@ -20,8 +20,8 @@ from ..beams.element import (
     BeamElement,
     BeamProperties,
     ElementRows,
+    scatter_rows,
 )
-from ..beams.integration_points import scatter_rows
 from ..elements.finite_element_model import BeamOutline
 from ..mesh.connections import RawBar, SectionProfile
 from ..mesh.unit_systems import UnitSystem

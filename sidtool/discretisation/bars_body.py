@@ -17,7 +17,7 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
 
-from ..beams.integration_points import (
+from ..beams.element import (
     MaterialPointCollector,
     ParticleCollector,
     scatter_rows,

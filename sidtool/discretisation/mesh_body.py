@@ -21,8 +21,7 @@ from ..elements.mass_properties import GeometryMass, mesh_moments
 from ..elements.mesh_contact import check_conforming, check_contact
 from ..elements.mesh_markers import MeshPoints, position_of
 from ..elements.mesh_surface import named_surface
-from ..elements.solid_matrices import mesh_continua, mesh_matrices
-from ..elements.solid_mesh import SolidMesh
+from ..elements.solid_mesh import SolidMesh, mesh_continua, mesh_matrices
 from ..importers.mesh_files import read_mesh
 from ..importers.nastran.shells import beyond_calculix, is_bulk
 from ..mesh.connections import NamedSets

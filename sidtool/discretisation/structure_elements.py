@@ -15,7 +15,7 @@ from sidtool.formats.base.taylor import Array
 from ..beams.element import translate_motion
 from ..elements.finite_element_model import BeamOutline
 from ..elements.material_points import InertiaPoints
-from ..elements.solid_matrices import element_batches, mesh_matrices
+from ..elements.solid_mesh import element_batches, mesh_matrices
 from ..mesh.connections import RawShell, RawSpring
 from ..mesh.materials import ElasticMaterial
 from ..mesh.mesh import Mesh

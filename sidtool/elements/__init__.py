@@ -3,10 +3,8 @@
 finite_element_model   the discretised body that every discretisation yields
 material_points        strains and stresses at quadrature points
 solid_elements         stiffness and mass of solid elements
-internal_inertia       inertia of incompatible modes
 locking_remedies       reduced integration, incompatible modes
-solid_matrices, solid_mesh   matrices of a mesh
-element_search         elements that contain given points
+solid_mesh             matrices of a mesh, inertia of incompatible modes
 mesh_markers, markers  rows of markers in meshes and patches
 mesh_surface, faces    surfaces, faces and their common parts
 mass_properties        mass and centre of meshes

@@ -17,8 +17,8 @@ from sidtool.formats.sid_mass import skew
 
 from ..mesh.connections import Coupling, Equations, PointMass
 from .faces import Surface
-from .internal_inertia import InternalInertia
 from .material_points import BeamMaterial, Continuum, InertiaPoints
+from .solid_mesh import InternalInertia
 
 if TYPE_CHECKING:
     from ..geometry.nurbs_patch import NurbsPatch

@@ -19,7 +19,7 @@ from .locking_remedies import extrapolation, internal_gradients, internal_values
 from .markers import check_length
 from .material_points import Continuum, half_curl
 from .solid_elements import ElementBatch, internal_amplitudes
-from .solid_matrices import element_batches
+from .solid_mesh import element_batches
 
 Indices = NDArray[np.int64]
 

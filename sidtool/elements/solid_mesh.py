@@ -1,20 +1,339 @@
-"""Mesh of solid elements with everything that its matrices depend on."""
+"""Mesh of solid elements: mass and stiffness, inertia of incompatible modes.
+
+The field of an element with incompatible modes is N u + b a with a = -Kaa^-1 Kau u, and
+inertia is that of this field (R. J. Guyan, AIAA J. 3, 1965; the internal modes are
+condensed). Uniform strains and rigid motions leave a at zero, so that mass, centre and
+moments of inertia are those of the nodal functions.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..mesh.materials import ElasticMaterial
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
+
+from ..mesh.materials import AnisotropicMaterial, ElasticMaterial, laws_of_material
 from ..mesh.mesh import ElementBlock, Mesh
-from ..mesh.reference_elements import LINEAR_KINDS, edge_nodes, quadratic_kind
-from .internal_inertia import InternalInertia, internal_inertia
-from .locking_remedies import KINDS_WITH_INCOMPATIBLE_MODES
-from .solid_matrices import has_internal_modes, mesh_matrices
+from ..mesh.reference_elements import (
+    LINEAR_KINDS,
+    edge_nodes,
+    quadratic_kind,
+    reference_element,
+)
+from .locking_remedies import (
+    KINDS_ALWAYS_INCOMPATIBLE,
+    KINDS_WITH_INCOMPATIBLE_MODES,
+    internal_values,
+    with_reduced_integration,
+)
+from .locking_remedies import with_incompatible_modes as with_modes
+from .material_points import Continuum, make_continuum
+from .solid_elements import (
+    ElementBatch,
+    MatrixSum,
+    assemble_body,
+    elasticity,
+    element_mass,
+    internal_amplitudes,
+    mapped_batch,
+)
+
+#: Entries of the largest array of one batch of elements, which fits the cache.
+_BATCH_ENTRIES = 200_000
+#: From this Poisson's ratio on, elements that lock in volume are refused.
+_NEARLY_INCOMPRESSIBLE = 0.49
+_FORMULATIONS = ("full_integration", "incompatible_modes")
+
+
+def mesh_matrices(
+    mesh: Mesh,
+    materials: Mapping[str | None, ElasticMaterial],
+    state: str,
+    *,
+    thickness: float = 1.0,
+    incompatible_modes: bool = False,
+    same_points: bool = False,
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Scalar mass (n, n) and stiffness (d n, d n), by Gauss quadrature.
+
+    Parameters
+    ----------
+    materials : by the names in the blocks of the mesh
+    state : "plane_stress", "plane_strain" or "solid"
+    thickness : of plane elements whose block has no thickness [m]
+    incompatible_modes : whether quad4 and hex8 get the internal modes of Taylor,
+        Beresford & Wilson (1976), unless their block specifies it; their contribution
+        to the mass is `internal_inertia`
+    same_points : whether the mass is integrated at the points of stresses, which is
+        cheaper, and exact where edges are straight and the Jacobian is constant
+
+    Raises
+    ------
+    InputError : an element is folded, or would lock in volume.
+    """
+    n, d = mesh.positions.shape
+    mass = sp.csr_matrix((n, n))
+    stiffness = sp.csr_matrix((d * n, d * n))
+    for block in mesh.blocks:
+        material = materials[block.material]
+        extra = has_internal_modes(block, incompatible_modes)
+        depth = block.thickness or thickness
+        check_volumetric_locking(block.kind, material, state, extra)
+        m, k = assemble_body(
+            element_batches(
+                mesh, block, relieved=extra, laws=laws_of_material(material)
+            ),
+            n,
+            dimension=d,
+            density=material.density * depth,
+            law=elasticity(material, state) * depth,
+            mass_batches=element_batches(
+                mesh, block, "stress" if same_points else "mass"
+            ),
+        )
+        mass, stiffness = mass + m, stiffness + k
+    return sp.csr_matrix(mass), sp.csr_matrix(stiffness)
+
+
+def mesh_continua(
+    mesh: Mesh,
+    materials: Mapping[str | None, ElasticMaterial],
+    state: str,
+    *,
+    thickness: float = 1.0,
+    incompatible_modes: bool = False,
+) -> tuple[Continuum, ...]:
+    """The material of every block; the parameters are those of `mesh_matrices`."""
+    continua = []
+    for block in mesh.blocks:
+        extra = has_internal_modes(block, incompatible_modes)
+        material, depth = materials[block.material], block.thickness or thickness
+        settings: Any = {"relieved": extra, "laws": laws_of_material(material)}
+        batches = partial(element_batches, mesh, block, "stress", **settings)
+        continua.append(
+            make_continuum(batches, material, state, depth, internal_modes=extra)
+        )
+    return tuple(continua)
+
+
+def has_internal_modes(block: ElementBlock, otherwise: bool) -> bool:
+    """Return whether the elements of a block have internal modes."""
+    if block.kind not in KINDS_WITH_INCOMPATIBLE_MODES:
+        return block.kind in KINDS_ALWAYS_INCOMPATIBLE
+    return (block.formulation or _FORMULATIONS[otherwise]) == _FORMULATIONS[True]
+
+
+def check_volumetric_locking(
+    kind: str, material: ElasticMaterial, state: str, relieved: bool
+) -> None:
+    """Check that elements of this kind can deform at constant volume.
+
+    Raises
+    ------
+    InputError : the material is nearly incompressible, and the elements cannot.
+    """
+    if isinstance(material, AnisotropicMaterial):
+        return
+    if state == "plane_stress" or (relieved and kind in KINDS_WITH_INCOMPATIBLE_MODES):
+        return
+    if kind in LINEAR_KINDS and material.poissons_ratio > _NEARLY_INCOMPRESSIBLE:
+        raise InputError(
+            f"{material.poissons_ratio} makes {kind} elements lock: they cannot bend "
+            "at constant volume",
+            place="material.poissons_ratio",
+            expected='quadratic elements, IGA or formulation = "incompatible_modes" '
+            f"above {_NEARLY_INCOMPRESSIBLE}",
+        )
+
+
+def element_batches(
+    mesh: Mesh,
+    block: ElementBlock,
+    integral: str = "stiffness",
+    *,
+    relieved: bool = False,
+    laws: Callable[[Array], Array] | None = None,
+) -> Iterator[ElementBatch]:
+    """The elements of a block at the quadrature points of an integral.
+
+    Parameters
+    ----------
+    integral : "stiffness", "stress" or "mass"; stresses come at all points that exact
+        integrals of the stiffness need
+    relieved : True if the elements have internal modes
+    laws : of a material with varying axes, see `laws_of_material`
+    """
+    element = reference_element(block.kind, integral)
+    size = element.gradients.size * 3 * (mesh.dimension + 1)
+    step = max(1, _BATCH_ENTRIES // size)
+    for start in range(0, len(block.nodes), step):
+        batch = mapped_batch(
+            block.nodes[start : start + step],
+            mesh.positions,
+            element.values[None],
+            element.gradients[None],
+            element.weights,
+        )
+        if relieved:
+            batch = with_modes(batch, mesh.positions, element)
+        elif integral == "stiffness":
+            batch = with_reduced_integration(batch, mesh.positions, element)
+        if laws is not None and integral != "mass":
+            places = batch.values @ mesh.positions[batch.nodes]
+            batch = replace(batch, laws=laws(places))
+        yield batch
+
+
+Indices = NDArray[np.int64]
+_Entries = tuple[Array, Indices, Indices]
+
+
+@dataclass(frozen=True, eq=False)
+class InternalInertia:
+    """Displacements b_j a_j inside the elements beside those of the n nodes.
+
+    Attributes
+    ----------
+    amplitudes : (k d, d n) sparse; a by function and component = amplitudes @ u
+    mixed : (n, k) sparse, integral of rho N_i b_j dV [kg]
+    own : (k, k) sparse, integral of rho b_i b_j dV [kg]
+    added : (d n, d n) sparse, their contribution to the mass matrix [kg]
+    """
+
+    amplitudes: sp.csr_matrix
+    mixed: sp.csr_matrix
+    own: sp.csr_matrix
+    added: sp.csr_matrix
+
+    def scalar_mass(self, nodal: sp.csr_matrix) -> sp.csr_matrix:
+        """(n + k, n + k) integral of rho times all functions, by that of the nodes."""
+        return sp.csr_matrix(
+            sp.block_array([[nodal, self.mixed], [self.mixed.T, self.own]])
+        )
+
+    def fields(self, vectors: Array, dimension: int) -> Array:
+        """(k, d, q) amplitudes of displacements (d n, q)."""
+        return np.asarray(self.amplitudes @ vectors, float).reshape(
+            -1, dimension, vectors.shape[1]
+        )
+
+
+def internal_inertia(
+    mesh: Mesh,
+    materials: Mapping[str | None, ElasticMaterial],
+    state: str,
+    *,
+    thickness: float = 1.0,
+    incompatible_modes: bool = False,
+) -> InternalInertia | None:
+    """Return the inertia of all elements with internal modes, or None.
+
+    The parameters are those of `mesh_matrices`.
+    """
+    n, d = mesh.positions.shape
+    added, parts, count = MatrixSum(n, d), [], 0
+    for block in mesh.blocks:
+        if not has_internal_modes(block, incompatible_modes):
+            continue
+        material, depth = materials[block.material], block.thickness or thickness
+        density, law = material.density * depth, elasticity(material, state)
+        for batch, amplitudes in _with_amplitudes(
+            mesh, block, law, laws_of_material(material)
+        ):
+            parts.append(
+                _ElementGroup(
+                    batch.nodes, amplitudes, *_element_mass(batch, density), count
+                )
+            )
+            added.add(parts[-1].added(d), batch.nodes)
+            count += int(np.prod(parts[-1].own.shape[:2]))
+    if not parts:
+        return None
+    shapes = (d * count, d * n), (n, count), (count, count)
+    entries = zip(*(part.entries(d) for part in parts), strict=True)
+    follow, mixed, own = (_sparse_matrix(*x) for x in zip(entries, shapes, strict=True))
+    return InternalInertia(follow, mixed, own, added.total())
+
+
+def _with_amplitudes(
+    mesh: Mesh,
+    block: ElementBlock,
+    law: Array,
+    laws: Callable[[Array], Array] | None,
+) -> Iterator[tuple[ElementBatch, Array]]:
+    """Elements at the points of the mass, all functions there, and the amplitudes."""
+    points = reference_element(block.kind, "mass").points
+    inner = internal_values(block.kind, points)[None]
+    moving = inner.shape[2] * mesh.dimension
+    for batch in element_batches(mesh, block, "mass"):
+        some = replace(block, nodes=batch.nodes, labels=np.arange(len(batch.nodes)))
+        own = element_batches(mesh, some, relieved=True, laws=laws)
+        amplitudes = np.concatenate([internal_amplitudes(b, law) for b in own])[
+            :, :moving
+        ]
+        values = np.concatenate([batch.values, inner], axis=2)
+        yield replace(batch, values=values), amplitudes
+
+
+def _element_mass(batch: ElementBatch, density: float) -> tuple[Array, Array]:
+    """(ne, m, k) and (ne, k, k): of nodal with internal functions, and of these."""
+    whole, m = element_mass(batch, density), batch.nodes.shape[1]
+    return whole[:, :m, m:], whole[:, m:, m:]
+
+
+@dataclass(frozen=True, eq=False)
+class _ElementGroup:
+    """Some elements: nodes (ne, m), amplitudes (ne, k d, m d), mixed (ne, m, k), own
+    (ne, k, k) masses, and the number of their first function."""
+
+    nodes: Indices
+    amplitudes: Array
+    mixed: Array
+    own: Array
+    start: int
+
+    def added(self, d: int) -> Array:
+        """(ne, m d, m d)"""
+        ne, m, k = self.mixed.shape
+        flat = self.amplitudes.reshape(ne, k, -1)
+        coupled = (self.mixed @ flat).reshape(ne, m * d, m * d)
+        moved = (self.own @ flat).reshape(self.amplitudes.shape)
+        square = np.swapaxes(self.amplitudes, 1, 2) @ moved
+        return np.asarray(coupled + np.swapaxes(coupled, 1, 2) + square, float)
+
+    def entries(self, d: int) -> tuple[_Entries, _Entries, _Entries]:
+        """Values, rows and columns of amplitudes, mixed and own."""
+        ne, k = self.own.shape[:2]
+        functions = (self.start + np.arange(ne * k)).reshape(ne, k).astype(np.int64)
+        rows = (functions[..., None] * d + np.arange(d)).reshape(ne, -1)
+        columns = (self.nodes[..., None] * d + np.arange(d)).reshape(ne, -1)
+        return (
+            _matrix_entries(self.amplitudes, rows, columns),
+            _matrix_entries(self.mixed, self.nodes, functions),
+            _matrix_entries(self.own, functions, functions),
+        )
+
+
+def _matrix_entries(values: Array, rows: Indices, columns: Indices) -> _Entries:
+    """Entries of element matrices (ne, r, c) at their rows (ne, r), columns (ne, c)."""
+    first = np.broadcast_to(rows[..., None], values.shape)
+    second = np.broadcast_to(columns[:, None], values.shape)
+    return values.ravel(), first.ravel(), second.ravel()
+
+
+def _sparse_matrix(
+    parts: tuple[_Entries, ...], shape: tuple[int, int]
+) -> sp.csr_matrix:
+    values, rows, columns = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return sp.csr_matrix((values, (rows, columns)), shape=shape)
 
 
 @dataclass(frozen=True, eq=False)

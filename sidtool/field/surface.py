@@ -12,7 +12,7 @@ from scipy.spatial.distance import cdist
 
 from sidtool.formats.base.sid import SID, Array, symmetric_3x3
 
-from .sampled_points import CORNERS, tube
+from .body_field import CORNERS, tube
 
 Indices = NDArray[np.int64]
 

@@ -2,8 +2,8 @@
 
 mesh_files           choice of a reader, parts of a mesh, names in a deck
 abaqus, nastran, ansys   one package for each program
-gmsh, gmsh_binary    Gmsh meshes
+gmsh                 Gmsh meshes
 matrices, matrix_market   mass and stiffness matrices
-nurbs_files, gismo   NURBS patches
+nurbs_files          NURBS patches
 calculix_deck, calculix_quadratic, calculix_engine   CalculiX as an engine
 """

@@ -1,7 +1,6 @@
 """Isogeometric analysis, and meshes sampled from patches.
 
 iga               matrices of one refined patch
-multipatch_iga    bodies of one or several patches
-patch_mortar      sides that do not match, tied by the mortar method
+multipatch_iga    bodies of one or several patches, tied by the mortar method
 sampled_patch     quadrilaterals, hexahedra and tetrahedra that sample a patch
 """

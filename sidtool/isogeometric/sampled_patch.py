@@ -26,13 +26,13 @@ from ..elements.material_points import make_continuum
 from ..elements.mesh_markers import MeshPoints
 from ..elements.mesh_surface import named_surface
 from ..elements.solid_elements import ElementBatch, assemble_body, check_orientation
-from ..elements.solid_matrices import (
+from ..elements.solid_mesh import (
+    SolidMesh,
     check_volumetric_locking,
     element_batches,
     mesh_continua,
     mesh_matrices,
 )
-from ..elements.solid_mesh import SolidMesh
 from ..geometry.nurbs_patch import (
     NurbsPatch,
     evaluate_grid,

@@ -3,9 +3,7 @@
 figure          figures without a display, texts and labels in them
 curves          outputs over time
 results         figures of a result
-axes3d          axes of bodies in space
-body_pictures   pictures of bodies
+body_pictures   pictures of bodies and their axes in space
 bodies          shape functions and meshes
-precision       error over cost
-sweeps          measures over design parameters
+studies         error over cost, measures over design parameters
 """

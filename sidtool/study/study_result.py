@@ -122,7 +122,7 @@ class Study:
         ------
         InputError : no point gave an error.
         """
-        from ..plot.precision import plot_study
+        from ..plot.studies import plot_study
 
         return plot_study(None if path is None else Path(path), study_file(self))
 
@@ -392,7 +392,7 @@ def write_all(folder: Path, result: Study, wanted: Sequence[float]) -> list[str]
 
     The text is written last: if it exists, nothing is missing.
     """
-    from ..plot.precision import plot_study
+    from ..plot.studies import plot_study
 
     folder.mkdir(parents=True, exist_ok=True)
     names = [f"study.{end}" for end in ("txt", "csv", "json", "png", "svg")]

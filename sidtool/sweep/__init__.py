@@ -1,9 +1,7 @@
 """Design parameters: a scene for every combination of values of its keys.
 
-axes           keys and their values
-measures       numbers of the time history of an output
-design         scenes and models of all points
-sweep_result   table of all points, as text, CSV and picture
+design         keys and their values, scenes and models of all points
+sweep_result   measures of outputs, table of all points, as text, CSV and picture
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from sidtool.formats.scene.connections import force_coordinate
 from sidtool.solver.system.rotations import shortest_rotation
 from sidtool.solver.system.system import GROUND_NAME, System
 
-from ..field.sampled_points import CORNERS, tube
+from ..field.body_field import CORNERS, tube
 
 Indices = NDArray[np.int64]
 #: The axis of the meshes.

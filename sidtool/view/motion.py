@@ -18,7 +18,7 @@ from sidtool.solver.output.energies import elastic_coordinates
 from sidtool.solver.simulation.replay import Replay, replay
 from sidtool.solver.system.system import GROUND_NAME, System
 
-from ..field.shapes import shape_mesh
+from ..field.body_surfaces import shape_mesh
 from .links import BodyMotion, Link, scene_links
 
 #: Rotation between two pictures above which pictures are inserted [rad].

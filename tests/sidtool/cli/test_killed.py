@@ -230,7 +230,7 @@ STUDY += ["--rtol", "1e-3", "--jobs", "1", "--set", "time.end=0.1"]
 
 @pytest.mark.parametrize(
     ("module", "stop"),
-    [("sidtool.api.study", "study"), ("sidtool.plot.precision", "plot_study")],
+    [("sidtool.api.study", "study"), ("sidtool.plot.studies", "plot_study")],
 )
 def test_a_killed_study_leaves_no_folder_half_filled(
     module: str, stop: str, folder: Path

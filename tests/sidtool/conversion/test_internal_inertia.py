@@ -12,8 +12,7 @@ from scipy.linalg import block_diag, null_space
 from sidtool.conversion.inertia_integrals import body_inertia
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.elements.solid_elements import elasticity
-from sidtool.elements.solid_matrices import mesh_matrices
-from sidtool.elements.solid_mesh import SolidMesh
+from sidtool.elements.solid_mesh import SolidMesh, mesh_matrices
 from sidtool.mesh.mesh import ElementBlock, Mesh
 from sidtool.mesh.reference_elements import reference_element
 from tests.metamorphic.parts.meshes import STEEL

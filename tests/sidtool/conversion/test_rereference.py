@@ -20,7 +20,7 @@ from sidtool.conversion.frame_change import (
     change_frame,
     frame_change,
 )
-from sidtool.conversion.rotary_inertia import CENTRIFUGAL_PRODUCTS
+from sidtool.conversion.inertia_integrals import CENTRIFUGAL_PRODUCTS
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import (
     BLOCK_SHAPES,

@@ -11,9 +11,9 @@ import scipy.sparse.linalg
 from numpy.testing import assert_allclose
 from scipy.special import beta
 
-from sidtool.elements.element_search import ElementFinder
+from sidtool.elements.mesh_contact import ElementFinder
 from sidtool.elements.solid_elements import elasticity
-from sidtool.elements.solid_matrices import mesh_matrices
+from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.mesh.mesh import Mesh, check_mesh
 from sidtool.mesh.quadrature_rules import quadrature_rule
 from sidtool.mesh.reference_elements import (

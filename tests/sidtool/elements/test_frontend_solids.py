@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from sidtool.elements.mesh_markers import MeshPoints
 from sidtool.elements.solid_elements import elasticity
-from sidtool.elements.solid_matrices import mesh_matrices
+from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import Material, ModelFile
 from sidtool.formats.toml.reading import validate_data

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sidtool.elements.mass_properties import geometry_mass_notes, mesh_moments
-from sidtool.elements.solid_matrices import mesh_matrices
+from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validate_data

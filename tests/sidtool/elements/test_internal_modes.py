@@ -16,7 +16,7 @@ from sidtool.elements.material_points import (
     stress_from_gradient,
     stress_rows,
 )
-from sidtool.elements.solid_matrices import mesh_matrices
+from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.formats.base.sid import Array
 from sidtool.formats.base.stress import von_mises
 from sidtool.formats.model import Material, ModelFile

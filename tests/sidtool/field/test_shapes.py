@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.field.shapes import CIRCLE, MERIDIAN, read_stl, shape_mesh
+from sidtool.field.body_surfaces import CIRCLE, MERIDIAN, read_stl, shape_mesh
 from sidtool.formats.scene import Shape
 from sidtool.view.animation import animate
 from sidtool.view.export import export_mesh

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.elements.solid_matrices import mesh_matrices
+from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.formats.base.errors import InputError
 from sidtool.importers.ansys.element_types import collapsed_element
 from sidtool.importers.mesh_files import read_mesh

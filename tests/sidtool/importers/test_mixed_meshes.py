@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from sidtool.elements.mesh_contact import check_conforming
 from sidtool.elements.solid_elements import elasticity
-from sidtool.elements.solid_matrices import mesh_matrices
+from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import Material
 from sidtool.mesh.mesh import ElementBlock, Mesh, check_mesh

@@ -16,8 +16,7 @@ from sidtool.elements.material_points import stress_rows
 from sidtool.elements.mesh_markers import MeshPoints
 from sidtool.elements.mesh_surface import named_surface
 from sidtool.elements.solid_elements import MatrixSum, element_mass, mapped_batch
-from sidtool.elements.solid_matrices import mesh_continua, mesh_matrices
-from sidtool.elements.solid_mesh import SolidMesh
+from sidtool.elements.solid_mesh import SolidMesh, mesh_continua, mesh_matrices
 from sidtool.formats.sid_mass import skew
 from sidtool.importers.calculix_deck import free_deck
 from sidtool.importers.calculix_engine import run_calculix

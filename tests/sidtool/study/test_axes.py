@@ -16,7 +16,7 @@ import sidtool
 from sidtool.formats.model.refine import refine_model
 from sidtool.formats.scene import SceneFile
 from sidtool.pipeline.model_to_sid import sid_from_model
-from sidtool.plot.precision import draw_front
+from sidtool.plot.studies import draw_front
 from sidtool.solver import compile_scene, simulate
 from sidtool.study import Point, Setting, pareto_front, run_study
 

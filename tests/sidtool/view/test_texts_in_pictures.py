@@ -11,7 +11,7 @@ import pytest
 
 import sidtool
 from sidtool.plot.figure import saved_figure, use_log_scale
-from sidtool.plot.precision import plot_precision
+from sidtool.plot.studies import plot_precision
 from sidtool.view.html_report import write_report
 
 #: Mathematics for matplotlib, wrong and right; letters that no font of it has; control

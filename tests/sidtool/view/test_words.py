@@ -18,7 +18,7 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import unit_of
 from sidtool.formats.study import StudyFile, StudyPoint
 from sidtool.formats.toml.reading import validate_data
-from sidtool.plot import bodies, curves, figure, precision, results
+from sidtool.plot import bodies, curves, figure, results, studies
 from sidtool.plot.body_pictures import BodyPicture, draw_bodies
 from sidtool.plot.figure import figure_style, wrap_label
 
@@ -184,7 +184,7 @@ def test_studies_of_many_points(over: str, decades: float, pages: list[Any]) -> 
         varied=("integrator",) if over == "integrator" else ("integrator", over),
         points=tuple(points),
     )
-    precision.plot_study(Path("x.png"), content)
+    studies.plot_study(Path("x.png"), content)
     (page,) = pages
     assert not crossing(page)
     boxes = [legend.get_window_extent() for legend in page.findobj(_is_legend)]
