@@ -130,6 +130,10 @@ class Actuator(_Pair):
     """
 
     type: Literal["actuator"] = "actuator"
+    rest: Number = Field(
+        default=0.0,
+        description="length [m], or coordinate, from which its `deflection` counts",
+    )
     function: Takes[ForceFunction, ForceFunction | Entries]
 
 

@@ -137,7 +137,7 @@ def _spring_damper(force: SpringDamper, context: _Context) -> list[ForceRow]:
 
 
 def _actuator(force: Actuator, context: _Context) -> list[ForceRow]:
-    law = ForceLaw(applied=1.0)
+    law = ForceLaw(rest=force.rest, applied=1.0)
     return [
         _line_or_joint_force(force.markers, force.joint, force.coordinate, law, context)
     ]

@@ -210,7 +210,7 @@ DEFAULTS: dict[str, dict[str, Default]] = {
     },
     "SpringDamper": PAIR | {"rest": _is(0.0), "damping": _is([0.0])},
     "Characteristic": {"interpolation": _is("linear")},
-    "Actuator": PAIR,
+    "Actuator": PAIR | {"rest": _is(0.0)},
     "Bushing": {"damping": _zeros(3, 6)},
     "Friction": PAIR | {"viscous": _is(0.0)},
     "Harmonic": {"offset": _is(0.0), "phase": _is(0.0)},

@@ -183,17 +183,23 @@ def test_what_acts_in_a_joint_adds_up() -> None:
     result = run(
         "planar",
         ["hinge.torque", "hinge.power", *each, "spring.deflection", "push.rate"]
-        + ["hinge.angle", "hinge.angle_rate"],
+        + ["push.deflection", "hinge.angle", "hinge.angle_rate"],
         bodies={"wheel": body("planar", initial={"angular_velocity": 1.0})},
         joints={"hinge": {"type": "revolute", "markers": ["ground", "wheel"]}},
         forces={
             "spring": spring,
-            "push": {"type": "actuator", "joint": "hinge", "function": push},
+            "push": {
+                "type": "actuator",
+                "joint": "hinge",
+                "rest": 0.3,
+                "function": push,
+            },
             "rub": rub,
         },
     )
     angle, rate = result["hinge.angle"], result["hinge.angle_rate"]
     assert result["spring.deflection"] == pytest.approx(angle - 0.2, abs=1e-14)
+    assert result["push.deflection"] == pytest.approx(angle - 0.3, abs=1e-14)
     assert result["push.rate"] == pytest.approx(rate, abs=1e-14)
     assert result["spring.torque"] == pytest.approx(-5.0 * (angle - 0.2), abs=1e-12)
     assert result["push.torque"] == pytest.approx(3.0, abs=1e-13)
