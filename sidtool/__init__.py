@@ -121,7 +121,7 @@ _HOME = {
     "write": "sidtool.pipeline.files",
 }
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 __all__ = sorted(_HOME)
 
 
