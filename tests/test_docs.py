@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import difflib
 import importlib
 import re
 import shutil
@@ -179,6 +180,18 @@ def test_the_validation_page_has_every_problem_with_its_words() -> None:
         for row in rows:
             assert re.fullmatch(r"\| .* \| [-+]\d\.\de[-+]\d+( relative)? \|", row), row
             assert row.count("|") == 6, row
+
+
+def test_the_stable_interface_is_that_of_the_page() -> None:
+    """A public name, option, key or format has changed: `python docs/interface.py`.
+
+    Within a major version it may be added to only; see the page.
+    """
+    written = (DOCS / "interface.md").read_text(encoding="utf-8").splitlines()
+    changes = difflib.unified_diff(
+        written, loaded("interface").page().splitlines(), "page", "source", n=0
+    )
+    assert list(changes) == [], "to renew the page: python docs/interface.py"
 
 
 def test_every_page_is_in_the_contents() -> None:
