@@ -1,7 +1,5 @@
 """Nodes of a flexible body at which no shape function moves."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .base.errors import InputError

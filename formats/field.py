@@ -2,8 +2,6 @@
 shape functions and stresses at all nodes. A sealed HDF5 file beside the SID.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field

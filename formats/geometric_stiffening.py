@@ -1,7 +1,5 @@
 """Geometric stiffening: change of the stiffness of a SID by loads."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Kinds of motion of elastic coordinates: bending, torsion, extension."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Warnings about implausible numbers, which mostly come from wrong units."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .base.sid import SID

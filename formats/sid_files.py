@@ -1,7 +1,5 @@
 """The file formats of a SID: one line of `FORMATS` each."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import dataclass

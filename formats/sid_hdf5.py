@@ -5,8 +5,6 @@ Higher orders are stored for those nodes that have them, with their node numbers
 The file has a check sum, see `storage/hdf5_files.py`.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -6,8 +6,6 @@ rows and columns are the acceleration of the frame's origin (3), the angular
 acceleration of the frame (3) and the elastic accelerations (nq).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """SID with a subset of its shape functions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

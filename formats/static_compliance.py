@@ -1,7 +1,5 @@
 """Static compliance of a body by its shape functions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .base.compliance_shares import ComplianceShares

@@ -1,7 +1,5 @@
 """Study files (JSON): cost and error of each variant of a scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """Shares of the static compliance of a body that its shape functions represent."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Extremes among numbers that rounding may have changed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """HTML tables for notebooks and reports."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from html import escape as escape_markup
 

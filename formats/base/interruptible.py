@@ -1,7 +1,5 @@
 """Calls of machine code that signals can end."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar

@@ -13,8 +13,6 @@ elastic coordinates.
 A rigid body is a SID with no elastic coordinates.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Stresses of a SID: rows sigma (xx, yy, zz, xy, yz, xz) at its nodes."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """Matrices that depend on the elastic coordinates of a body."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """All diagnostics by code."""
 
-from __future__ import annotations
-
 from . import analyses, conversion, laws, run, scene, stops, validity
 from .entry import Entry
 

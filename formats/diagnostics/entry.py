@@ -1,7 +1,5 @@
 """An entry of the catalogue of diagnostics, and how its message is filled."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from string import Formatter

@@ -1,7 +1,5 @@
 """Diagnostics as a table in HDF5."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

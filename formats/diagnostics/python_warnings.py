@@ -1,7 +1,5 @@
 """Diagnostics as warnings of Python."""
 
-from __future__ import annotations
-
 import inspect
 import warnings
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """A diagnostic: one statement on a model, a scene, a run or a result, with its code."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self

@@ -3,8 +3,6 @@
 SI units, angles in radians. See ``examples/slider_crank/rod_q4.toml``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self

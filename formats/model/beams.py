@@ -1,7 +1,5 @@
 """Beams that a model file can describe: an axis, its sections, and lumped masses."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from numpy.typing import ArrayLike

@@ -1,7 +1,5 @@
 """Checks of a model file that a type alone cannot express; all raise `InputError`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..base.errors import InputError

@@ -1,7 +1,5 @@
 """Discretisations of a model file: from a geometry to degrees of freedom."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Self
 
 from pydantic import model_validator

@@ -4,8 +4,6 @@ Every geometry knows the names of its edges or faces (`edge_names`); those of a 
 known only when it is read, so that every name is accepted here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self
 

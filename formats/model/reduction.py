@@ -1,7 +1,5 @@
 """Tables of a model file that define shape functions and the body frame."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping
 from typing import Annotated, Literal
 

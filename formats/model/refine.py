@@ -1,7 +1,5 @@
 """Refinement of a model: finer meshes, more shape functions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from typing import Any

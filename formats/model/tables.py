@@ -1,7 +1,5 @@
 """Types of the tables of a model file, and the table of Rayleigh damping."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from ..toml.constructor_types import Field

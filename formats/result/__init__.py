@@ -1,7 +1,5 @@
 """Results of simulations, in memory and in files."""
 
-from __future__ import annotations
-
 from .accuracy_report import (
     AccuracyReport,
     BudgetLine,

@@ -1,7 +1,5 @@
 """Accuracy of a result: output errors, decisions, deformation of flexible bodies."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

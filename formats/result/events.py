@@ -1,7 +1,5 @@
 """Events of a run and their storage in HDF5."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -12,8 +12,6 @@ Version 1 held all lists as attributes, the names as attribute of each table.
 The file has a check sum, see `storage/hdf5_files.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Rows of a result in transfer: into memory, or into files while a run continues."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Outputs of a result as a table of text (CSV), with their units."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

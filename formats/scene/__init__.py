@@ -1,7 +1,5 @@
 """Scene files: what moves, how it is joined and driven, and what is recorded."""
 
-from __future__ import annotations
-
 from ..toml.expressions import Instruction, Postfix, parse_expression
 from .accuracy import Tolerance, tolerance
 from .base import Placement, Time, as_3d, orientation_matrix, position_3d

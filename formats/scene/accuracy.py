@@ -1,7 +1,5 @@
 """Requested accuracy of a run: the key `wanted` of [accuracy]."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Base types of a scene file: strict tables, vectors, orientations."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import numpy as np

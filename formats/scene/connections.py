@@ -1,7 +1,5 @@
 """Forces, torques and powers along the coordinates of joints, drives and forces."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from .bodies import RigidBody

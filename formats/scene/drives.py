@@ -1,7 +1,5 @@
 """Drives: prescribe a coordinate of a joint or marker by a function or a law."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from numpy.typing import ArrayLike

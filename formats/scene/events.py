@@ -1,7 +1,5 @@
 """Events: instants at which a quantity crosses a value."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from ..toml.constructor_types import Field, Number, OptionalInteger

@@ -1,7 +1,5 @@
 """Checks of forces, functions of time, control laws and marker references."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from ..base.errors import InputError

@@ -1,7 +1,5 @@
 """Forces of a scene. A new kind is one class and one entry in `Force`."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar, Literal
 
 from numpy.typing import ArrayLike

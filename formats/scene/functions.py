@@ -1,7 +1,5 @@
 """Functions of time, for drives and forces. A new kind is one class in `Function`."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import cache

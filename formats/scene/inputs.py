@@ -1,7 +1,5 @@
 """Inputs of a scene: signals from outside, for forces, drives and control laws."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from ..toml.constructor_types import Field, Number, OptionalNumbers

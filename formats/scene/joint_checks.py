@@ -1,7 +1,5 @@
 """Checks of joints and drives: existing names, axes, coordinates."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .base import as_3d

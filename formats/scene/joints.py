@@ -3,8 +3,6 @@
 A new kind of joint is one class and one entry in `Joint`.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal, get_args
 
 from numpy.typing import ArrayLike

@@ -1,7 +1,5 @@
 """Control laws of forces and drives: formulas and PID controllers of outputs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Literal
 

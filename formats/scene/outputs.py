@@ -37,8 +37,6 @@ constraint.position and .velocity, the largest residual of the constraints. An i
 of the scene is inputs.NAME.
 """
 
-from __future__ import annotations
-
 import re
 from functools import lru_cache
 from typing import NamedTuple

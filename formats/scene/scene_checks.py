@@ -1,7 +1,5 @@
 """Checks of a whole scene: existing names, consistent parts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

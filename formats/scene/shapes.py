@@ -1,7 +1,5 @@
 """Shapes of rigid bodies, for pictures: they have no part in the motion."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from numpy.typing import ArrayLike

@@ -1,7 +1,5 @@
 """Units of outputs, for axes and tables."""
 
-from __future__ import annotations
-
 from .connections import FORCES, THREAD_MULTIPLIER, force_coordinate, is_turned
 from .drives import Drive, driven_coordinate
 from .forces import Force, PointForce

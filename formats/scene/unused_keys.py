@@ -1,7 +1,5 @@
 """Keys of a scene that are given and have no effect."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from typing import Any
 

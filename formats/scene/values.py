@@ -3,8 +3,6 @@
 All raise `InputError` with the key of the value.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Mapping
 from typing import NoReturn

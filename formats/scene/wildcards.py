@@ -6,8 +6,6 @@ rotation of markers and momenta of bodies are found where nothing else is: `rod.
 not mean them, `rod.*_body` does. What is zero in planar scenes is not found there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import NoReturn

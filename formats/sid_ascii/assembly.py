@@ -1,7 +1,5 @@
 """Assemble a SID, in the convention of memory, from the raw contents of a file."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Indices of the entries of one expansion, and where they stand in a matrix."""
 
-from __future__ import annotations
-
 import re
 from functools import cached_property, lru_cache
 

@@ -1,7 +1,5 @@
 """Dense matrices from the headers and entries of a Taylor expansion."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

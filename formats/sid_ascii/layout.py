@@ -1,7 +1,5 @@
 """Detection of the index order and column layout of a file from its numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lines of a SID file, the numbers on them, and notes on what the reader assumed."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from typing import TextIO

@@ -1,7 +1,5 @@
 """The grammar of the ASCII SID file: lines in, `RawFile` out."""
 
-from __future__ import annotations
-
 import re
 
 from ..base.errors import InputError

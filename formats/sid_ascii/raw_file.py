@@ -1,7 +1,5 @@
 """Raw contents of a SID file: headers and entries before their interpretation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache

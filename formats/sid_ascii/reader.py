@@ -1,7 +1,5 @@
 """Reading an ASCII SID file of any known dialect."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Title line of a SID file, and what it states about the writer."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from dataclasses import dataclass

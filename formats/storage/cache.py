@@ -1,7 +1,5 @@
 """Cache of values computed from immutable objects."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar

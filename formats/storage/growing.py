@@ -1,7 +1,5 @@
 """Files that are written piece by piece and replace their target when complete."""
 
-from __future__ import annotations
-
 import io
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Differences between Linux, macOS and Windows."""
 
-from __future__ import annotations
-
 import errno
 import os
 import secrets

@@ -1,7 +1,5 @@
 """Contents of a SID as named numbers: to compare two SIDs and to compute a digest."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Messages about files that cannot be read, the same on all systems."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

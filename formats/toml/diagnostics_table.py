@@ -1,7 +1,5 @@
 """The table [diagnostics] of scenes and models."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol, Self, TypeVar
 

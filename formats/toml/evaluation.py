@@ -1,7 +1,5 @@
 """Evaluation of formulas such as "2*pi*n" in place of numbers, before validation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Literal, get_args, get_origin

@@ -12,8 +12,6 @@ stands in quotes. Nothing is ever run: a formula becomes a list of instructions 
 stack, operands before their operators; clip becomes max and min.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 import re

@@ -1,7 +1,5 @@
 """Scenes and models as files: tables with formulas, a folder, and changes by key."""
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

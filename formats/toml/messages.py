@@ -1,7 +1,5 @@
 """Convert the list of errors of pydantic to the one message that a person needs."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args, get_origin

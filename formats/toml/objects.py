@@ -1,7 +1,5 @@
 """Python objects in places where files name other files."""
 
-from __future__ import annotations
-
 from typing import Any
 
 #: Objects by their texts, as long as the process runs: scenes hold texts alone.

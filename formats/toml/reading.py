@@ -1,7 +1,5 @@
 """Read TOML and JSON files and validate them by a pydantic model."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

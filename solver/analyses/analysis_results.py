@@ -1,7 +1,5 @@
 """States found by an analysis as a result."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The equations of motion of an assembled scene with dense matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

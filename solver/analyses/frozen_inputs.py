@@ -3,8 +3,6 @@
 Laws stay active: their states are unknowns of the equilibrium.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

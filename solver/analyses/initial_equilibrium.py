@@ -1,7 +1,5 @@
 """Scenes that start in static equilibrium, or deformed by their steady rotation."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ A sticking joint is a constraint. A sliding one has a force t that follows from 
 multipliers, eq. (32), and thus depends on all that changes the load of the joint.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

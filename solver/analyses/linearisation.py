@@ -4,8 +4,6 @@ The state should be an equilibrium or a steady motion such as a constant rotatio
 axes that rotate with it the matrices of a steady motion are constant.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 

@@ -7,8 +7,6 @@ its ring or a rotor on anisotropic springs, has a constant matrix in the axes of
 supports it, not in its own. The deformation of a round shaft is resolved in these, too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 import numpy as np

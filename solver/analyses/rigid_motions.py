@@ -11,8 +11,6 @@ References
 G. H. Golub, C. F. Van Loan: Matrix Computations, section 7.1.3.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -18,8 +18,6 @@ References
 G. Genta: Dynamics of Rotating Systems, 2005, section 6.3.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ V y + N w, with N the null space of the constraint Jacobian. The matrix is const
 axes that follow a steady motion; `steady_axes` finds them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

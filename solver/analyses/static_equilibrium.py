@@ -12,8 +12,6 @@ Y. Dauphin et al.: Identifying and attacking the saddle point problem in
 high-dimensional non-convex optimization. NIPS 2014.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

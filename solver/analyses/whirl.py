@@ -9,8 +9,6 @@ References
 G. Genta: Dynamics of Rotating Systems, 2005, section 2.4.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

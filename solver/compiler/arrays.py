@@ -5,8 +5,6 @@ indices. Therefore a view consists of the address of the first entry and the sha
 which compiles and runs faster than an array of numba.
 """
 
-from __future__ import annotations
-
 import operator
 import os
 from typing import Any, NamedTuple

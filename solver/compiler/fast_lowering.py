@@ -8,8 +8,6 @@ are combined in contexts of their own, for the versions that were tested. With o
 versions kernels compile as usual, with equal results.
 """
 
-from __future__ import annotations
-
 import operator
 from contextlib import suppress
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@ key is a digest of the kernel with all functions and constants that it refers to
 the compiler of this package and of the environment.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from functools import cache

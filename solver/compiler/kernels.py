@@ -6,8 +6,6 @@ optimised as a whole and compiled to an object file, which is cached on disk (se
 or that other kernels call through a pointer.
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import platform

@@ -4,8 +4,6 @@ Kernels are compiled at first use and cached on disk. A caller that is about to 
 of them requests all at once, so that every processor compiles a part.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import subprocess

@@ -4,8 +4,6 @@ A kernel sees a table in plane or in space (`RowsType`): ``work.point[m].x`` loa
 `Vector`, ``work.point[m].x = ...`` stores one. A record is an address only.
 """
 
-from __future__ import annotations
-
 import operator
 from functools import cached_property
 from typing import Any

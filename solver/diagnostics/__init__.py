@@ -10,5 +10,3 @@
 - `failure_causes`: why a run stopped
 - `result_notes`, `run_summary`: notes of a result
 """
-
-from __future__ import annotations

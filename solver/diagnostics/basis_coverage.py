@@ -4,8 +4,6 @@ A modal basis often lacks the shapes that stretch or twist a body: no shape func
 moves a marker in the direction of a load, for which the body is then rigid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

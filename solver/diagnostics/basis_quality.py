@@ -5,8 +5,6 @@ stands in the SID, if its source knew it. Shares are checked for loads at marker
 for the inertia of the body itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 import numpy as np

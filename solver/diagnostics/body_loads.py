@@ -4,8 +4,6 @@ Before a run: the start and what drives prescribe. After it: the recorded states
 the forces of joints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 

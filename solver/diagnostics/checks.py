@@ -1,7 +1,5 @@
 """Checks of a compiled scene before it is integrated."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Causes of a failed run, as diagnostics."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sidtool.formats.base.sid import SID, Array

@@ -1,7 +1,5 @@
 """Values of a scene that are hardly intended: angles, sizes, friction, gains."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

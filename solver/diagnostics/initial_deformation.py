@@ -1,7 +1,5 @@
 """Initial deformations of flexible bodies that are far from their equilibrium."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 

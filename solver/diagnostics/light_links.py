@@ -7,8 +7,6 @@ coupler has 1e-12 of the mass of the rocker takes at most 1.1 times the steps; w
 without inertia is a joint.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Diagnostics of the recorded rows of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 import numpy as np

@@ -4,8 +4,6 @@ Many runs of one scene are made for their numbers only. Therefore recorded rows 
 stored, as far as they are few, and evaluated together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 At a bifurcation the motion is not determined; a passage is reported with its time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Vibration of the elastic coordinates, and the energy of each of them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

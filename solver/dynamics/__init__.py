@@ -28,5 +28,3 @@ The complete system:
 - `equations_of_motion`: evaluation and linearisation of eq. (3)
 - `output_quantities`: wrenches, energies and momenta of recorded states
 """
-
-from __future__ import annotations

@@ -4,8 +4,6 @@ GIVEN and FOLLOWING: a force and a torque on a marker along the inertial axes, o
 the axes of the marker. COORDINATE: a force on one elastic coordinate or law state.
 """
 
-from __future__ import annotations
-
 import math
 
 from ..compiler.kernels import inner

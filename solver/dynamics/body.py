@@ -17,8 +17,6 @@ rows over the elastic coordinates; then square matrices, component by component.
 offsets are computed once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

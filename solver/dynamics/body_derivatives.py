@@ -14,8 +14,6 @@ d_Hu_dot        change of the rate of their momentum           section 12
 ==============  =============================================  ===========
 """
 
-from __future__ import annotations
-
 from ..compiler.kernels import inner
 from ..spatial.algebra import (
     add_column,

@@ -4,8 +4,6 @@ A frame has position x, orientation R, body-resolved velocity v and angular velo
 eq. (2); a prescribed frame follows from its base and the drive of its joint.
 """
 
-from __future__ import annotations
-
 import math
 
 from ..compiler.kernels import inner

@@ -1,7 +1,5 @@
 """Rows of the constraints: one primitive, a weighted sum of primitives, or inactive."""
 
-from __future__ import annotations
-
 import math
 
 from numba import types

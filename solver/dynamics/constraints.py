@@ -1,7 +1,5 @@
 """All constraints of a scene, eq. (14): one branch per primitive in each function."""
 
-from __future__ import annotations
-
 from ..compiler.kernels import inner
 from ..spatial.dimension import BySpace
 from ..spatial.system_arrays import (

@@ -6,8 +6,6 @@ and three numbers per instruction. Each entry of the stack carries its derivativ
 the n measures and their n rates, eq. (30).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -5,8 +5,6 @@ rate is n . (w_B - w_A) as long as the direction in B stays perpendicular to n. 
 other kind keeps a direction of A perpendicular to one of B, a . b = 0.
 """
 
-from __future__ import annotations
-
 import math
 
 from ..compiler.kernels import inner

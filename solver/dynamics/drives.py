@@ -1,7 +1,5 @@
 """Functions of time and their first two derivatives, for drives and forces."""
 
-from __future__ import annotations
-
 import math
 
 from numba import float64, int64, types

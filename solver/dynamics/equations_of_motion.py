@@ -4,8 +4,6 @@ The kernels are compiled for plane and space; `kernel_pointers` gives the functi
 pointers through which Python and the integrators call them.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Forces of springs, dampers and friction as functions of a measure, eq. (16)."""
 
-from __future__ import annotations
-
 import math
 
 from ..compiler.kernels import inner

@@ -14,8 +14,6 @@ rest        measure of the unloaded spring
 ==========  ==================================================
 """
 
-from __future__ import annotations
-
 from ..compiler.kernels import inner
 from .control_laws import law_value
 from .drives import function_value

@@ -15,8 +15,6 @@ For every measure there is its value and rate, the wrench of a unit force on it,
 the derivatives of both.
 """
 
-from __future__ import annotations
-
 import math
 
 from ..compiler.kernels import inner

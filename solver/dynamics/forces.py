@@ -1,7 +1,5 @@
 """All forces of a scene, eq. (16): one branch per measure in each function."""
 
-from __future__ import annotations
-
 from ..compiler.kernels import inner
 from ..spatial.algebra import zero
 from ..spatial.system_arrays import (

@@ -16,8 +16,6 @@ Ct_qdot      momentum of the deformation
 ===========  =================================================
 """
 
-from __future__ import annotations
-
 import math
 
 from ..compiler.kernels import inner

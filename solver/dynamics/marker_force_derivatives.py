@@ -1,7 +1,5 @@
 """Derivatives of forces and torques at markers by the motion of their own body."""
 
-from __future__ import annotations
-
 import math
 
 from ..compiler.kernels import inner

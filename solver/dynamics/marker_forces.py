@@ -12,8 +12,6 @@ Phi, Psi    translational and rotational shape functions
 ==========  ==================================================
 """
 
-from __future__ import annotations
-
 from ..compiler.kernels import inner
 from ..spatial.algebra import (
     add_row,

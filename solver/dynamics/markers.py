@@ -10,8 +10,6 @@ theta       rotation of the marker by deformation
 ==========  ==================================================
 """
 
-from __future__ import annotations
-
 import math
 
 from ..compiler.kernels import inner

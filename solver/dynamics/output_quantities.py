@@ -3,8 +3,6 @@
 Energies and momenta of bodies follow from eq. (12) and (24).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -12,8 +12,6 @@ Every kind has a kernel of the residual with its first two derivatives in time, 
 kernel of the Jacobian with its derivatives.
 """
 
-from __future__ import annotations
-
 import math
 
 from ..compiler.kernels import inner

@@ -6,8 +6,6 @@ the callable are known, and features shorter than the spacing of the samples are
 seen. A law is compiled by numba where possible; otherwise kernels call Python.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 import warnings

@@ -10,8 +10,6 @@ References
 L. N. Trefethen: Approximation Theory and Approximation Practice, chapter 3.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

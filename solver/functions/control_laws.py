@@ -1,7 +1,5 @@
 """Control laws as stack instructions: from formulas, controllers and callables."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

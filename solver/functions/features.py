@@ -5,8 +5,6 @@ steps only. Features are pieces: how far a polynomial of low degree follows the 
 from a position on. Steps inside a piece are no longer than its length.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

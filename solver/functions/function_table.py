@@ -4,8 +4,6 @@ Each function becomes pieces of polynomials or a harmonic function. Jumps of val
 rates that the solver cannot integrate over are refused.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from functools import lru_cache

@@ -7,8 +7,6 @@ Around a kink of order n, a jump of the n-th derivative, a function is
 with polynomials P and Q. The time of the kink is found by a Gauss-Newton fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ With a law u(t, y, x) of outputs y and of states x' = r(t, y, x):
 Drives with a law need the first two derivatives of what they prescribe.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable, Mapping

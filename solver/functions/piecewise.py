@@ -1,7 +1,5 @@
 """Functions of time in the forms that kernels evaluate: data, breaks and features."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Numbers that callables of a program return."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

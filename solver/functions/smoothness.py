@@ -4,8 +4,6 @@ A kink appears in one of two ways: pieces become shorter and shorter towards it,
 is an end of two pieces whose derivatives differ there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -7,8 +7,6 @@ those that it leaves open cannot meet the constraints. Redundant constraints are
 by the rank of the Jacobian.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

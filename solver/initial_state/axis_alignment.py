@@ -5,8 +5,6 @@ is turned upside down. Before the assembly, bodies far from the orientation that
 requires are rotated to it; after it the result is checked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any

@@ -9,8 +9,6 @@ K. Levenberg: A Method for the Solution of Certain Non-Linear Problems in Least
 Squares. Quart. Appl. Math. 2 (1944).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Changes of the given initial state by the assembly, as diagnostics."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 Bodies whose frames joints or drives prescribe get the coordinates that these give.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

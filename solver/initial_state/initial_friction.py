@@ -5,8 +5,6 @@ drive. At rest they do not stick, as the drives hold them, and the part that fri
 would bear is undetermined: it is taken as zero.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

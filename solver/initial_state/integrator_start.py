@@ -1,7 +1,5 @@
 """Settings of a run, and the initial state of its step loop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Such constraints are left out, and a joint type that would do without them is
 suggested.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations, islice
 

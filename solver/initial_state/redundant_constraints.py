@@ -5,8 +5,6 @@ regularisation, so that they share their force. The multipliers of redundant
 constraints are those of minimum norm.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -13,5 +13,3 @@
 - `dop853_tableau`, `explicit_runge_kutta`: explicit method of order 8
 - `registry`: all integrators, and the choice of one
 """
-
-from __future__ import annotations

@@ -8,8 +8,6 @@ E. Hairer, S. P. Norsett, G. Wanner: Solving Ordinary Differential Equations I, 
 edition 1993, sections II.5, II.6 and II.10, with the numbers of the program DOP853.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

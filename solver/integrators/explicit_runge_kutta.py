@@ -11,8 +11,6 @@ II.5, II.6 and II.10. The test for stiffness: E. Hairer, G. Wanner, part II, sec
 IV.2.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import boolean, float64, int64, types

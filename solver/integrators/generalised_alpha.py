@@ -20,8 +20,6 @@ constrained flexible multibody systems. Mechanism and Machine Theory 48 (2012), 
 frames with body-resolved velocities.
 """
 
-from __future__ import annotations
-
 from numba import float64, int64, types
 
 from ..compiler.kernels import inner

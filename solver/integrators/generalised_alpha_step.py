@@ -1,7 +1,5 @@
 """Generalised-alpha, eq. (21): coefficients, memory between steps, error estimate."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

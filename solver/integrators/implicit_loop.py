@@ -3,8 +3,6 @@
 A method provides five inner kernels; what it stores between them is its storage.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

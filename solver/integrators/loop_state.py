@@ -1,7 +1,5 @@
 """State of a step loop, and the codes with which one returns."""
 
-from __future__ import annotations
-
 from numba import types
 
 from ..compiler.kernels import inner

@@ -1,7 +1,5 @@
 """Newton iteration of a step: convergence, and renewal of the Newton matrix."""
 
-from __future__ import annotations
-
 import math
 
 from numba import float64, int64, types

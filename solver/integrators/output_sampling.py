@@ -1,7 +1,5 @@
 """Recorded states: dense output inside steps, projected onto the constraints."""
 
-from __future__ import annotations
-
 import math
 
 from numba import boolean, float64, int64, types

@@ -1,7 +1,5 @@
 """Projection onto the constraints, eq. (18), and update of the rotation counters."""
 
-from __future__ import annotations
-
 from numba import float64, int64, types
 
 from ..compiler.kernels import inner

@@ -5,8 +5,6 @@ References
 E. Hairer, G. Wanner: Solving Ordinary Differential Equations II, section IV.8.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

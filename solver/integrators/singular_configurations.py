@@ -5,8 +5,6 @@ and stages away from it, pass it in one step, or are projected with a reduced se
 constraints beside it.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import boolean, float64, int64, types

@@ -1,7 +1,5 @@
 """Limits of a step by features of functions and forces that it must not skip."""
 
-from __future__ import annotations
-
 import math
 
 from numba import boolean, float64, int64, types

@@ -1,7 +1,5 @@
 """Error norm, tolerated errors, and the choice of the next step, eq. (22)."""
 
-from __future__ import annotations
-
 import math
 
 from numba import boolean, float64, int64, types

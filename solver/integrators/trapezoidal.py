@@ -13,8 +13,6 @@ M. E. Hosea, L. F. Shampine: Analysis and implementation of TR-BDF2. Applied Num
 Mathematics 20 (1996).
 """
 
-from __future__ import annotations
-
 from numba import float64, int64, types
 
 from ..compiler.kernels import inner

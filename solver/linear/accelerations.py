@@ -1,7 +1,5 @@
 """Accelerations, multipliers, friction forces and projections, eq. (3) and (18)."""
 
-from __future__ import annotations
-
 from numba import float64, int64, types
 
 from ..compiler.kernels import entry, inner

@@ -5,8 +5,6 @@ function pointers of scipy; see `LARGE`. Elastic coordinates at the end of a blo
 are weakly coupled are eliminated first.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Annotated, Any
 

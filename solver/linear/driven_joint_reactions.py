@@ -9,8 +9,6 @@ give their multipliers once those of all other joints of the body are known: fro
 last prescribed body to the first.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import int64, types

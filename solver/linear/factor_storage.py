@@ -1,7 +1,5 @@
 """Storage of the factors of a run, and pointers to the kernels that it calls."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from numba import complex128, float64, int64, types

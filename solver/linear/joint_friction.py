@@ -15,8 +15,6 @@ velocity and position; while it slides, t follows from the multipliers of the jo
 factors of the equations of the bodies stay symmetric; few equations for t remain.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import float64, int64, types

@@ -9,8 +9,6 @@ the cost is that of the rigid coordinates times the elastic ones. With W = L^-T 
 Schur complement S = W^T D^-1 W is a symmetric band matrix.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import boolean, complex128, float64, int64, types

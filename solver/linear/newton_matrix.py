@@ -4,8 +4,6 @@ A force between two bodies would couple their blocks of the Newton matrix. Inste
 gets a row among the constraints, with the change of the force as unknown.
 """
 
-from __future__ import annotations
-
 from numba import complex128, float64, int64, types
 
 from ..compiler.inner_kernels import row_dot

@@ -10,8 +10,6 @@ that the cost of a chain grows linearly with its length. The kernels serve real 
 complex systems.
 """
 
-from __future__ import annotations
-
 from numba import int64, types
 
 from ..compiler.inner_kernels import quotient

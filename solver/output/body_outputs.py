@@ -4,8 +4,6 @@ Planar scenes are embedded in the plane z = 0, so that all vectors have three
 components.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

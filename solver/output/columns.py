@@ -1,7 +1,5 @@
 """Recorded quantities: from states at the output times to named columns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The points of a step are Chebyshev's extrema, at which a polynomial interpolates
 The module also holds the buffer of output times and the states at ends of steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache

@@ -3,8 +3,6 @@
 Dissipated and supplied energies are integrals of powers along the run.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

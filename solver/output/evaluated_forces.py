@@ -1,7 +1,5 @@
 """Forces, energies and momenta evaluated at recorded states."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable
 from functools import cached_property
 

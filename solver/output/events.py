@@ -5,8 +5,6 @@ sides of the value the crossing is found to rounding; two crossings between two 
 are missed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ Bodies whose frames joints prescribe have no constraint rows; their joints are r
 and the reactions follow from the recorded motion.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Continuation of an interrupted run: its last state, its rows and its energy sums."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Frames, markers, accelerations and multipliers at recorded states."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

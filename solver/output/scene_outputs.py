@@ -1,7 +1,5 @@
 """Outputs of the whole scene, and outputs that are not available afterwards."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any

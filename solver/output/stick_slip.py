@@ -5,8 +5,6 @@ located at which a sliding joint stops or a sticking joint reaches its limit; th
 states are decided again: what slides goes on sliding, what rests sticks if it can.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

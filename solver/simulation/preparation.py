@@ -7,8 +7,6 @@ Each step gives one frozen object, from which the later ones are made:
 - `allocate` : work arrays, factors, state of the step loop -> `RunArrays`
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property

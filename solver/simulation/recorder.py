@@ -1,7 +1,5 @@
 """Recorder of a run: rows for a sink, block by block, and diagnostics of all rows."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Step loop of a run over smooth intervals; events and friction between steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Simulation run: from a compiled scene to a result."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable
 from itertools import chain

@@ -5,8 +5,6 @@ three. Components in axes that are rotated by a small vector theta are expanded 
 second order in theta.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ..compiler.kernels import inner

@@ -13,8 +13,6 @@ angle replaces it). Only the tangent part is stored; dr follows from it. The fra
 are columns of `WorkArrays.frame`.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import complex128, float64, int64, types

@@ -1,7 +1,5 @@
 """Plane and space as kernels see them: records with vectors of each dimension."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from numba import float64, types

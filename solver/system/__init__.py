@@ -26,5 +26,3 @@ The system:
 - `characteristic_sizes`: lengths and sizes for relative errors
 - `work_arrays`: work arrays of a run; evaluation of one state
 """
-
-from __future__ import annotations

@@ -1,7 +1,5 @@
 """Damping of a body: the matrix De of a SID for the damping that a scene asks for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

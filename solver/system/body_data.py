@@ -1,7 +1,5 @@
 """Data of the bodies of a scene: SID, markers and elastic coordinates of each body."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 Recorded forces of such joints follow from the motion, see `output.reactions`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables of the bodies and of their markers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sidtool.formats.base.sid import Array

@@ -4,8 +4,6 @@ Only what the scene needs is compiled: a prescribed frame has no coordinates, a 
 body has three, a point mass does not rotate, and zero SID terms are not evaluated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Shared inputs of the tables of a scene."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -5,8 +5,6 @@ results do not depend on the unit system, and mechanisms of micrometres close as
 those of kilometres.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 

@@ -4,8 +4,6 @@ The integral of a rate is the state of a law, which no prescribed motion contain
 the rate or the acceleration is a constant, the integral is a polynomial of time.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 

@@ -3,8 +3,6 @@
 The order of the rows keeps the bandwidth of the Schur complement small.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

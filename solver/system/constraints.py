@@ -3,8 +3,6 @@
 A coupling keeps a weighted sum of the coordinates of other joints constant.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

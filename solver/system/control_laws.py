@@ -5,8 +5,6 @@ its states is a body with one coordinate and without position. The module also c
 failures of laws during a run.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import replace

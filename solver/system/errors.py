@@ -1,7 +1,5 @@
 """Errors of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from sidtool.formats.diagnostics import Diagnostic, stop_message

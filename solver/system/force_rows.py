@@ -3,8 +3,6 @@
 F = applied(t) - K(g - rest) - D(g') - friction tanh(g' / speed)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 To add a kind of force, add an entry to `_COMPILERS`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ or with ``length`` the two ends of a bearing. The load is a linear combination o
 constraint multipliers of the joint.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

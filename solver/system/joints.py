@@ -5,8 +5,6 @@ coordinate that a drive may prescribe the primitive that does so. Directions are
 in the frame of the first marker.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ weighted sum w g of the measures, so that its energy is known. The antisymmetric
 K and D has no potential and is a law that reads the measures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Their order keeps the Schur complement a narrow band, as that of the constraints
 does for accelerations. Constraints between prescribed frames have no row.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

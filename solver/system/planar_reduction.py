@@ -7,8 +7,6 @@ not change their stiffness. A body in which both are coupled, such as a twisted 
 is refused: it needs a spatial scene.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 

@@ -7,8 +7,6 @@ has the same components in both markers and the assembly rotates the body. A fix
 prismatic joint keeps the whole relative orientation that is stated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 

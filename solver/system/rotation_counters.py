@@ -6,8 +6,6 @@ angle is an entry at the end of z_I and is updated after every step to the neare
 that the orientations allow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Vectors and rotations of the plane embedded in space; rotation vectors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sidtool.formats.base.sid import Array

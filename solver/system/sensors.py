@@ -3,8 +3,6 @@
 A signal is the measure of a row of the force table, or the rate of that measure.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

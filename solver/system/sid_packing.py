@@ -1,7 +1,5 @@
 """Numbers of a SID in the order in which kernels read them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

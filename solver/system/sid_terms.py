@@ -5,8 +5,6 @@ term of Ke that has an energy. A body may keep the term q.Me.q of its moment of 
 where the mass matrix of first order would not be positive.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ computes theta, the moment of inertia in the mean axes and its derivatives from 
 quantities of a SID.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 

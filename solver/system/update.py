@@ -4,8 +4,6 @@ Tables other than the real data stay the same as long as only masses, positions,
 values and functions of time change.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Work arrays and factors of one run; evaluation of one state from Python."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
