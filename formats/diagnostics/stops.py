@@ -132,7 +132,7 @@ ENTRIES = (
     Entry(
         "N313",
         ERROR,
-        "from t = {later:.4g} s {contradiction}",
+        "from t = {later:.4g} on {contradiction}",
         "At 0.1, 1 and 5 % of the time span after the stop the joints and drives are "
         "closed with undeformed bodies. If that fails (residual above 1e-7 of the "
         "sizes), those are named without each of which the rest can be met.",

@@ -43,7 +43,7 @@ def slider_line_is_too_far_away() -> str:
     return slider_crank(change)
 
 
-@mistake("N313", "motor", "piston_pin", "contradict each other")
+@mistake("N414 rod", "N330 rod", "motor", "piston_pin", "contradict each other")
 def drive_sits_on_the_wrong_joint() -> str:
     def change(d: Any) -> None:
         d["drives"]["motor"]["joint"] = "piston_pin"

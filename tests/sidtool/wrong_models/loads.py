@@ -46,7 +46,7 @@ def spring_holds_on_to_itself() -> str:
     return pendulum(forces={"spring": spring})
 
 
-@mistake("no static equilibrium", "largest at rod", "a scene that can rest")
+@mistake("N701 no equilibrium", "at rod", "a scene that can rest")
 def static_start_of_what_falls() -> str:
     more = {"gravity": [0.0, -9.81], "initial": {"state": "static"}}
     return simulated(scene({"rod": slender_rod(1.0)}, **more))
