@@ -365,11 +365,13 @@ def print_warnings(
 
 
 def print_failure(error: SimulationError, scene: Path) -> None:
-    """Print why a run or an analysis stopped, the cause and what it depends on."""
+    """Print why a run or an analysis stopped, and its causes."""
+    from ..report.diagnostics import diagnostic_lines
+
     t = error.diagnostics[0].t
     outcome = "failed" if t is None else f"stopped at t = {t:.9g} s"
     click.echo(f"sidtool: {scene}: {outcome}", err=True)
-    print_warnings(error.diagnostics)
+    click.echo(diagnostic_lines(error.diagnostics), err=True)
 
 
 def print_remarks(sentences: Iterable[str], err: bool = False) -> None:

@@ -78,5 +78,6 @@ def test_a_strong_motor_holds_and_says_nothing_of_limits(i: float) -> None:
 def test_what_no_motor_can_hold_is_named(i: float) -> None:
     with pytest.raises(SimulationError) as failure:
         rested(False, 20.0, i)
-    assert "largest at body; N511 motor: " in str(failure.value)
-    assert "free to fall" not in str(failure.value)
+    none, limit = failure.value.diagnostics
+    assert (none.code, none.data["body"]) == ("N701", "body")
+    assert (limit.code, limit.subject) == ("N511", "motor")
