@@ -125,7 +125,7 @@ class File(Table):
         InputError, OSError : the ending is not .toml, or it cannot be written.
         """
         path = Path(path)
-        if path.suffix != ".toml":
+        if path.suffix.lower() != ".toml":
             raise InputError("is no TOML file", source=path, expected="NAME.toml")
         data = self.file_data()
         _refuse_objects(data, "")

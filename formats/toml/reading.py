@@ -89,15 +89,15 @@ def read_data(path: str | Path) -> dict[str, Any]:
     InputError : no such file, a folder, no UTF-8, or wrong syntax (line and column).
     """
     path = Path(path)
-    text = _read_text(path)
+    text, is_json = _read_text(path), path.suffix.lower() == ".json"
     try:
-        data = _parse_json(text) if path.suffix == ".json" else _parse_toml(text)
+        data = _parse_json(text) if is_json else _parse_toml(text)
         _check_values(data)
     except InputError as error:
         raise error.located(path) from None
     except ValueError as error:
         place, problem = _syntax_error(error)
-        kind = "JSON" if path.suffix == ".json" else "TOML"
+        kind = "JSON" if is_json else "TOML"
         escaped = kind == "TOML" and _ESCAPE.search(problem)
         raise InputError(
             problem,

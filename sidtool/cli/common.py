@@ -103,7 +103,7 @@ def ignored_codes() -> tuple[str, ...]:
 
 def input_files(path: Path) -> list[Path]:
     """Return the paths of a model or scene file and of the files that it names."""
-    if path.suffix not in (".toml", ".json") or not path.is_file():
+    if path.suffix.lower() not in (".toml", ".json") or not path.is_file():
         return [path]
     from sidtool.formats.toml.reading import read_data
 

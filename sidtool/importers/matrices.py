@@ -302,7 +302,7 @@ def _is_known(name: str) -> bool:
 
 def _load_arrays(path: str) -> dict[str, Any]:
     try:
-        if Path(path).suffix == ".npz":
+        if Path(path).suffix.lower() == ".npz":
             with np.load(path, allow_pickle=False) as data:
                 return {name: data[name] for name in data if _is_known(name)}
         import h5py

@@ -41,7 +41,7 @@ def kind_of(path: Path_) -> str:
     path = path_of(path, "path")
     if not path.is_file():
         raise unreadable_error(path, "a SID, model, scene or result")
-    if path.suffix in (".toml", ".json"):
+    if path.suffix.lower() in (".toml", ".json"):
         return _kind_of_text(path)
     return _kind_of_hdf5(path) if _starts_as_hdf5(path) else "sid"
 

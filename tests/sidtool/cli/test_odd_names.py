@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +61,20 @@ def test_a_sid_whose_name_is_not_utf_8(tmp_path: Path) -> None:
     with pytest.raises(sidtool.InputError) as caught:
         sidtool.SidBody(sid=sid)
     assert caught.value.place == "sid"
+
+
+def test_endings_may_be_in_upper_case(tmp_path: Path) -> None:
+    """Windows makes no difference; S.TOML was "a SID file"."""
+    (tmp_path / "S.TOML").write_text(STONE, encoding="utf-8")
+    sidtool.Scene.load(tmp_path / "S.TOML").save(tmp_path / "Saved.Toml")
+    data = tomllib.loads((tmp_path / "Saved.Toml").read_text(encoding="utf-8"))
+    (tmp_path / "S.JSON").write_text(json.dumps(data), encoding="utf-8")
+    for name in ("S.TOML", "Saved.Toml", "S.JSON"):
+        result, table = tmp_path / f"{name}.H5", tmp_path / f"{name}.CSV"
+        command = ["simulate", str(tmp_path / name), "--set", "time.end=0.05"]
+        assert run([*command, "-o", str(result), "-o", str(table)]) == 0
+        np.testing.assert_allclose(sidtool.read(result)["stone.x"], [0.0, 0.1])
+        assert np.loadtxt(table, delimiter=",", skiprows=1).shape == (2, 2)
 
 
 def test_halves_of_characters_are_refused_by_their_key(tmp_path: Path) -> None:

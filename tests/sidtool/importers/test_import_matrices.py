@@ -103,6 +103,11 @@ def as_npz(folder: Path, body: FiniteElementModel) -> dict[str, str]:
     return {"file": "rod.npz"}
 
 
+def as_npz_in_upper_case(folder: Path, body: FiniteElementModel) -> dict[str, str]:
+    (folder / as_npz(folder, body)["file"]).rename(folder / "ROD.NPZ")
+    return {"file": "ROD.NPZ"}
+
+
 def as_hdf5(folder: Path, body: FiniteElementModel) -> dict[str, str]:
     with h5py.File(folder / "rod.h5", "w") as file:
         for name, value in arrays(body).items():
@@ -117,6 +122,7 @@ FORMATS: dict[str, Callable[[Path, FiniteElementModel], dict[str, str]]] = {
     "abaqus": as_abaqus,
     "matrix market": as_matrix_market,
     "npz": as_npz,
+    "NPZ": as_npz_in_upper_case,
     "hdf5": as_hdf5,
 }
 
