@@ -230,10 +230,14 @@ def test_the_command_reads_tables_and_continues(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     scene = tmp_path / "arm.json"
-    scene.write_text(pendulum(forces=motor(INPUT)).model_dump_json(by_alias=True))
+    scene.write_text(
+        pendulum(forces=motor(INPUT)).model_dump_json(by_alias=True), encoding="utf-8"
+    )
     rows = [f"{t},{v}" for t, v in zip(TIMES, VALUES, strict=True)]
-    (tmp_path / "all.csv").write_text("\n".join(["t,value", *rows]))
-    (tmp_path / "half.csv").write_text("\n".join(["t,value", *rows[:5]]))
+    (tmp_path / "all.csv").write_text("\n".join(["t,value", *rows]), encoding="utf-8")
+    (tmp_path / "half.csv").write_text(
+        "\n".join(["t,value", *rows[:5]]), encoding="utf-8"
+    )
     command = ["simulate", "arm.json", "-o", "r.h5"]
     half = ["--input", "command=half.csv", "--set", "time.end=0.5"]
     assert run([*command, *half]) == 0
@@ -242,6 +246,6 @@ def test_the_command_reads_tables_and_continues(
     assert json.loads(found.scene)["inputs"]["command"]["times"] == TIMES.tolist()
     expected = pendulum(forces=motor(INPUT)).simulate(inputs=TABLE)
     assert np.allclose(found["pivot.angle"], expected["pivot.angle"], atol=1e-5)
-    (tmp_path / "all.csv").write_text("t,value\n0,1\n0.1,x")
+    (tmp_path / "all.csv").write_text("t,value\n0,1\n0.1,x", encoding="utf-8")
     assert run([*command, "--force", "--input", "command=all.csv"]) == 2
     assert "line 3" in capsys.readouterr().err
