@@ -133,6 +133,12 @@ def bars_model(
         motion = node_motion(nodes)
         outlines += shell_outlines(imported.shells, nodes, motion, units.length)
     inertia += [particles.points()] if imported.bars or imported.masses else []
+    if not inertia:
+        raise InputError(
+            "springs without any mass are no body",
+            place="geometry",
+            expected="masses (CONM2, CMASS2), or elements with a density",
+        )
     used = np.flatnonzero((nodes.table >= 0).any(axis=1))
     body = FiniteElementModel(
         positions=mesh.positions[used],

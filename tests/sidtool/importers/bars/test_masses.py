@@ -66,3 +66,10 @@ def test_what_no_rigid_mass_has_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=problem):
         body(tmp_path, frame(PBAR, cards))
+
+
+def test_springs_without_mass_are_refused(tmp_path: Path) -> None:
+    cards = ["GRID,1,,0.,0.,0.", "GRID,2,,1.,0.,0.", "PBUSH,1,K,1.,1.,1.,1.,1.,1."]
+    text = "\n".join(["BEGIN BULK", *cards, "CBUSH,1,1,1,2,,,,0", "ENDDATA", ""])
+    with pytest.raises(InputError, match="without any mass"):
+        body(tmp_path, text)
