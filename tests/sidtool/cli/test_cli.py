@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -21,6 +22,13 @@ def folder(tmp_path: Path) -> Path:
     shutil.copytree(SLIDER_CRANK, tmp_path / "example")
     (tmp_path / "out").mkdir()
     return tmp_path
+
+
+def without_version(sid: Path) -> str:
+    """The text of a SID file but for the version of sidtool that its title names."""
+    text, count = re.subn(r"\[sidtool [\d.]+;", "[", sid.read_text(encoding="utf-8"))
+    assert count == 1
+    return text
 
 
 def refused(
@@ -233,9 +241,7 @@ def test_convert_there_and_back(
     sid = folder / "example" / "rod_q4.SID_FEM"
     assert run(["convert", str(sid), "-o", str(folder / "a.h5")]) == 0
     assert run(["convert", str(folder / "a.h5"), "-o", str(folder / "b.SID_FEM")]) == 0
-    assert (folder / "b.SID_FEM").read_text(encoding="utf-8") == sid.read_text(
-        encoding="utf-8"
-    )
+    assert without_version(folder / "b.SID_FEM") == without_version(sid)
     assert "2 nodes, 5 modes; 31.7011, 200.5533" in capsys.readouterr().out
 
 
@@ -257,7 +263,7 @@ def test_repair_of_a_good_sid_changes_nothing(
     sid, out = folder / "example" / "rod_q4.SID_FEM", folder / "a.SID_FEM"
     assert run(["convert", str(sid), "-o", str(out), "--repair"]) == 0
     assert "repair: 0 numbers changed" in capsys.readouterr().out
-    assert out.read_text(encoding="utf-8") == sid.read_text(encoding="utf-8")
+    assert without_version(out) == without_version(sid)
 
 
 def test_repair_lists_what_it_changes(
