@@ -55,7 +55,7 @@ def faults_of_wheel(path: Path) -> list[str]:
 
 def faults_of_sdist(path: Path) -> list[str]:
     """Return the links of an sdist and the files of the packages that it lacks."""
-    with tarfile.open(path) as archive:
+    with tarfile.open(path, encoding="utf-8") as archive:
         members = archive.getmembers()
     names = {member.name.partition("/")[2] for member in members}
     links = [f"link: {m.name}" for m in members if m.issym() or m.islnk()]

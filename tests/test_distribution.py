@@ -38,7 +38,7 @@ def test_the_wheel_of_the_sdist_is_complete(tmp_path: Path) -> None:
         shutil.copy(ROOT / name, tree)
     sdist = built("sdist", tree, tmp_path / "out")
     assert faults_of_sdist(sdist) == []
-    with tarfile.open(sdist) as archive:
+    with tarfile.open(sdist, encoding="utf-8") as archive:
         archive.extractall(tmp_path / "extracted", filter="data")
     (source,) = (tmp_path / "extracted").iterdir()
     wheel = built("wheel", source, tmp_path / "out")

@@ -51,7 +51,7 @@ ELSEWHERE = {
     "State": {"initial"},
 }
 #: Classes that random scenes do not have, or that are seen in pictures only.
-OTHERS = {"Event", "Given", "Wanted", "RayleighDamping"}
+OTHERS = {"Event", "Given", "Input", "Wanted", "RayleighDamping"}
 OTHERS |= {"Box", "Cylinder", "Sphere", "SurfaceMesh"}
 NAME = "optional keys left out"
 RTOL = 1e-7

@@ -153,6 +153,7 @@ DEFAULTS: dict[str, dict[str, Default]] = {
         "title": _is(""),
         "parameters": _is({}),
         "accuracy": _is({}),
+        "inputs": _is({}),
         "initial": _is({}),
         "events": _is({}),
         "joints": _is({}),
