@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from .api.operations import repair as repair
     from .api.operations import simulate as simulate
     from .api.operations import validate as validate
+    from .api.plant import Plant as Plant
+    from .api.plant import PlantEvent as PlantEvent
     from .api.result import Result as Result
     from .api.scene import Model as Model
     from .api.scene import Scene as Scene
@@ -96,6 +98,8 @@ _HOME = {
     "DiagnosticWarning": "sidtool.formats.diagnostics.python_warnings",
     "Interrupted": "sidtool.api.interrupts",
     "Model": "sidtool.api.scene",
+    "Plant": "sidtool.api.plant",
+    "PlantEvent": "sidtool.api.plant",
     "Result": "sidtool.api.result",
     "SID": "sidtool.formats.base.sid",
     "Scene": "sidtool.api.scene",

@@ -7,7 +7,7 @@ import runpy
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +36,13 @@ def blocks(text: str) -> Iterator[tuple[str, str, str]]:
         end = match.end()
 
 
-def run_page(page: Path, folder: Path) -> int:
+_NEEDS = re.compile(r"<!-- needs: (\w+) -->\s*$")
+
+
+def run_page(page: Path, folder: Path, packages: Collection[str] = ()) -> int:
     """Every block of a page, one after the other, in a folder.
+
+    A block behind a line `<!-- needs: NAME -->` is run if `packages` has the name.
 
     `sh`: commands; `python`: one program all over the page; `toml`: a file, which its
     first line names, or with "in" an addition to one, that can be read afterwards.
@@ -51,6 +56,9 @@ def run_page(page: Path, folder: Path) -> int:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for language, code, before in found:
+            needed = _NEEDS.search(before)
+            if needed and needed[1] not in packages:
+                continue
             if language == "sh":
                 _run_lines(code, before, patch)
             elif language == "python":

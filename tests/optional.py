@@ -41,9 +41,11 @@ PROGRAMS = {
 #: Name of a mark to the top-level modules of the package.
 PACKAGES = {
     "cholespy": ("cholespy",),
+    "control": ("control",),
     "dask": ("dask", "distributed"),
     "exudyn": ("exudyn",),
     "gmsh": ("gmsh",),
+    "gymnasium": ("gymnasium",),
     "mpi4py": ("mpi4py",),
     "playwright": ("playwright",),
     "pyamg": ("pyamg",),

@@ -31,8 +31,9 @@ from importlib.metadata import entry_points
 (command,) = entry_points(group="console_scripts", name="lint-imports")
 command.load()()
 """
-#: The Python blocks of a page, which go on one after the other.
-EXAMPLE = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+#: The Python blocks of a page, which go on one after the other; not those that need an
+#: optional package.
+EXAMPLE = re.compile(r"(?<! -->\n)^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
 def main() -> int:

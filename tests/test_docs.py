@@ -48,6 +48,20 @@ def test_every_block_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     run_page(page, tmp_path)
 
 
+@pytest.mark.needs("gymnasium")
+def test_a_plant_is_an_environment_of_gymnasium(tmp_path: Path) -> None:
+    run_page(DOCS / "howto" / "plant.md", tmp_path, ["gymnasium"])
+
+
+@pytest.mark.needs("control")
+def test_a_plant_is_in_a_loop_with_python_control(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # scipy.stats takes the entry that hides sphinx for the package
+    monkeypatch.delitem(sys.modules, "sphinx", raising=False)
+    run_page(DOCS / "howto" / "plant.md", tmp_path, ["control"])
+
+
 LINK = re.compile(r"\[`([\w.]+)`\]\s*\((\.\./[^)#]+\.py)\)")
 
 

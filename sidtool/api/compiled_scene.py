@@ -28,6 +28,8 @@ from .result import Result
 if TYPE_CHECKING:
     from sidtool.solver.system.system import System
 
+    from .plant import Plant
+
 Sids = Mapping[str, SID | str | os.PathLike[str]]
 
 
@@ -103,6 +105,43 @@ class CompiledScene:
             system, notes = self._with(changes or {}, sids or {})
             settings |= {"progress": progress, "diagnostics": notes}
             return run_interruptible(system, stop, *self._programs, **settings)
+
+    def plant(
+        self,
+        outputs: Iterable[str] = (),
+        *,
+        integrator: str | None = None,
+        rtol: float | None = None,
+        step: float | None = None,
+        spectral_radius: float | None = None,
+    ) -> Plant:
+        """Return the scene as a plant, which a program advances step by step::
+
+            plant = scene.compile().plant()
+            while plant.time < 1.0:
+                plant.set(torque=-20.0 * plant["arm.angle"])
+                plant.advance(0.01)
+
+        Parameters
+        ----------
+        outputs : names of outputs in addition to those of the scene; others can be read
+            as well, if they do not count revolutions from the start
+        integrator, rtol, step, spectral_radius : as of `sidtool.simulate`
+
+        Raises
+        ------
+        InputError : as `simulate`.
+        """
+        from .plant import Plant
+
+        settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol}
+        settings |= {"step": step, "spectral_radius": spectral_radius}
+        return Plant(self.scene, self.system_with, outputs, settings)
+
+    def system_with(self, changes: Mapping[str, Any]) -> System:
+        """Return the compiled tables of the scene with other numbers, see `run`."""
+        with locate_errors(self.scene):
+            return self._with(changes, {})[0]
 
     def _with(
         self, changes: Mapping[str, Any], sids: Sids

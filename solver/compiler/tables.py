@@ -8,7 +8,7 @@ table its address; numbers are stored directly.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, ClassVar, Self, get_type_hints
 
@@ -62,6 +62,7 @@ class TableType(types.Type):
             self.offsets[field] = words
             words += 1 + (kind.ndim if isinstance(kind, ViewType | RowsType) else 0)
         self.words = words
+        self.number_runs = _runs(sorted(self.offsets[field] for field in self.scalars))
         self.owner, self.variant = owner, name
         if not name:
             owner.kind, owner.kinds = self, {}
@@ -102,6 +103,17 @@ class TableType(types.Type):
 
     def __reduce__(self) -> Any:
         return _table_type_of, (self.owner, self.variant)
+
+
+def _runs(numbers: list[int]) -> list[tuple[int, int]]:
+    """First and end of each run of growing numbers without a gap."""
+    runs: list[tuple[int, int]] = []
+    for n in numbers:
+        if runs and runs[-1][1] == n:
+            runs[-1] = runs[-1][0], n + 1
+        else:
+            runs.append((n, n + 1))
+    return runs
 
 
 def _as_numbers(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -203,7 +215,8 @@ class Table:
             base = _address_of(memory)
             gap = -base % ALIGNMENT
             table = cls.__new__(cls)
-            table.__dict__.update(unchanged, _views=views, _zeros=memory[gap:])
+            zeros = memory[gap : gap + size]
+            table.__dict__.update(unchanged, _views=views, _zeros=zeros)
             tables = {field: make_table() for field, make_table in makers.items()}
             table._set(tables, known + (base + gap) * inside)
             return table
@@ -238,6 +251,26 @@ class Table:
             raise AttributeError(f"not a number of a table: {name}; see `replaced`")
         self._numbers[kind.scalars[name]][kind.offsets[name]] = value
 
+    def contents(self) -> Iterator[np.ndarray]:
+        """All that kernels may change in this table and in its tables.
+
+        Views of the numbers, then of the arrays. Addresses are not part of it, so that
+        copies of the views can be put into another table of the same shapes.
+        """
+        for first, end in self.kind.number_runs:
+            yield self._memory[first:end]
+        views = self.__dict__.get("_views", {})
+        if views:
+            yield self._zeros
+        for field in self.kind.members:
+            if field in self.kind.scalars or field in views:
+                continue
+            value = getattr(self, field)
+            if isinstance(value, Table):
+                yield from value.contents()
+            elif isinstance(value, np.ndarray):
+                yield value
+
     def __reduce__(self) -> Any:
         """Copies have an address of their own."""
         fields = {field: getattr(self, field) for field in self.kind.fields}
@@ -247,6 +280,8 @@ class Table:
         """The same table with other values of some fields."""
         twin = type(self).__new__(type(self))
         twin.__dict__.update(self.__dict__)
+        views = self.__dict__.get("_views", {})
+        twin.__dict__["_views"] = {f: v for f, v in views.items() if f not in changes}
         twin._set(changes, self._memory.copy())
         return twin
 

@@ -5,7 +5,7 @@ the forces of joints.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -304,6 +304,44 @@ def deformation_bounds(sid: SID, largest: Array) -> tuple[float, float]:
     if not bounds:
         return 0.0, 0.0
     return (bounds[0] / size if size else 0.0), bounds[1]
+
+
+@dataclass(frozen=True, eq=False)
+class DeformationLimit:
+    """Limits of linear theory of one body, as bounds of its elastic coordinates.
+
+    Attributes
+    ----------
+    coordinates : of the body in z
+    weights : (n, nq) deflections and rotations over the limits of `MAX_DEFLECTION` and
+        `MAX_ROTATION`, for unit coordinates
+    """
+
+    coordinates: slice
+    weights: Array
+
+    def may_exceed(self, z: Array) -> bool:
+        """True if the body may be beyond linear theory; False is certain."""
+        return bool((self.weights @ np.abs(z[self.coordinates])).max() > 1.0)
+
+
+def deformation_limits(system: System) -> list[DeformationLimit]:
+    """Limits of linear theory of all flexible bodies with nodes."""
+    limits = []
+    for data in system.flexible:
+        most = {"phi": MAX_DEFLECTION * body_size(data.sid), "psi": MAX_ROTATION}
+        weights = [
+            np.linalg.norm([getattr(n, part).m0 for n in data.sid.nodes], axis=1) / size
+            for part, size in most.items()
+            if data.sid.nodes and size
+        ]
+        if not weights:
+            continue
+        row = system.arrays.body[system.index(data.name)]
+        end = int(row[at.POS] + row[at.NP])
+        coordinates = slice(end - int(row[at.NQ]), end)
+        limits.append(DeformationLimit(coordinates, np.concatenate(weights)))
+    return limits
 
 
 def _largest_displacement(shapes: Array, q: Array, least: float) -> float:

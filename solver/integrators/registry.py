@@ -1,8 +1,8 @@
 """Registry of the integrators, and the automatic choice of one.
 
-An integrator is a function that prepares its storage and coefficients and returns
+An integrator is a function that prepares a `StepFunction`: its storage, and
 ``advance(control, limit)``, which makes at most `limit` steps and returns one of the
-codes of `loop_state`. It keeps its state in the `StepLoopState` that all share.
+codes of `loop_state`. Its state is that storage and the `StepLoopState` that all share.
 """
 
 from __future__ import annotations
@@ -15,12 +15,27 @@ from ..spatial import system_arrays as at
 from ..system.system import System
 
 if TYPE_CHECKING:
+    from ..compiler.tables import Table
     from ..linear.factor_storage import Kernels, Memory
     from ..spatial.system_arrays import WorkArrays
     from ..system.system import System
     from .loop_state import StepLoopState
 
-StepFunction = Callable[["StepLoopState", int], int]
+
+@dataclass(frozen=True, eq=False)
+class StepFunction:
+    """Step function of a run.
+
+    Attributes
+    ----------
+    advance
+        ``advance(control, limit)`` makes at most `limit` steps, see `loop_state`.
+    storage
+        What the method keeps from one step to the next.
+    """
+
+    advance: Callable[[StepLoopState, int], int]
+    storage: Table
 
 
 @dataclass(frozen=True)
@@ -87,7 +102,7 @@ def _radau(stages: int) -> Integrator:
                 *parts, control, storage, left
             )
 
-        return advance
+        return StepFunction(advance, storage)
 
     title = f"Radau IIA of order {2 * stages - 1}, index 1, projected"
     loop = "integrators.radau:advance"
@@ -108,8 +123,11 @@ def _trapezoidal(
     from . import trapezoidal
 
     storage = trapezoidal.new_slopes(system.n_positions, system.n_velocities)
-    return lambda control, limit: trapezoidal.advance(
-        kernels, system.arrays, work, memory, control, storage, limit
+    return StepFunction(
+        lambda control, limit: trapezoidal.advance(
+            kernels, system.arrays, work, memory, control, storage, limit
+        ),
+        storage,
     )
 
 
@@ -124,8 +142,11 @@ def _dop853(
 
     tableau = dop853_tableau.tableau()
     storage = explicit_runge_kutta.new_slopes(system.n_positions, system.n_velocities)
-    return lambda control, limit: explicit_runge_kutta.advance(
-        kernels, system.arrays, work, memory, tableau, control, storage, limit
+    return StepFunction(
+        lambda control, limit: explicit_runge_kutta.advance(
+            kernels, system.arrays, work, memory, tableau, control, storage, limit
+        ),
+        storage,
     )
 
 
@@ -143,8 +164,11 @@ def _generalised_alpha(
     rho = control.spectral_radius
     sizes = coordinate_sizes(system)
     storage = alpha_table.new_alpha_memory(system.arrays, rho, sizes)
-    return lambda control, limit: generalised_alpha.advance(
-        kernels, system.arrays, work, memory, control, storage, limit
+    return StepFunction(
+        lambda control, limit: generalised_alpha.advance(
+            kernels, system.arrays, work, memory, control, storage, limit
+        ),
+        storage,
     )
 
 

@@ -88,6 +88,14 @@ class StepPoints:
         weights /= weights.sum()
         return weights @ steps.z[part], weights @ steps.v[part]
 
+    def restrict(self, steps: StepStates, begin: float, end: float) -> StepStates:
+        """States between two times inside one step, as those of a shorter step."""
+        t = begin + self.fractions * (end - begin)
+        t[-1] = np.nextafter(end, -np.inf)
+        states = [self.interpolate_state(steps, time) for time in t]
+        z, v = zip(*states, strict=True)
+        return StepStates(t, np.array(z), np.array(v))
+
     def integral(self, t: Array, values: Array, until: Array) -> Array:
         """Integral of values at all points from the first until some times, (nt,)."""
         starts = t[:: self.count]
@@ -162,7 +170,7 @@ MAX_WINDOW_NUMBERS, MIN_TIMES = 1 << 19, 64
 class OutputTimeBuffer:
     """Which output times come next."""
 
-    def __init__(self, times: OutputTimes, state: int) -> None:
+    def __init__(self, times: OutputTimes | Array, state: int) -> None:
         """Parameters
         ----------
         state

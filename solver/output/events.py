@@ -5,8 +5,9 @@ sides of the value the crossing is found to rounding; two crossings between two 
 are missed.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -70,6 +71,23 @@ class EventDetector:
         self.counts = dict.fromkeys(self.wanted, 0)
         self.events_found: list[LocatedEvent] = []
         self.stopping_event = ""
+
+    def save(self) -> dict[str, Any]:
+        """Return what changes during a run."""
+        return {
+            "sides": self.sides.copy(),
+            "sizes": self.sizes.copy(),
+            "counts": dict(self.counts),
+            "events_found": tuple(self.events_found),
+            "stopping_event": self.stopping_event,
+        }
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from what `save` has returned."""
+        self.sides[:], self.sizes[:] = saved["sides"], saved["sizes"]
+        self.counts = dict(saved["counts"])
+        self.events_found = list(saved["events_found"])
+        self.stopping_event = saved["stopping_event"]
 
     def find_events(self, steps: StepStates) -> bool:
         """Detect events in steps; True if one of them ends the run.

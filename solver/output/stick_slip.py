@@ -5,8 +5,9 @@ located at which a sliding joint stops or a sticking joint reaches its limit; th
 states are decided again: what slides goes on sliding, what rests sticks if it can.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -428,6 +429,21 @@ def set_friction_states(system: System, t: Array, z: Array, v: Array) -> None:
         system.friction_history.store(float(np.nextafter(t_k, -np.inf)))
 
 
+#: What changes of `StickSlipEvents` during a run; none of it is changed in place.
+_CHANGING = (
+    "largest_rate",
+    "largest_contact_force",
+    "largest_acceleration",
+    "largest_compliance",
+    "changing_joints",
+    "reversing_contacts",
+    "changed_joints",
+    "is_started",
+    "stride",
+    "steps_since_change",
+    "_last",
+    "_count",
+)
 #: Steps that may be lost at once, and which share of those since the last change.
 MAX_STRIDE, MAX_LOST_FRACTION = 4, 0.25
 
@@ -448,6 +464,20 @@ class StickSlipEvents(StickSlipDecision):
     ) -> None:
         super().__init__(system, rtol, closed)
         self.points, self.stride, self.steps_since_change = points, 1, 0
+
+    def save(self) -> dict[str, Any]:
+        """Return what changes during a run, but for `friction_state`."""
+        return self.history.save() | {name: getattr(self, name) for name in _CHANGING}
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from what `save` has returned."""
+        self.history.restore(saved)
+        for name in _CHANGING:
+            setattr(self, name, saved[name])
+
+    def discard_changes(self) -> None:
+        """Forget changes that were located: the motion takes another way before."""
+        self.changing_joints, self.reversing_contacts = [], []
 
     @property
     def needs_decision(self) -> bool:
@@ -488,12 +518,7 @@ class StickSlipEvents(StickSlipDecision):
         begin = steps.t[n_complete]
         if not end > begin:
             return before
-        t = begin + self.points.fractions * (end - begin)
-        t[-1] = np.nextafter(end, -np.inf)
-        z, v = zip(
-            *(self.points.interpolate_state(steps, time) for time in t), strict=True
-        )
-        return join_steps([before, StepStates(t, np.array(z), np.array(v))])
+        return join_steps([before, self.points.restrict(steps, begin, end)])
 
     def steps_until_change(
         self, control: loop_state.StepLoopState, steps: StepStates

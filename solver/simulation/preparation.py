@@ -16,6 +16,7 @@ import numpy as np
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.result import Result
+from sidtool.formats.scene import OutputTimes
 
 from ..diagnostics.run_summary import InitialisedSystem, initialise
 from ..dynamics.equations_of_motion import kernel_pointers
@@ -177,10 +178,17 @@ class RunArrays:
     control: StepLoopState
 
 
-def allocate(start: RunStart, plan: OutputPlan) -> RunArrays:
-    """Allocate the arrays of a run, with the state in which it begins."""
+def allocate(
+    start: RunStart, plan: OutputPlan, times: OutputTimes | Array
+) -> RunArrays:
+    """Allocate the arrays of a run, with the state in which it begins.
+
+    Parameters
+    ----------
+    times : output times of the step loop [s]
+    """
     system = start.system
-    window = OutputTimeBuffer(start.times, system.n_positions + system.n_velocities)
+    window = OutputTimeBuffer(times, system.n_positions + system.n_velocities)
     control = new_step_loop_state(
         system,
         start.settings,

@@ -45,7 +45,8 @@ from ..linear.factor_storage import Memory
 from ..output import columns
 from ..output.samples import Samples
 from ..system.control_laws import law_failure, rejected_trials
-from .run_loop import Run, Stop
+from .run_loop import Run
+from .stepping import Stepper, Stop
 
 if TYPE_CHECKING:
     from ..system.system import System
@@ -146,7 +147,7 @@ def meaningless_numbers(run: Run) -> tuple[Diagnostic, ...]:
     return meaningless_body({name: body.deflection for name, body in bodies.items()})
 
 
-def stop_causes(run: Run, stop: Stop) -> tuple[Diagnostic, ...]:
+def stop_causes(run: Stepper, stop: Stop) -> tuple[Diagnostic, ...]:
     """Return why a run ends early, and then the likely cause."""
     if stop.code is None:
         return stop.causes
@@ -172,22 +173,20 @@ def stop_causes(run: Run, stop: Stop) -> tuple[Diagnostic, ...]:
     return (failure, singular) if singular else (failure,)
 
 
-def _last_sound_state(run: Run) -> tuple[Array, Array]:
+def _last_sound_state(run: Stepper) -> tuple[Array, Array]:
     """Positions and velocities of the last known state within linear theory.
 
     Where a body has deformed by more, its frame is arbitrary, and rounding decides
     which joints can be met from there. A state with values that are not finite is
-    returned unchanged.
+    returned unchanged, as is the first one where no later one is within it.
     """
-    system, control = run.system, run.control
-    if not np.isfinite(control.z).all():
-        return control.z, control.v
-    _, z, v = run.window.reached_states(control)
-    states = [(control.z, control.v), *zip(z[::-1], v[::-1], strict=True)]
-    for positions, velocities in states:
-        if not find_state_warnings(system, positions[None]):
-            return positions, velocities
-    return run.recorder.sound or (run.start.initial.z, run.start.initial.v)
+    state = run.control.z, run.control.v
+    if not np.isfinite(run.control.z).all():
+        return state
+    for state in run.known_states():
+        if not find_state_warnings(run.system, state[0][None]):
+            return state
+    return state
 
 
 def _settings_table(run: Run) -> dict[str, str | float]:

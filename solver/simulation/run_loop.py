@@ -1,72 +1,35 @@
 """Step loop of a run over smooth intervals; events and friction between steps."""
 
-import math
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from sidtool.formats.base.errors import InputError
-from sidtool.formats.diagnostics import Diagnostic, diagnose
+from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import diagnose
 
-from ..diagnostics.failure_causes import singular_start_causes
-from ..diagnostics.singular_configurations import dead_point_causes
-from ..initial_state.given_state import store_rotations
-from ..integrators import loop_state, newton_iteration, output_sampling
-from ..integrators.registry import INTEGRATORS, StepFunction
-from ..integrators.singular_configurations import NEAR_SINGULAR
+from ..integrators import loop_state
 from ..output import dense_output, events
 from ..output.resume import ResumeState, previous_rows
-from ..system.control_laws import law_failure
-from ..system.sensors import SampledLaws
 from ..system.work_arrays import raise_pending
 from .preparation import OutputPlan, RunArrays, RunStart
 from .recorder import Recorder
+from .stepping import Stepper, Stop
 
 Progress = Callable[[float], None]
 
 
-class Stop(NamedTuple):
-    """Why a run ends before its time: diagnostics, or the code of a step loop."""
-
-    causes: tuple[Diagnostic, ...] = ()
-    code: int | None = None
-
-
-class Run:
-    """Step loop of one run.
-
-    Attributes
-    ----------
-    control : state of the step loop
-    method : integrator in use
-    switch_time : time at which the method for stiff scenes took over [s], or NaN
-    """
+class Run(Stepper):
+    """Step loop of one run, with its rows and events."""
 
     def __init__(
         self, start: RunStart, plan: OutputPlan, arrays: RunArrays, recorder: Recorder
     ) -> None:
-        self.start, self.plan, self.recorder = start, plan, recorder
-        self.system, self.settings = start.system, start.settings
-        self.work, self.memory = arrays.work, arrays.memory
-        self.kernels, self.window = arrays.kernels, arrays.window
-        self.control = arrays.control
-        self.event_detector, self.points = plan.event_detector, plan.points
-        self.stick_slip_events = plan.stick_slip_events
-        self.method, self.switch_time = start.methods[0], math.nan
-        self.samplers = SampledLaws(self.system)
+        super().__init__(start, plan, arrays)
+        self.recorder, self.window = recorder, arrays.window
         if start.resume is not None:
             self._skip_previous_rows(start.resume)
         self.window.fill_next(self.control)
-        self.breaks: list[events.LocatedEvent] = []
         self.step_counts = [0, 0]
-        self.needs_new_interval = False
-        self.advance = self._prepare()
-
-    def _prepare(self) -> StepFunction:
-        return self.method.prepare(
-            self.system, self.kernels, self.work, self.memory, self.control
-        )
 
     def _skip_previous_rows(self, resume: ResumeState) -> None:
         """Take the rows, times and events of an unfinished run as done."""
@@ -97,17 +60,17 @@ class Run:
         for stop in self.system.breaks:
             if stop <= self.current_time:
                 continue
-            failure = self._enter_interval(stop)
+            failure = self.enter_interval(stop)
             code = loop_state.STEPS_DONE
             while code == loop_state.STEPS_DONE and not failure:
                 code = self._make_steps()
                 if self._last_event is not None:
                     return None
-                if self._needs_stiff_method(code):
-                    self._switch_method()
+                if self.needs_stiff_method(code):
+                    self.switch_method()
                     self.needs_new_interval = True
                 if self.needs_new_interval:
-                    failure, code = self._enter_interval(stop), loop_state.STEPS_DONE
+                    failure, code = self.enter_interval(stop), loop_state.STEPS_DONE
                 if progress is not None:
                     progress(self.current_time)
                 why = (
@@ -137,7 +100,7 @@ class Run:
                 if self.stick_slip_events is None
                 else min(left, self.stick_slip_events.stride)
             )
-            code = self.advance(self.control, most)
+            code = self.step_function.advance(self.control, most)
             raise_pending(self.system)
             left -= self.memory.steps - before
             self._process_steps()
@@ -188,6 +151,13 @@ class Run:
             t, z, v = self.recorder.finite_rows(t, z, v)
         self.recorder.take_rows(t, z, v, self._new_events())
 
+    def known_states(self) -> Iterator[tuple[Array, Array]]:
+        """Positions and velocities of known states, the last one first."""
+        yield self.control.z, self.control.v
+        _, z, v = self.window.reached_states(self.control)
+        yield from zip(z[::-1], v[::-1], strict=True)
+        yield self.recorder.sound or (self.start.initial.z, self.start.initial.v)
+
     @property
     def _last_event(self) -> events.LocatedEvent | None:
         """The last event if an event of the scene has ended the run, else None."""
@@ -195,31 +165,6 @@ class Run:
         if detector is None or not detector.stopping_event:
             return None
         return detector.events_found[-1]
-
-    @property
-    def current_time(self) -> float:
-        """Time that was reached [s]."""
-        return self.control.time
-
-    def _needs_stiff_method(self, code: int) -> bool:
-        """True if another method has to go on: stiffness, or a singular
-        configuration.
-        """
-        waits = self.settings.when_stiff and math.isnan(self.switch_time)
-        if not waits or code not in (loop_state.STEPS_DONE, loop_state.TOO_STIFF):
-            return False
-        if self.control.singular_proximity == NEAR_SINGULAR:
-            return True
-        stiff = self.control.stiff_steps
-        return bool(loop_state.STIFF_STEP_FRACTION * stiff > self.memory.steps)
-
-    def _switch_method(self) -> None:
-        """Continue with the method for stiff scenes."""
-        self.method, self.switch_time = (
-            INTEGRATORS[self.settings.when_stiff],
-            self.current_time,
-        )
-        self.advance = self._prepare()
 
     def _record_breaks(self, t: float) -> None:
         """Store the state where drives or forces are not smooth."""
@@ -241,72 +186,3 @@ class Run:
             self.recorder.history.add(steps)
         if self.event_detector is not None:
             self.event_detector.find_events(steps)
-
-    def _enter_interval(self, end: float) -> tuple[Diagnostic, ...]:
-        """Start a smooth interval without memory of earlier steps.
-
-        Returns why it cannot start, if so.
-        """
-        self.needs_new_interval = False
-        failure = self._decide_friction()
-        if failure:
-            return failure
-        control, begin = self.control, self.current_time
-        control.stop = end
-        control.old_step = 0.0
-        control.factored_step = 0.0
-        control.newton_step_limit = np.inf
-        control.steps_since_failure = newton_iteration.FREQUENT_FAILURES
-        control.needs_jacobian = 1
-        control.stage_prediction = 0
-        self.work.interval_time[0] = 0.5 * (begin + end)
-        if self.settings.step is not None:
-            count = max(1, int(np.ceil((end - begin) / self.settings.step - 1e-9)))
-            control.step = (end - begin) / count
-        status = self._evaluate_start()
-        if status == 0 and self.samplers.take_samples(self.work, begin, control.v):
-            failure = self._decide_friction()
-            if failure:
-                return failure
-            status = self._evaluate_start()
-        invalid = law_failure(self.system, self.work, begin, since=begin)
-        if invalid and begin == self.system.scene.time.start:
-            raise InputError(
-                invalid.message, place="forces", expected="a number at the start"
-            )
-        if invalid:
-            return (invalid,)
-        if status != 0:
-            return singular_start_causes(
-                self.system, self.work, begin, control.z, status
-            )
-        store_rotations(self.system, self.work, control.z)
-        control.force_measures[:, :2] = self.work.measure
-        return ()
-
-    def _decide_friction(self) -> tuple[Diagnostic, ...]:
-        """Decide the friction states; returns why there is no decision, if so."""
-        if self.stick_slip_events is None:
-            return ()
-        reason, located = self.stick_slip_events.enter_interval(
-            self.current_time, self.control.z, self.control.v
-        )
-        self.breaks += located
-        if reason is None:
-            return ()
-        state = self.current_time, self.control.z, self.control.v
-        return (reason, *dead_point_causes(self.system, *state))
-
-    def _evaluate_start(self) -> int:
-        """Evaluates the state in hand; 0, or the code of a singular system."""
-        status: int = output_sampling.evaluate_start(
-            self.kernels,
-            self.system.arrays,
-            self.work,
-            self.memory,
-            self.current_time,
-            self.control.z,
-            self.control.v,
-        )
-        raise_pending(self.system)
-        return status

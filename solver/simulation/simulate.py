@@ -93,7 +93,7 @@ def simulate(
         system, settings, chain(system.diagnostics, diagnostics), unfinished
     )
     plan = plan_outputs(start)
-    arrays = allocate(start, plan)
+    arrays = allocate(start, plan, start.times)
     memory_sink = InMemory()
     recorder = Recorder(start, plan.energy_integrals, into or memory_sink)
     run = Run(start, plan, arrays, recorder)

@@ -6,9 +6,10 @@ constraint multipliers of the joint.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -218,6 +219,14 @@ class FrictionStateHistory:
         stored = self.current_states.copy()
         stored[:, at.CONTACT_SIDE :] = 0.0
         self._kept.append(stored)
+
+    def save(self) -> dict[str, Any]:
+        """Return the states until now, without the present one."""
+        return {"times": tuple(self._times), "states": tuple(self._kept)}
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from what `save` has returned."""
+        self._times, self._kept = list(saved["times"]), list(saved["states"])
 
     def clear(self) -> None:
         """Nothing is kept any more."""

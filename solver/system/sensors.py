@@ -268,18 +268,23 @@ def _is_sample_time(elapsed: Array, period: float) -> Array:
 
 
 class SampledLaws:
-    """The sampled laws of a system, as rows of its force table."""
+    """The sampled laws of a system, as rows of its force table.
+
+    Attributes
+    ----------
+    last_time : time of the last samples [s]
+    """
 
     def __init__(self, system: System) -> None:
-        self._system, self._last = system, -np.inf
+        self._system, self.last_time = system, -np.inf
         self._rows = [k for k, e in enumerate(system.forces) if e.sample_period]
 
     def take_samples(self, work: at.WorkArrays, t: float, v: Array) -> bool:
         """Sets the states in v of the laws that are sampled at t, from the state that
         was just evaluated, once at each time; whether there are any."""
-        if t == self._last:
+        if t == self.last_time:
             return False
-        start, self._last = self._system.scene.time.start, t
+        start, self.last_time = self._system.scene.time.start, t
         due = []
         for k in self._rows:
             if _is_sample_time(

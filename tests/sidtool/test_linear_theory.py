@@ -119,6 +119,22 @@ def test_within_the_theory_there_is_no_warning(folder: Path) -> None:
     assert "warning" not in ignored.stderr
 
 
+def test_a_plant_warns_once_and_stops_where_numbers_mean_nothing(folder: Path) -> None:
+    plant = sidtool.Scene.load(folder / "far.json").compile().plant()
+    with pytest.warns(sidtool.DiagnosticWarning, match="N41[13] b1") as caught:
+        for _ in range(10):
+            plant.advance(0.01)
+    assert len(caught) == 1
+    plant = sidtool.Scene.load(folder / "useless.json").compile().plant()
+    with pytest.raises(sidtool.SimulationError) as stop:
+        plant.advance(0.1)
+    assert stop.value.code == "N414"
+    with pytest.raises(sidtool.InputError, match="stopped"):
+        plant.advance(0.01)
+    plant.reset()
+    plant.advance(1e-4)
+
+
 def test_numbers_without_meaning_are_an_error(folder: Path) -> None:
     """The bar bends by six times its length: exit status 1, and the files hold it."""
     stored = folder / "useless.h5"

@@ -1,0 +1,596 @@
+"""A scene that a program advances step by step: inputs, time, state.
+
+Steps have the length that the integrator chooses: they go over the time at which the
+program looks, and the state there follows from the dense output of the step. Where an
+input changes, the motion goes back to that time and a new smooth interval begins.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, without
+from sidtool.formats.scene import Input
+
+from ..compiler import precompile
+from ..diagnostics.body_loads import (
+    deformation_limits,
+    find_state_failure,
+    find_state_warnings,
+)
+from ..diagnostics.run_summary import initialise
+from ..functions.piecewise import N_INPUT_TERMS
+from ..initial_state.integrator_start import run_settings
+from ..integrators import loop_state
+from ..integrators.registry import INTEGRATORS
+from ..integrators.singular_configurations import NEAR_SINGULAR
+from ..output import columns, dense_output
+from ..output.dense_output import StepStates
+from ..output.evaluated_forces import needs_body_quantities
+from ..output.events import LocatedEvent
+from ..output.samples import StateSampler
+from ..spatial import system_arrays as at
+from ..system.errors import SimulationError
+from ..system.system import System
+from ..system.work_arrays import raise_pending
+from .preparation import (
+    OutputPlan,
+    RunArrays,
+    RunStart,
+    allocate,
+    plan_outputs,
+    prepare_run,
+)
+from .result import stop_causes
+from .stepping import Stepper, Stop
+
+#: A time is a break of the motion if it lies within this part of the step to it.
+BREAK_TOLERANCE = 1e-6
+#: Times beyond the end of the scene by less than this part of its span are the end.
+END_TOLERANCE = 1e-9
+
+
+#: Attributes of a plant that are part of its state.
+_ATTRIBUTES = (
+    "switch_time",
+    "needs_new_interval",
+    "_input_changed",
+    "_interval_end",
+    "_unchecked_steps",
+    "_steps",
+    "_failure",
+    "_warned",
+)
+
+
+class InputCourse(NamedTuple):
+    """An input from a time on: a cubic polynomial.
+
+    Attributes
+    ----------
+    start : time [s]
+    terms : coefficients of powers of the time since then, lowest first
+    """
+
+    start: float
+    terms: tuple[float, ...]
+
+    @classmethod
+    def constant(cls, start: float, value: float) -> "InputCourse":
+        """The course that stays at a value."""
+        return cls(start, (value, *[0.0] * (N_INPUT_TERMS - 1)))
+
+    def at(self, t: float) -> tuple[float, float]:
+        """Value and rate at a time t [s]."""
+        x = t - self.start
+        value, rate = 0.0, 0.0
+        for term in reversed(self.terms):
+            rate = rate * x + value
+            value = value * x + term
+        return value, rate
+
+    @property
+    def is_constant(self) -> bool:
+        return not any(self.terms[1:])
+
+
+def course_between(
+    continuity: int, start: float, end: float, before: InputCourse, goal: float
+) -> InputCourse:
+    """The course of an input that is to have a value at the end of a time span.
+
+    Parameters
+    ----------
+    continuity : 1 for a straight line, 2 for a cubic polynomial that begins with the
+        rate of the course before and ends with the mean rate of the span
+    """
+    value, rate = before.at(start)
+    mean = (goal - value) / (end - start)
+    bend = (mean - rate) / (end - start)
+    if continuity < 2 or bend == 0.0:
+        return InputCourse(start, (value, mean, 0.0, 0.0))
+    return InputCourse(start, (value, rate, 2.0 * bend, -bend / (end - start)))
+
+
+@dataclass(frozen=True, eq=False)
+class PlantState:
+    """State of a plant: that of the motion and of the integrator.
+
+    Attributes
+    ----------
+    time : [s]
+    contents : what kernels have in memory
+    attributes : of the objects between the steps
+    """
+
+    time: float
+    contents: tuple[np.ndarray, ...]
+    attributes: Mapping[str, Any]
+
+
+class PlantRun(Stepper):
+    """Motion of a scene that is advanced to given times.
+
+    Attributes
+    ----------
+    time : time that the program has reached [s]; the last step may end later
+    events : events and changes of friction states until then
+    stopping_event : name of the event that has ended the motion, or empty
+    courses : inputs from some time on, by name
+    """
+
+    def __init__(
+        self,
+        start: RunStart,
+        plan: OutputPlan,
+        arrays: RunArrays,
+        emit_warning: Callable[[Diagnostic], None],
+    ) -> None:
+        super().__init__(start, plan, arrays)
+        self._emit_warning = emit_warning
+        arrays.window.fill_next(self.control)
+        self.sampler = StateSampler(self.system, start.tolerances)
+        self.time = self.control.time
+        self.courses = {
+            name: InputCourse.constant(self.time, signal.initial)
+            for name, signal in self._signals.items()
+        }
+        self._goals = {name: course.terms[0] for name, course in self.courses.items()}
+        self._systems: list[System] = []
+        self.follow_inputs(self.system)
+        self.needs_new_interval = True
+        self._input_changed = False
+        self._interval_end = self.time
+        self._unchecked_steps = 0
+        self._steps: StepStates | None = None
+        self._failure: tuple[Diagnostic, ...] = ()
+        self._warned: frozenset[str] = frozenset()
+        self._limits = deformation_limits(self.system)
+
+    @property
+    def _signals(self) -> Mapping[str, Input]:
+        return self.system.scene.inputs
+
+    @property
+    def end(self) -> float:
+        """End of the scene [s]."""
+        return self.system.breaks[-1]
+
+    @property
+    def stopping_event(self) -> str:
+        detector = self.event_detector
+        return "" if detector is None else detector.stopping_event
+
+    @property
+    def events(self) -> list[LocatedEvent]:
+        detected = self.event_detector.events_found if self.event_detector else []
+        located = [*self.breaks, *detected]
+        return sorted(
+            (e for e in located if e.t <= self.time), key=lambda event: event.t
+        )
+
+    # Inputs
+
+    def follow_inputs(self, system: System) -> None:
+        """Give the inputs to the tables of another system, too, from now on."""
+        self._systems += [system, *([system.full_system] if system.full_system else [])]
+        for name in self.courses:
+            self._write(name)
+
+    def _write(self, name: str) -> None:
+        """Write the course of an input to the tables of functions."""
+        course = self.courses[name]
+        for system in self._systems:
+            arrays = system.arrays
+            first = arrays.drive[system.input_rows[name], at.D_DATA]
+            arrays.real_data[first] = course.start
+            arrays.real_data[first + 1 : first + 1 + N_INPUT_TERMS] = course.terms
+
+    def set(self, name: str, value: float) -> None:
+        """Set an input from now on: it jumps to a value if it is held, else it reaches
+        the value at the end of the next call of `advance_to`."""
+        self._goals[name] = value
+        if self._signals[name].continuity > 0:
+            return
+        if self.courses[name].terms[0] != value:
+            self._input_changed = True
+            self.courses[name] = InputCourse.constant(self.time, value)
+            self._write(name)
+
+    def _choose_courses(self, target: float) -> bool:
+        """Choose the courses of inputs without jumps until a time; returns True if one
+        of them moves."""
+        moves = False
+        for name, signal in self._signals.items():
+            before, goal = self.courses[name], self._goals[name]
+            if signal.continuity == 0 or (
+                before.is_constant and before.terms[0] == goal
+            ):
+                continue
+            course = course_between(signal.continuity, self.time, target, before, goal)
+            moves = self._input_changed = True
+            self.courses[name] = course
+            self._write(name)
+        return moves
+
+    # Outputs
+
+    def observe(self, system: System) -> "Observer":
+        """Return what evaluates the outputs of a system in the states of this one: of
+        the same scene with other outputs.
+
+        Raises
+        ------
+        InputError
+            An output counts revolutions, from the start of the motion on.
+        """
+        if system is not self.system:
+            system = system.cached(initialise).system
+            if system.n_positions != self.system.n_positions:
+                raise InputError(
+                    "an output counts revolutions, which has to begin with the motion",
+                    place="outputs",
+                    expected="its name when the plant is made: plant(outputs=[...])",
+                )
+            history = self.system.friction_history
+            if history is not None:
+                states = history.current_states
+                arrays = system.arrays.replaced(friction_state=states)
+                system = replace(system, arrays=arrays, friction_history=history)
+            self.follow_inputs(system)
+        return Observer(self, system)
+
+    # Steps
+
+    def advance_to(self, target: float) -> None:
+        """Advance the motion to a time [s], or to an event that ends it.
+
+        Raises
+        ------
+        InputError
+            The time lies before the present one or behind the end of the scene, or the
+            motion has ended.
+        SimulationError
+            The motion cannot go on.
+        """
+        target = self._checked(target)
+        ends_there = self.settings.step is not None or self._input_changed
+        if target > self.time and self._signals:
+            ends_there |= self._choose_courses(target)
+        if self._input_changed:
+            self._go_back()
+        control = self.control
+        if self._find_events(target):
+            return
+        if ends_there and self.settings.step is not None:
+            self.set_fixed_step(control.time, min(target, self._interval_end))
+        while control.time < target:
+            if self.needs_new_interval:
+                self._begin_interval(target)
+            self._make_step(min(self._interval_end, target if ends_there else np.inf))
+            self._check_deformations()
+            if self._find_events(target):
+                return
+        self.time = target
+
+    def _checked(self, target: float) -> float:
+        """The time to advance to: a break of the motion if it is one but for rounding.
+
+        Raises
+        ------
+        InputError
+            See `advance_to`.
+        """
+        if self._failure:
+            raise InputError(
+                f"the motion has stopped: {self._failure[0].message}",
+                place="advance",
+                expected="`restore` or `reset` first",
+            )
+        if self.stopping_event:
+            raise InputError(
+                f"event {self.stopping_event} has ended the motion",
+                place="advance",
+                expected="`restore` or `reset` first",
+            )
+        if not target >= self.time:
+            raise InputError(
+                f"to t = {target:.9g} s from t = {self.time:.9g} s",
+                place="advance",
+                expected="a time that does not lie before the present one",
+            )
+        breaks, near = self.system.breaks, BREAK_TOLERANCE * (target - self.time)
+        k = bisect_left(breaks, target - near)
+        if k < len(breaks) and breaks[k] <= target + near:
+            return max(breaks[k], self.time)
+        if k < len(breaks):
+            return target
+        span = self.end - self.system.scene.time.start
+        if target <= self.end + END_TOLERANCE * span:
+            return self.end
+        raise InputError(
+            f"to t = {target:.9g} s, behind the end of the scene at {self.end:.9g} s",
+            place="advance",
+            expected="a later end in the scene: time.end",
+        )
+
+    def _go_back(self) -> None:
+        """Go back to the present time, if the last step ends later, and have a new
+        interval begin there."""
+        control = self.control
+        self._input_changed, self.needs_new_interval = False, True
+        if self.time >= control.time:
+            return
+        z, v = self.state_vectors()
+        self.sampler.sample(np.array([self.time]), z[None], v[None])
+        control.time = self.time
+        control.z[:], control.v[:] = z, v
+        control.fraction_index, self._steps = 0, None
+        if self.stick_slip_events is not None:
+            self.stick_slip_events.discard_changes()
+
+    def _begin_interval(self, target: float) -> None:
+        """Begin a smooth interval; with fixed steps it ends at a time [s]."""
+        breaks = self.system.breaks
+        self._interval_end = breaks[bisect_right(breaks, self.control.time)]
+        is_fixed = self.settings.step is not None
+        end = min(self._interval_end, target) if is_fixed else self._interval_end
+        self._unchecked_steps = 0
+        failure = self.enter_interval(end)
+        if failure:
+            self._fail(Stop(failure))
+
+    def _make_step(self, stop: float) -> None:
+        """Make one step, not beyond a time [s]."""
+        control = self.control
+        control.stop, control.fraction_index, self._steps = stop, 0, None
+        code = self.step_function.advance(control, 1)
+        raise_pending(self.system)
+        if code == loop_state.INTERVAL_END:
+            control.time = stop  # rounding is left
+        elif self._must_switch(code):
+            self.switch_method()
+            self.needs_new_interval = True
+        elif code != loop_state.STEPS_DONE:
+            self._fail(Stop(code=code))
+        if self.stick_slip_events is not None and control.fraction_index:
+            steps = dense_output.take_steps(control)
+            self._steps = self.stick_slip_events.steps_until_change(control, steps)
+            self.needs_new_interval |= self.stick_slip_events.needs_decision
+        if control.time >= self._interval_end:
+            self.needs_new_interval = True
+
+    def _must_switch(self, code: int) -> bool:
+        """True if the method for stiff scenes has to go on; asked as often as in runs,
+        so that both make the same steps."""
+        self._unchecked_steps += 1
+        near_singular = self.control.singular_proximity == NEAR_SINGULAR
+        if (
+            code == loop_state.STEPS_DONE
+            and self._unchecked_steps < self.plan.step_limit
+            and not near_singular
+        ):
+            return False
+        self._unchecked_steps = 0
+        return self.needs_stiff_method(code)
+
+    def _fail(self, stop: Stop) -> None:
+        """End the motion.
+
+        Raises
+        ------
+        SimulationError
+            Always.
+        """
+        self._failure = stop_causes(self, stop)
+        raise SimulationError(self._failure)
+
+    def _find_events(self, target: float) -> bool:
+        """Look for events until a time; returns True if one of them ends the motion.
+
+        The time of the plant moves on to where it was looked.
+        """
+        detector = self.event_detector
+        if detector is None:
+            return False
+        end = min(self.control.time, target)
+        steps = self._last_steps()
+        if not end > self.time or not len(steps.t):
+            return False
+        begin = max(self.time, steps.t[0])
+        if begin > steps.t[0] or end < self.control.time:
+            steps = self.points.restrict(steps, begin, end)
+        self.time = end
+        if detector.find_events(steps):
+            self.time = detector.events_found[-1].t
+            return True
+        return False
+
+    def _check_deformations(self) -> None:
+        """Emit warnings of bodies that have left linear theory in the last step.
+
+        Raises
+        ------
+        SimulationError
+            A body has deformed by more than its size, so that numbers mean nothing.
+        """
+        z = self.control.z
+        if not any(limit.may_exceed(z) for limit in self._limits):
+            return
+        states = z[None]
+        failure = find_state_failure(self.system, states)
+        if failure:
+            self._failure = failure
+            raise SimulationError(failure)
+        found = without(
+            find_state_warnings(self.system, states),
+            self.system.scene.diagnostics.ignore,
+        )
+        for each in found:
+            if each.subject not in self._warned:
+                self._warned |= {each.subject}
+                self._emit_warning(each)
+
+    # States
+
+    def _last_steps(self) -> StepStates:
+        """Points of the last step."""
+        if self._steps is None:
+            self._steps = dense_output.take_steps(self.control)
+        return self._steps
+
+    def state_vectors(self) -> tuple[Array, Array]:
+        """Positions and velocities at the present time, to the tolerance of the run."""
+        if self.time < self.control.time and len(self._last_steps().t):
+            return self.points.interpolate_state(self._last_steps(), self.time)
+        return self.control.z.copy(), self.control.v.copy()
+
+    def _contents(self) -> Iterator[np.ndarray]:
+        """What kernels may change of the motion and of the integrator."""
+        for table in (
+            self.control,
+            self.work,
+            self.memory,
+            self.step_function.storage,
+        ):
+            yield from table.contents()
+        if self.stick_slip_events is not None:
+            yield self.stick_slip_events.friction_state
+
+    def save(self) -> PlantState:
+        """Return a copy of the state, from which `restore` goes on."""
+        parts = [self.stick_slip_events, self.event_detector]
+        attributes = {name: getattr(self, name) for name in _ATTRIBUTES}
+        return PlantState(
+            self.time,
+            tuple(part.copy() for part in self._contents()),
+            attributes
+            | {
+                "method": self._method_name,
+                "breaks": tuple(self.breaks),
+                "courses": dict(self.courses),
+                "goals": dict(self._goals),
+                "last_sample": self.samplers.last_time,
+                "parts": [None if part is None else part.save() for part in parts],
+            },
+        )
+
+    @property
+    def _method_name(self) -> str:
+        return next(name for name, m in INTEGRATORS.items() if m is self.method)
+
+    def restore(self, state: PlantState) -> None:
+        """Go on from a state that `save` of this plant, or of one of the same scene and
+        settings, has returned.
+
+        Raises
+        ------
+        InputError
+            It is the state of another scene.
+        """
+        attributes = dict(state.attributes)
+        method = INTEGRATORS[attributes["method"]]
+        if method is not self.method:
+            self.method = method
+            self.step_function = self._prepare()
+        contents = [*self._contents()]
+        if [part.shape for part in contents] != [p.shape for p in state.contents]:
+            raise InputError(
+                "is of another scene or of other settings",
+                place="state",
+                expected="one of this plant",
+            )
+        for content, copy in zip(contents, state.contents, strict=True):
+            content[:] = copy
+        for name in _ATTRIBUTES:
+            setattr(self, name, attributes[name])
+        self.time = state.time
+        self.breaks = list(attributes["breaks"])
+        self.samplers.last_time = attributes["last_sample"]
+        parts = [self.stick_slip_events, self.event_detector]
+        for part, saved in zip(parts, attributes["parts"], strict=True):
+            if part is not None:
+                part.restore(saved)
+        self.courses, self._goals = (
+            dict(attributes["courses"]),
+            dict(attributes["goals"]),
+        )
+        for name in self.courses:
+            self._write(name)
+
+
+class Observer:
+    """Outputs of a plant.
+
+    Attributes
+    ----------
+    names : of the outputs
+    """
+
+    def __init__(self, plant: PlantRun, system: System) -> None:
+        self._plant = plant
+        self._sampler = StateSampler(system, plant.start.tolerances)
+        self.names = system.scene.outputs.record
+
+    def values(self) -> Array:
+        """Outputs at the present time, (n,)."""
+        z, v = self._plant.state_vectors()
+        t = np.array([self._plant.time])
+        recorded = columns.evaluate_outputs(self._sampler, t, z[None], v[None])
+        return np.asarray(recorded.values[0])
+
+
+def new_plant(
+    system: System,
+    emit_warning: Callable[[Diagnostic], None],
+    *,
+    integrator: str | None = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    spectral_radius: float | None = None,
+) -> PlantRun:
+    """Return a compiled scene at its start, as a plant.
+
+    Parameters
+    ----------
+    emit_warning : called once for each body that leaves linear theory
+    integrator, rtol, step, spectral_radius : as of `simulate`
+
+    Raises
+    ------
+    InputError : as `simulate`.
+    """
+    settings = run_settings(system, integrator, rtol, step, spectral_radius)
+    loops = [INTEGRATORS[name].step_loop for name in settings.integrators]
+    precompile.ensure_compiled(
+        system.planar, loops, needs_body_quantities(system.scene)
+    )
+    start = prepare_run(system, settings, system.diagnostics, None)
+    plan = plan_outputs(start)
+    plan = replace(plan, fractions=np.append(plan.points.fractions, -1.0))
+    return PlantRun(start, plan, allocate(start, plan, np.zeros(0)), emit_warning)

@@ -1,0 +1,320 @@
+"""Plants: scenes that a program advances, beside one run of the same motion."""
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.formats.base.sid import Array
+
+FOUNDING = Path("examples/slider_crank/slider_crank.toml")
+TIMES = np.arange(1, 11) * 0.1
+VALUES = 3.0 * np.sin(7.0 * TIMES)
+#: Of the outputs of a plant and of a run with the same steps.
+ROUNDING = 1e-12
+
+
+def pendulum(**parts: Any) -> sidtool.Scene:
+    """An arm on a motor, whose torque is the input `torque`."""
+    content = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "planar",
+        "gravity": [0.0, -9.81],
+        "time": {"end": 1.0, "output_step": 0.1},
+        "bodies": {
+            "arm": {
+                "mass": 2.0,
+                "inertia": 0.05,
+                "initial": {"position": [0.4, 0.0]},
+                "markers": {"pivot": {"position": [-0.4, 0.0]}},
+            }
+        },
+        "joints": {"pivot": {"type": "revolute", "markers": ["ground", "arm.pivot"]}},
+        "inputs": {"torque": {}},
+        "forces": {
+            "motor": {
+                "type": "actuator",
+                "joint": "pivot",
+                "function": {"type": "input", "name": "torque"},
+            }
+        },
+        "accuracy": {"rtol": 1e-9},
+        "outputs": {"record": ["pivot.angle", "pivot.angle_rate", "pivot.fy"]},
+    }
+    return sidtool.Scene.model_validate(content | parts)
+
+
+def rubbing_pendulum() -> sidtool.Scene:
+    """The same with dry friction, under which it comes to rest, and with an event."""
+    joint = {"type": "revolute", "markers": ["ground", "arm.pivot"]}
+    friction = {"coefficient": 0.3, "radius": 0.05, "static": 0.4}
+    return pendulum(
+        time={"end": 3.0, "output_step": 0.05},
+        joints={"pivot": joint | {"friction": friction}},
+        events={"level": {"quantity": "pivot.angle", "value": -0.3}},
+    )
+
+
+def run_in(plant: sidtool.Plant, times: Array) -> Array:
+    rows = []
+    for t in times:
+        plant.advance_to(t)
+        rows.append(plant.read(*plant.outputs))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("count", [7, 100, 1000])
+def test_calls_of_any_length_make_the_steps_of_a_run(count: int) -> None:
+    compiled = sidtool.Scene.load(FOUNDING).with_({"time.end": 0.3}).compile()
+    expected = compiled.run({"time.output_step": 0.3 / count})
+    found = run_in(compiled.plant(), expected.t[1:])
+    scale = np.abs(expected.values).max(axis=0)
+    assert np.abs(found - expected.values[1:]).max() < ROUNDING * scale.max()
+    assert np.all(np.abs(found - expected.values[1:]).max(axis=0) < 1e-9 * scale)
+
+
+def follow(plant: sidtool.Plant, values: Array) -> Array:
+    """Angles after each tenth of a second, for values that an input reaches then."""
+    rows = []
+    for value in values:
+        plant.set(torque=value)
+        plant.advance(0.1)
+        rows.append(plant["pivot.angle"])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("kind", ["hold", "linear"])
+def test_an_input_acts_as_its_table_in_a_run(kind: str) -> None:
+    """Steps end at the jumps and corners in both, so that they are the same."""
+    scene = pendulum(inputs={"torque": {"interpolation": kind}})
+    if kind == "hold":
+        table = np.append(0.0, TIMES[:-1]), VALUES
+    else:
+        table = np.append(0.0, TIMES), np.append(0.0, VALUES)
+    expected = scene.simulate(inputs={"torque": table})["pivot.angle"][1:]
+    found = follow(scene.compile().plant(), VALUES)
+    assert np.abs(found - expected).max() < ROUNDING
+
+
+def test_a_smooth_input_follows_a_ramp_without_a_lag() -> None:
+    """Its value and its rate are continuous."""
+    scene = pendulum(inputs={"torque": {"interpolation": "smooth"}})
+    plant = scene.compile().plant()
+    ramp = 2.0 * TIMES
+    found = follow(plant, ramp)
+    table = np.append(0.0, TIMES), np.append(0.0, ramp)
+    linear = pendulum(inputs={"torque": {"interpolation": "linear"}})
+    expected = linear.simulate(inputs={"torque": table})["pivot.angle"][1:]
+    # in the first step the rate of the input rises from zero
+    assert np.abs(found - expected)[0] > 1e-6
+    plant.reset()
+    plant.set(torque=0.2)
+    plant.advance(0.1)
+    before = plant.inputs["torque"]
+    plant.set(torque=0.4)
+    plant.advance(0.05)
+    assert before == pytest.approx(0.2, abs=ROUNDING)
+
+
+def test_inputs_that_jump_between_steps_act_at_their_time() -> None:
+    """A constant torque alone: the motion is that of closed form to the tolerance."""
+    scene = pendulum(gravity=[0.0, 0.0])
+    plant = scene.compile().plant()
+    inertia, angle, rate = 0.05 + 2.0 * 0.4**2, 0.0, 0.0
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        torque, span = float(rng.uniform(-5.0, 5.0)), float(rng.uniform(0.001, 0.04))
+        if rng.uniform() < 0.5:  # else it stays, and steps go over the time
+            plant.set({"torque": torque})
+        acceleration = plant.inputs["torque"] / inertia
+        if plant.time + span > plant.end:
+            break
+        plant.advance(span)
+        angle += rate * span + 0.5 * acceleration * span**2
+        rate += acceleration * span
+        assert plant["pivot.angle"] == pytest.approx(angle, abs=1e-8)
+        assert plant["pivot.angle_rate"] == pytest.approx(rate, abs=1e-8)
+
+
+def flexible_rod() -> sidtool.Scene:
+    return sidtool.Scene.load(FOUNDING).with_({"time.end": 0.2})
+
+
+def _moved(plant: sidtool.Plant, spans: Array, torques: Array) -> tuple[Array, Any]:
+    """Outputs after each of some time spans, and the events so far."""
+    rows = []
+    for span, torque in zip(spans, torques, strict=True):
+        if "torque" in plant.inputs and torque > 0.0:
+            plant.set(torque=torque)
+        plant.advance(span)
+        rows.append(plant.read(*plant.outputs))
+    return np.array(rows), plant.events
+
+
+@pytest.mark.parametrize(
+    ("scene", "instants"), [(flexible_rod, 60), (rubbing_pendulum, 12)]
+)
+def test_a_saved_state_goes_on_to_the_last_bit(
+    scene: Callable[[], sidtool.Scene], instants: int
+) -> None:
+    """At random instants, over events and changes of friction, with jumps of inputs."""
+    plant = scene().compile().plant()
+    rng = np.random.default_rng(2)
+    for _ in range(instants):
+        plant.reset()
+        plant.advance(float(rng.uniform(0.0, 0.8 * plant.end)))
+        state, spans = plant.state(), rng.uniform(0.0, 0.02 * plant.end, 8)
+        torques = rng.uniform(-3.0, 3.0, 8)
+
+        expected, events = _moved(plant, spans, torques)
+        plant.restore(pickle.loads(pickle.dumps(state)))
+        found, events_again = _moved(plant, spans, torques)
+        assert np.array_equal(found, expected)
+        assert events_again == events
+
+
+def test_a_state_goes_on_in_another_plant() -> None:
+    compiled = rubbing_pendulum().compile()
+    one, other = compiled.plant(), compiled.plant()
+    one.set(torque=1.0)
+    one.advance(0.83)
+    other.restore(pickle.loads(pickle.dumps(one.state())))
+    for plant in (one, other):
+        plant.advance(0.4)
+    assert np.array_equal(one.read("pivot.angle"), other.read("pivot.angle"))
+
+
+def test_friction_and_events_are_those_of_a_run() -> None:
+    scene = rubbing_pendulum()
+    expected = scene.simulate()
+    plant = scene.compile().plant()
+    found = run_in(plant, expected.t[1:])
+    assert np.abs(found - expected.values[1:])[:, :2].max() < 1e-7
+    kinds = [(event.name, event.kind) for event in plant.events]
+    assert kinds == [(event.name, event.kind) for event in expected.events]
+    assert len(kinds) >= 4
+    times = [[event.t for event in each.events] for each in (plant, expected)]
+    assert np.abs(np.subtract(*times)).max() < 1e-7
+
+
+@pytest.mark.parametrize("calls", [13, 250])
+def test_sampled_laws_are_sampled_at_their_times(calls: int) -> None:
+    """Whether calls end at the samples or not; rounding of times does not decide."""
+    law = {
+        "type": "expression",
+        "value": "torque - 6*pivot.angle - pivot.angle_rate",
+        "sample_time": 0.02,
+    }
+    motor = {"type": "actuator", "joint": "pivot", "function": law}
+    scene = pendulum(forces={"motor": motor}, gravity=[0.0, -1.0])
+    expected = scene.simulate()["pivot.angle"][-1]
+    plant = scene.compile().plant()
+    for _ in range(calls):
+        plant.advance(1.0 / calls)
+    assert plant.time == pytest.approx(1.0, abs=1e-12)
+    assert plant["pivot.angle"] == pytest.approx(expected, abs=1e-8)
+
+
+def test_an_event_ends_the_motion_until_it_is_reset() -> None:
+    event = {"quantity": "pivot.angle", "value": -0.5, "action": "stop"}
+    scene = pendulum(events={"low": event})
+    expected = scene.simulate()
+    plant = scene.compile().plant()
+    start = plant.state()
+    for _ in range(10):
+        plant.advance(0.1)
+        if plant.stopping_event:
+            break
+    assert plant.stopping_event == "low"
+    assert plant.time == pytest.approx(expected.t[-1], abs=1e-9)
+    assert plant["pivot.angle"] == pytest.approx(-0.5, abs=1e-8)
+    with pytest.raises(sidtool.InputError, match="low"):
+        plant.advance(0.1)
+    plant.restore(start)
+    plant.advance(0.01)
+    assert not plant.stopping_event
+
+
+@pytest.mark.parametrize(
+    ("settings", "error"),
+    [
+        ({"integrator": "dop853"}, 1e-8),
+        ({"integrator": "radau13"}, 1e-8),
+        ({"integrator": "generalised_alpha", "step": 1e-3}, 1e-4),
+        ({"integrator": "trapezoidal", "rtol": 1e-6}, 1e-4),
+    ],
+)
+def test_all_integrators_advance_plants(settings: Any, error: float) -> None:
+    scene = pendulum()
+    expected = scene.simulate(rtol=1e-11)["pivot.angle"][1:]
+    plant = scene.compile().plant(**settings)
+    assert np.abs(run_in(plant, TIMES)[:, 0] - expected).max() < error
+
+
+def test_stiff_springs_change_the_method_as_in_a_run() -> None:
+    spring = {
+        "type": "spring_damper",
+        "joint": "pivot",
+        "stiffness": 1e7,
+        "damping": 1e5,
+    }
+    scene = pendulum(forces={"stop": spring}, accuracy={"integrator": "auto"})
+    expected = scene.simulate()
+    assert "then" in str(expected.settings["integrator"])
+    plant = scene.compile().plant()
+    found = run_in(plant, expected.t[1:])
+    assert np.abs(found - expected.values[1:])[:, 0].max() < 1e-7
+
+
+def test_a_reset_with_changes_is_a_run_with_them() -> None:
+    compiled = pendulum().compile()
+    plant = compiled.plant()
+    plant.set(torque=4.0)
+    plant.advance(0.3)
+    changes = {"arm.mass": 3.0, "arm.initial.angular_velocity": 1.0}
+    plant.reset(changes)
+    expected = compiled.run(changes)
+    assert plant.inputs == {"torque": 0.0}
+    assert np.abs(run_in(plant, TIMES) - expected.values[1:]).max() < 1e-9
+    plant.reset()
+    assert plant.time == 0.0
+    assert plant["pivot.angle_rate"] == pytest.approx(expected.values[0, 1])
+
+
+def test_outputs_that_are_not_recorded_can_be_read() -> None:
+    plant = pendulum().compile().plant(["arm.x"])
+    plant.advance(0.2)
+    angle = plant["pivot.angle"]
+    assert plant["arm.x"] == pytest.approx(0.4 * np.cos(angle))
+    assert plant["arm.y"] == pytest.approx(0.4 * np.sin(angle))
+    plant.set(torque=1.0)
+    assert plant["inputs.torque"] == 1.0
+    assert plant["motor.torque"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("act", "text"),
+    [
+        (lambda p: p.set(speed=1.0), "speed"),
+        (lambda p: p.set(torque=float("nan")), "nan"),
+        (lambda p: p.set(torque="much"), "much"),
+        (lambda p: p.advance(-0.1), "before"),
+        (lambda p: p.advance(1.5), "end"),
+        (lambda p: p["pivot.angel"], "angel"),
+        (lambda p: p["energy.dissipated"], "integral"),
+        (lambda p: p.restore(rubbing_pendulum().compile().plant().state()), "another"),
+    ],
+)
+def test_bad_calls_are_refused_and_change_nothing(
+    act: Callable[[sidtool.Plant], Any], text: str
+) -> None:
+    plant = pendulum().compile().plant()
+    with pytest.raises(sidtool.InputError, match=text):
+        act(plant)
+    plant.advance(0.1)
+    assert plant.time == pytest.approx(0.1)
