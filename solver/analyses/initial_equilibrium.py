@@ -20,11 +20,11 @@ from .dense_equations import DenseEquations, least_squares, null_space
 from .frozen_inputs import is_state, with_integrated_drives
 from .inverse_dynamics import PrescribedMotion, refuse_law_states, relative_equilibrium
 from .joint_friction import friction_forces, with_friction_states_of
-from .static_equilibrium import static_equilibrium
+from .static_equilibrium import MAX_ITERATIONS, static_equilibrium
 
 
 def start_in_equilibrium(
-    system: System,
+    system: System, max_iterations: int = MAX_ITERATIONS
 ) -> tuple[SceneFile, dict[str, float], tuple[Diagnostic, ...]]:
     """The scene of a system with its bodies in equilibrium, states of its laws there by
     name, and what is reported of it.
@@ -38,6 +38,8 @@ def start_in_equilibrium(
     ----------
     system
         With all of its joints.
+    max_iterations
+        Newton steps after which there is none.
 
     Raises
     ------
@@ -50,7 +52,7 @@ def start_in_equilibrium(
         if z is not None:
             found = with_bodies(system, scene_at(integrated, z))
             return found, {}, assembly_notes(*assemble(integrated))
-        equilibrium = static_equilibrium(system)
+        equilibrium = static_equilibrium(system, max_iterations)
     except SimulationError as error:
         raise InputError(
             str(error), place="initial.state", expected="a scene that can rest"

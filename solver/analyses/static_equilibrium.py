@@ -106,11 +106,18 @@ class Equilibrium(WithDiagnostics):
         )
 
 
-def static_equilibrium(system: System) -> Equilibrium:
+def static_equilibrium(
+    system: System, max_iterations: int = MAX_ITERATIONS
+) -> Equilibrium:
     """The static equilibrium nearest downhill from the start of a scene.
 
     Drives and functions of time hold their values at the start: nothing moves, and no
     inertia of their rates is left. So do the states of the laws of drives.
+
+    Parameters
+    ----------
+    max_iterations
+        Newton steps after which there is no equilibrium near.
 
     Raises
     ------
@@ -136,7 +143,7 @@ def static_equilibrium(system: System) -> Equilibrium:
     start.z[state_positions] = start.v[velocities]
     z = mechanics.closed(start.z)
     best, largest = np.inf, mechanics.force_size(z)
-    for iteration in range(MAX_ITERATIONS):
+    for iteration in range(max_iterations):
         motion, force, multipliers, size = _force_balance(mechanics, z)
         largest = max(largest, size)
         if np.linalg.norm(force) >= FORCE_TOLERANCE * largest:
@@ -168,7 +175,7 @@ def static_equilibrium(system: System) -> Equilibrium:
         best = min(best, residual)
     none = diagnose(
         "N701",
-        iterations=MAX_ITERATIONS,
+        iterations=max_iterations,
         residual=best,
         body=_most_loaded_body(system, motion @ force),
     )

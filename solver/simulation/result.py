@@ -59,6 +59,8 @@ LOAD_CODES = frozenset({"N405", "N406", "N407", "N408"})
 STIFF_STEP_SHARE = 4
 #: Velocity coordinates up to which a static start is tried before it is advised.
 MAX_TRIED_COORDINATES = 300
+#: Newton steps of that trial; an equilibrium that is near takes about ten.
+TRIED_ITERATIONS = 40
 
 
 def build_result(
@@ -253,9 +255,12 @@ def _has_static_start(system: System) -> bool:
     """True if the scene can start in a static equilibrium, and does not yet.
 
     It is tried: a free mechanism has none, or has one by its springs. Not for large
-    scenes, nor where a program gives functions.
+    scenes, nor where a program gives functions, and with few iterations first, as those
+    of a mechanism that falls take longer than many a run.
     """
     from .. import compile_scene
+    from ..analyses.initial_equilibrium import start_in_equilibrium
+    from ..analyses.steady_rotation import steady_rotation
 
     scene = system.scene
     is_excluded = scene.initial.state == "static" or bool(system.shortest_features)
@@ -264,6 +269,9 @@ def _has_static_start(system: System) -> bool:
     initial = scene.initial.model_copy(update={"state": "static"})
     at_rest = scene.model_copy(update={"initial": initial})
     try:
+        full_system = system.full_joint_system
+        if steady_rotation(full_system)[0] is None:
+            start_in_equilibrium(full_system, TRIED_ITERATIONS)
         compile_scene(at_rest, sids=system.sids)
     except InputError:
         return False
