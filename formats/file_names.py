@@ -82,6 +82,7 @@ OUTPUT_KINDS = {
     ),
     "modes": OutputFileKind("modes (JSON)", (".json",)),
     "study": OutputFileKind("a study (JSON)", (".json",)),
+    "unit": OutputFileKind("a functional mock-up unit (FMU)", (".fmu",), chooses=True),
     "folder": OutputFileKind("a folder", ()),
     "page": OutputFileKind("a page (HTML)", (".html",), chooses=True),
     "film": OutputFileKind("a film (GIF or MP4)", (".gif", ".mp4"), chooses=True),

@@ -23,7 +23,7 @@ _BLOCK = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 _FILE = re.compile(r"# (in )?(\S+\.toml)\n")
 #: Commands that install, or need what a test does not have: their grammar is looked at.
 _NOT_RUN = ("pip", "mpirun", "export", "eval", "git", "source")
-_SLOW = ("warmup", "demo")
+_SLOW = ("warmup", "demo", "fmu")
 
 
 def blocks(text: str) -> Iterator[tuple[str, str, str]]:

@@ -25,6 +25,7 @@ from types import ModuleType
 
 #: Name of a mark to the names under which the program is installed.
 PROGRAMS = {
+    "cc": ("cc", "gcc"),
     "ccx": ("ccx",),
     "chromium": (
         "chromium",
@@ -44,6 +45,7 @@ PACKAGES = {
     "control": ("control",),
     "dask": ("dask", "distributed"),
     "exudyn": ("exudyn",),
+    "fmpy": ("fmpy",),
     "gmsh": ("gmsh",),
     "gymnasium": ("gymnasium",),
     "mpi4py": ("mpi4py",),
@@ -55,6 +57,7 @@ PACKAGES = {
     "slepc4py": ("slepc4py", "petsc4py"),
     "sphinx": ("sphinx", "myst_parser", "furo"),
     "vtk": ("vtk", "vtkmodules"),
+    "ziglang": ("ziglang",),
 }
 NAMES = frozenset(PROGRAMS) | frozenset(PACKAGES)
 

@@ -6,7 +6,7 @@ In reading order:
 - `entry`: an entry of the catalogue, how its message is filled
 - `catalogue`: all entries by code
 - `conversion` (N1xx), `scene` (N2xx), `stops` (N30x, N50x), `run` (N3xx), `validity`
-  (N4xx), `laws` (N5xx), `analyses` (N7xx): the entries by subject
+  (N4xx), `laws` (N5xx), `export` (N6xx), `analyses` (N7xx): the entries by subject
 - `hdf5`: diagnostics as a table of a file
 - `python_warnings`: diagnostics as warnings of Python
 """

@@ -1,6 +1,6 @@
 """All diagnostics by code."""
 
-from . import analyses, conversion, laws, run, scene, stops, validity
+from . import analyses, conversion, export, laws, run, scene, stops, validity
 from .entry import Entry
 
 #: Subject of the codes of each hundred.
@@ -10,12 +10,13 @@ GROUPS = {
     "N3": "Run and integration",
     "N4": "Validity: small deformations and shape functions",
     "N5": "Friction, force laws and control laws",
+    "N6": "Export to other programs",
     "N7": "Static equilibrium, natural modes and inverse dynamics",
 }
 
 #: Entry of each code.
 CATALOGUE: dict[str, Entry] = {}
-for _module in (conversion, scene, stops, run, validity, laws, analyses):
+for _module in (conversion, scene, stops, run, validity, laws, export, analyses):
     for _entry in _module.ENTRIES:
         assert _entry.code not in CATALOGUE, _entry.code
         CATALOGUE[_entry.code] = _entry

@@ -18,6 +18,7 @@ from ..pipeline.files import Path_, kind_of
 if TYPE_CHECKING:
     from sidtool.formats import result as stored
 
+    from ..fmu.export import ExportedUnit
     from ..study import Study
     from ..sweep import Sweep
     from .analyses import Equilibrium, Linearisation
@@ -184,6 +185,61 @@ class Scene(SceneFile):
         from .analyses import inverse_dynamics
 
         return inverse_dynamics(self, **settings)
+
+    def fmu(
+        self,
+        path: Path_,
+        *,
+        version: str = "2.0",
+        platforms: Iterable[str] = (),
+        outputs: Iterable[str] | None = None,
+        sids: Sids | None = None,
+        rigid: Iterable[str] = (),
+        accept_defects: bool = False,
+        integrator: str | None = None,
+        rtol: float | None = None,
+        step: float | None = None,
+        linker: str | None = None,
+    ) -> ExportedUnit:
+        """Write the scene as a functional mock-up unit (FMI, co-simulation).
+
+            scene.fmu("machine.fmu", platforms=["linux64", "win64"])
+
+        Its variables are the inputs and outputs of the scene. It needs a C compiler:
+        `cc`, or the package ziglang.
+
+        Parameters
+        ----------
+        path : file to write, NAME.fmu
+        version : of FMI, "2.0" or "3.0"
+        platforms : "linux64", "win64"; by default that of this machine
+        outputs : names of outputs in place of those of the scene
+        sids, rigid, accept_defects : as of `sidtool.simulate`
+        integrator, rtol : replace those of the scene: radau5, radau9 or radau13
+        step : fixed step [s], for real time, in place of the error control
+        linker : "cc" or "zig"; by default what is there
+
+        Raises
+        ------
+        InputError : the scene has parts that a unit cannot have, which it names, or
+            there is no compiler.
+        """
+        from .fmu import fmu
+
+        return fmu(
+            self,
+            path,
+            version=version,
+            platforms=platforms,
+            outputs=outputs,
+            sids=sids,
+            rigid=rigid,
+            accept_defects=accept_defects,
+            integrator=integrator,
+            rtol=rtol,
+            step=step,
+            linker=linker,
+        )
 
     def __repr__(self) -> str:
         from ..report.tables import counted_noun

@@ -42,6 +42,7 @@ _FILE_BEGINNINGS = {
     "film": (b"GIF8", b"ftyp"),
     "export": (b"VTKHDF", b'<VTKFile type="Collection"'),
     "picture": (b"\x89PNG", b"<svg", b"%PDF"),
+    "unit": (b"modelDescription.xml",),
 }
 force_option = click.option(
     "--force",

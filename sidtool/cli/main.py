@@ -33,6 +33,7 @@ from .analyse import analyse
 from .animate import animate, export
 from .common import JSON, QUIET, count_warnings_if_strict, print_warnings
 from .convert import convert
+from .fmu import fmu
 from .outputs import outputs
 from .plot import plot, report
 from .progress import show_progress
@@ -81,6 +82,7 @@ for command in (
     plot,
     animate,
     export,
+    fmu,
     report,
     study,
     sweep,
@@ -96,6 +98,7 @@ for command in (
 for command in (
     convert,
     simulate,
+    fmu,
     info,
     study,
     sweep,
@@ -103,11 +106,11 @@ for command in (
     *analyse.commands.values(),
 ):
     command.params.append(JSON)
-for command in (convert, simulate, study, sweep, *analyse.commands.values()):
+for command in (convert, simulate, fmu, study, sweep, *analyse.commands.values()):
     count_warnings_if_strict(command)
 for command in (convert, simulate, study, validate, outputs, plot, animate, export):
     command.params.append(QUIET)
-for command in (sweep, report, trim, warmup, demo, *analyse.commands.values()):
+for command in (sweep, report, trim, fmu, warmup, demo, *analyse.commands.values()):
     command.params.append(QUIET)
 
 

@@ -12,7 +12,7 @@ import platform
 from collections.abc import Callable
 from functools import cache, cached_property
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite
 import numba
@@ -32,45 +32,92 @@ PYTHON_SYMBOLS = "numba", "NRT_", "Py", "_Py"
 _engines: list[Any] = []
 
 
+class Target(NamedTuple):
+    """What machine code is made for.
+
+    Attributes
+    ----------
+    triple, processor, features
+        As LLVM names them.
+    in_process
+        True for code that this process loads, False for objects of shared libraries.
+    """
+
+    triple: str
+    processor: str
+    features: str = ""
+    in_process: bool = False
+
+
 @cache
-def environment() -> str:
+def host_target() -> Target:
+    """The processor of this process, with all of its features."""
+    features = llvm.get_host_cpu_features().flatten()
+    name = llvm.get_host_cpu_name()
+    return Target(llvm.get_process_triple(), name, features, in_process=True)
+
+
+@cache
+def environment(target: Target | None = None) -> str:
     """The processor, and the versions of everything else that compiles."""
+    target = target or host_target()
     versions = f"numba {numba.__version__} llvmlite {llvmlite.__version__}"
     python = f"{platform.python_implementation()} {platform.python_version()}"
-    processor = f"{llvm.get_process_triple()} {' '.join(_processor())}"
-    return f"{python} {versions} {processor}{' checked' if CHECKED else ''}"
+    processor = f"{target.triple} {target.processor} {target.features}"
+    kind = "" if target.in_process else " library"
+    checked = " checked" if CHECKED else ""
+    return f"{python} {versions} {processor}{kind}{checked}"
 
 
-@cache
-def _processor() -> tuple[str, str]:
-    """Name and features."""
-    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
-
-
-def _new_target() -> Any:
+def _new_machine(target: Target) -> Any:
     """What knows the processor. One that loads code is freed with what it loaded."""
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    cpu, features = _processor()
-    return llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
-        cpu=cpu, features=features, opt=3, codemodel="jitdefault", jit=True
+    if target.in_process:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        options = {"codemodel": "jitdefault", "jit": True}
+    else:
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()
+        options = {"codemodel": "default", "reloc": "pic", "jit": False}
+    return llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.processor, features=target.features, opt=3, **options
     )
 
 
-_target = cache(_new_target)
+_machine = cache(_new_machine)
 
 
-def compile_kernel(function: FunctionType, signature: Any) -> bytes:
-    """The machine code of a kernel with all that it calls: an object file."""
+def compile_kernel(
+    function: FunctionType,
+    signature: Any,
+    target: Target | None = None,
+    symbol: str = ENTRY_SYMBOL,
+) -> bytes:
+    """The machine code of a kernel with all that it calls: an object file.
+
+    Parameters
+    ----------
+    target
+        Default this process.
+    symbol
+        Name of the kernel. In a shared library it is not seen from outside: two
+        libraries with kernels of one name do not meet.
+    """
+    target = target or host_target()
     with lock:
-        module = _link_units(compile_unit(function, signature))
-        _optimise(module)
+        machine = _machine(target)
+        module = _link_units(compile_unit(function, signature), symbol)
+        if not target.in_process:
+            module.get_function(symbol).visibility = "hidden"
+            module.triple = target.triple
+            module.data_layout = str(machine.target_data)
+        _optimise(module, machine)
         _refuse_python(function, module)
-        code: bytes = _target().emit_object(module)
+        code: bytes = machine.emit_object(module)
     return code
 
 
-def _link_units(entry: Unit) -> Any:
+def _link_units(entry: Unit, symbol: str) -> Any:
     """One module, in which nothing but the entry is seen from outside."""
     module = llvm.parse_assembly("")
     for unit in entry.with_callees():
@@ -79,11 +126,11 @@ def _link_units(entry: Unit) -> Any:
         for value in values:
             if not value.is_declaration and value.name != entry.name:
                 value.linkage = "internal"
-    module.get_function(entry.name).name = ENTRY_SYMBOL
+    module.get_function(entry.name).name = symbol
     return module
 
 
-def _optimise(module: Any) -> None:
+def _optimise(module: Any, machine: Any) -> None:
     """Loops here are short: to vectorise them takes longer, to compile and to run.
 
     To unroll them doubles the machine code and its cost, and saves no time in a step.
@@ -91,7 +138,7 @@ def _optimise(module: Any) -> None:
     options = llvm.create_pipeline_tuning_options(speed_level=3)
     options.loop_vectorization = options.slp_vectorization = False
     options.loop_unrolling = False
-    builder = llvm.create_pass_builder(_target(), options)
+    builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
 
 
@@ -106,7 +153,8 @@ def _refuse_python(function: FunctionType, module: Any) -> None:
 def load_object_code(code: bytes) -> int:
     """The address of a kernel in this process, where it stays."""
     with lock:
-        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _new_target())
+        machine = _new_machine(host_target())
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
         _engines.append(engine)
@@ -148,23 +196,30 @@ class Entry:
         """True if the machine code is there already, loaded or on disk."""
         return signature in self._addresses or self.cached_code(signature) is not None
 
-    def cached_code(self, signature: Any) -> bytes | None:
+    def cached_code(self, signature: Any, *library: Any) -> bytes | None:
         """The machine code on disk."""
-        return kernel_cache.read_code(*self.cache_location(signature))
+        return kernel_cache.read_code(*self.cache_location(signature, *library))
 
-    def cache_location(self, signature: Any) -> tuple[str, str]:
+    def cache_location(
+        self, signature: Any, target: Target | None = None, symbol: str = ENTRY_SYMBOL
+    ) -> tuple[str, str]:
         """Name of the file, one for all versions of the code, and the full key."""
         name = f"{self._function.__module__}.{self._function.__qualname__}"
-        slot = f"{name} {signature} {environment()}"
+        slot = f"{name} {signature} {symbol} {environment(target)}"
         digest = hashlib.sha256(slot.encode()).hexdigest()[:16]
         file = f"{name.rpartition('.')[2]}-{digest}.kernel"
         return file, f"{slot} compiler {compiler_digest()} code {self.code_digest}"
 
-    def _code(self, signature: Any) -> bytes:
-        code = self.cached_code(signature)
+    def library_object(self, signature: Any, target: Target, symbol: str) -> bytes:
+        """An object file for shared libraries, see `compile_kernel`."""
+        return self._code(signature, target, symbol)
+
+    def _code(self, signature: Any, *library: Any) -> bytes:
+        code = self.cached_code(signature, *library)
         if code is None:
-            code = compile_kernel(self._function, signature)
-            kernel_cache.write_code(*self.cache_location(signature), code)
+            code = compile_kernel(self._function, signature, *library)
+            location = self.cache_location(signature, *library)
+            kernel_cache.write_code(*location, code)
         return code
 
     def python_callable(self, signature: Any) -> Callable[..., Any]:

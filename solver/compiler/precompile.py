@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from sidtool.formats.base.progress import has_listener, report_stage
 from sidtool.formats.storage.operating_system import end_with_parent, processors
@@ -252,20 +253,21 @@ def _feed_process(
 
 def _is_cached(name: str) -> bool:
     if name not in _available:
-        kernel = _find_kernel(name)
+        kernel = find_kernel(name)
         if not all(kernel.is_cached(signature) for signature in kernel.signatures):
             return False
         _available.add(name)
     return True
 
 
-def _find_kernel(name: str):  # type: ignore[no-untyped-def]
+def find_kernel(name: str) -> Any:
+    """The entry kernel of a name, as module:name in `solver`."""
     module, _, kernel = name.partition(":")
     return getattr(import_module(f"sidtool.solver.{module}"), kernel)
 
 
 def _compile_here(name: str) -> None:
-    kernel = _find_kernel(name)
+    kernel = find_kernel(name)
     for signature in kernel.signatures:
         kernel.address(signature)
 

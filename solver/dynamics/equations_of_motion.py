@@ -140,16 +140,13 @@ evaluate_in_space, linearise_in_space, complete_in_space = _entry_kernels(
 )
 
 
-@cache
-def kernel_pointers(planar: bool) -> Kernels:
-    """Pointers to the kernels of planar or spatial scenes; they are loaded or compiled
-    once.
-    """
+def kernels_by_name(planar: bool) -> dict[str, Entry]:
+    """The kernels of planar or spatial scenes, by the fields of `Kernels`."""
     in_plane = evaluate_in_plane, linearise_in_plane
     in_space = evaluate_in_space, linearise_in_space
     evaluate, linearise = in_plane if planar else in_space
     complete = complete_in_plane if planar else complete_in_space
-    entries: dict[str, Entry] = {
+    return {
         "evaluate": evaluate,
         "linearise": linearise,
         "solve_accelerations": accelerations.solve_accelerations,
@@ -163,8 +160,15 @@ def kernel_pointers(planar: bool) -> Kernels:
         "retract": retract,
         "complete": complete,
     }
+
+
+@cache
+def kernel_pointers(planar: bool) -> Kernels:
+    """Pointers to the kernels of planar or spatial scenes; they are loaded or compiled
+    once.
+    """
     pointers = {}
-    for name, kernel in entries.items():
+    for name, kernel in kernels_by_name(planar).items():
         signature = KERNELS.members[name].signature
         pointers[name] = Pointer(kernel.address(signature), signature)
     return Kernels(**pointers)

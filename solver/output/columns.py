@@ -106,15 +106,18 @@ def evaluate_outputs(
         )
     evaluated = EvaluatedForces(full, motion, times, work if full is system else None)
     quantities = SceneOutputs(system, work, times, samples, integrals, evaluated)
-    names, columns = system.scene.outputs.record, []
-    for text in names:
-        owner, _, quantity = parse_output(text)
-        if owner in (INPUTS, *SCENE_QUANTITIES):
-            columns.append(quantities.column(owner, quantity))
-        else:
-            columns.append(_column(evaluated, text))
+    names = system.scene.outputs.record
+    columns = [output_column(quantities, text) for text in names]
     values = np.column_stack(columns) if columns else np.zeros((len(times), 0))
     return RecordedOutputs(names, values, samples, full, motion.undetermined)
+
+
+def output_column(quantities: SceneOutputs, text: str) -> Array:
+    """The values (nt,) of one output."""
+    owner, _, quantity = parse_output(text)
+    if owner in (INPUTS, *SCENE_QUANTITIES):
+        return quantities.column(owner, quantity)
+    return _column(quantities.evaluated, text)
 
 
 def _column(evaluated: EvaluatedForces, text: str) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Iterable
 from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,25 @@ class EvaluatedForces:
                 total[:, :3] += row["force"] if is_second else -row["force"]
                 total[:, 3:] += row["torque_b" if is_second else "torque_a"]
         return total
+
+    @classmethod
+    def of_arrays(
+        cls, system: System, samples: Samples, wrench: Array, force: Array, body: Array
+    ) -> Self:
+        """Evaluated forces of known output arrays, (nt, rows, numbers) each."""
+        nt = len(samples.z)
+        evaluated = cls(system, samples, np.zeros(nt))
+        records = [
+            rows.record.as_records(values)
+            for values, rows in (
+                (wrench, WRENCH),
+                (force, FORCE_OUTPUT),
+                (body, BODY_OUTPUT),
+            )
+        ]
+        evaluated.__dict__["_forces"] = records[0], records[1]
+        evaluated.__dict__["bodies"] = records[2]
+        return evaluated
 
     @property
     def forces(self) -> RecordRows:
@@ -122,13 +142,13 @@ class EvaluatedForces:
     def bodies(self) -> RecordRows:
         """`BODY_OUTPUT` of all bodies, (nt, n_bodies); zero for the ground."""
         system, samples = self.system, self.samples
-        output = self._new_output_arrays(0, 0, len(system.bodies))
+        output = new_output_arrays(system, len(self.times), forces=False)
         planar = system.planar
         kernel = (
             kernels.write_bodies_in_plane if planar else kernels.write_bodies_in_space
         )
         kernel(system.arrays, self._work, output, samples.z, samples.v, samples.frames)
-        return self._as_records(output.body, BODY_OUTPUT, len(system.bodies))
+        return self._as_records(output.body, BODY_OUTPUT, output_rows(system).body)
 
     @cached_property
     def _forces(self) -> tuple[RecordRows, RecordRows]:
@@ -136,9 +156,7 @@ class EvaluatedForces:
         coordinates.
         """
         system, samples = self.system, self.samples
-        forces = len(system.output_rows.force)
-        acting = len(system.arrays.constraint) + len(system.friction_joints) + forces
-        output = self._new_output_arrays(acting, forces, 0)
+        output = new_output_arrays(system, len(self.times), bodies=False)
         planar = system.planar
         kernel = (
             kernels.write_forces_in_plane if planar else kernels.write_forces_in_space
@@ -155,29 +173,56 @@ class EvaluatedForces:
             samples.multipliers,
             np.ascontiguousarray(samples.friction[:, :, OUTPUT_FRICTION]),
         )
-        wrenches = self._as_records(output.wrench, WRENCH, acting)
-        return wrenches, self._as_records(output.force, FORCE_OUTPUT, forces)
+        count = output_rows(system)
+        wrenches = self._as_records(output.wrench, WRENCH, count.wrench)
+        return wrenches, self._as_records(output.force, FORCE_OUTPUT, count.force)
 
     @cached_property
     def _work(self) -> WorkArrays:
-        work = (
-            new_work_arrays(self.system)
-            if self._given_work is None
-            else self._given_work
-        )
-        if not len(self.system.measures):
-            return work
-        return work.replaced(measure=np.zeros((len(self.system.output_rows.force), 2)))
-
-    def _new_output_arrays(
-        self, wrenches: int, forces: int, bodies: int
-    ) -> at.OutputArrays:
-        nt = len(self.times)
-        return at.OutputArrays.zeros(
-            wrench=(nt * wrenches, WRENCH.record.size),
-            force=(nt * forces, FORCE_OUTPUT.record.size),
-            body=(nt * bodies, BODY_OUTPUT.record.size),
+        work = self._given_work
+        return output_work(
+            self.system, new_work_arrays(self.system) if work is None else work
         )
 
     def _as_records(self, values: Array, rows: RowsType, count: int) -> RecordRows:
         return rows.record.as_records(values).reshape(len(self.times), count)
+
+
+def output_work(system: System, work: WorkArrays) -> WorkArrays:
+    """Work arrays with the measures of joint coordinates behind those of forces."""
+    if not len(system.measures):
+        return work
+    return work.replaced(measure=np.zeros((len(system.output_rows.force), 2)))
+
+
+class OutputRows(NamedTuple):
+    """Rows of `OutputArrays` for one state."""
+
+    wrench: int
+    force: int
+    body: int
+
+
+def output_rows(system: System) -> OutputRows:
+    """Rows of the output arrays of a system."""
+    forces = len(system.output_rows.force)
+    constraints = len(system.arrays.constraint) + len(system.friction_joints)
+    return OutputRows(constraints + forces, forces, len(system.bodies))
+
+
+def new_output_arrays(
+    system: System, nt: int, forces: bool = True, bodies: bool = True
+) -> at.OutputArrays:
+    """What the kernels of `output_quantities` write, of nt states.
+
+    Parameters
+    ----------
+    forces, bodies
+        Whether each of the two kernels is to write.
+    """
+    count = output_rows(system)
+    return at.OutputArrays.zeros(
+        wrench=(nt * count.wrench if forces else 0, WRENCH.record.size),
+        force=(nt * count.force if forces else 0, FORCE_OUTPUT.record.size),
+        body=(nt * count.body if bodies else 0, BODY_OUTPUT.record.size),
+    )

@@ -406,7 +406,7 @@ def test_a_warmup_that_stores_nothing_has_failed(
 
     kernel = scaled(2.0)
     monkeypatch.setattr(precompile, "all_groups", lambda _: [("small:scaled",)])
-    monkeypatch.setattr(precompile, "_find_kernel", lambda name: kernel)
+    monkeypatch.setattr(precompile, "find_kernel", lambda name: kernel)
     monkeypatch.setattr(kernel_cache, "_warned", set())
     monkeypatch.setattr(precompile, "_available", set())
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(Path(__file__) / "cache"))

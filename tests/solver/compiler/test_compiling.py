@@ -33,7 +33,7 @@ def stamps() -> dict[str, str]:
     for name in (
         name for group in precompile.all_groups(all_step_loops()) for name in group
     ):
-        found[name] = precompile._find_kernel(name).code_digest
+        found[name] = precompile.find_kernel(name).code_digest
     return found
 
 
@@ -54,7 +54,7 @@ def test_every_process_finds_the_same_kernels() -> None:
 
 def test_a_kernel_on_disk_is_used() -> None:
     name = "integrators.radau:advance"
-    kernel = precompile._find_kernel(name)
+    kernel = precompile.find_kernel(name)
     for signature in kernel.signatures:
         kernel.address(signature)
         assert kernel.cached_code(signature) is not None
@@ -65,7 +65,7 @@ def test_every_kernel_has_a_file_of_its_own() -> None:
     names = [
         name for group in precompile.all_groups(all_step_loops()) for name in group
     ]
-    kernels = [precompile._find_kernel(name) for name in names]
+    kernels = [precompile.find_kernel(name) for name in names]
     files = [
         kernel.cache_location(signature)[0]
         for kernel in kernels

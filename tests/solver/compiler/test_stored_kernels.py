@@ -155,11 +155,13 @@ def test_another_processor_makes_another_kernel(
     """Caches are on shared disks, and processors differ in their instructions."""
     kernel = scaled(3.0)
     assert kernel(1.5) == 4.5
-    name, features = kernels._processor()
-    signature = kernel.signatures[0]
-    for other in (("cortex-a72", features), (name, f"{features},+sve2")):
+    host, signature = kernels.host_target(), kernel.signatures[0]
+    for other in (
+        host._replace(processor="cortex-a72"),
+        host._replace(features=f"{host.features},+sve2"),
+    ):
         with monkeypatch.context() as patch:
-            patch.setattr(kernels, "_processor", lambda other=other: other)
+            patch.setattr(kernels, "host_target", lambda other=other: other)
             patch.setattr(kernels, "environment", kernels.environment.__wrapped__)
             assert not scaled(3.0).is_cached(signature)
     assert scaled(3.0).is_cached(signature)

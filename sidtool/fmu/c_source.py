@@ -1,0 +1,223 @@
+"""The generated header of a unit: structures of the tables, image, inputs, outputs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from sidtool.solver.compiler.arrays import PointerType, ViewType
+from sidtool.solver.compiler.kernels import Entry
+from sidtool.solver.compiler.records import RowsType
+from sidtool.solver.compiler.tables import TableType
+from sidtool.solver.dynamics import control_laws
+from sidtool.solver.integrators import loop_state, newton_iteration
+from sidtool.solver.spatial import system_arrays as at
+from sidtool.solver.system.sensors import SAMPLE_TOLERANCE
+
+from .kernel_objects import PREFIX, called_kernels
+from .memory_image import MemoryImage, memory_image
+from .output_terms import OutputTerms, input_coefficient
+from .plant_table import PLANT, PlantTables
+
+#: Communication points are compared with this tolerance, relative to 1 s and the time.
+TIME_TOLERANCE = 1e-9
+CODES = (
+    "INTERVAL_END",
+    "STEPS_DONE",
+    "TOO_SMALL",
+    "OFF_CONSTRAINTS",
+    "NOT_FINITE",
+    "NO_CONVERGENCE",
+    "BELOW_ROUNDING",
+    "NEAR_SINGULARITY",
+)
+
+
+def scene_header(
+    tables: PlantTables, inputs: Iterable[str], outputs: Iterable[OutputTerms]
+) -> str:
+    """The text of scene.h."""
+    image = memory_image(tables.plant)
+    system, settings = tables.system, tables.start.settings
+    kernels = called_kernels(system.planar, settings.integrator)
+    constants = {name: getattr(loop_state, name) for name in CODES}
+    constants["FREQUENT_FAILURES"] = newton_iteration.FREQUENT_FAILURES
+    constants["FAILED_LAW"] = control_laws.FAILED_LAW
+    constants["FAILURE_TIME"] = control_laws.FAILURE_TIME
+    constants["N_DENSE_POINTS"] = len(tables.plant.control.output_fractions) - 1
+    numbers = {
+        "START_TIME": system.scene.time.start,
+        "SAMPLE_TOLERANCE": SAMPLE_TOLERANCE,
+        "TIME_TOLERANCE": TIME_TOLERANCE,
+        "FIXED_STEP": settings.step or 1.0,
+    }
+    parts = [
+        "/* Written by sidtool: tables and data of one scene. */",
+        "#include <stdint.h>",
+        *(f"enum {{ {name} = {value} }};" for name, value in constants.items()),
+        *(f"#define {name} {_real(value)}" for name, value in numbers.items()),
+        *_structures(PLANT),
+        *(_prototype(name, kernel) for name, kernel in kernels.items()),
+        *_image_data(image),
+        *_time_data(tables),
+        *_input_data(tables, image, tuple(inputs)),
+        *_output_data(tables, image, tuple(outputs)),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _real(value: float) -> str:
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return repr(float(value))
+
+
+def _structures(root: TableType) -> list[str]:
+    """All tables as structures of 64-bit fields; the root comes last."""
+    known: dict[str, list[str]] = {}
+
+    def add(kind: TableType) -> None:
+        name = kind.owner.__name__
+        if name in known:
+            return
+        known[name] = []
+        fields = []
+        for field, member in kind.members.items():
+            if isinstance(member, TableType):
+                add(member)
+                fields.append(f"struct {member.owner.__name__} *{field};")
+            elif isinstance(member, PointerType):
+                fields.append(f"void (*{field})(void);")
+            elif isinstance(member, ViewType | RowsType):
+                fields.append(f"{_c_type(member.numbers)} *{field};")
+                fields.append(f"int64_t {field}_extent[{member.ndim}];")
+            else:
+                fields.append(f"{_c_type(member)} {field};")
+        known[name] = fields
+
+    add(root)
+    lines = [f"struct {name};" for name in known]
+    for name, fields in known.items():
+        lines += [f"struct {name} {{", *(f"    {field}" for field in fields), "};"]
+    return lines
+
+
+def _c_type(kind: Any) -> str:
+    if isinstance(kind, np.dtype):
+        return "int64_t" if kind == np.int64 else "double"
+    return {types.float64: "double", types.int64: "int64_t", types.void: "void"}[kind]
+
+
+def _prototype(name: str, kernel: Entry) -> str:
+    """Declaration of a kernel: tables by address, arrays by address and extents."""
+    signature = kernel.signatures[0]
+    arguments: list[str] = []
+    for kind in signature.args:
+        if isinstance(kind, TableType):
+            arguments.append(f"struct {kind.owner.__name__} *")
+        elif isinstance(kind, ViewType):
+            arguments += [f"{_c_type(kind.numbers)} *", *["int64_t"] * kind.ndim]
+        else:
+            arguments.append(_c_type(kind))
+    returned = _c_type(signature.return_type)
+    return f"extern {returned} {PREFIX}{name}({', '.join(arguments)});"
+
+
+def _array(declaration: str, entries: Iterable[str]) -> str:
+    """A constant array of at least one entry, as C has no empty ones."""
+    return f"static const {declaration}[] = {{{', '.join(entries)}}};"
+
+
+def _image_data(image: MemoryImage) -> list[str]:
+    words = (
+        "INT64_MIN" if word == -(2**63) else f"{word}LL"
+        for word in image.words.tolist()
+    )
+    symbols = sorted({symbol for _, symbol in image.kernels})
+    pointers = (f"{{{word}, {target}}}" for word, target in image.pointers)
+    kernels = (f"{{{word}, {symbol}}}" for word, symbol in image.kernels)
+    return [
+        _array("int64_t image", words),
+        _array("struct { int32_t word, target; } pointer_words", pointers),
+        *(f"extern void {symbol}(void);" for symbol in symbols),
+        _array("struct { int32_t word; void (*kernel)(void); } kernel_words", kernels),
+    ]
+
+
+def _time_data(tables: PlantTables) -> list[str]:
+    """Breaks of functions, then the end; laws that are sampled."""
+    system = tables.system
+    end = system.scene.time.end
+    breaks = [*system.break_causes, end]
+    laws = []
+    for k, force in enumerate(system.forces):
+        if force.sample_period:
+            body = system.arrays.force[k, at.F_B]
+            velocity = system.arrays.body[body, at.VEL]
+            laws.append(f"{{{k}, {velocity}, {_real(force.sample_period)}}}")
+    names = (json.dumps(force.name) for force in system.forces)
+    return [
+        _array("double breaks", map(_real, breaks)),
+        f"enum {{ N_SAMPLED_LAWS = {len(laws)} }};",
+        _array(
+            "struct { int64_t force, velocity; double period; } sampled_laws",
+            [*laws, "{0, 0, 1.0}"],
+        ),
+        _array("char *const force_names", [*names, '""']),
+    ]
+
+
+def _input_data(
+    tables: PlantTables, image: MemoryImage, inputs: tuple[str, ...]
+) -> list[str]:
+    data = tables.system.arrays.real_data
+    words = [
+        image.word_of(data, input_coefficient(tables.system, name)) for name in inputs
+    ]
+    return [
+        f"enum {{ N_INPUTS = {len(words)} }};",
+        _array("int64_t input_words", map(str, [*words, 0])),
+    ]
+
+
+def _output_data(
+    tables: PlantTables, image: MemoryImage, outputs: tuple[OutputTerms, ...]
+) -> list[str]:
+    plant = tables.plant
+
+    def word(location: tuple[str, int] | None) -> int:
+        if location is None:
+            return -1
+        name, index = location
+        if name == "real_data":
+            return image.word_of(tables.system.arrays.real_data, index)
+        of_output = name in ("wrench", "force", "body")
+        return image.word_of(getattr(plant.output if of_output else plant, name), index)
+
+    terms: list[str] = []
+    rows = []
+    for output in outputs:
+        rows.append(
+            f"{{{len(terms)}, {len(output.terms)}, {_real(output.constant)}, "
+            f"{int(output.is_root)}}}"
+        )
+        terms += [
+            f"{{{word(t.first)}, {word(t.second)}, {_real(t.weight)}}}"
+            for t in output.terms
+        ]
+    return [
+        f"enum {{ N_OUTPUTS = {len(rows)} }};",
+        _array(
+            "struct { int64_t first, second; double weight; } terms",
+            [*terms, "{0, -1, 0.0}"],
+        ),
+        _array(
+            "struct { int64_t first, count; double constant; int is_root; } outputs",
+            [*rows, "{0, 0, 0.0, 0}"],
+        ),
+    ]

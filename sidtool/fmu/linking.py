@@ -1,0 +1,118 @@
+"""The shared library of a unit, compiled and linked by `cc` or by `zig cc`.
+
+`cc` is the C compiler of this machine, for libraries of its own platform. `ziglang` is
+a Python package that compiles and links for all platforms.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.storage.operating_system import cache_folder
+
+from .platforms import PLATFORMS, own_platform
+
+SOURCES = ("plant.c", "unit.c", "fmi2.c", "fmi3.c", "lapack.c")
+HEADERS = ("plant.h", "unit.h")
+#: C files that one platform needs beside the others.
+PLATFORM_SOURCES = {"win64": ("windows.c",)}
+FOLDER = Path(__file__).parent
+#: Words of the image are read as numbers and as pointers.
+OPTIONS = (
+    *("-std=c11", "-O2", "-fno-strict-aliasing", "-ffp-contract=off"),
+    *("-fvisibility=hidden", "-shared", "-s"),
+)
+LINKERS = ("cc", "zig")
+
+
+def c_sources() -> dict[str, str]:
+    """The C files of this package, by name."""
+    others = [name for names in PLATFORM_SOURCES.values() for name in names]
+    names = (*SOURCES, *HEADERS, *others)
+    return {name: (FOLDER / name).read_text(encoding="utf-8") for name in names}
+
+
+def choose_linker(platform: str, wanted: str | None) -> list[str]:
+    """The command that links for a platform: `cc` for the own one, else `zig cc`.
+
+    Raises
+    ------
+    InputError : neither is there, or not the wanted one.
+    """
+    cc = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
+    if wanted != "zig" and platform == own_platform() == "linux64" and cc:
+        return [cc, "-fPIC", "-Wl,-z,noexecstack"]
+    if wanted != "cc" and find_spec("ziglang") is not None:
+        target = PLATFORMS[platform].zig_target
+        return [sys.executable, "-m", "ziglang", "cc", "-target", target]
+    title = PLATFORMS[platform].title
+    package = 'the package ziglang: pip install "sidtool[fmu]"'
+    possible = platform == own_platform() == "linux64"
+    raise InputError(
+        f"there is no C compiler and linker for {title}",
+        place="platforms",
+        expected=f"a C compiler (cc), or {package}" if possible else package,
+    )
+
+
+def link(
+    platform: str,
+    headers: Mapping[str, str],
+    objects: Mapping[str, bytes],
+    folder: Path,
+    linker: str | None = None,
+) -> bytes:
+    """The shared library of a platform.
+
+    Parameters
+    ----------
+    headers : generated headers, by name
+    objects : object files of the kernels, by symbol
+    folder : an empty folder, which takes all files
+    linker : "cc", "zig" or None for what is there
+
+    Raises
+    ------
+    InputError : there is no linker, or it fails.
+    """
+    command = choose_linker(platform, linker)
+    for name, text in (c_sources() | dict(headers)).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    for symbol, code in objects.items():
+        (folder / f"{symbol}.o").write_bytes(code)
+    library = "unit" + PLATFORMS[platform].ending
+    sources = (*SOURCES, *PLATFORM_SOURCES.get(platform, ()))
+    files = [*sources, *(f"{symbol}.o" for symbol in objects)]
+    libraries = ["-lm"] if platform.startswith("linux") else []
+    outcome = subprocess.run(
+        [*command, *OPTIONS, *files, "-o", library, *libraries],
+        cwd=folder,
+        env=os.environ | _zig_caches(folder),
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+    )
+    if outcome.returncode:
+        lines = (outcome.stderr or outcome.stdout).strip().splitlines()
+        raise InputError(
+            f"{command[0]} cannot link the library: {' | '.join(lines[:5])}",
+            place="linker",
+            expected="a working C compiler, or --linker",
+        )
+    return (folder / library).read_bytes()
+
+
+def _zig_caches(folder: Path) -> dict[str, str]:
+    """Folders of zig: it compiles the C library of a platform once, and keeps it."""
+    users = cache_folder()
+    kept = str(users / "zig") if users is not None else str(folder / "zig")
+    known = {"ZIG_GLOBAL_CACHE_DIR": kept, "ZIG_LOCAL_CACHE_DIR": kept}
+    return {name: os.environ.get(name, value) for name, value in known.items()}

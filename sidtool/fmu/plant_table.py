@@ -1,0 +1,180 @@
+"""All tables and arrays of a unit as one table, the plant.
+
+C sees the same table as a structure (`c_source`). A copy of it, with all that it
+refers to, is an instance of the unit (`memory_image`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.solver.compiler.tables import Table, TableType
+from sidtool.solver.dynamics.equations_of_motion import kernel_pointers
+from sidtool.solver.initial_state.integrator_start import (
+    RunSettings,
+    new_step_loop_state,
+)
+from sidtool.solver.initial_state.overconstraint import restore_constraints
+from sidtool.solver.integrators import output_sampling, radau_stages
+from sidtool.solver.integrators.loop_state import StepLoopState
+from sidtool.solver.integrators.radau_stages import RadauStages
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.linear.factor_storage import Kernels, Memory
+from sidtool.solver.output.dense_output import step_points
+from sidtool.solver.output.evaluated_forces import new_output_arrays, output_work
+from sidtool.solver.output.samples import StateSampler
+from sidtool.solver.simulation.preparation import RunStart, prepare_run
+from sidtool.solver.spatial.system_arrays import (
+    OutputArrays,
+    Reals,
+    Reals2,
+    Reals3,
+    SystemArrays,
+    WorkArrays,
+)
+from sidtool.solver.system.system import System
+from sidtool.solver.system.work_arrays import new_memory, new_work_arrays
+
+
+class Plant(Table):
+    """State of an instance, and what it calls kernels with.
+
+    Attributes
+    ----------
+    now
+        Communication point: time of the outputs [s].
+    interval_start, interval_end
+        Smooth interval of the step at hand [s]; a new one begins at each break.
+    last_sample_time
+        Time at which sampled laws were asked last [s].
+    must_restart
+        1 if the step loop has to begin anew at `now`, as an input jumped.
+    outputs_known
+        1 if the arrays from `frames` on belong to `now`.
+    kernels, system, work, memory, control, stages
+        Arguments of the step loop, see `sidtool.solver.integrators`.
+    sampler_work, sampler_memory
+        What `sample` writes beside its outputs.
+    output_system, output_work, output
+        Arguments of the kernels of forces and energies.
+    constraint_tolerance, interval, time, interval_time, step_z, step_v
+        Arguments of `sample` and of the kernels of forces.
+    z, v, frames, points, accelerations, multipliers, factors, friction
+        State at `now` and what follows from it, see `Samples`.
+    friction_forces
+        Forces along coordinates with friction.
+    """
+
+    now: float
+    interval_start: float
+    interval_end: float
+    last_sample_time: float
+    must_restart: int
+    outputs_known: int
+    kernels: Kernels
+    system: SystemArrays
+    work: WorkArrays
+    memory: Memory
+    control: StepLoopState
+    stages: RadauStages
+    sampler_work: WorkArrays
+    sampler_memory: Memory
+    output_system: SystemArrays
+    output_work: WorkArrays
+    output: OutputArrays
+    constraint_tolerance: Reals2
+    interval: Reals
+    time: Reals
+    interval_time: Reals
+    step_z: Reals2
+    step_v: Reals2
+    z: Reals2
+    v: Reals2
+    frames: Reals3
+    points: Reals3
+    accelerations: Reals2
+    multipliers: Reals2
+    factors: Reals2
+    friction: Reals3
+    friction_forces: Reals2
+
+
+PLANT = TableType(Plant)
+
+
+@dataclass(frozen=True, eq=False)
+class PlantTables:
+    """The plant of a scene at its start.
+
+    Attributes
+    ----------
+    start : settings and initial state
+    system : the system that is integrated
+    output_system : the same with all constraints, whose forces are reported
+    """
+
+    start: RunStart
+    system: System
+    output_system: System
+    plant: Plant
+
+
+def plant_tables(system: System, settings: RunSettings) -> PlantTables:
+    """Allocate the tables of a unit, at the initial state of its scene.
+
+    Raises
+    ------
+    InputError : no initial state meets the constraints.
+    """
+    start = prepare_run(system, settings, (), None)
+    method, system = INTEGRATORS[settings.integrator], start.system
+    n, m = system.n_positions, system.n_velocities
+    fractions = np.array([*step_points(method.dense_degree).fractions, -1.0])
+    control = new_step_loop_state(
+        system, settings, start.begin, 1, fractions, start.tolerances
+    )
+    sampler = StateSampler(system, start.tolerances)
+    full = restore_constraints(system)
+    frame, point = sampler.work.frame.shape, sampler.work.point.shape
+    n_friction = len(system.friction_joints)
+    arrays = {
+        "interval": (2,),
+        "time": (1,),
+        "interval_time": (1,),
+        "step_z": (1, n),
+        "step_v": (3, m),
+        "z": (1, n),
+        "v": (1, m),
+        "frames": (1, *frame),
+        "points": (1, *point),
+        "accelerations": (1, m),
+        "multipliers": (1, system.n_rows),
+        "factors": (1, len(system.forces)),
+        "friction": (1, n_friction, output_sampling.N_FRICTION_OUTPUT),
+        "friction_forces": (1, n_friction),
+    }
+    plant = Plant(
+        now=control.time,
+        interval_start=control.time,
+        interval_end=system.breaks[0],
+        last_sample_time=-np.inf,
+        must_restart=1,
+        kernels=kernel_pointers(system.planar),
+        system=system.arrays,
+        work=new_work_arrays(system),
+        memory=new_memory(system, method.complex_pairs),
+        control=control,
+        stages=system.cached_by_topology(
+            radau_stages.stages_maker, method.dense_degree
+        )(),
+        sampler_work=sampler.work,
+        sampler_memory=sampler.memory,
+        output_system=full.output_rows,
+        output_work=output_work(full, sampler.work),
+        output=new_output_arrays(full, 1),
+        constraint_tolerance=np.ascontiguousarray(start.tolerances),
+        **{name: np.zeros(shape) for name, shape in arrays.items()},
+    )
+    return PlantTables(start, system, full, plant)

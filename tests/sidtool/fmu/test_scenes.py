@@ -1,0 +1,215 @@
+"""Units of arms in space, of controllers, and of what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.fmu.supported import UNIT_INTEGRATORS
+from tests.places import EXAMPLES
+from tests.sidtool.fmu.conftest import Export, slider_crank
+from tests.sidtool.fmu.importer import OK, Instance
+from tests.sidtool.fmu.test_units import difference
+
+needs_cc = pytest.mark.needs("cc")
+TORQUES = {"yaw": 20.0, "shoulder": -90.0, "elbow": -20.0}
+
+
+@pytest.fixture(scope="session")
+def tube() -> sidtool.SID:
+    """An arm of 1 m, with the markers 1 and 2 at its ends."""
+    model = sidtool.Model.load(EXAMPLES / "controlled_arm" / "arm.toml")
+    return sidtool.convert(model)
+
+
+def spatial_arm(tube: sidtool.SID, **changes: Any) -> sidtool.Scene:
+    """Turntable, two flexible arms and a payload, with torques of motors as inputs."""
+    y = {"type": "revolute", "axis": [0.0, 1.0, 0.0]}
+    markers = {"base": 1, "tip": 2}
+    bodies: dict[str, Any] = {
+        "turntable": {
+            "mass": 30.0,
+            "inertia": [0.4, 0.4, 0.6],
+            "markers": {"top": {"position": [0.0, 0.0, 0.4]}},
+        },
+        "upper": {
+            "sid": tube,
+            "markers": markers,
+            "initial": {"position": [0.0, 0.0, 0.4]},
+        },
+        "fore": {
+            "sid": tube,
+            "markers": markers,
+            "initial": {"position": [1.0, 0.0, 0.4]},
+        },
+        "payload": {
+            "mass": 2.0,
+            "inertia": [0.02, 0.02, 0.02],
+            "initial": {"position": [2.0, 0.0, 0.4]},
+        },
+    }
+    scene = sidtool.Scene(
+        dimension="spatial",
+        gravity=[0.0, 0.0, -9.81],
+        time={"end": 0.2, "output_step": 0.02},
+        accuracy={"integrator": "radau9", "rtol": 1e-7},
+        bodies=bodies,
+        joints={
+            "yaw": {"type": "revolute", "markers": ["ground", "turntable"]}
+            | {"axis": [0.0, 0.0, 1.0]},
+            "shoulder": y | {"markers": ["turntable.top", "upper.base"]},
+            "elbow": y | {"markers": ["upper.tip", "fore.base"]},
+            "flange": {"type": "fixed", "markers": ["fore.tip", "payload"]},
+        },
+        inputs={name: {"initial": value} for name, value in TORQUES.items()},
+        forces={
+            f"{name}_motor": {
+                "type": "actuator",
+                "joint": name,
+                "function": {"type": "input", "name": name},
+            }
+            for name in TORQUES
+        },
+        outputs={
+            "record": [
+                *("payload.x", "payload.vz", "fore.tip.ax", "fore.tip.uz", "fore.q*"),
+                *("yaw.angle", "elbow.angle_rate", "energy.kinetic", "flange.fz"),
+                *("shoulder_motor.power", "payload.wy", "elbow_motor.torque"),
+            ]
+        },
+    )
+    return scene.with_(changes)
+
+
+@needs_cc
+def test_an_arm_in_space_moves_as_its_run(tube: sidtool.SID, export: Export) -> None:
+    scene = spatial_arm(tube)
+    result, library = scene.simulate(), export(scene)
+    for length in (1e-1, 1e-2):
+        rows = np.array(Instance(library).run(0.2, length))
+        times = np.linspace(0.0, 0.2, len(rows))
+        common = [k for k, t in enumerate(times) if np.isclose(result.t, t).any()]
+        for column, name in zip(rows[common].T, result.names, strict=True):
+            expected = result[name][np.isin(result.t.round(9), times.round(9))]
+            size = max(np.abs(result[name]).max(), 1e-6)
+            assert np.abs(column - expected).max() < 1e-9 * size, name
+
+
+@needs_cc
+def test_motors_of_an_arm_follow_their_inputs(
+    tube: sidtool.SID, export: Export
+) -> None:
+    """Torques that jump every 20 ms, as tables of held values in a run."""
+    scene = spatial_arm(tube, **{"accuracy.rtol": 1e-9})
+    times = [0.02 * k for k in range(10)]
+    tables = {
+        name: (times, [value * np.cos(9.0 * t + value) for t in times])
+        for name, value in TORQUES.items()
+    }
+    result, instance = scene.simulate(inputs=tables), Instance(export(scene))
+    for k, time in enumerate(times):
+        for name, (_, values) in tables.items():
+            assert instance.set(name, values[k]) == OK
+        assert instance.step(time, 0.02) == OK
+    names = ["payload.x", "fore.q1", "yaw.angle", "energy.kinetic"]
+    for name, value in zip(names, instance.get(names), strict=True):
+        assert abs(value - result[name][-1]) < 1e-7 * np.abs(result[name]).max()
+
+
+@needs_cc
+@pytest.mark.parametrize("file", ["scene.toml", "sampled.toml"])
+def test_controllers_move_as_in_a_run(
+    file: str, tube: sidtool.SID, export: Export
+) -> None:
+    """A PID controller with limits and states, continuous and sampled each 2 ms.
+
+    Communication points between the samples change nothing.
+    """
+    scene = sidtool.Scene.load(EXAMPLES / "controlled_arm" / file)
+    scene = scene.with_(
+        {"bodies.arm.sid": tube, "time.end": 0.5, "accuracy.integrator": "radau9"}
+    )
+    result, library = scene.simulate(), export(scene)
+    for length in (1e-2, 2.5e-3):
+        rows = Instance(library).run(0.5, length)
+        assert difference(rows, result, round(1e-2 / length)) < 1e-10
+
+
+def test_roots_and_products_are_outputs(tube: sidtool.SID) -> None:
+    """Polynomials of the second degree, found from the writer of columns, have its
+    values; its own function is the reference."""
+    from sidtool.fmu.output_terms import output_terms
+    from sidtool.fmu.plant_table import plant_tables
+    from sidtool.fmu.supported import unit_settings
+    from sidtool.solver import compile_scene
+    from sidtool.solver.initial_state.integrator_start import run_settings
+
+    names = ("payload.vx", "payload.ay", "shoulder_motor.power", "upper.vy_body")
+    scene = spatial_arm(tube, **{"outputs.record": list(names)})
+    system = compile_scene(scene, sids={"upper": tube, "fore": tube})
+    tables = plant_tables(system, unit_settings(run_settings(system, *[None] * 4)))
+    found = {terms.name: terms for terms in output_terms(tables, names)}
+    assert all(t.second for t in found["payload.vx"].terms)
+    assert len(found["payload.vx"].terms) == 3
+    assert [t.weight for t in found["upper.vy_body"].terms] == [1.0]
+
+
+UNSUPPORTED = {
+    "integrator": ({"accuracy.integrator": "dop853"}, "accuracy.integrator"),
+    "linear input": ({"inputs.load.interpolation": "linear"}, "inputs"),
+    "stop": (
+        {"events.end": {"quantity": "piston.x", "value": 1.0, "action": "stop"}},
+        "events",
+    ),
+    "stick-slip": (
+        {"joints.crank_pin.friction": {"coefficient": 0.1, "radius": 0.01}},
+        "joints",
+    ),
+    "integral": ({"outputs.record": ["energy.dissipated"]}, "outputs"),
+    "residual": ({"outputs.record": ["constraint.position"]}, "outputs"),
+    "rotation": ({"outputs.record": ["rod.piston_pin.quaternion_0"]}, "outputs"),
+    "name": (
+        {
+            "inputs.time": {"initial": 0.0},
+            "forces.load.function": {"type": "input", "name": "time"},
+        },
+        "inputs",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", UNSUPPORTED)
+def test_what_a_unit_cannot_do_is_refused_by_name(case: str, tmp_path: Path) -> None:
+    changes, place = UNSUPPORTED[case]
+    with pytest.raises(sidtool.InputError) as refused:
+        slider_crank(**changes).fmu(tmp_path / "machine.fmu")
+    assert place in (refused.value.place or "")
+
+
+def test_without_a_compiler_the_way_to_one_is_said(tmp_path: Path) -> None:
+    with pytest.raises(sidtool.InputError) as refused:
+        slider_crank().fmu(tmp_path / "machine.fmu")
+    assert "sidtool[fmu]" in str(refused.value)
+
+
+def test_integrators_of_units_exist() -> None:
+    from sidtool.solver.integrators.registry import INTEGRATORS
+
+    for name in UNIT_INTEGRATORS:
+        assert INTEGRATORS[name].singular_loop and not INTEGRATORS[name].explicit
+
+
+@needs_cc
+def test_what_has_no_effect_in_a_unit_is_told(tmp_path: Path) -> None:
+    """Events that only record (N601), and tables of inputs (N602)."""
+    event = {"quantity": "piston.x", "value": 1.05}
+    table = {"initial": 5.0, "times": [0.0, 0.1], "values": [0.0, 1.0]}
+    scene = slider_crank(**{"events.pass": event, "inputs.load": table})
+    unit = scene.fmu(tmp_path / "machine.fmu")
+    told = {(each.code, each.subject) for each in unit.diagnostics}
+    assert told >= {("N601", "pass"), ("N602", "load")}
+    assert [v.start for v in unit.inputs] == [5.0]
