@@ -7,11 +7,14 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import docstrings  # noqa: E402
+import gallery  # noqa: E402
 import generate  # noqa: E402
 
 import sidtool  # noqa: E402
 
 generate.write(HERE / "generated")
+for picture in gallery.draw_pictures(HERE / "generated"):
+    print(f"drawn: {picture.name}")
 
 project = "sidtool"
 author = "the sidtool authors"

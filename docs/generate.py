@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import click
+import gallery
 from docstrings import entries, sections
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -48,6 +49,7 @@ def pages() -> dict[str, str]:
         "commands.md": commands_page(),
         "diagnostics.md": diagnostics_page(),
         "names.md": names_page(),
+        **gallery.pages(),
     }
 
 

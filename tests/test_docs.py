@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 import pytest
 
 from benchmarks.validation import PROBLEMS
+from sidtool.cli.main import cli
 from tests.places import ROOT
 
 from .commands import run_page
@@ -115,6 +116,41 @@ def test_the_generated_pages_agree_with_the_schema(generate: ModuleType) -> None
     for command in ("simulate", "analyse modes", "new"):
         assert f"## sidtool {command}\n" in pages["commands.md"]
     assert "autofunction:: sidtool." in pages["names.md"]
+
+
+def test_the_gallery_shows_every_example(tmp_path: Path) -> None:
+    gallery = loaded("gallery")
+    folders = {path.parent.name for path in (ROOT / "examples").glob("*/README.md")}
+    assert {each.name for each in gallery.examples()} == folders
+    first = next(each for each in gallery.examples() if each.name == "beam")
+    picture = gallery.draw_picture(first, tmp_path)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert len(picture.read_bytes()) > 5000
+
+
+#: What users of other programs look for.
+WORDS = (
+    "Campbell Guyan RBE2 RBE3 Simscape SIMPACK Abaqus ANSYS Nastran Exudyn MBSim MBDyn "
+    "Modelica OpenFAST superelement substructure transfer co-simulation Hurty Rayleigh "
+    "Craig-Bampton whirl Coleman clearance Coulomb Stribeck bushing motor PID notebook "
+    "pandas ParaView restart servo gear"
+)
+
+
+def test_the_commands_that_pages_name_exist() -> None:
+    pages = [ROOT / "README.md", *PAGES, *(ROOT / "examples").glob("*/README.md")]
+    named = {
+        (page.name, name)
+        for page in pages
+        for name in re.findall(r"`sidtool ([a-z]{2,})\b", page.read_text("utf-8"))
+    }
+    assert len(named) > 30
+    assert {each for each in named if each[1] not in cli.commands} == set()
+
+
+def test_the_site_has_the_words_that_engineers_search() -> None:
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES).lower()
+    assert [word for word in WORDS.split() if word.lower() not in text] == []
 
 
 def test_every_key_has_a_meaning_and_its_example_is_toml(generate: ModuleType) -> None:
