@@ -17,6 +17,7 @@ from pathlib import Path
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 _ROW = re.compile(r"^\| \[(\w+)\]\(\w+\) \| (.+) \|$", re.MULTILINE)
 _CONVERT = re.compile(r"sidtool convert (\w+\.toml)")
+_IMAGE = re.compile(r"(!\[[^\]]*\]\()([\w.]+\))")
 _SCRIPT = re.compile(r"^ *python (\w+\.py)$", re.MULTILINE)
 
 
@@ -76,6 +77,7 @@ def pages() -> dict[str, str]:
     for each in found:
         heading, _, rest = each.text.partition("\n")
         picture = f"![{each.name}]({each.name}.png)"
+        rest = _IMAGE.sub(rf"\1../../examples/{each.name}/\2", rest)
         created[f"example_{each.name}.md"] = f"{heading}\n\n{picture}\n{rest}"
     return created
 

@@ -196,7 +196,7 @@ def _rows(table: type[BaseModel], found: Mapping[Key, Any]) -> str:
 def _meaning(key: str, info: FieldInfo) -> str:
     """What can be said of a key without a description of its own."""
     if key in ("type", "method", "shape"):
-        return "says which table this is"
+        return "the kind of this table"
     parts = list(_models(info.annotation))
     if len(parts) == 1:
         return _prose(parts[0]).split("\n\n")[0].replace("\n", " ").strip()

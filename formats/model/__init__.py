@@ -79,7 +79,7 @@ class NodeMarker(Table):
     [0, 1]), `position` (x, y and z in m) and `mesh_node` (a node number of a mesh file)
     says where it is. A tied marker may stand anywhere, also beside the body or at a
     node that no element uses, as a rigid arm of what it is tied to; with `at = "axis"`
-    it stands on the axis of the cylinder that this is, half-way between its ends (in
+    it lies on the axis of the cylinder that this is, half-way between its ends (in
     the plane: in the centre of the circle), and without a place in the centre of its
     area.
 
@@ -255,7 +255,7 @@ def _check_place(marker: NodeMarker, place: str, beam: bool) -> None:
     if marker.at == "axis":
         if given or marker.tie is None:
             raise InputError(
-                'at = "axis" stands beside another place or without a tie',
+                'at = "axis" is given with another position or without a tie',
                 place=place,
                 expected='at = "axis" and tie = { type = ..., to = ... } alone',
             )

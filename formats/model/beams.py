@@ -14,8 +14,8 @@ Stations = Annotated[tuple[Positive, ...], Field(min_length=1)]
 class RectangularSection(Table):
     """A rectangular cross-section that may vary along a beam.
 
-    One number holds everywhere; several stand at stations, at equal steps from start to
-    end, see `interpolation` of the geometry.
+    One number holds everywhere; several belong to stations, at equal steps from start
+    to end, see `interpolation` of the geometry.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class BeamGeometry(Table):
     y_axis : direction of the local y axis at the start, made perpendicular to the
         beam; along a curved one it is carried without a rotation about the tangent
     twist : pre-twist, the angle [rad] by which cross-sections are turned about the
-        tangent from y to z; several numbers stand at stations, at equal steps from
+        tangent from y to z; several numbers belong to stations, at equal steps from
         start to end
     interpolation : of sections and twist between their stations: `linear`, a `smooth`
         cubic spline, or one `polynomial` through all, which swings beside steps

@@ -36,7 +36,7 @@ class Q4Discretisation(Table):
 class IgaDiscretisation(Table):
     """The patches themselves as the basis, refined without changing the geometry.
 
-    Exactly one of `functions`, `elements` and `knots` says how far each is refined.
+    Exactly one of `functions`, `elements` and `knots` sets the refinement of each.
     With the first two, the degree is raised, which keeps the continuity at each inner
     knot of the geometry, and each knot span is divided equally (k-refinement).
 
@@ -46,7 +46,7 @@ class IgaDiscretisation(Table):
     functions : basis functions per direction; where the geometry has inner knots, at
         least as many
     elements : knot spans per direction, none longer than 1 / elements of the whole
-        range; more than asked for where the geometry has inner knots that do not fit
+        range; more than requested where the geometry has inner knots that do not fit
     knots : the knot vectors themselves, with the inner knots of the geometry
     state : of a plane body
     """

@@ -307,7 +307,7 @@ class Stiffening(Table):
 
 
 class StressRecovery(Table):
-    """Where a simulation can tell the stress.
+    """Where a simulation can evaluate the stress.
 
     Attributes
     ----------

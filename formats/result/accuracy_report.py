@@ -25,7 +25,7 @@ class OutputError(Table):
     unit: str = ""
     error: float = Field(description="estimate, in the unit of the output")
     variation: float = Field(description="greatest less least value in the run")
-    allowed: float = Field(description="error that was asked for, in that unit")
+    allowed: float = Field(description="requested error, in that unit")
     bound: float | None = Field(
         default=None,
         description="what the error against all that the SIDs hold cannot exceed, in "
@@ -74,7 +74,7 @@ class Decision(Table):
     )
     output: str = Field(description="in which leaving it out is seen most")
     effect: float = Field(description="on that output, in its unit")
-    allowed: float = Field(description="error of it that was asked for")
+    allowed: float = Field(description="requested error of it")
     unit: str = ""
     kept: bool
     sentence: str

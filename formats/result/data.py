@@ -43,7 +43,7 @@ class Result(WithDiagnostics):
     events : crossings that the scene asks for, and breaks, in the order of time
     scene : the scene as JSON
     sids : the SIDs of the bodies that have one, by body
-    accuracy : how exact the numbers are, of a run that was asked for an accuracy
+    accuracy : how exact the numbers are, of a run with a requested accuracy
     versions : of this program and of the libraries under it
     diagnostics : what a reader has to know of the numbers, see `Diagnostic`; `notes`
         and `warnings` give them as sentences

@@ -42,7 +42,7 @@ class SceneFile(SceneTables):
             try:
                 return content._with_consistent_parts(self)
             except (InputError, ValueError):
-                pass  # the whole scene, read again, says what is wrong
+                pass  # reading the whole scene again finds what is wrong
         return super().with_(changes, **more)
 
     with_.__doc__ = File.with_.__doc__

@@ -94,7 +94,7 @@ def _check_joint(
 
 def _check_spring(force: SpringDamper, place: str) -> None:
     if force.stiffness is not None and force.table is not None:
-        raise_failure(f"{place}.table", "stands beside stiffness", "one of them")
+        raise_failure(f"{place}.table", "is given with stiffness", "one of them")
     if force.table is not None:
         _check_table(force.table, f"{place}.table")
     elif force.stiffness is None and force.damping is None:
@@ -168,7 +168,7 @@ def check_function(function: ForceFunction, place: str, scene: SceneTables) -> N
 
 def _check_offset(ramp: SineRamp, place: str) -> None:
     if ramp.of == "value" and ramp.offset != 0.0:
-        raise_failure(f"{place}.offset", "stands beside a ramp of the value", "start")
+        raise_failure(f"{place}.offset", "is given with a ramp of the value", "start")
 
 
 def _check_harmonic(function: Harmonic, place: str) -> None:

@@ -120,7 +120,7 @@ def check_drives(scene: SceneTables) -> None:
         coordinate = driven_coordinate(drive, scene.joints)
         if drive.axis is not None and coordinate != "rotation":
             raise_failure(
-                f"{place}.axis", f"stands beside {coordinate}", "coordinate: rotation"
+                f"{place}.axis", f"is given with {coordinate}", "coordinate: rotation"
             )
         key = (drive.joint, drive.marker, drive.reference, coordinate)
         if key in driven:
@@ -141,7 +141,7 @@ def _check_law(drive: Drive, name: str, scene: SceneTables) -> None:
     needs = {"start": drive.integrated, "start_rate": drive.integrated[1:]}
     for key, states in needs.items():
         if getattr(drive, key) != 0.0 and not states:
-            problem = f'stands beside of = "{drive.of}"'
+            problem = f'is given with of = "{drive.of}"'
             raise_failure(
                 f"{place}.{key}", problem, "a start that the function itself has"
             )
@@ -173,7 +173,7 @@ def _check_joint_drive(drive: Drive, place: str, scene: SceneTables) -> None:
         raise_failure(f"{place}.coordinate", f"found {drive.coordinate!r}", expected)
     if drive.reference != "ground":
         raise_failure(
-            f"{place}.reference", "stands beside joint", "a reference for a marker"
+            f"{place}.reference", "is given with joint", "a reference for a marker"
         )
 
 

@@ -53,7 +53,7 @@ class Expression(Table):
     positions or velocities:
     coordinates of joints and their rates, places and velocities of markers and rigid
     bodies, elastic coordinates; states of other laws as FORCE.state.NAME or
-    DRIVE.state.NAME. Names with a hyphen stand in quotes. Operators are + - * / and **;
+    DRIVE.state.NAME. Names with a hyphen are quoted. Operators are + - * / and **;
     functions are sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt abs sign
     min max and clip(x, lower, upper).
     """

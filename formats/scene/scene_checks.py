@@ -109,7 +109,7 @@ def _changed_parts(
 def _check_wanted(scene: SceneTables) -> None:
     requested = scene.accuracy.wanted
     if requested is not None and scene.accuracy.step is not None:
-        problem = "stands beside accuracy.step, a step without error control"
+        problem = "is given with accuracy.step, a step without error control"
         raise_failure("accuracy.wanted", problem, "one of the two")
     for name in requested if isinstance(requested, dict) else ():
         if not has_wildcard(name):

@@ -52,7 +52,7 @@ def _check_placement(placement: Placement, place: str, dimension: str) -> None:
     ]
     if len(given) > 1:
         raise_failure(
-            f"{place}.{given[1]}", f"stands beside {given[0]}", "one orientation"
+            f"{place}.{given[1]}", f"is given with {given[0]}", "one orientation"
         )
     for key in given:
         if (key == "angle") != (dimension == "planar"):

@@ -1,4 +1,4 @@
-"""Indices of the entries of one expansion, and where they stand in a matrix."""
+"""Indices of the entries of one expansion, and their positions in a matrix."""
 
 import re
 from functools import cached_property, lru_cache

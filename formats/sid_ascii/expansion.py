@@ -83,7 +83,7 @@ def shape_of_unknown_block(raw: RawTaylor, to: ReadingContext) -> tuple[int, int
     to.unknown.append(numbers - MAX_EMPTY * len(raw.codes))
     if sum(to.unknown) > MAX_UNKNOWN:
         problem = f"{raw.name} and the unknown blocks before it declare many zeros"
-        expected = f"at most {MAX_UNKNOWN} numbers that do not stand in the file"
+        expected = f"at most {MAX_UNKNOWN} numbers that are not in the file"
         raise to.error(problem, expected, raw.line)
     _check_size(raw, numbers, to)
     return shape

@@ -12,7 +12,7 @@ from ..base.sid import Array
 CHUNK = 1 << 18
 MAX_TITLE_LENGTH = 100_000
 MAX_LINE_LENGTH = 4_096
-#: Texts of `ahead` that nobody skips before the file is read line by line.
+#: Texts of `ahead` that are not skipped before the file is read line by line.
 _MAX_UNUSED_READS = 100
 
 _NOT_TEXT = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")

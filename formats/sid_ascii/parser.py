@@ -117,7 +117,7 @@ def _parse_frame(lines: LineReader) -> tuple[RawNode, ...]:
         if _normalise_keyword(key) != "new node" or not name:
             raise _unexpected(lines, text, "'new node = <id>' or 'end frame'")
         if name in known:
-            problem = f"node {shorten(name)} stands in line {known[name]} already"
+            problem = f"node {shorten(name)} is in line {known[name]} already"
             raise lines.error(problem, "one node per id")
         known[name] = lines.number
         nodes.append(_parse_node(lines, name))
@@ -159,7 +159,7 @@ def _parse_blocks(lines: LineReader, closings: list[str]) -> dict[str, RawTaylor
             raise _unexpected(lines, text, expected)
         name = _BLOCKS.get(keyword, text)
         if name in blocks:
-            problem = f"block {name} stands in line {blocks[name].line} already"
+            problem = f"block {name} is in line {blocks[name].line} already"
             raise lines.error(problem, "each block once")
         blocks[name] = _parse_expansion(lines, text)
     for closing in reversed(closings):

@@ -20,7 +20,7 @@ _FEMBEAM = re.compile(
 )
 #: What our own files end their titles with, which other readers take for free text:
 #: version, matrices without elements, nodes for the peak stress, and shares, see
-#: `formats.base.compliance_shares`; earlier files tell the layout alone.
+#: `formats.base.compliance_shares`; earlier files hold the layout alone.
 _OWN = re.compile(
     r"(?<!\s)\s*+\[(?P<by>sidtool(?: [\w.+!-]+)?)(?P<matrices>; matrices)?"
     r"(?:; (?P<peak>(?:no )?peak nodes))?"

@@ -275,6 +275,4 @@ def read_texts(dataset: h5py.Dataset) -> tuple[str, ...]:
 
 
 def _refused(name: str, problem: str) -> InputError:
-    return InputError(
-        problem, place=f"/{name}", expected="data that stand in this file itself"
-    )
+    return InputError(problem, place=f"/{name}", expected="data in this file itself")

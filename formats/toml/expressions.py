@@ -8,7 +8,7 @@
              | FUNCTION "(" sum {"," sum} ")"
 
 A name is `t`, `pi`, a parameter, or an output such as ``arm.angle``; one with a hyphen
-stands in quotes. Nothing is ever run: a formula becomes a list of instructions for a
+is quoted. Nothing is ever run: a formula becomes a list of instructions for a
 stack, operands before their operators; clip becomes max and min.
 """
 

@@ -148,7 +148,7 @@ class _NamedNumbers:
 class Equilibrium(_NamedNumbers, SolverEquilibrium):
     __doc__ = f"""{SolverEquilibrium.__doc__}
     `equilibrium["pin.fy"]` is an output, recorded or not; `keys()`, `in`, `len` and
-    iteration tell recorded outputs and all multipliers.
+    iteration give recorded outputs and all multipliers.
     """
 
     def result(self) -> Result:
@@ -202,7 +202,7 @@ class Equilibrium(_NamedNumbers, SolverEquilibrium):
 class Linearisation(_NamedNumbers, SolverLinearisation):
     __doc__ = f"""{SolverLinearisation.__doc__}
     `modes["frequency"]` is a column of `to_dataframe`; `keys()`, `in`, `len` and
-    iteration tell the names of the columns.
+    iteration give the names of the columns.
     """
 
     def keys(self) -> tuple[str, ...]:

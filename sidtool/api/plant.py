@@ -108,7 +108,7 @@ class Plant:
     @property
     def inputs(self) -> dict[str, float]:
         """Values of the inputs at the present time, by name."""
-        return {n: course.at(self.time)[0] for n, course in self._run.courses.items()}
+        return {n: piece.at(self.time)[0] for n, piece in self._run.pieces.items()}
 
     @property
     def outputs(self) -> dict[str, float]:
@@ -140,8 +140,8 @@ class Plant:
         InputError : there is no such input, or the value is no finite number.
         """
         for name, value in {**(values or {}), **named}.items():
-            if name not in self._run.courses:
-                known = ", ".join(self._run.courses) or "the scene has none"
+            if name not in self._run.pieces:
+                known = ", ".join(self._run.pieces) or "the scene has none"
                 raise InputError(
                     f"there is no input {name!r}", place="set", expected=known
                 )

@@ -48,9 +48,7 @@ def compare_sids(
     if here.nq and reference.nq:
         loaded = _loaded_nodes(common, markers)
         if 0 < 3 * len(common.nodes) < max(here.nq, reference.nq):
-            notes.append(
-                "fewer common points than modes: the MAC cannot tell them apart"
-            )
+            notes.append("fewer common points than modes: the MAC cannot separate them")
         for support, first, second in _support_cases(here, reference, common, notes):
             rows += _frequency_rows(support, first, second)
             rows += _static_rows(support, first, second, loaded, common, notes)
@@ -206,7 +204,7 @@ def _shape_rows(
         return
     one, other = _shapes_with_rotations(first, second)
     if _shape_rank(other) < other.shape[1]:
-        notes.append("too few common nodes for the MAC to tell all modes apart")
+        notes.append("too few common nodes for the MAC to separate all modes")
     assurance = modal_assurance(one, other)
     visible, visible_in_reference = _moves_nodes(one), _moves_nodes(other)
     frequencies = np.sqrt(np.clip(second.squares, 0.0, None))

@@ -222,7 +222,7 @@ def _buckens_change(sid: SID, node: Node | None) -> FrameChange:
 
 def _no_rotation(node: Node) -> InputError:
     return InputError(
-        f"node {node.id} moves but tells no rotation",
+        f"node {node.id} moves but has no rotation",
         place="frame",
         expected="a node with psi, whose turning the frame can follow",
     )

@@ -101,7 +101,7 @@ def check_stress(
         )
     if settings.peak_points == 0 and not markers:
         raise InputError(
-            "tells no stress: all markers are tied to node sets",
+            "has no stress: all markers are tied to node sets",
             place="stress",
             expected="a marker at a point of the material, or peak_points",
         )

@@ -173,7 +173,7 @@ def _means(
         if share is None:
             raise InputError(
                 f"{coupling.name} takes the mean of nodes on one line, which do not "
-                "tell how it turns",
+                "determine how it turns",
                 place=coupling.place,
                 expected="three nodes that are not on one line, or RBE2",
             )

@@ -276,7 +276,7 @@ def _weighted_rows(
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     if np.linalg.eigvalsh(gram / np.outer(scale, scale))[0] < _ROTATION_TOLERANCE:
         raise InputError(
-            "these nodes do not tell how the marker turns",
+            "these nodes do not determine how the marker turns",
             place="tie.to",
             expected="nodes in more places: not one point, and in space not one line",
         )

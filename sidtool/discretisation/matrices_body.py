@@ -168,7 +168,7 @@ def _dof_table(data: ImportedMatrices) -> tuple[Indices, Indices]:
                 f"node {label} has no degree of freedom {axis + 1}",
                 place="dofs",
                 expected="matrices of the free body, without supports; the frame of "
-                "the model file says what is held",
+                "the model file defines what is held",
             )
     return table, used
 
@@ -206,7 +206,7 @@ def _marker_node(
         return int(rows[0])
     if marker.position is None or len(marker.position) != positions.shape[1]:
         raise InputError(
-            "does not say which node", expected="mesh_node, or position in m"
+            "does not name its node", expected="mesh_node, or position in m"
         )
     distance = np.linalg.norm(positions - np.array(marker.position), axis=1)
     nearest = int(distance.argmin())

@@ -136,7 +136,7 @@ def _laws(
         given = given - (given @ normals[k]) * normals[k]
         if not np.linalg.norm(given) > 1e-6 * np.linalg.norm(shell.axis):
             raise InputError(
-                f"the material axis of shell {shell.label} stands on it",
+                f"the material axis of shell {shell.label} is perpendicular to it",
                 place=shell.place,
                 expected="a system whose x axis has a projection on the element",
             )

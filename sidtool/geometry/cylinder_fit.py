@@ -79,7 +79,7 @@ def _checked_arc(arms: Array, radius: float, size: float) -> tuple[float, float]
 
 def _no_cylinder(why: str) -> InputError:
     return InputError(
-        f"the nodes do not tell a cylinder: {why}",
+        f"the nodes do not determine a cylinder: {why}",
         place="at",
         expected="nodes on a cylinder, in the plane on a circle; otherwise a position",
     )

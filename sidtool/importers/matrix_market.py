@@ -220,7 +220,7 @@ def check_rigid_motion(stiffness: sp.csr_matrix, rigid: Array) -> None:
         expected="node positions that fit the matrix"
         if turned
         else "the matrix of the free body, without supports; the frame of the model "
-        "file says what is held",
+        "file defines what is held",
     )
 
 

@@ -203,7 +203,7 @@ def _scale_node(node: Node, units: Array, sigma: Sigma | None) -> Node:
 def _sigma_factor(node: Node, units: Array, sigma: Sigma | None) -> float | Array:
     if sigma is None:
         raise InputError(
-            "the file does not tell what sigma holds",
+            "the file does not define what sigma holds",
             place=f"node {node.id}, sigma",
             expected="--sigma stress or --sigma 'section force'",
         )

@@ -65,7 +65,7 @@ def outputs(
     for name in listed:
         if not (has_wildcard(name) and ordered) and not matching_names(name, ordered):
             raise InputError(
-                f"the run does not tell {name}",
+                f"the run does not determine {name}",
                 expected="an output of what deforms: a body that was rigid has no "
                 "elastic coordinates and no stress",
             )

@@ -222,7 +222,7 @@ def _frame_conditions(model: FiniteElementModel, origin: Array, rows: Array) -> 
     count = 3 if model.dimension == 2 else 6
     if len(rows) < count or sizes[-1] <= _SINGULARITY_TOLERANCE * sizes[0]:
         raise InputError(
-            "these markers do not tell how the frame turns",
+            "these markers do not determine how the frame turns",
             place="frame",
             expected="markers with a rotation, for example tied to an edge",
         )

@@ -560,7 +560,7 @@ def _request_text(report: AccuracyReport) -> str:
 def _reached_text(report: AccuracyReport) -> str:
     worst = _worst_output(report)
     return (
-        f"{worst.name} errs most, by {worst.error:.1e}{_unit_text(worst)} "
+        f"largest error: {worst.name}, {worst.error:.1e}{_unit_text(worst)} "
         f"({_relative_text(worst) or 'absolute'}) of {worst.allowed:.1e} allowed: "
         "measured at the output times against the finest model, an estimate"
     )

@@ -76,7 +76,7 @@ def _capability_text(sid: SID) -> list[tuple[str, str]]:
     """Describe the capabilities of a SID: linear deformation, stiffening, stresses."""
     if sid.nq == 0:
         return []
-    lacks = "not carried; a simulation tells whether it matters"
+    lacks = "not carried; a simulation shows whether it matters"
     stressed = stress_nodes(sid)
     quadratic = sid.Ke.first_order(sid.nq).any()
     return [
@@ -85,7 +85,7 @@ def _capability_text(sid: SID) -> list[tuple[str, str]]:
         ("carried", _compliance_text(sid)),
         (
             "stress",
-            f"at {counted_noun(len(stressed), 'node')}" if stressed else "not told",
+            f"at {counted_noun(len(stressed), 'node')}" if stressed else "not given",
         ),
     ]
 
@@ -105,7 +105,7 @@ def _compliance_text(sid: SID) -> str:
     represent.
     """
     if sid.carried is None:
-        return "which part of the static compliance, the file does not tell"
+        return "the file does not state which part of the static compliance"
     texts = [
         (share, f"{'along' if len(way) == 1 else 'about'} {way[-1]}", node)
         for node, row in sid.carried.shares.items()

@@ -78,7 +78,7 @@ def coupled_mass_deviation(sid: SID) -> Finding:
     "frequencies in the labels follow from Ke, Me",
     severity="warning",
     bound=1e-3,
-    meaning="the labels tell other frequencies than the body has: other units, modes "
+    meaning="the labels hold other frequencies than the body has: other units, modes "
     "moved to another frame and cut off, or a changed stiffness",
 )
 def frequency_deviation(sid: SID) -> Finding:

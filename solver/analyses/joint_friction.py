@@ -76,7 +76,7 @@ def friction_forces(
     mechanics: DenseEquations, multipliers: Array, responses: Array
 ) -> Array:
     """Friction forces (frictions,), of accelerations and what unit forces add to them
-    that stand in the memory of the mechanics.
+    in the memory of the mechanics.
 
     Parameters and errors as of `prescribed_friction`.
     """

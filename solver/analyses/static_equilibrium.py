@@ -62,7 +62,7 @@ RESIDUAL_TOLERANCE = 1e-10
 #: Scaled stiffnesses are kept above this part of the largest one and of the forces.
 MIN_STIFFNESS = 1e-12
 #: An equilibrium is unstable with a negative stiffness above this part of the largest
-#: one: differences do not tell less from none.
+#: one: differences do not separate less from none.
 UNSTABLE_STIFFNESS = 1e-8
 
 

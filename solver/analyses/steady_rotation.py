@@ -381,7 +381,7 @@ class _SteadyRotationSearch:
         for tangent in tangents:
             constraint_part = np.linalg.norm(tangent - _project_forces(C, tangent))
             if constraint_part > EQUAL_RATE * np.linalg.norm(tangent):
-                continue  # a drive or a joint says how far it has turned
+                continue  # a drive or a joint determines how far it has turned
             spin = np.append(tangent, np.zeros(count - self.n))
             spin /= np.linalg.norm(spin)
             keep -= np.outer(spin, spin)

@@ -93,7 +93,7 @@ def _index_count(index: Any) -> int | None:
 
 
 def _item_type(view: Any, index: Any) -> Any:
-    """What stands at an index; None where that is no matter of views."""
+    """The entry at an index; None where that is no matter of views."""
     count = _index_count(index)
     if not isinstance(view, ViewType) or count is None or count > view.ndim:
         return None
@@ -121,7 +121,7 @@ class _Set(AbstractTemplate):
 def _item_address(
     context: Any, builder: Any, kinds: Any, values: Any
 ) -> tuple[Any, list]:  # type: ignore[type-arg]
-    """Address of an entry or a row, and the extents of what stands there."""
+    """Address of an entry or a row, and the extents of what is there."""
     (kind, index_kind), (view, index) = kinds, values
     indices, index_kinds = [index], [index_kind]
     if not isinstance(index_kind, types.Integer):

@@ -93,7 +93,7 @@ class Inner:
 def inner(*signatures: Any) -> Callable[[Any], Any]:
     """A kernel that only kernels call; compiled into them.
 
-    The signatures say what it is called with; one without any is for all types that it
+    The signatures are those of its calls; one without any is for all types that it
     is called with, plane and space. There is one version for each.
     """
     return Inner
@@ -141,7 +141,7 @@ def _lower(function: FunctionType, signature: Any) -> fast_lowering.LoweredFunct
         except (NotImplementedError, numba.NumbaError):
             _callee_stack[
                 -1
-            ].clear()  # it knows less than all of numba, which also tells why
+            ].clear()  # it knows less than all of numba, which also gives the reason
     jitted = _dispatcher(function)
     jitted.compile(signature)
     (arguments,) = jitted.signatures

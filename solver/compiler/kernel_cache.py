@@ -99,7 +99,7 @@ def write_code(name: str, key: str, code: bytes) -> None:
 
 
 def is_writable() -> bool:
-    """True if kernels can be kept at all; says so if they cannot."""
+    """True if kernels can be cached at all; reports if they cannot."""
     failures = []
     for folder in cache_folders():
         try:

@@ -143,7 +143,7 @@ def _optimise(module: Any, machine: Any) -> None:
 
 
 def _refuse_python(function: FunctionType, module: Any) -> None:
-    """Raises TypeError where a kernel may raise or allocate: nobody would be told."""
+    """Raises TypeError where a kernel may raise or allocate: both go unnoticed."""
     names = [f.name for f in module.functions if f.is_declaration]
     forbidden = [name for name in names if name.startswith(PYTHON_SYMBOLS)]
     if forbidden:
@@ -181,7 +181,7 @@ class Entry:
 
     @cached_property
     def code_digest(self) -> str:
-        """Tells one version of a kernel, with all that it calls, from another."""
+        """Identifies one version of a kernel, with all that it calls."""
         return kernel_digest(self._function, self.signatures)
 
     def address(self, signature: Any) -> int:

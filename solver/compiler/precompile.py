@@ -74,7 +74,7 @@ MIN_FOR_PROCESSES = 3
 PROGRESS_INTERVAL = 0.2
 #: New objects between two searches for garbage in a process that only compiles.
 GARBAGE_THRESHOLD = 500_000
-#: What another process runs: the package of this one, whatever stands in the
+#: What another process runs: the package of this one, whatever is in the
 #: working folder; all else is looked for where every program looks.
 HELPER = (
     "import sys; sys.path.insert(0, sys.argv[1]); import sidtool; "
@@ -86,7 +86,7 @@ SETTINGS = {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"}
 
 
 def print_compiling(text: str) -> None:
-    """Tells a person who waits why, at a terminal, a prompt or in a notebook."""
+    """Shows a person who waits the reason, at a terminal, a prompt or in a notebook."""
     if sys.stderr.isatty() or hasattr(sys, "ps1") or "ipykernel" in sys.modules:
         print(f"sidtool: {text}", file=sys.stderr, flush=True)
 
@@ -140,7 +140,7 @@ def all_groups(step_loops: Iterable[str]) -> list[Group]:
 
 
 def _groups(step_loops: Iterable[str], equations: list[Group]) -> list[Group]:
-    """Neighbours share inner kernels; the slowest stand at the ends."""
+    """Neighbours share inner kernels; the slowest are at the ends."""
     loops = [(loop,) for loop in step_loops]
     return [*equations, SAMPLING, COORDINATES, MASS_SOLVERS, NEWTON, *loops]
 

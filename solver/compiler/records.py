@@ -169,6 +169,6 @@ def load_invariant_word(builder: Any, words: Any, index: int) -> Any:
 
 
 def _mark_invariant(builder: Any, word: Any) -> Any:
-    """Tells that kernels do not write there, so that it is read once."""
+    """Marks that kernels do not write there, so that it is read once."""
     word.set_metadata("invariant.load", builder.module.add_metadata([]))
     return word

@@ -234,7 +234,7 @@ class Table:
         self.__dict__.update(derived, address=_address_of(words))
 
     def __getattr__(self, name: str) -> Any:
-        """A number, or an array of zeros that nobody requested before."""
+        """A number, or an array of zeros on its first request."""
         kind = self.kind
         if name in kind.scalars:
             return self._numbers[kind.scalars[name]].item(kind.offsets[name])

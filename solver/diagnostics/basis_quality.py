@@ -1,7 +1,7 @@
 """Loads for which the shape functions of a body are poor or unknown.
 
 The share of the static compliance of the full body that the shape functions represent
-stands in the SID, if its source knew it. Shares are checked for loads at markers and
+is stored in the SID, if its source knew it. Shares are checked for loads at markers and
 for the inertia of the body itself.
 """
 

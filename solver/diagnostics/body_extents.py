@@ -19,7 +19,7 @@ _MIN_DENSITY = 0.1
 
 def body_extent(system: System, name: str) -> float:
     """The size of a body [m]: between its markers and its centre of mass, or what its
-    inertia tells if that is more."""
+    inertia gives if that is more."""
     sid = system.bodies[system.index(name)].sid
     size = body_size(sid)
     return max(marker_extent(sid), size if is_dense(sid, size) else 0.0)

@@ -177,7 +177,7 @@ def _check_orientations(system: System) -> None:
                 f"{what} acts on node {node.id} of {body}, whose AP {fault}",
                 place=place,
                 expected="a rotation (`sidtool validate`, I18; `convert --repair` may "
-                "mend it), or --accept-defects",
+                "repair it), or --accept-defects",
             )
 
 

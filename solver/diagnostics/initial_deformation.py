@@ -26,7 +26,7 @@ LARGE_FRACTION, MIN_DEFLECTION = 0.1, 1e-6
 LARGE_VIBRATION = 0.01
 #: Squares of frequencies that joints leave no motion, relative to the largest one.
 CONSTRAINED_FREQUENCY = 1e-10
-#: Unit forces times this are asked for: friction of loads is linear near a state alone.
+#: Unit forces times this are applied: friction of loads is linear near a state alone.
 UNIT_FORCE_FACTOR = 1e-5
 
 

@@ -100,7 +100,7 @@ def output_time_notes(scene: SceneFile, last: float) -> Iterator[Diagnostic]:
 
 
 def peak_stress_notes(system: System) -> Iterator[Diagnostic]:
-    """Peaks over nodes that nobody chose where the stress is largest (N430)."""
+    """Peaks over nodes that were not chosen where the stress is largest (N430)."""
     scene, sids = system.scene, system.sids
     bodies = {
         name: stress_nodes(sids[name])

@@ -1,4 +1,4 @@
-"""Diagnostics of a run, evaluated when they are asked for.
+"""Diagnostics of a run, evaluated when they are read.
 
 Many runs of one scene are made for their numbers only. Therefore recorded rows are
 stored, as far as they are few, and evaluated together.
@@ -49,7 +49,7 @@ class DiagnosticsResult(NamedTuple):
 
 
 class RunDiagnostics:
-    """What rows and ends of steps of a run tell of it.
+    """Findings from rows and ends of steps of a run.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ _STIFFENED_TERMS = at.HAS_CR1 | at.HAS_OE1 | at.HAS_CT1 | at.HAS_QUADRATIC_J
 
 
 def describe(system: System) -> list[str]:
-    """Lines that say what is integrated.
+    """Lines that describe what is integrated.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def describe(system: System) -> list[str]:
         plural = "" if count == 1 else "s"
         lines.append(
             f"{count} redundant constraint{plural} ({names}): met by the others; of "
-            "all multipliers that hold the mechanism the smallest are told"
+            "all multipliers that hold the mechanism the smallest are reported"
         )
     lines += [each.line for each in callable_notes(system)]
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
@@ -323,6 +323,6 @@ def _body_text(row: object, data: BodyData) -> str:
         parts.append(f"{nq} elastic coordinates")
         parts.append(f"kept: {', '.join(included) or 'nothing beyond zeroth order'}")
         parts.append(
-            f"dropped, zero or not asked for: {', '.join(omitted) or 'nothing'}"
+            f"dropped, zero or not requested: {', '.join(omitted) or 'nothing'}"
         )
     return "; ".join(parts)

@@ -41,7 +41,7 @@ from ..system.characteristic_sizes import constraint_sizes, coordinate_sizes
 from ..system.system import System
 from ..system.work_arrays import new_memory, new_work_arrays
 
-#: Passages that are told one by one.
+#: Passages that are reported one by one.
 MAX_REPORTED = 3
 #: Independence below which motions can be confused, or this times the root of the
 #: tolerated error, and at most the last: with it a mechanism misses the configuration
@@ -55,7 +55,7 @@ INVOLVED_SHARE = 0.05
 COARSE_POINTS, PATH_FACTOR = 3, 2.0
 #: Points of a step that are compared, and halvings around the best one, which end when
 #: independence changes by less than this part, or as little is left. With less, large
-#: scenes do not tell its rows from redundant ones.
+#: scenes do not separate its rows from redundant ones.
 POINTS, HALVINGS, RELATIVE_CHANGE, ZERO_INDEPENDENCE = 33, 40, 1e-6, 1e-6
 #: Of a rate, for its derivative by differences.
 STEP = 1e-6

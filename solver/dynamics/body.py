@@ -12,7 +12,7 @@ Oe, Ge          centrifugal and gyroscopic terms         eq. (11)
 K1              cubic stiffness, has an energy           eq. (13)
 ==============  =======================================  ===========
 
-The SID terms of a body stand in `SystemArrays.real_data`: mass, mdCM, J and H; then
+The SID terms of a body are in `SystemArrays.real_data`: mass, mdCM, J and H; then
 rows over the elastic coordinates; then square matrices, component by component. Their
 offsets are computed once.
 """

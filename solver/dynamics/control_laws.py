@@ -1,7 +1,7 @@
 """Interpreter of control laws, eq. (29): programs of a stack machine.
 
 A law that reads n measures is a row of the force table that follows those of its
-measures. Its program stands in `SystemArrays.real_data`: n, the number of instructions,
+measures. Its program is in `SystemArrays.real_data`: n, the number of instructions,
 and three numbers per instruction. Each entry of the stack carries its derivatives by
 the n measures and their n rates, eq. (30).
 """

@@ -33,7 +33,7 @@ RELATIVE_ERROR = 1e-13
 #: Part of the run that the shortest feature lasts which is surely seen, and the number
 #: of times that it is looked at.
 RESOLVED_FRACTION, SAMPLES_PER_FEATURE = 1.0 / 4096.0, 4
-#: The shortest feature that can be asked for, as a part of the run.
+#: The shortest feature that can be requested, as a part of the run.
 MIN_RESOLVED_FRACTION = 1e-6
 #: Tolerated difference of given derivatives from those of the interpolant.
 DERIVATIVE_TOLERANCES = (1e-10, 1e-7, 1e-4)

@@ -16,7 +16,7 @@ from ..system.sid_packing import quaternion
 from ..system.system import System
 from .given_state import StateVectors
 
-#: Bodies that are told of, those that moved most.
+#: Bodies that are reported, those that moved most.
 MAX_LISTED = 3
 
 

@@ -94,7 +94,7 @@ def initial_rotations(system: System) -> Array:
 
 
 def store_rotations(system: System, work: WorkArrays, z: Array) -> None:
-    """Lets z say how far its markers turned, as evaluated last."""
+    """Stores in z how far its markers turned, as evaluated last."""
     z[len(z) - system.n_rotation_counters :] = work.rotation_counter[
         : system.n_rotation_counters, at.ROTATION_VALUE
     ]
@@ -271,7 +271,7 @@ def with_full_turns(system: System, work: WorkArrays) -> System:
 
 def _with_real_data(system: System, numbers: Mapping[int, float]) -> System:
     """The system with other numbers at some places of its real data, itself where they
-    stand there already.
+    are there already.
     """
     real_data = system.arrays.real_data
     if all(real_data[place] == number for place, number in numbers.items()):

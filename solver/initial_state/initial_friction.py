@@ -87,7 +87,7 @@ def _is_prescribed(
 ) -> NDArray[np.bool_]:
     """Which coordinates with friction some of the rows hold, (frictions,).
 
-    To second order: where a mechanism stands at its dead point, others rest for an
+    To second order: where a mechanism is at its dead point, others rest for an
     instant, but are not held.
     """
     directions = friction_directions(state.system, state.work.C) * scale

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 #: Rows from which on scenes are large.
 LARGE_SCENE_ROWS = 300
-#: Singular values below this part of the largest one are not told from those of
+#: Singular values below this part of the largest one are not separated from those of
 #: dependent rows.
 CLEARLY_INDEPENDENT = 1e-11
 #: Right sides follow from others as their rows do when they are met up to this part.
@@ -255,7 +255,7 @@ class IndependentRows:
         """True if of each row more than a part is left without the others.
 
         That is 1 / sqrt((G^-1)_ii). Long mechanisms have small singular values in which
-        all of their rows have a part, and which tell nothing of any of them. Rows that
+        all of their rows have a part, and which determine none of them. Rows that
         follow from others exactly are no matter of rounding. False where it is not
         clear.
         """

@@ -1,6 +1,6 @@
 """Sparse QR factorisation B^T = Q R by fronts along the mechanism; only R is stored.
 
-Rows stand in the order of `system.newton_pattern`, so that each has columns in common
+Rows are in the order of `system.newton_pattern`, so that each has columns in common
 with few others. Velocities enter a front at their first row: the QR of some rows leaves
 finished rows of R and a small front for the next ones. R has all digits of B; a factor
 of B B^T would lose half of them. Time and memory grow linearly with the number of rows;

@@ -189,9 +189,9 @@ def newton_row_indices(system: SystemArrays) -> np.ndarray:
     return np.append(newton_rows, system.friction[:, R_NEWTON])
 
 
-#: Errors are told from rounding above so many times as much.
+#: Errors are separated from rounding above so many times as much.
 ROUNDING_MARGIN = 15.0
-#: Steps that tell what of the error estimate is not rounding.
+#: Steps that determine what of the error estimate is not rounding.
 TREND_STEPS = 8.0
 #: Determinant of the equations of friction, 1 without it, below which they hardly have
 #: a solution.

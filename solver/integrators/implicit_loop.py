@@ -78,7 +78,7 @@ def step_loop(
 
     Parameters
     ----------
-    name : tells the cache on disk which method it is
+    name : of the method, for the cache on disk
     storage_type : compiled type of its storage
     begin(kernels, system, work, memory, control, storage) : keeps the slopes at the
         beginning of a step

@@ -144,7 +144,7 @@ class StepLoopState(Table):
     errors_accumulate: (
         int  # 1: errors of rigid motions last, 0: drives prescribe all of them
     )
-    shares_tolerance: int  # 1: steps may err by their share of what the run may
+    shares_tolerance: int  # 1: the tolerance of a step is its share of that of the run
     accumulation_radians: (
         float  # radians in a run from which on errors of free motions add up
     )

@@ -103,7 +103,7 @@ def evaluate_start(kernels, system, work, memory, t, z, v):
     return evaluate_accelerations(kernels, system, work, memory, t, z, v)
 
 
-# Columns of what is told of a joint with friction
+# Columns of the output of a joint with friction
 (
     OUTPUT_FRICTION,
     OUTPUT_LOAD,

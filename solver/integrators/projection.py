@@ -23,10 +23,10 @@ PROJECTIONS_LIMIT = 6
 #: Attempts after which positions that meet the constraints are not moved any more.
 MAX_POSITION_MOVES = 3
 #: Attempts after which rates count as zero that are rounding of their terms, and what
-#: rounding is, relative to these, where so little is asked for: in long runs.
+#: rounding is, relative to these, where so little is requested: in long runs.
 ROUNDING_ATTEMPTS, RATE_ROUNDING = 2, 1e-15
 #: Most that one marker turns against another in a step where turns are counted, of the
-#: half turn that two orientations tell [rad].
+#: half turn that two orientations determine [rad].
 MAX_ROTATION_PER_STEP = 2.5
 
 

@@ -292,7 +292,7 @@ def _correct_collocation(kernels, system, work, memory, control, stages, h):
     """A correction of the collocation equations; 0 if it is not too large.
 
     A stage very close to the singular configuration may spoil it: then what it changes
-    of the free motion, at the end of the step, tells whether the step is good without
+    of the free motion, at the end of the step, shows whether the step is good without
     it.
     """
     method, s = stages.tableau, len(stages.tableau.c)

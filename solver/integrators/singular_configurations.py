@@ -101,7 +101,7 @@ def predict_singularity(system, memory, control, h):
 
     It goes through the independence at the ends of the last three steps, of which this
     is one. A singular configuration that was passed is kept. Returns 0, or 5 when the
-    step ends where the motions that meet there cannot be told apart.
+    step ends where the motions that meet there cannot be separated.
     """
     old, now = control.old_step, constraint_independence(system, memory)
     is_ahead = control.singular_time > control.time

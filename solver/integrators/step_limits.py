@@ -18,7 +18,7 @@ MAX_GROWTH = 8.0
 #: A step ends at a corner of a force when it passes it by less than this part of the
 #: way of its measure; so often it is tried.
 CORNER_DISTANCE, MAX_CORNER_TRIES = 1e-6, 4
-#: Parts of a step in which the cubic through its ends is asked for a corner, and
+#: Parts of a step in which the cubic through its ends is searched for a corner, and
 #: bisections of the part that has one.
 CORNER_INTERVALS, BISECTIONS = 8, 30
 #: The constraints leave open so much of a way, relative to sizes.

@@ -143,7 +143,7 @@ def choose_next_step_in_stages(
 #: Relative to the motion of the mechanism: the elastic displacement below which the
 #: error of a deformation is not resolved any further.
 SMALLEST_DEFORMATION = 1e-7
-#: Rounding in a step, relative to positions; so many times as much may be asked for,
+#: Rounding in a step, relative to positions; so many times as much may be requested,
 #: the second one of steps whose errors add up. Deformations are small numbers.
 ROUNDED, RESOLVED, RESOLVED_PART = 1e-15, 10.0, 3.0
 ROUNDED_DEFORMATION = 1e-17

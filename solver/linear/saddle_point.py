@@ -30,7 +30,7 @@ from .block_factors import block_factor, block_solve
 from .factor_storage import COMPLEX_FACTORS, REAL_FACTORS
 
 #: Added to the diagonal of the Schur complement, relative to it. Where constraints
-#: become dependent (a singular position) it stands in for what they leave open;
+#: become dependent (a singular position) it replaces what they leave open;
 #: elsewhere refinement removes its effect.
 REGULARISATION = 1e-13
 #: The same for joints that stick and hold one motion together.

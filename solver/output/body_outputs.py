@@ -105,7 +105,7 @@ def stress_column(system: System, samples: Samples, name: OutputName) -> Array:
 
 
 def check_stress(system: System, name: OutputName) -> None:
-    """Raises stresses that a SID does not tell.
+    """Refuse stresses that a SID does not hold.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def check_stress(system: System, name: OutputName) -> None:
     place = f"outputs.record, {'.'.join(part for part in name if part)}"
     if not known:
         raise InputError(
-            f"the SID of {name.owner} tells no stress",
+            f"the SID of {name.owner} holds no stress",
             place=place,
             expected="a body converted with a table [stress]",
         )

@@ -149,7 +149,7 @@ def integrals_between(
     """A history of motion that is known at some times only.
 
     Between them it is interpolated by cubic Hermite polynomials of positions and of
-    velocities. Of fewer than two times there is zero to tell.
+    velocities. Of fewer than two times the integrals are zero.
     """
     history = EnergyIntegrals(sampler, StepPoints(3))
     if len(times) < 2:

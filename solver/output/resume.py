@@ -85,7 +85,7 @@ def resume_state(system: System, settings: RunSettings, result: Result) -> Resum
     ------
     InputError
         It is complete, of another scene, SID or setting, or its last state does not
-        tell all that the rest of the run needs.
+        hold all that the rest of the run needs.
     """
     if not len(result.t):
         raise InputError("holds no state", expected="a run that began")
@@ -238,7 +238,7 @@ def _check_same_run(system: System, settings: RunSettings, result: Result) -> No
 def _energy_sums(system: System, settings: RunSettings, result: Result) -> Array:
     """Energies until the last state; zero where no output needs them.
 
-    The balance tells their difference, also where it was recorded alone.
+    The balance gives their difference, also where it was recorded alone.
     """
     known = {n: result[n][-1] for n in _SUMS if n in result.names}
     if BALANCE in result.names and len(known) < len(_SUMS):

@@ -110,7 +110,7 @@ class SceneOutputs:
 
 
 _ACCELERATIONS = ("ax", "ay", "az")
-#: What would tell them.
+#: What makes them available.
 MUST_BE_RECORDED = "to be recorded in the run: outputs.record of the scene"
 
 
@@ -141,7 +141,7 @@ def sampled_laws(scene: SceneFile, known: Mapping[str, Any]) -> tuple[str, ...]:
 def unavailable_outputs(
     names: Iterable[str], scene: SceneFile, known: Mapping[str, Any], between: bool
 ) -> dict[str, tuple[str, str]]:
-    """Of the names those that cannot be told afterwards: why, and what is expected.
+    """Of the names those that cannot be evaluated later: why, and what is expected.
 
     Parameters
     ----------

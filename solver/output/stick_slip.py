@@ -49,7 +49,7 @@ TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
 OBSERVED_SLIP = 1e-6
 #: A joint turns round where to stop it would take so many times what its load holds.
 CLEAR_REVERSAL = 2.0
-#: Joints that stick hold the same motion where so little tells them apart.
+#: Joints that stick hold the same motion where so little separates them.
 SHARED_MOTION = 1e-8
 #: A dead point is left when the mobility of a joint grows so much, relative to the one
 #: it has, while the mechanism moves by this part of its size.

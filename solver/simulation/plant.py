@@ -68,7 +68,7 @@ _ATTRIBUTES = (
 )
 
 
-class InputCourse(NamedTuple):
+class InputPiece(NamedTuple):
     """An input from a time on: a cubic polynomial.
 
     Attributes
@@ -81,8 +81,8 @@ class InputCourse(NamedTuple):
     terms: tuple[float, ...]
 
     @classmethod
-    def constant(cls, start: float, value: float) -> "InputCourse":
-        """The course that stays at a value."""
+    def constant(cls, start: float, value: float) -> "InputPiece":
+        """The piece that stays at a value."""
         return cls(start, (value, *[0.0] * (N_INPUT_TERMS - 1)))
 
     def at(self, t: float) -> tuple[float, float]:
@@ -99,22 +99,22 @@ class InputCourse(NamedTuple):
         return not any(self.terms[1:])
 
 
-def course_between(
-    continuity: int, start: float, end: float, before: InputCourse, goal: float
-) -> InputCourse:
-    """The course of an input that is to have a value at the end of a time span.
+def piece_to_goal(
+    continuity: int, start: float, end: float, before: InputPiece, goal: float
+) -> InputPiece:
+    """The piece of an input that is to have a value at the end of a time span.
 
     Parameters
     ----------
     continuity : 1 for a straight line, 2 for a cubic polynomial that begins with the
-        rate of the course before and ends with the mean rate of the span
+        rate of the piece before and ends with the mean rate of the span
     """
     value, rate = before.at(start)
     mean = (goal - value) / (end - start)
     bend = (mean - rate) / (end - start)
     if continuity < 2 or bend == 0.0:
-        return InputCourse(start, (value, mean, 0.0, 0.0))
-    return InputCourse(start, (value, rate, 2.0 * bend, -bend / (end - start)))
+        return InputPiece(start, (value, mean, 0.0, 0.0))
+    return InputPiece(start, (value, rate, 2.0 * bend, -bend / (end - start)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ class PlantRun(Stepper):
     time : time that the program has reached [s]; the last step may end later
     events : events and changes of friction states until then
     stopping_event : name of the event that has ended the motion, or empty
-    courses : inputs from some time on, by name
+    pieces : present polynomials of the inputs, by name
     """
 
     def __init__(
@@ -156,11 +156,11 @@ class PlantRun(Stepper):
         arrays.window.fill_next(self.control)
         self.sampler = StateSampler(self.system, start.tolerances)
         self.time = self.control.time
-        self.courses = {
-            name: InputCourse.constant(self.time, signal.initial)
+        self.pieces = {
+            name: InputPiece.constant(self.time, signal.initial)
             for name, signal in self._signals.items()
         }
-        self._goals = {name: course.terms[0] for name, course in self.courses.items()}
+        self._goals = {name: piece.terms[0] for name, piece in self.pieces.items()}
         self._systems: list[System] = []
         self.follow_inputs(self.system)
         self.needs_new_interval = True
@@ -199,17 +199,17 @@ class PlantRun(Stepper):
     def follow_inputs(self, system: System) -> None:
         """Give the inputs to the tables of another system, too, from now on."""
         self._systems += [system, *([system.full_system] if system.full_system else [])]
-        for name in self.courses:
+        for name in self.pieces:
             self._write(name)
 
     def _write(self, name: str) -> None:
-        """Write the course of an input to the tables of functions."""
-        course = self.courses[name]
+        """Write the polynomial of an input to the tables of functions."""
+        piece = self.pieces[name]
         for system in self._systems:
             arrays = system.arrays
             first = arrays.drive[system.input_rows[name], at.D_DATA]
-            arrays.real_data[first] = course.start
-            arrays.real_data[first + 1 : first + 1 + N_INPUT_TERMS] = course.terms
+            arrays.real_data[first] = piece.start
+            arrays.real_data[first + 1 : first + 1 + N_INPUT_TERMS] = piece.terms
 
     def set(self, name: str, value: float) -> None:
         """Set an input from now on: it jumps to a value if it is held, else it reaches
@@ -217,24 +217,24 @@ class PlantRun(Stepper):
         self._goals[name] = value
         if self._signals[name].continuity > 0:
             return
-        if self.courses[name].terms[0] != value:
+        if self.pieces[name].terms[0] != value:
             self._input_changed = True
-            self.courses[name] = InputCourse.constant(self.time, value)
+            self.pieces[name] = InputPiece.constant(self.time, value)
             self._write(name)
 
-    def _choose_courses(self, target: float) -> bool:
-        """Choose the courses of inputs without jumps until a time; returns True if one
+    def _choose_pieces(self, target: float) -> bool:
+        """Choose the pieces of inputs without jumps until a time; returns True if one
         of them moves."""
         moves = False
         for name, signal in self._signals.items():
-            before, goal = self.courses[name], self._goals[name]
+            before, goal = self.pieces[name], self._goals[name]
             if signal.continuity == 0 or (
                 before.is_constant and before.terms[0] == goal
             ):
                 continue
-            course = course_between(signal.continuity, self.time, target, before, goal)
+            piece = piece_to_goal(signal.continuity, self.time, target, before, goal)
             moves = self._input_changed = True
-            self.courses[name] = course
+            self.pieces[name] = piece
             self._write(name)
         return moves
 
@@ -281,9 +281,9 @@ class PlantRun(Stepper):
         target = self._checked(target)
         ends_there = self.settings.step is not None or self._input_changed
         if target > self.time and self._signals:
-            ends_there |= self._choose_courses(target)
+            ends_there |= self._choose_pieces(target)
         if self._input_changed:
-            self._go_back()
+            self._return_to_present()
         control = self.control
         if self._find_events(target):
             return
@@ -339,7 +339,7 @@ class PlantRun(Stepper):
             expected="a later end in the scene: time.end",
         )
 
-    def _go_back(self) -> None:
+    def _return_to_present(self) -> None:
         """Go back to the present time, if the last step ends later, and have a new
         interval begin there."""
         control = self.control
@@ -493,7 +493,7 @@ class PlantRun(Stepper):
             | {
                 "method": self._method_name,
                 "breaks": tuple(self.breaks),
-                "courses": dict(self.courses),
+                "pieces": dict(self.pieces),
                 "goals": dict(self._goals),
                 "last_sample": self.samplers.last_time,
                 "parts": [None if part is None else part.save() for part in parts],
@@ -536,11 +536,11 @@ class PlantRun(Stepper):
         for part, saved in zip(parts, attributes["parts"], strict=True):
             if part is not None:
                 part.restore(saved)
-        self.courses, self._goals = (
-            dict(attributes["courses"]),
+        self.pieces, self._goals = (
+            dict(attributes["pieces"]),
             dict(attributes["goals"]),
         )
-        for name in self.courses:
+        for name in self.pieces:
             self._write(name)
 
 

@@ -180,14 +180,14 @@ def replay(
         Callables that the run was made with, by name; results keep what was seen of
         functions of time, so that only laws are missed.
     between
-        The outputs are to be told between the times of the result, too.
+        The outputs are also evaluated between the times of the result.
 
     Raises
     ------
     InputError
         The result does not hold its scene or SIDs, a name is that of no output or of
-        one that states do not tell (see `unavailable_outputs`), or rotations are too
-        fast to be counted.
+        one that states do not determine (see `unavailable_outputs`), or rotations are
+        too fast to be counted.
     """
     laws = {**result.laws, **(drives or {}), **(forces or {})}
     original_scene = scene_of(result)
@@ -272,7 +272,7 @@ def _scene_with_outputs(
     except InputError as error:
         if not (error.place or "").startswith("outputs."):
             raise
-        # Asked for by name: not a mistake of the scene.
+        # Requested by name: not a mistake of the scene.
         raise InputError(error.problem, expected=error.expected) from None
 
 

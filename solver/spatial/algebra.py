@@ -36,7 +36,7 @@ def unit(x: Vector, i: Any) -> Vector:
 
 @formula
 def load(x: Vector, a: Any, at: Any) -> Vector:
-    """A vector like x that stands at `at`."""
+    """A vector like x that begins at `at`."""
     return type(x)(*(a[at + i] for i in range(len(x))))
 
 

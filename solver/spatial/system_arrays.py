@@ -130,7 +130,7 @@ W_WEIGHT = 0
 W_CONSTANT = 1  # subtracted
 W_PERIOD = 2  # the sum is known up to multiples of it, 0 for exactly
 W_FIRST = 3  # 1: the first term of its row
-TERM_PLANAR = 2  # where the term stands in the data of a constraint
+TERM_PLANAR = 2  # index of the term in the data of a constraint
 TERM_SPATIAL = 6
 
 # --- columns of System.segment: the entries of one row of C that belong to

@@ -273,7 +273,7 @@ class LawTable:
             self._add_features(parts, force)
 
     def _add_features(self, law: CompiledLaw, force: str) -> None:
-        """Tells the table of functions what a law makes of time."""
+        """Give the table of functions what a law makes of time."""
         for parts in (law.value, *(state.change for state in law.states.values())):
             program = function_of_time(parts)
             if program is not None:
@@ -333,7 +333,7 @@ class LawTable:
 
 
 class _LawCompiler:
-    """The instructions of one law, as they stand in the real data."""
+    """The instructions of one law, as they are in the real data."""
 
     def __init__(
         self, table: LawTable, parts: LawInstructions, force: str, continuity: int

@@ -200,7 +200,7 @@ def set_newton_rows(
 class FrictionStateHistory:
     """The friction states of a run, in sequence.
 
-    What is kept tells no side of a load: a state by itself is as smooth without.
+    What is stored holds no side of a load: a state by itself is as smooth without.
 
     Attributes
     ----------

@@ -177,7 +177,7 @@ def _on_line(axis: Array) -> list[Primitive]:
 
 
 def _revolute(joint: Joint, axis: Array) -> JointPrimitives:
-    """With friction, its point is held along axes of the first marker, which tell the
+    """With friction, its point is held along axes of the first marker, which give the
     load across its own axis."""
     point_constraints = [_POINT]
     if joint.friction is not None:  # type: ignore[union-attr]

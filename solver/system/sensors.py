@@ -40,7 +40,7 @@ _ROTATION, _ANGULAR_VELOCITY = (
     ("rotation_x", "rotation_y", "rotation_z"),
     ("wx", "wy", "wz"),
 )
-#: How people call what outputs do not have: rates of rates.
+#: Names for what outputs do not have: rates of rates.
 _ACCELERATION = re.compile(r"accel|_acc$|_rate_rate$|_ddot$|^(al|alpha)[xyz]?$|^aq\d+$")
 _EXPECTED = (
     "an output that is a position or a velocity: JOINT.angle, JOINT.angle_rate and "
@@ -230,7 +230,7 @@ def add_sample_times(
 
 
 class OutputTimesAtSamples(OutputTimes):
-    """Output times, of which those at a sample stand at the break that it is.
+    """Output times, of which those at a sample are at the break that it is.
 
     What is recorded there holds just before the sample, in the step that ends at the
     break. Numbers of files have some digits only: an output time may lie by 1e-11 s

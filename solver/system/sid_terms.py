@@ -72,7 +72,7 @@ def without_rotation_blocks(sid: SID) -> SID:
 #: Relative difference of the entries of K1 that rounding in a file makes.
 SYMMETRY_ROUNDING = 1e-9
 _CONSTANT_BLOCKS = {
-    "Me": "a constant Me; inertia that changes stands in Ct, Cr, J and Oe",
+    "Me": "a constant Me; inertia that changes is in Ct, Cr, J and Oe",
     "ksigma": "a constant ksigma; what is linear in q belongs to Ke",
     "De": "a constant De",
 }

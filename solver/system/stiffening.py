@@ -179,11 +179,12 @@ _ZZ = 2
 
 
 def can_remove_stiffening(sid: SID, planar: bool) -> bool:
-    """True if the blocks tell what is left without geometric stiffening.
+    """True if the blocks determine what is left without geometric stiffening.
 
     The kinematic part of Oe m1 is made of the integrals of phi_a phi_b. In the plane
-    that for wz wz is -Me. In space Me and Cr m1 tell them all where each shape function
-    moves every node along one axis, as in a beam that bends in its principal planes;
+    that for wz wz is -Me. In space Me and Cr m1 determine them all where each shape
+    function moves every node along one axis, as in a beam that bends in its principal
+    planes;
     else they are another mixture.
     """
     if planar:
@@ -202,13 +203,13 @@ def without_stiffening(sid: SID, planar: bool, place: str) -> SID:
     Raises
     ------
     InputError
-        The blocks do not tell what is left, see `can_remove_stiffening`.
+        The blocks do not determine what is left, see `can_remove_stiffening`.
     """
     if not has_stiffening(sid):
         return sid
     if not can_remove_stiffening(sid, planar):
         raise InputError(
-            "what Oe m1 would be without geometric stiffening cannot be told from the "
+            "what Oe m1 would be without geometric stiffening does not follow from the "
             "blocks of a body that leaves the plane, unless each of its shape "
             "functions moves along one axis alone",
             place=place,
@@ -237,7 +238,7 @@ def _spatial_oe1(sid: SID, antisymmetric: Array) -> Array:
     """Oe m1 as (nq, nq, 6): W_s[a, b] int phi_k phi_i, along the axes a and b.
 
     The integral is Me's where the axes are the same; else that of their cross product,
-    phi_k x phi_i, tells it.
+    phi_k x phi_i, determines it.
     """
     axes = _motion_axes(sid)
     assert axes is not None

@@ -223,7 +223,7 @@ TIP = "bodies/top/markers/tip"
         (
             TIP,
             {"quaternion": [1, 0, 0, 0], "axis_angle": [0, 0, 1]},
-            "quaternion: stands beside axis_angle",
+            "quaternion: is given with axis_angle",
         ),
         ("bodies/top/initial", {"angular_velocity": 1.0}, "does not fit a spatial"),
         ("time/output_times", [0.0, 0.5, 0.5], "0.5 follows 0.5"),

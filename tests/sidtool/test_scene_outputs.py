@@ -106,8 +106,8 @@ def test_the_rod_in_motion_has_the_stress_of_its_deformation(
 @pytest.mark.parametrize(
     ("output", "message"),
     [
-        ("rod.piston_pin.sigma_xx", "rod tells no stress; expected .* \\[stress\\]"),
-        ("rod.peak_von_mises", r"rod.peak_von_mises: the SID of rod tells no stress"),
+        ("rod.piston_pin.sigma_xx", "rod holds no stress; expected .* \\[stress\\]"),
+        ("rod.peak_von_mises", r"rod.peak_von_mises: the SID of rod holds no stress"),
         ("crank.pin.von_mises", "crank is rigid; expected the stress of a SID body"),
         ("crank.peak_von_mises", "crank is rigid"),
         ("rod.crank_pin.sigma_zx", "a quantity out of .*sigma_xz"),

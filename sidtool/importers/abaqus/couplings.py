@@ -267,7 +267,7 @@ def masses_of(deck: Deck, body: Namespace, instance: str) -> Iterator[RawMass]:
         turned = any(any(line[6:]) for rows in deck.placement.values() for line in rows)
         if turned and any(lump.inertia) and definition.scope is not deck.assembly:
             raise InputError(
-                "*ROTARY INERTIA stands in a part whose instance is turned",
+                "*ROTARY INERTIA is in a part whose instance is turned",
                 place=block.place,
                 expected="elements ROTARYI of the assembly",
             )

@@ -86,7 +86,7 @@ def _body_scope(deck: Deck) -> tuple[Namespace, str]:
                 return next(iter(deck.parts.values())), ""
             raise InputError(
                 f"has {len(deck.parts)} parts and no instance",
-                expected="an *INSTANCE that says which part is the body",
+                expected="an *INSTANCE that names the part which is the body",
             )
         return deck.assembly, ""
     own = [e for e in deck.assembly.elements.values() if e.given not in POINTS]

@@ -195,7 +195,7 @@ def _section_type(card: Card) -> tuple[str, int]:
     if kind in _ASYMMETRIC_TYPES:
         raise InputError(
             f"{card.name} {card.word(0)} is a {kind}, whose product of inertia has a "
-            "sign that its figure alone tells",
+            "sign that only its figure shows",
             place=card.place,
             expected="PBAR with I12",
         )

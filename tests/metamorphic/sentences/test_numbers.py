@@ -188,7 +188,7 @@ def test_what_info_calls_dropped_has_no_effect_and_what_it_keeps_has(seed: int) 
 
     (line,) = [t for t in describe(system(sid)) if "elastic coordinates; kept" in t]
     kept, dropped = line.split("; kept: ")[1].split(
-        "; dropped, zero or not asked for: "
+        "; dropped, zero or not requested: "
     )
     plain = simulate(system(sid)).values
     for words, blocks in TERMS.items():

@@ -352,7 +352,7 @@ def test_nodes_that_cannot_carry_a_frame_are_refused(sid: SID) -> None:
     with pytest.raises(InputError, match="at the same place"):
         change_frame(sid, "chord:1,1")
     fixed = [replace(n, psi=Taylor(np.zeros((3, 5)))) for n in sid.nodes]
-    with pytest.raises(InputError, match="moves but tells no rotation"):
+    with pytest.raises(InputError, match="moves but has no rotation"):
         change_frame(replace(sid, nodes=tuple(fixed)), "tangent:2")
 
 

@@ -255,14 +255,14 @@ def test_stress_that_is_not_known_is_refused() -> None:
         marker["tie"] = {"type": "distributing", "to": marker.pop("edge")}
         del marker["at"]
     data["frame"] = {"type": "buckens"}
-    with pytest.raises(InputError, match="stress: tells no stress: all markers"):
+    with pytest.raises(InputError, match="stress: has no stress: all markers"):
         sid_from_model(validate_data(data, ModelFile))
 
 
 REFUSED = [
     ({"stress": {"peak_points": 2, "first_node": 1}}, "stress.first_node"),
     ({"stress": {"markers": ["piston_pin"]}}, "stress.markers: there is no stress at"),
-    ({"stress": {"markers": [], "peak_points": 0}}, "stress: tells no stress"),
+    ({"stress": {"markers": [], "peak_points": 0}}, "stress: has no stress"),
     ({"stiffening": {"prestress": {"stress": [1.0]}}}, "prestress.stress: has 1"),
     (
         {

@@ -210,7 +210,7 @@ def test_ties_that_do_not_work_are_refused() -> None:
     tie = Tie(type="distributing", to="dot")
     marker = model.markers["piston_pin"].model_copy(update={"tie": tie})
     both = {**model.markers, "piston_pin": marker}
-    with pytest.raises(InputError, match="do not tell how the marker turns"):
+    with pytest.raises(InputError, match="do not determine how the marker turns"):
         add_rigid_couplings(point, model.model_copy(update={"markers": both}))
 
 

@@ -270,7 +270,7 @@ def test_node_sets_that_are_no_cylinder_are_refused(tmp_path: Path) -> None:
     tie = {"type": "rigid", "to": "LOW"}
     marker: dict[str, Any] = {"pin": {"node": 1, "at": "axis", "tie": tie}}
     model = pinned(tmp_path, mesh, {"LOW": low}, marker)
-    with pytest.raises(InputError, match=r"markers.pin.at: .* do not tell a cylinder"):
+    with pytest.raises(InputError, match=r"pin.at: .* do not determine a cylinder"):
         finite_element_model(model)
     few = np.flatnonzero(np.hypot(*mesh.positions[:, :2].T) < RADIUS * 1.001)
     few = few[mesh.positions[few, 0] > 0.95 * RADIUS]

@@ -133,7 +133,7 @@ def test_sigma_of_a_sid_of_ours_is_stress() -> None:
     in_mpa = convert_units(body, "SI", "mm-t-s").nodes[0].sigma
     assert in_mpa is not None
     assert in_mpa.m0 == pytest.approx(np.full((6, 1), 1e-6))
-    with pytest.raises(InputError, match="does not tell what sigma holds"):
+    with pytest.raises(InputError, match="does not define what sigma holds"):
         convert_units(replace(body, carried=None), "SI", "mm-t-s")
 
 

@@ -423,7 +423,7 @@ def test_the_torque_of_a_prescribed_rotation_is_that_of_euler() -> None:
     [
         ({"axis": None}, "drives.turn.axis: is missing"),
         ({"axis": [0.0, 0.0, 0.0]}, "drives.turn.axis: has no direction"),
-        ({"coordinate": "x"}, "drives.turn.axis: stands beside x"),
+        ({"coordinate": "x"}, "drives.turn.axis: is given with x"),
     ],
 )
 def test_a_rotation_needs_an_axis(change: dict[str, Any], message: str) -> None:

@@ -99,7 +99,7 @@ REFUSED = {
     ),
     "a start of its own": (
         {"start": 0.1, "function": SERVO},
-        'drives.servo.start: stands beside of = "value"',
+        'drives.servo.start: is given with of = "value"',
     ),
     "a name that is taken": (
         {"of": "rate", "function": formula("value", parameters={"value": 1.0})},

@@ -130,7 +130,7 @@ JUMP = {
     [
         ({"type": "sum", "parts": []}, "parts"),
         ({"type": "sum", "parts": [{**RAMP, "to": 0.3}]}, r"parts\[0\].to: found 0.3"),
-        ({**RAMP, "offset": 1.0}, "offset: stands beside a ramp of the value"),
+        ({**RAMP, "offset": 1.0}, "offset: is given with a ramp of the value"),
         ({"type": "sum", "parts": [{"type": "callable"}]}, "parts"),
         ({"type": "sum", "parts": [WAVE, JUMP]}, r"parts\[1\]: jumps by 1"),
     ],
