@@ -92,6 +92,11 @@ OUTPUT_KINDS = {
     "export": OutputFileKind(
         "a file for ParaView (VTKHDF or PVD)", (".vtkhdf", ".pvd"), chooses=True
     ),
+    "body": OutputFileKind(
+        "a body for another program",
+        (".mat", ".op4", ".dmig", ".bdf", ".dat", ".fem", ".npz"),
+        chooses=True,
+    ),
 }
 #: Endings of files that people or other programs write.
 _OTHERS = {".toml", ".py", ".inp", ".msh", ".bdf", ".jpg", ".jpeg", ".vtk", ".vtu"}

@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from .api.analyses import inverse_dynamics as inverse_dynamics
     from .api.analyses import linearise as linearise
     from .api.analyses import static_equilibrium as static_equilibrium
+    from .api.bodies import export_body as export_body
+    from .api.bodies import superelement as superelement
     from .api.compiled_scene import CompiledScene as CompiledScene
     from .api.interrupts import Interrupted as Interrupted
     from .api.operations import compare as compare
@@ -109,6 +111,7 @@ _HOME = {
     "animate": "sidtool.view.animation",
     "compare": "sidtool.api.operations",
     "convert": "sidtool.api.operations",
+    "export_body": "sidtool.api.bodies",
     "inverse_dynamics": "sidtool.api.analyses",
     "linearise": "sidtool.api.analyses",
     "outputs": "sidtool.pipeline.extra_outputs",
@@ -120,6 +123,7 @@ _HOME = {
     "simulate": "sidtool.api.operations",
     "static_equilibrium": "sidtool.api.analyses",
     "study": "sidtool.api.study",
+    "superelement": "sidtool.api.bodies",
     "sweep": "sidtool.api.sweep",
     "validate": "sidtool.api.operations",
     "write": "sidtool.pipeline.files",

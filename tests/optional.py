@@ -52,6 +52,7 @@ PACKAGES = {
     "playwright": ("playwright",),
     "pyamg": ("pyamg",),
     "pypardiso": ("pypardiso",),
+    "pyyeti": ("pyyeti",),
     "sksparse": ("sksparse",),
     "sksundae": ("sksundae",),
     "slepc4py": ("slepc4py", "petsc4py"),

@@ -511,4 +511,16 @@ ENTRIES = (
         "Stress belongs to a point of the material; the marker of a tie is none.",
         example={"markers": ("pin",)},
     ),
+    Entry(
+        "N172",
+        WARNING,
+        "superelement too stiff: no static motions of {interfaces} among the shapes",
+        "The static stiffness between interfaces is exact if the shape functions "
+        "contain the static response to displacements and rotations of each interface, "
+        "or to forces and moments there. Reported for interfaces that are not in "
+        "`reduction.interfaces`, for rotations = false, and for SIDs whose labels are "
+        "all natural modes. Natural modes make the static stiffness too large.",
+        remedy='Use method = "craig_bampton" with these interfaces.',
+        example={"interfaces": ("a", "b")},
+    ),
 )

@@ -7,6 +7,7 @@ scene            Model and Scene; reading of files
 result           Result of a simulation
 compiled_scene   a scene compiled once and run with other numbers
 analyses         equilibrium, natural modes, inverse dynamics
+bodies           superelements, and files of bodies for other programs
 study, sweep     error over cost; values over design parameters
 tables           classes of the tables of scenes and models
 """

@@ -1,8 +1,7 @@
-"""``sidtool animate`` and ``sidtool export``: the motion of a result."""
+"""``sidtool animate``: the motion of a result in a browser or as a film."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,13 +17,12 @@ from .common import (
     files_by_body,
     force_option,
     full_fields,
-    json_stream,
     output_path,
     print_remarks,
 )
 
 if TYPE_CHECKING:
-    from ..view.body_fields import StressPeak
+    pass
 
 
 @click.command()
@@ -116,101 +114,3 @@ def animate(
         raise error.located(result) from None
     print_remarks(notes)
     click.echo(f"{output} written: {output.stat().st_size / 1e6:.2f} MB")
-
-
-@click.command()
-@click.argument("result", metavar="RESULT", type=existing_file)
-@click.option(
-    "-o",
-    "--output",
-    type=output_path,
-    help="File to write: .vtkhdf, or .pvd with a folder of .vtu files.",
-)
-@full_fields
-@click.option("--peak", is_flag=True, help="Print the peak stress of flexible bodies.")
-@click.option("--json", "as_json", is_flag=True, help="Print the peaks as JSON.")
-@force_option
-def export(
-    result: Path,
-    output: Path | None,
-    fields: tuple[str, ...],
-    peak: bool,
-    as_json: bool,
-    force: bool,
-) -> None:
-    """Write the bodies of a RESULT in motion for ParaView and VTK.
-
-    The file holds the elastic displacement and velocity of every point in inertial
-    axes. For flexible bodies with a full field (see `sidtool convert --field`) it also
-    holds all stress components in the axes of the body and the von Mises stress; these
-    are NaN elsewhere. Cell data `body` is the number of the body. Bodies without a full
-    field are drawn as by `sidtool animate`. Springs, dampers, actuators and distance
-    rods between markers are lines; their numbers follow those of the bodies. The
-    dataset /bodies of a .vtkhdf file holds all names.
-
-    --peak prints the largest von Mises stress of each body over all points of its field
-    and over time, with its position in the body frame and its time. Stresses of the
-    field are averaged over the elements that meet at a node. BODY.peak_von_mises is
-    different: it is evaluated at the markers and at the `peak_points` of the model,
-    which include points inside elements. Those have larger stresses near sharp corners
-    of coarse meshes.
-
-    \b
-    Examples:
-      sidtool export result.h5 -o motion.vtkhdf
-      sidtool export result.h5 -o motion.pvd --field rod=rod.field.h5
-      sidtool export result.h5 --peak --json
-    """
-    from ..api.scene import read
-    from ..pipeline.files import expect_kind
-
-    expect_kind(result, "result")
-    given = files_by_body("--field", fields)
-    check_targets([Target("-o", output, "export")], [result, *given.values()], force)
-    if output is None and not (peak or as_json):
-        raise InputError(
-            "there is nothing to do", place="-o", expected="-o FILE, --peak or both"
-        )
-    from ..view.body_fields import peak_stresses
-    from ..view.export import export_mesh, write_export
-
-    content, folder = read(result), result.parent
-    try:
-        if output is not None:
-            mesh = export_mesh(content, given, folder)
-            write_export(output, mesh)
-            print_remarks(mesh.notes, err=as_json)
-            click.echo(
-                f"{output} written: {len(mesh.t)} times, {mesh.n_points} points",
-                err=as_json,
-            )
-        if peak or as_json:
-            _print_peaks(peak_stresses(content, given, folder), as_json)
-    except InputError as error:
-        raise error.located(result) from None
-
-
-def _print_peaks(peaks: dict[str, StressPeak], as_json: bool) -> None:
-    from ..report.tables import text_table
-
-    if as_json:
-        click.echo(
-            json.dumps(
-                {
-                    name: {
-                        "von_mises": peak.stress,
-                        "time": peak.time,
-                        "place": peak.place.tolist(),
-                        "stress": peak.components.tolist(),
-                    }
-                    for name, peak in peaks.items()
-                }
-            ),
-            file=json_stream(),
-        )
-        return
-    rows = [
-        [name, f"{p.stress:.6g}", f"{p.time:.6g}", *(f"{x:.6g}" for x in p.place)]
-        for name, p in peaks.items()
-    ]
-    click.echo(text_table(["body", "von Mises Pa", "t s", "x m", "y m", "z m"], rows))

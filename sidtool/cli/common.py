@@ -41,6 +41,13 @@ _FILE_BEGINNINGS = {
     "page": (b'name="generator" content="sidtool',),
     "film": (b"GIF8", b"ftyp"),
     "export": (b"VTKHDF", b'<VTKFile type="Collection"'),
+    "body": (
+        b"written by sidtool",
+        b"KAAX",
+        b"$ Superelement",
+        b"** MBDyn MODAL DATA FILE",
+        b"massMatrixReduced.npy",
+    ),
     "picture": (b"\x89PNG", b"<svg", b"%PDF"),
     "unit": (b"modelDescription.xml",),
 }

@@ -30,9 +30,10 @@ from sidtool.formats.storage.unreadable import failure_reason
 
 from .. import __version__
 from .analyse import analyse
-from .animate import animate, export
+from .animate import animate
 from .common import JSON, QUIET, count_warnings_if_strict, print_warnings
 from .convert import convert
+from .export import export
 from .fmu import fmu
 from .outputs import outputs
 from .plot import plot, report
@@ -106,7 +107,15 @@ for command in (
     *analyse.commands.values(),
 ):
     command.params.append(JSON)
-for command in (convert, simulate, fmu, study, sweep, *analyse.commands.values()):
+for command in (
+    convert,
+    export,
+    simulate,
+    fmu,
+    study,
+    sweep,
+    *analyse.commands.values(),
+):
     count_warnings_if_strict(command)
 for command in (convert, simulate, study, validate, outputs, plot, animate, export):
     command.params.append(QUIET)
