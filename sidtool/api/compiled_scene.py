@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.formats.diagnostics import Diagnostic
+from sidtool.formats.diagnostics.python_warnings import warn_of
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid
+from sidtool.formats.storage.operating_system import processors
 from sidtool.formats.toml.files import locate_errors
 
 from ..pipeline.model_cache import convert_bodies
@@ -23,7 +26,8 @@ from ..pipeline.scene_changes import (
     take_as_rigid,
 )
 from .interrupts import run_interruptible, wrap_errors
-from .result import Result
+from .parallel_runs import map_in_threads
+from .result import Result, to_user_result
 
 if TYPE_CHECKING:
     from sidtool.solver.system.system import System
@@ -105,6 +109,79 @@ class CompiledScene:
             system, notes = self._with(changes or {}, sids or {})
             settings |= {"progress": progress, "diagnostics": notes}
             return run_interruptible(system, stop, *self._programs, **settings)
+
+    def map(
+        self,
+        changes: Iterable[Mapping[str, Any]],
+        of: Callable[[Result], Any] | None = None,
+        *,
+        jobs: int | None = None,
+        return_errors: bool = False,
+        integrator: str | None = None,
+        rtol: float | None = None,
+        step: float | None = None,
+        spectral_radius: float | None = None,
+    ) -> Iterator[Any]:
+        """Yield the results of runs with other numbers, in the order of the changes::
+
+            masses = [{"crank.mass": 0.3 + 0.01 * k} for k in range(100)]
+            largest = [*compiled.map(masses, lambda result: result["rod.q1"].max())]
+
+        Runs share the processors in threads. They give what `run` gives, to the last
+        bit.
+
+        Parameters
+        ----------
+        changes : of each run, as of `run`
+        of : number or object that is yielded of each result, evaluated in its thread;
+            default the result, which needs memory
+        jobs : number of threads, default the processors of this process; scenes with
+            functions of Python run one after the other
+        return_errors : yield the `sidtool.SimulationError` of a run that stops, instead
+            of raising it
+        integrator, rtol, step, spectral_radius : as of `sidtool.simulate`
+
+        Raises
+        ------
+        InputError, sidtool.SimulationError : as `simulate`, when the result of the run
+            is taken.
+        """
+        from sidtool.solver.system.errors import SimulationError
+
+        if jobs is not None and jobs < 1:
+            raise InputError(f"jobs is {jobs}", expected="a positive number")
+        settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol}
+        settings |= {"step": step, "spectral_radius": spectral_radius}
+
+        def run(numbers: Mapping[str, Any], ended: Event) -> Any:
+            try:
+                result = self._run_alone(numbers, ended, settings)
+            except SimulationError as error:
+                if not return_errors or ended.is_set():
+                    raise
+                return error
+            return result if of is None else of(result)
+
+        assert self._before is not None
+        threads = 1 if self._before.natives else jobs or processors()
+        return map_in_threads(run, changes, threads)
+
+    def _run_alone(
+        self, changes: Mapping[str, Any], ended: Event, settings: Mapping[str, Any]
+    ) -> Result:
+        """Run in a thread, until an event is set."""
+        from sidtool.solver import simulate
+
+        with locate_errors(self.scene), wrap_errors(*self._programs):
+            system, notes = self._with(changes, {})
+            found = simulate(
+                system,
+                stop=lambda: "ended by the program" if ended.is_set() else "",
+                emit_warning=warn_of,
+                diagnostics=notes,
+                **settings,
+            )
+        return to_user_result(found, *self._programs)
 
     def plant(
         self,

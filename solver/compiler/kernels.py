@@ -241,11 +241,15 @@ def entry(*signatures: Any) -> Callable[[Any], Entry]:
 
 
 def _python_wrapper(address: int, signature: Any) -> Callable[..., Any]:
-    """A function of tables, arrays and numbers; what calls it holds them meanwhile."""
+    """A function of tables, arrays and numbers; what calls it holds them meanwhile.
+
+    Other threads of Python go on while it runs: machine code does not touch Python, see
+    `_refuse_python`, and callables of laws take the lock of the interpreter themselves.
+    """
     kinds = [_argument_conversion(kind) for kind in signature.args]
     returned = C_TYPES[signature.return_type]
     words = [word for listed, _ in kinds for word in listed]
-    function = ctypes.PYFUNCTYPE(returned, *words)(address)
+    function = ctypes.CFUNCTYPE(returned, *words)(address)
     converters = [way for _, way in kinds]
 
     def call(*arguments: Any) -> Any:

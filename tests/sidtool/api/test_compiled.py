@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import copy
 import pickle
+from collections.abc import Iterator
 from dataclasses import asdict, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -249,3 +251,57 @@ def test_scenes_that_cannot_be_compiled_are_refused(founding: sidtool.Scene) -> 
         compiled.run({"crank.markers.pin.position": [0.0, 9.0]})
     assert isinstance(stopped.value.result, sidtool.Result)
     assert not stopped.value.result.completed
+
+
+def test_runs_in_threads_equal_single_runs_to_the_last_bit(tmp_path: Path) -> None:
+    """A flexible mechanism, and an arm with friction, a controller and a spring."""
+    (tmp_path / "arm.toml").write_text(ARM, encoding="utf-8")
+    crank = sidtool.Scene.load(FOUNDING / "slider_crank.toml")
+    arm = sidtool.Scene.load(tmp_path / "arm.toml")
+    scenes = (
+        (crank.with_({"time.end": 0.2}), "piston.mass", 5.0),
+        (arm, "arm.mass", 2.0),
+    )
+    for scene, key, first in scenes:
+        compiled = scene.compile()
+        changes = [{key: first + 0.1 * k} for k in range(12)]
+        found = list(compiled.map(changes, jobs=4))
+        for numbers, result in zip(changes, found, strict=True):
+            expected = compiled.run(numbers)
+            assert np.array_equal(result.positions, expected.positions)
+            assert np.array_equal(result.values, expected.values)
+        masses = compiled.map(changes, lambda result: float(result.values.max()))
+        assert [*masses] == [float(result.values.max()) for result in found]
+
+
+def test_a_run_that_stops_can_be_returned() -> None:
+    scene = sidtool.Scene.load(FOUNDING / "slider_crank.toml")
+    compiled = scene.with_({"time.end": 0.05}).compile()
+    changes = [{}, {"rod.initial.elastic": [0.1, 0.0, 0.0, 0.0, 0.0]}, {}]
+    found = list(compiled.map(changes, return_errors=True))
+    stopped = [isinstance(each, sidtool.SimulationError) for each in found]
+    assert stopped == [False, True, False]
+    assert np.array_equal(found[0].values, found[2].values)
+    runs = compiled.map(changes)
+    next(runs)
+    with pytest.raises(sidtool.SimulationError):
+        next(runs)
+    with pytest.raises(sidtool.InputError, match="jobs"):
+        compiled.map(changes, jobs=0)
+
+
+def test_changes_of_endless_sequences_are_taken_as_they_are_needed() -> None:
+    scene = sidtool.Scene.load(FOUNDING / "slider_crank.toml")
+    compiled = scene.with_({"time.end": 0.01}).compile()
+    taken = []
+
+    def endless() -> Iterator[dict[str, float]]:
+        for k in count():
+            taken.append(k)
+            yield {"piston.mass": 5.0 + k}
+
+    results = compiled.map(endless(), jobs=2)
+    for _ in range(5):
+        next(results)
+    results.close()
+    assert len(taken) < 15
