@@ -81,6 +81,14 @@ OUTPUT_KINDS = {
         chooses=True,
     ),
     "modes": OutputFileKind("modes (JSON)", (".json",)),
+    "state_space": OutputFileKind(
+        "a state space (NPZ, MAT or JSON)", (".npz", ".mat", ".json"), chooses=True
+    ),
+    "response": OutputFileKind(
+        "a frequency response (CSV or JSON) or its picture (PNG, SVG or PDF)",
+        (".csv", ".json"),
+        chooses=True,
+    ),
     "study": OutputFileKind("a study (JSON)", (".json",)),
     "unit": OutputFileKind("a functional mock-up unit (FMU)", (".fmu",), chooses=True),
     "folder": OutputFileKind("a folder", ()),
@@ -128,7 +136,8 @@ def check_ending(path: str | os.PathLike[str], kind: str, place: str = "") -> No
     )
     expected = f"an ending such as {written.endings[0]}"
     if written.chooses:
-        pictures = OUTPUT_KINDS["picture"].endings if kind == "sweep" else ()
+        has_picture = kind in ("sweep", "response")
+        pictures = OUTPUT_KINDS["picture"].endings if has_picture else ()
         expected = f"an ending out of {', '.join((*written.endings, *pictures))}"
     raise InputError(
         f"is to hold {written.name}, which {reason}",

@@ -66,6 +66,9 @@ if TYPE_CHECKING:
     from .api.scene import Model as Model
     from .api.scene import Scene as Scene
     from .api.scene import read as read
+    from .api.state_space import FrequencyResponse as FrequencyResponse
+    from .api.state_space import StateSpace as StateSpace
+    from .api.state_space import state_space as state_space
     from .api.study import study as study
     from .api.sweep import sweep as sweep
     from .api.tables import *  # noqa: F403
@@ -97,6 +100,8 @@ _HOME = {
     "CompiledScene": "sidtool.api.compiled_scene",
     "InputError": "sidtool.formats.base.errors",
     "Diagnostic": "sidtool.formats.diagnostics",
+    "FrequencyResponse": "sidtool.api.state_space",
+    "StateSpace": "sidtool.api.state_space",
     "DiagnosticWarning": "sidtool.formats.diagnostics.python_warnings",
     "Interrupted": "sidtool.api.interrupts",
     "Model": "sidtool.api.scene",
@@ -121,6 +126,7 @@ _HOME = {
     "sid_from_blocks": "sidtool.pipeline.sid_from_arrays",
     "sid_from_shapes": "sidtool.pipeline.sid_from_arrays",
     "simulate": "sidtool.api.operations",
+    "state_space": "sidtool.api.state_space",
     "static_equilibrium": "sidtool.api.analyses",
     "study": "sidtool.api.study",
     "superelement": "sidtool.api.bodies",

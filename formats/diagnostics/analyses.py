@@ -87,8 +87,9 @@ ENTRIES = (
         "N715",
         WARNING,
         "frozen values of one instant: they do not describe a motion",
-        "Modes were requested with frozen = true (--frozen) of a state that is not "
-        "steady or of equations that change as bodies turn (see N710, N711, N713).",
+        "Modes with frozen = true (--frozen), or a state space, were requested of a "
+        "state that is not steady or of equations that change as bodies turn (see "
+        "N710, N711, N713).",
         example={},
     ),
     Entry(
@@ -150,6 +151,28 @@ ENTRIES = (
         "configuration is singular, or there are too many constraints.",
         remedy="Free a joint, or shift the output times.",
         example={"joints": ("crank", "slider"), "rates": "velocities", "t": 0.2},
+    ),
+    Entry(
+        "N725",
+        INFO,
+        "the state space has the {derivative} as its input",
+        "The input prescribes a motion, which constraint forces and accelerations "
+        "follow with its derivatives. The input itself, and its rate where that is not "
+        "the input, are states. Multiply a frequency response by (i omega)^k to "
+        "get that to the input itself.",
+        example={"derivative": "second derivative"},
+    ),
+    Entry(
+        "N726",
+        WARNING,
+        "the response changes by {change} as the bodies turn: the state space is "
+        "that of an instant",
+        "The frequency response to the inputs changes by more than 0.1 % over 0.4 rad "
+        "of rotation in all axes that were tried: an output or an input that turns "
+        "with a body does not go with one that stands still.",
+        remedy="Use outputs and forces in the same axes, such as those of the ground.",
+        units={"change": "%"},
+        example={"change": 0.39},
     ),
     Entry(
         "N714",

@@ -24,7 +24,8 @@ class Input(Table):
     )
     unit: str | None = Field(
         default=None,
-        description="such as N m; default that of the force that it alone scales",
+        description="such as N m; default that of the force that it alone scales, or "
+        "of what it prescribes",
     )
     interpolation: Literal["hold", "linear", "smooth"] = Field(
         default="hold",

@@ -29,6 +29,8 @@ from .tables import SceneTables
 _KINDS = {"u": "m", "v": "m/s", "a": "m/s\N{SUPERSCRIPT TWO}", "w": "rad/s"}
 
 _MOMENTA = {"momentum": "kg m/s", "angular_momentum": "kg m\N{SUPERSCRIPT TWO}/s"}
+#: What a unit gets by what a drive prescribes.
+_RATES = {"value": "", "rate": "/s", "acceleration": "/s\N{SUPERSCRIPT TWO}"}
 #: Of what has an axis or a number behind it.
 _WORDS = {**_MOMENTA, "quaternion": "", "rotation": "rad"}
 
@@ -83,7 +85,9 @@ def unit_of(name: str, scene: SceneTables | None = None) -> str:
 
 
 def _input_unit(name: str, scene: SceneTables | None) -> str:
-    """Return the unit that an input states, else that of a force that it scales."""
+    """Return the unit that an input states, else that of a force that it scales or of
+    what it prescribes.
+    """
     if scene is None or name not in scene.inputs:
         return ""
     stated = scene.inputs[name].unit
@@ -93,6 +97,12 @@ def _input_unit(name: str, scene: SceneTables | None) -> str:
         function = getattr(force, "function", None)
         if isinstance(function, InputFunction) and function.name == name:
             return _law_unit(OutputName(owner, "", VALUE), scene)
+    for drive in scene.drives.values():
+        function = drive.function
+        if isinstance(function, InputFunction) and function.name == name:
+            along = _effort_unit(driven_coordinate(drive, scene.joints))
+            unit = "rad" if along == "N m" else "m"
+            return unit + _RATES[drive.of]
     return ""
 
 

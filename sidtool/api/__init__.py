@@ -8,6 +8,7 @@ result           Result of a simulation
 compiled_scene   a scene compiled once and run with other numbers
 analyses         equilibrium, natural modes, inverse dynamics
 bodies           superelements, and files of bodies for other programs
+state_space      state space and frequency response
 study, sweep     error over cost; values over design parameters
 tables           classes of the tables of scenes and models
 """

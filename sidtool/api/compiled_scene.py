@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from sidtool.solver.system.system import System
 
     from .plant import Plant
+    from .state_space import StateSpace
 
 Sids = Mapping[str, SID | str | os.PathLike[str]]
 
@@ -219,6 +220,42 @@ class CompiledScene:
         """Return the compiled tables of the scene with other numbers, see `run`."""
         with locate_errors(self.scene):
             return self._with(changes, {})[0]
+
+    def state_space(
+        self,
+        changes: Mapping[str, Any] | None = None,
+        *,
+        about: str | float = "static",
+        inputs: str | Iterable[str] | None = None,
+        outputs: str | Iterable[str] | None = None,
+        descriptor: bool = False,
+    ) -> StateSpace:
+        """Linearise the scene with other numbers between its inputs and outputs.
+
+        Parameters
+        ----------
+        changes : as of `run`
+        about, inputs, outputs, descriptor : as of `sidtool.state_space`
+
+        Raises
+        ------
+        InputError, sidtool.SimulationError : as `sidtool.state_space`.
+        """
+        from .state_space import state_space
+
+        drives, forces = self._programs
+        return state_space(
+            self.scene.with_(changes) if changes else self.scene,
+            about=about,
+            inputs=inputs,
+            outputs=outputs,
+            descriptor=descriptor,
+            sids=self._given,
+            rigid=self._rigid,
+            accept_defects=self._accepts_defects,
+            drives=drives,
+            forces=forces,
+        )
 
     def _with(
         self, changes: Mapping[str, Any], sids: Sids

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .analyses import Equilibrium, Linearisation
     from .compiled_scene import CompiledScene
     from .result import Result
+    from .state_space import StateSpace
 
 Sids = Mapping[str, SID | str | os.PathLike[str]]
 Programs = Mapping[str, Any]
@@ -179,6 +180,12 @@ class Scene(SceneFile):
         from .analyses import linearise
 
         return linearise(self, **settings)
+
+    def state_space(self, **settings: Any) -> StateSpace:
+        """Linearise between inputs and outputs, see `sidtool.state_space`."""
+        from .state_space import state_space
+
+        return state_space(self, **settings)
 
     def inverse_dynamics(self, **settings: Any) -> Result:
         """Return the forces of a prescribed motion, see `sidtool.inverse_dynamics`."""

@@ -22,7 +22,7 @@ from .common import (
     result_target,
 )
 
-_ACCEPT_DEFECTS_OPTION = click.option(
+ACCEPT_DEFECTS_OPTION = click.option(
     "--accept-defects",
     is_flag=True,
     help=(
@@ -53,7 +53,7 @@ def analyse() -> None:
 @click.option("-o", "--output", type=output_path, help="Result to write (.h5 or .csv).")
 @changes_option
 @force_option
-@_ACCEPT_DEFECTS_OPTION
+@ACCEPT_DEFECTS_OPTION
 def static(
     scene: Path,
     output: Path | None,
@@ -80,7 +80,7 @@ def static(
     from ..report.result import describe_equilibrium
 
     check_targets([result_target(output)], input_files(scene), force)
-    equilibrium = _run_analysis(
+    equilibrium = run_analysis(
         static_equilibrium, scene, changes, accept_defects=accept_defects
     )
     _write_result(output, equilibrium.result())
@@ -118,7 +118,7 @@ def static(
 )
 @changes_option
 @force_option
-@_ACCEPT_DEFECTS_OPTION
+@ACCEPT_DEFECTS_OPTION
 def modes(
     scene: Path,
     about: str,
@@ -149,7 +149,7 @@ def modes(
     from ..report.result import describe_modes, modes_as_data
 
     check_targets([Target("-o", output, "modes")], input_files(scene), force)
-    natural_modes = _run_analysis(
+    natural_modes = run_analysis(
         linearise,
         scene,
         changes,
@@ -180,7 +180,7 @@ def modes(
 @click.option("-o", "--output", type=output_path, help="Result to write (.h5 or .csv).")
 @changes_option
 @force_option
-@_ACCEPT_DEFECTS_OPTION
+@ACCEPT_DEFECTS_OPTION
 def inverse(
     scene: Path,
     quasi_static: bool,
@@ -213,7 +213,7 @@ def inverse(
     from ..report.result import describe_inverse
 
     check_targets([result_target(output)], input_files(scene), force)
-    result = _run_analysis(
+    result = run_analysis(
         inverse_dynamics,
         scene,
         changes,
@@ -225,7 +225,7 @@ def inverse(
     print_result(describe_inverse(result), lambda: result_data(result))
 
 
-def _run_analysis(
+def run_analysis(
     analysis: Any,
     scene: Path,
     changes: tuple[str, ...],

@@ -35,6 +35,7 @@ from .common import JSON, QUIET, count_warnings_if_strict, print_warnings
 from .convert import convert
 from .export import export
 from .fmu import fmu
+from .linearise import linearise, response
 from .outputs import outputs
 from .plot import plot, report
 from .progress import show_progress
@@ -77,6 +78,8 @@ for command in (
     convert,
     simulate,
     analyse,
+    linearise,
+    response,
     validate,
     info,
     outputs,
@@ -101,25 +104,20 @@ for command in (
     simulate,
     fmu,
     info,
+    linearise,
+    response,
     study,
     sweep,
     trim,
     *analyse.commands.values(),
 ):
     command.params.append(JSON)
-for command in (
-    convert,
-    export,
-    simulate,
-    fmu,
-    study,
-    sweep,
-    *analyse.commands.values(),
-):
+ANALYSES = linearise, response, *analyse.commands.values()
+for command in (convert, export, simulate, fmu, study, sweep, *ANALYSES):
     count_warnings_if_strict(command)
 for command in (convert, simulate, study, validate, outputs, plot, animate, export):
     command.params.append(QUIET)
-for command in (sweep, report, trim, fmu, warmup, demo, *analyse.commands.values()):
+for command in (sweep, report, trim, fmu, warmup, demo, *ANALYSES):
     command.params.append(QUIET)
 
 

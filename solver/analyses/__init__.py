@@ -6,8 +6,12 @@
 - `static_equilibrium`, `initial_equilibrium`: static equilibrium
 - `rotating_groups`, `steady_rotation`: steady rotation
 - `reference_axes`, `rotated_shapes`: axes in which small motions are seen
+- `operating_point`: the state that is linearised
 - `state_matrix`, `rigid_motions`, `whirl`, `linearisation`: natural
   modes, eq. (23)
+- `state_space`, `state_coordinates`, `output_derivatives`: state space between inputs
+  and outputs
+- `frequency_response`: response of a state space to harmonic inputs
 - `inverse_dynamics`: forces of drives for a prescribed motion
 - `analysis_results`: results of the analyses
 """

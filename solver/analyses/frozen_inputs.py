@@ -3,6 +3,7 @@
 Laws stay active: their states are unknowns of the equilibrium.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..dynamics import control_laws
 from ..dynamics.drives import function_value
+from ..functions.piecewise import N_INPUT_TERMS
 from ..spatial import system_arrays as at
 from ..system.force_rows import ForceLaw, polynomial_force
 from ..system.system import System
@@ -22,20 +24,69 @@ def with_constant_inputs(system: System) -> System:
 
     Nothing that follows from their rates is left: velocities, accelerations, inertia.
     """
-    arrays, t = system.arrays, system.scene.time.start
-    interval_time = 0.5 * (t + system.breaks[0])
-    values = [
-        function_value.py_func(arrays, row, interval_time, t)[0]
-        for row in range(len(arrays.drive))
-    ]
-    first = len(arrays.real_data)
-    table = arrays.drive.copy()
-    for row in range(len(table)):
-        table[row, [at.D_PIECES, at.D_TERMS]] = 1, 1
-        table[row, [at.D_DATA, at.D_KIND]] = first + 2 * row, at.POLYNOMIAL
-    constants = np.column_stack([np.zeros(len(values)), values]).ravel()
-    real_data = np.concatenate([arrays.real_data, constants])
-    return replace(system, arrays=arrays.replaced(drive=table, real_data=real_data))
+    return _with_polynomials(system, range(len(system.arrays.drive)), 1)
+
+
+def with_polynomial_inputs(system: System, t: float) -> tuple[System, dict[str, slice]]:
+    """The system whose inputs are polynomials about a time, to change them in place.
+
+    Returns
+    -------
+    system
+        With real data of its own.
+    coefficients
+        By input, the entries of the real data with its value, its rate and half its
+        second derivative at that time.
+    """
+    table = system.arrays.drive
+    of_input = {
+        name: np.flatnonzero(_same_function(table, row))
+        for name, row in system.input_rows.items()
+    }
+    rows = sorted({int(row) for found in of_input.values() for row in found})
+    changed = _with_polynomials(system, rows, N_INPUT_TERMS, t)
+    table = changed.arrays.drive
+    coefficients = {}
+    for name, row in system.input_rows.items():
+        first = int(table[row, at.D_DATA]) + 1
+        coefficients[name] = slice(first, first + 3)
+    return changed, coefficients
+
+
+def _same_function(table: at.IntTable, row: int) -> np.ndarray:
+    """True for the rows of functions that have the numbers of one of them."""
+    columns = [at.D_DATA, at.D_KIND]
+    return np.asarray((table[:, columns] == table[row, columns]).all(axis=1))
+
+
+def _with_polynomials(
+    system: System, rows: Iterable[int], terms: int, t: float | None = None
+) -> System:
+    """The system in which rows of functions are polynomials about a time, by default
+    the start; functions that share their numbers still do, and sums stay sums."""
+    arrays, start = system.arrays, system.scene.time.start
+    at_time = start if t is None else t
+    clock = 0.5 * (start + system.breaks[0])
+    if t is not None:
+        clock = float(system.clocks(np.array([t]))[0])
+    table, first = arrays.drive.copy(), len(arrays.real_data)
+    real_data, known = [arrays.real_data], dict[tuple[int, int], int]()
+    for row in rows:
+        if arrays.drive[row, at.D_KIND] == at.SUM:
+            continue
+        data, kind = (int(k) for k in arrays.drive[row, [at.D_DATA, at.D_KIND]])
+        if (data, kind) not in known:
+            known[data, kind] = first + (len(real_data) - 1) * (terms + 1)
+            values = function_value.py_func(arrays, row, clock, at_time)
+            numbers = np.zeros(terms + 1)
+            numbers[0] = at_time
+            derivatives = (values[0], values[1], 0.5 * values[2])[:terms]
+            numbers[1 : 1 + len(derivatives)] = derivatives
+            real_data.append(numbers)
+        table[row, [at.D_PIECES, at.D_TERMS]] = 1, terms
+        table[row, [at.D_DATA, at.D_KIND]] = known[data, kind], at.POLYNOMIAL
+    changed = arrays.replaced(drive=table, real_data=np.concatenate(real_data))
+    return replace(system, arrays=changed)
 
 
 def with_constant_drives(system: System) -> System:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import (
     Diagnostic,
@@ -19,21 +18,18 @@ from sidtool.formats.diagnostics import (
 )
 
 from ..diagnostics.body_loads import find_state_warnings
-from ..initial_state.assembly import assemble
-from ..output.columns import position_names, velocity_names
+from ..output.columns import velocity_names
 from ..system.characteristic_sizes import coordinate_sizes
 from ..system.errors import SimulationError
 from ..system.system import System
-from .dense_equations import DenseEquations, refuse_eliminated_joints
-from .frozen_inputs import with_continuous_laws, with_integrated_drives
+from .dense_equations import DenseEquations
 from .joint_friction import equations_at
+from .operating_point import operating_point
 from .reference_axes import axis_angular_velocities, frame_rotation_matrix
 from .rigid_motions import spectrum
 from .state_matrix import SmallMotions, state_matrix, steady_axes
-from .static_equilibrium import static_equilibrium
 from .whirl import Whirl, mode_whirl
 
-STATES = ("static", "start")
 #: A state is near another one that differs by less than this part of the sizes; what is
 #: left of the accelerations there, relative to them.
 NEAR_STATE, STEADY_RESIDUAL = 0.05, 1e-6
@@ -136,33 +132,13 @@ def linearise(
         the state is a singular configuration, its inertia is not positive, or it has no
         modes, see `frozen`.
     """
-    refuse_eliminated_joints(system)
-    system, notes_of_laws = with_continuous_laws(system)
-    of_state: tuple[Diagnostic, ...] = ()
-    if about not in STATES:
-        raise InputError(f"found {about!r}", expected=f"one of {', '.join(STATES)}")
-    if state is not None:
-        system, _ = assemble(system)
-        z, v = (np.array(part, float) for part in state)
-        _check_size(system, z, v)
-        system, z, v = _with_integrated_rates(system, z, v)
-    elif about == "static":
-        equilibrium = static_equilibrium(system)
-        system, z, v, of_state = (
-            equilibrium.system,
-            equilibrium.z,
-            equilibrium.v,
-            equilibrium.diagnostics,
-        )
-    else:
-        system, start = assemble(with_integrated_drives(system))
-        z, v = start.z, start.v
-    t = system.scene.time.start if time is None else time
+    point = operating_point(system, about, state, time)
+    system, z, v, t = point.system, point.z, point.v, point.t
     mechanics = equations_at(system, t, z, v)
     mechanics.set_scale(z, stiffness=0.0)
     axes = steady_axes(mechanics, z, v)
     small = state_matrix(mechanics, z, v, axes.omegas)
-    causes = _unsteady_notes(mechanics, small)
+    causes = unsteady_notes(mechanics, small)
     causes = causes or ((axes.changing,) if axes.changing else ())
     if causes and not frozen:
         mechanics.evaluate(z, v)
@@ -173,12 +149,12 @@ def linearise(
     modes = _natural_modes(mechanics, small, axes.highest)
     found = (
         *find_state_warnings(system, z[None]),
-        *of_state,
+        *point.diagnostics,
         *((diagnose("N715"), *causes) if causes else ()),
         *axes.diagnostics,
         *(() if causes else _growth_notes(modes)),
         *mechanics.notes(),
-        *notes_of_laws,
+        *point.law_diagnostics,
     )
     return replace(modes, diagnostics=without(found, system.scene.diagnostics.ignore))
 
@@ -193,7 +169,7 @@ def _growth_notes(modes: Linearisation) -> Iterator[Diagnostic]:
         yield diagnose("N714", f"{subject} {', '.join(numbers)}", rate=rate)
 
 
-def _residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
+def steady_residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
     """Rates of (y, w) at the state, zero in a steady motion."""
     mechanics.evaluate(small.z, small.v)
     a, slow = mechanics.accelerations()[0], small.v / mechanics.scale
@@ -201,7 +177,7 @@ def _residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
     return np.concatenate([small.drift, small.free_directions.T @ (a - W @ slow)])
 
 
-def _unsteady_notes(
+def unsteady_notes(
     mechanics: DenseEquations, small: SmallMotions
 ) -> tuple[Diagnostic, ...]:
     """Why the state is far from rest and from steady motion (N710, N711).
@@ -215,7 +191,7 @@ def _unsteady_notes(
         small.position_directions,
     )
     z, v, spins = small.z, small.v, small.omegas
-    forces = -_residual(mechanics, small)
+    forces = -steady_residual(mechanics, small)
     residual = -forces[len(small.drift) :]
     force = np.abs(mechanics.force).max(initial=0.0)
     force = max(force, mechanics.force_size(z))
@@ -263,34 +239,6 @@ def _changed_mode_notes(
 def _natural_frequencies(eigenvalues: np.ndarray) -> Array:
     """|eigenvalue| / 2 pi [Hz] of those that oscillate, 0 of real ones."""
     return np.where(eigenvalues.imag, np.abs(eigenvalues), 0.0) / (2.0 * np.pi)
-
-
-def _with_integrated_rates(
-    system: System, z: Array, v: Array
-) -> tuple[System, Array, Array]:
-    """The system whose drives of constant rate prescribe values, in the same state."""
-    integrated = with_integrated_drives(system)
-    if integrated is system:
-        return system, z, v
-    integrated, _ = assemble(integrated)
-    rates = []
-    for names, part in ((position_names, z), (velocity_names, v)):
-        columns = {name: i for i, name in enumerate(names(system))}
-        if not columns.keys() >= set(names(integrated)):
-            return system, z, v
-        rates.append(part[[columns[name] for name in names(integrated)]])
-    return integrated, rates[0], rates[1]
-
-
-def _check_size(system: System, z: Array, v: Array) -> None:
-    shapes = (system.n_positions,), (system.n_velocities,)
-    if (z.shape, v.shape) != shapes:
-        raise InputError(
-            f"the state has {z.size} positions and {v.size} velocities",
-            place="state",
-            expected=f"{shapes[0][0]} and {shapes[1][0]} of the same scene, compiled "
-            "in the same way",
-        )
 
 
 def _natural_modes(

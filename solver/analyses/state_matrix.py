@@ -37,6 +37,17 @@ PERTURBATION = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class StateDerivatives:
+    """By the n scaled coordinates: f + C^T lambda - M a (n, n), and of the constraints
+    their values, rates and gamma - C a (rows, n)."""
+
+    force: Array
+    value: Array
+    rate: Array
+    gamma: Array
+
+
+@dataclass(frozen=True, eq=False)
 class SmallMotions:
     """Small motions (y, w) about a state.
 
@@ -80,51 +91,166 @@ def state_matrix(
     omegas
         Of the axes in which each body is seen, see `body_axes`.
     """
+    equations = linear_equations(mechanics, z, v, omegas)
+    N, n_positions = equations.free_directions, equations.n_positions
+    d = N.shape[1]
+    states = np.zeros_like(N)
+    states[:, n_positions:] = N[:, n_positions:]
+    held = least_squares(equations.jacobian, -equations.by_velocity.value @ states)
+    motions = np.hstack([N, held])
+    by_states = np.hstack([np.zeros_like(N), states])
+    rates = equations.by_velocity.rate @ by_states
+    free = np.hstack([np.zeros_like(N), N])
+    changes = equations.responses(mechanics, motions, free, Sources(rate=rates))
+    matrix = np.vstack([changes.position_rates, changes.velocity_rates])
+    matrix[:d, d:] += np.eye(d)
+    selected = [*range(n_positions), *range(d, 2 * d)]
+    drift = _elastic_drift(mechanics, z, v, equations.axes)[equations.rows]
+    return SmallMotions(
+        matrix[np.ix_(selected, selected)],
+        N,
+        motions[:, selected],
+        changes.velocities[:, selected],
+        (equations.left_inverse @ drift)[:n_positions],
+        z,
+        v,
+        omegas,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Direct changes (., k) by what else changes: of the forces, and of the constraints
+    their rates and gamma - C a."""
+
+    force: Array | float = 0.0
+    rate: Array | float = 0.0
+    gamma: Array | float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Responses:
+    """Changes (., k) of the rates of (y, w) and of the velocities (n,), scaled.
+
+    Those of y are without w itself.
+    """
+
+    position_rates: Array
+    velocity_rates: Array
+    velocities: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LinearEquations:
+    """Linearised equations of motion and constraints at a state, scaled.
+
+    Attributes
+    ----------
+    jacobian, mass
+        C (rows, n) and M (n, n).
+    frame_rates, axes : (n, n)
+        E and W of z_I' = E z_I + z_II in the axes: E is without W.
+    free_directions : (n, d)
+        N, states of laws last, and `n_positions` of them no states.
+    test_directions, inertia
+        Z, and Z^T M N; Z = N but for friction.
+    rows, left_inverse
+        Rows of N whose inverse resolves a motion in the free directions.
+    accelerations, multipliers
+        At the state.
+    by_position, by_velocity
+        Derivatives; those by velocities are seen in the axes.
+    """
+
+    jacobian: Array
+    mass: Array
+    frame_rates: Array
+    axes: Array
+    free_directions: Array
+    n_positions: int
+    test_directions: Array
+    inertia: Array
+    rows: Array
+    left_inverse: Array
+    accelerations: Array
+    multipliers: Array
+    by_position: StateDerivatives
+    by_velocity: StateDerivatives
+
+    def particular(self, right: Array) -> Array:
+        """A solution of C x = right, without a part along N in the leading rows."""
+        x = least_squares(self.jacobian, right)
+        if self.rows.all():
+            return x
+        return np.asarray(x - self.free_directions @ (self.left_inverse @ x[self.rows]))
+
+    def responses(
+        self, mechanics: DenseEquations, displacements: Array, free: Array, by: Sources
+    ) -> Responses:
+        """What follows from displacements (n, k) and free velocities (n, k).
+
+        Parameters
+        ----------
+        by
+            What else changes with them.
+        """
+        by_z, by_v = self.by_position, self.by_velocity
+        velocities = self.particular(-(by_z.rate @ displacements + by.rate)) + free
+        position_rates = self.frame_rates @ displacements
+        force = by_z.force @ displacements + by_v.force @ velocities + by.force
+        gamma = by_z.gamma @ displacements + by_v.gamma @ velocities + by.gamma
+        right = self.test_directions.T @ (force - self.mass @ self.particular(gamma))
+        return Responses(
+            self.left_inverse @ position_rates[self.rows],
+            mechanics.solve_inertia(self.inertia, right),
+            velocities,
+        )
+
+
+def linear_equations(
+    mechanics: DenseEquations, z: Array, v: Array, omegas: Array
+) -> LinearEquations:
+    """Linearise the equations about a state, which is evaluated.
+
+    Parameters
+    ----------
+    omegas
+        Of the axes in which each body is seen, see `body_axes`.
+
+    Raises
+    ------
+    SimulationError
+        The state is a singular configuration.
+    """
     mechanics.evaluate(z, v)
     mechanics.refuse_singular()
     C, M, E = mechanics.jacobian, mechanics.mass, _frame_matrix(mechanics)
     momenta = _out_of_plane_momenta(mechanics.system) * mechanics.scale
     lengths = np.linalg.norm(momenta, axis=1, keepdims=True)
     N, n_positions = _free_directions(mechanics.system, C, momenta / lengths)
-    d = N.shape[1]
     rows = independent_rows(mechanics)
     left_inverse = N.T if rows.all() else np.linalg.pinv(N[rows])
-
-    def particular(right: Array) -> Array:
-        """A solution of C x = right, without a part along N in the leading rows."""
-        x = least_squares(C, right)
-        return x if rows.all() else np.asarray(x - N @ (left_inverse @ x[rows]))
-
     Z = mechanics.test_directions(N)
     inertia = Z.T @ M @ N
     a, multipliers = mechanics.accelerations()
     W = frame_rotation_matrix(mechanics, omegas)
     by_z, by_v = _state_derivatives(mechanics, z, v, a, multipliers)
-    E, by_v = E - W, replace(by_v, force=by_v.force - M @ W, gamma=by_v.gamma - C @ W)
-    states = np.zeros_like(N)
-    states[:, n_positions:] = N[:, n_positions:]
-    motions = np.hstack([N, least_squares(C, -by_v.value @ states)])
-    rates = by_z.rate @ motions
-    rates[:, d:] += by_v.rate @ states
-    driven = particular(-rates)
-    driven[:, d:] += N
-    matrix = np.zeros((2 * d, 2 * d))
-    matrix[:d] = left_inverse @ (E @ motions)[rows]
-    matrix[:d, d:] += np.eye(d)
-    force = by_z.force @ motions + by_v.force @ driven
-    gamma = by_z.gamma @ motions + by_v.gamma @ driven
-    right = Z.T @ (force - M @ particular(gamma))
-    matrix[d:] = mechanics.solve_inertia(inertia, right)
-    selected = [*range(n_positions), *range(d, 2 * d)]
-    return SmallMotions(
-        matrix[np.ix_(selected, selected)],
+    by_v = replace(by_v, force=by_v.force - M @ W, gamma=by_v.gamma - C @ W)
+    return LinearEquations(
+        C,
+        M,
+        E - W,
+        W,
         N,
-        motions[:, selected],
-        driven[:, selected],
-        (left_inverse @ _elastic_drift(mechanics, z, v, W)[rows])[:n_positions],
-        z,
-        v,
-        omegas,
+        n_positions,
+        Z,
+        inertia,
+        rows,
+        left_inverse,
+        a,
+        multipliers,
+        by_z,
+        by_v,
     )
 
 
@@ -177,26 +303,15 @@ def _out_of_plane_momenta(system: System) -> Array:
     return np.concatenate(momenta)
 
 
-@dataclass(frozen=True, eq=False)
-class _StateDerivatives:
-    """By the n scaled coordinates: f + C^T lambda - M a (n, n), and of the constraints
-    their values, rates and gamma - C a (rows, n)."""
-
-    force: Array
-    value: Array
-    rate: Array
-    gamma: Array
-
-
 def _state_derivatives(
     mechanics: DenseEquations, z: Array, v: Array, a: Array, multipliers: Array
-) -> tuple[_StateDerivatives, _StateDerivatives]:
+) -> tuple[StateDerivatives, StateDerivatives]:
     """Central differences by positions and by velocities, at fixed a and lambda."""
     n, rows = len(v), len(multipliers)
     derivatives = []
     deltas = PERTURBATION * coordinate_sizes(mechanics.system) / mechanics.scale
     for moves in (True, False):
-        change = _StateDerivatives(
+        change = StateDerivatives(
             np.zeros((n, n)), *(np.zeros((rows, n)) for _ in range(3))
         )
         for k, delta in enumerate(deltas):
@@ -284,11 +399,33 @@ def steady_axes(mechanics: DenseEquations, z: Array, v: Array) -> SteadyAxes:
     time = mechanics.system.scene.time
     if np.abs(own).max(initial=0.0) * (time.end - time.start) < ROTATION_ROUNDING:
         return SteadyAxes(np.zeros_like(own))
-    if _lowest_changing_mode(mechanics, z, v, own) == np.inf:
+    if lowest_changing_mode(mechanics, z, v, own) == np.inf:
         return SteadyAxes(own)
+    for axes in shared_steady_axes(mechanics, z, v, own):
+        return axes
+    cause, unpaired = "", np.inf
+    for omegas, _ in shared_axes(mechanics, own):
+        mechanics.evaluate(z, v)
+        unpaired = min(unpaired, unpaired_frequency(mechanics, omegas))
+    if 0.0 < unpaired < np.inf:
+        cause = f" (the shape of {unpaired / (2.0 * np.pi):.4g} Hz has no partner)"
+    return SteadyAxes(own, changing=diagnose("N713", cause=cause))
+
+
+def shared_steady_axes(
+    mechanics: DenseEquations, z: Array, v: Array, own: Array
+) -> Iterator[SteadyAxes]:
+    """Axes that bodies share and in which the equations of small motions are constant.
+
+    Parameters
+    ----------
+    own : (bodies, 3)
+        Of the axes of each body, see `body_axes`.
+    """
+    mechanics.evaluate(z, v)
     unpaired = np.inf
-    for omegas, name in shared_axes(mechanics, own):
-        lowest = _lowest_changing_mode(mechanics, z, v, omegas)
+    for omegas, name in list(shared_axes(mechanics, own)):
+        lowest = lowest_changing_mode(mechanics, z, v, omegas)
         mechanics.evaluate(z, v)
         of_shapes = unpaired_frequency(mechanics, omegas)
         unpaired = min(unpaired, of_shapes)
@@ -305,14 +442,10 @@ def steady_axes(mechanics: DenseEquations, z: Array, v: Array) -> SteadyAxes:
             shape = unpaired / (2.0 * np.pi)
             first = lowest / (2.0 * np.pi)
             found.append(diagnose("N717", first=first, shape=shape))
-        return SteadyAxes(omegas, tuple(found), highest=lowest)
-    cause = ""
-    if 0.0 < unpaired < np.inf:
-        cause = f" (the shape of {unpaired / (2.0 * np.pi):.4g} Hz has no partner)"
-    return SteadyAxes(own, changing=diagnose("N713", cause=cause))
+        yield SteadyAxes(omegas, tuple(found), highest=lowest)
 
 
-def _lowest_changing_mode(
+def lowest_changing_mode(
     mechanics: DenseEquations, z: Array, v: Array, omegas: Array
 ) -> float:
     """Angular frequency of the lowest mode that changes along a motion that is steady
@@ -331,10 +464,7 @@ def _lowest_changing_mode(
     if later_matrix.shape != matrix.shape:
         return 0.0
     n_positions = len(matrix) - N.shape[1]
-    own_rows = independent_rows(mechanics)
-    back = [(rotation @ N)[own_rows][:, :count] for count in (n_positions, N.shape[1])]
-    free = [N_there[own_rows][:, :count] for count in (n_positions, N.shape[1])]
-    X = block_diag(*(np.linalg.lstsq(a, b)[0] for a, b in zip(free, back, strict=True)))
+    X = turned_states(mechanics, N, N_there, rotation, n_positions)
     if not len(X) or np.linalg.svd(X, compute_uv=False)[-1] < 0.5:
         return np.inf if not len(X) else 0.0
     change = np.linalg.solve(X, later_matrix @ X) - matrix
@@ -349,13 +479,51 @@ def _lowest_changing_mode(
     return float(changing.min(initial=np.inf))
 
 
+def turned_states(
+    mechanics: DenseEquations, N: Array, N_there: Array, rotation: Array, n_y: int
+) -> Array:
+    """(y, w) of the free directions after a steady motion by those before it.
+
+    Parameters
+    ----------
+    N, N_there
+        Free directions before and after it, of which n_y are no states of laws.
+    rotation : (n, n)
+        How scaled tangents turn, see `steady_motion`.
+    """
+    rows, counts = independent_rows(mechanics), (n_y, N.shape[1])
+    before = [(rotation @ N)[rows][:, :count] for count in counts]
+    after = [N_there[rows][:, :count] for count in counts]
+    parts = zip(after, before, strict=True)
+    return np.asarray(block_diag(*(np.linalg.lstsq(a, b)[0] for a, b in parts)))
+
+
 def _after_steady_motion(
     mechanics: DenseEquations, z: Array, v: Array, omegas: Array, dt: float
 ) -> tuple[Array, Array, Array]:
     """Matrix and free directions after a steady motion, and how tangents (n,), scaled,
     in the axes turn into those of the bodies there."""
+    start = mechanics.t
+    later_z, later_v, rotation = steady_motion(mechanics, z, v, omegas, dt)
+    try:
+        mechanics.t = start + dt
+        small = state_matrix(mechanics, later_z, later_v, omegas)
+    finally:
+        mechanics.t = start
+    scale = mechanics.scale
+    return small.matrix, small.free_directions, rotation * scale / scale[:, None]
+
+
+def steady_motion(
+    mechanics: DenseEquations, z: Array, v: Array, omegas: Array, dt: float
+) -> tuple[Array, Array, Array]:
+    """The state after a motion that is steady in axes, and how tangents (n,) in the
+    axes turn into those of the bodies there.
+
+    The state is the one evaluated last.
+    """
     step, after, rotation_ = np.zeros(len(v)), v.copy(), np.eye(len(v))
-    scale, start = mechanics.scale, mechanics.t
+    scale = mechanics.scale
     rates = frame_rotation_matrix(mechanics, omegas) * scale[:, None] / scale
     for positions, elastic in _elastic_coordinates(mechanics.system):
         turned = expm(dt * rates[elastic, elastic])
@@ -370,13 +538,7 @@ def _after_steady_motion(
             rotation_[u + 3 : u + 6, u + 3 : u + 6] = block
         rest = slice(u + size, u + rd)
         step[rest], after[rest] = rotation[3 - rd + size :], rate[3 - rd + size :]
-    later_z = mechanics.displaced(z, step / scale)
-    try:
-        mechanics.t = start + dt
-        small = state_matrix(mechanics, later_z, after, omegas)
-    finally:
-        mechanics.t = start
-    return small.matrix, small.free_directions, rotation_ * scale / scale[:, None]
+    return mechanics.displaced(z, step / scale), after, rotation_
 
 
 def _steady_motions(

@@ -1,0 +1,250 @@
+"""Frequency responses: closed forms of a cantilever, a swept sine, ranges, peaks."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import sidtool
+from sidtool.formats.base.sid import Array
+from sidtool.solver.analyses.frequency_response import (
+    frequency_range,
+    parse_excitation,
+)
+
+from .state_space_scenes import link, pendulum, taking
+
+LENGTH, SIDE, YOUNG, DENSITY, BETA = 0.8, 0.02, 7e10, 2700.0, 2e-5
+
+
+def cantilever() -> sidtool.Scene:
+    """A bar that is clamped at its start, with a force across its end."""
+    scene = sidtool.Scene.model_validate(
+        {
+            "format": "sidtool scene",
+            "version": 1,
+            "dimension": "spatial",
+            "time": {"end": 1.0, "output_step": 0.1},
+            "bodies": {"bar": {"sid": "-", "markers": {"start": 1, "end": 2}}},
+            "joints": {"clamp": {"type": "fixed", "markers": ["ground", "bar.start"]}},
+            "inputs": {"force": {"unit": "N"}},
+            "forces": {
+                "push": taking(
+                    "force", type="force", marker="bar.end", force=[0.0, 0.0, 1.0]
+                )
+            },
+            "outputs": {"record": ["bar.end.z", "bar.end.az"]},
+        }
+    )
+    return scene.with_({"bodies.bar.sid": link(LENGTH)})
+
+
+def test_a_cantilever_is_that_of_its_reduced_model() -> None:
+    """H = phi^T (K + i w D - w^2 M)^-1 phi of the blocks of the SID."""
+    space, sid = cantilever().state_space(), link(LENGTH)
+    f = np.geomspace(1.0, 3000.0, 60)
+    response = space.response(f)
+    phi = next(node for node in sid.nodes if node.id == "2").phi.m0[2]
+    expected = []
+    for omega in 2.0 * np.pi * f:
+        dynamic = sid.Ke.m0 + 1j * omega * sid.De.m0 - omega**2 * sid.Me.m0
+        expected.append(phi @ np.linalg.solve(dynamic, phi))
+    assert response.units == ("m/N", "m/s\u00b2/N")
+    assert_allclose(response["bar.end.z"], expected, rtol=1e-6)
+    second = -((2.0 * np.pi * f) ** 2) * np.array(expected)
+    assert_allclose(response["bar.end.az"], second, rtol=1e-6)
+
+
+def euler_bernoulli(f: Array) -> np.ndarray:
+    """Receptance of the end of a cantilever with damping that is proportional to K."""
+    omega = 2.0 * np.pi * f
+    bending = YOUNG * SIDE**4 / 12 * (1 + 1j * BETA * omega)
+    x = LENGTH * (DENSITY * SIDE**2 * omega**2 / bending) ** 0.25
+    above = np.sin(x) * np.cosh(x) - np.cos(x) * np.sinh(x)
+    below = bending * (x / LENGTH) ** 3 * (1 + np.cos(x) * np.cosh(x))
+    return np.asarray(above / below)
+
+
+def test_a_cantilever_is_a_bernoulli_beam_at_low_frequencies() -> None:
+    """Rotary inertia and eight elements are left: 1e-3 of the first two frequencies."""
+    space = cantilever().state_space()
+    f = np.concatenate([np.linspace(1.0, 22.0, 9), np.linspace(40.0, 90.0, 9)])
+    assert_allclose(space.response(f)["bar.end.z"], euler_bernoulli(f), rtol=2e-3)
+    grid = np.linspace(20.0, 200.0, 180001)
+    exact = np.abs(euler_bernoulli(grid))
+    tops = grid[1:-1][(exact[1:-1] > exact[:-2]) & (exact[1:-1] > exact[2:])]
+    peaks = space.response("10:200:log", outputs="bar.end.z").peaks
+    assert_allclose([peak.frequency for peak in peaks], tops, rtol=1e-3)
+    ratios = [math.pi * BETA * peak.mode_frequency for peak in peaks]
+    assert_allclose([peak.damping_ratio for peak in peaks], ratios, rtol=1e-3)
+
+
+def test_a_controlled_arm_answers_a_swept_sine_as_predicted() -> None:
+    """Of a sweep after which all is at rest again, transforms have the ratio H."""
+    scene = controlled_arm()
+    space = scene.state_space()
+    t = np.arange(0.0, 2.0, 0.005)
+    window = np.sin(np.pi * t / 2.0) ** 4
+    sweep = 0.1 * window * np.sin(2.0 * np.pi * (1.0 + 2.0 * t) * t)
+    at_rest = scene.with_(
+        {
+            "initial": {"state": "static"},
+            "time": {"end": 5.0, "output_step": 0.0025},
+            "accuracy": {"rtol": 1e-7},
+        }
+    )
+    times, values = np.append(t, [2.0, 5.0]), np.append(sweep, [0.0, 0.0])
+    result = at_rest.simulate(inputs={"push": (times, values)})
+    f = np.array([2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+    kernel = np.exp(-2j * np.pi * np.outer(f, result.t))
+    of_input = kernel @ result["inputs.push"]
+    names = ["load.y", "motor.value"]
+    response = space.response(f, "push", names)
+    for name in names:
+        found = kernel @ (result[name] - result[name][0]) / of_input
+        assert_allclose(found, response[name], rtol=1e-3)
+
+
+def controlled_arm() -> sidtool.Scene:
+    """A flexible arm with a load that a PID controller holds level."""
+    law = {
+        "type": "pid",
+        "measured": "shoulder.angle",
+        "p": 300.0,
+        "i": 1500.0,
+        "d": 30.0,
+        "filter": 0.005,
+    }
+    scene = sidtool.Scene.model_validate(
+        {
+            "format": "sidtool scene",
+            "version": 1,
+            "dimension": "planar",
+            "gravity": [0.0, -9.81],
+            "time": {"end": 1.0, "output_step": 0.1},
+            "bodies": {
+                "arm": {"sid": "-", "markers": {"start": 1, "end": 2}},
+                "load": {"mass": 2.0, "initial": {"position": [LENGTH, 0.0]}},
+            },
+            "joints": {
+                "shoulder": {"type": "revolute", "markers": ["ground", "arm.start"]},
+                "grip": {"type": "coincident", "markers": ["arm.end", "load"]},
+            },
+            "inputs": {"push": {"interpolation": "smooth"}},
+            "forces": {
+                "motor": {"type": "actuator", "joint": "shoulder", "function": law},
+                "push": taking("push", type="force", marker="load", force=[0.0, 1.0]),
+            },
+            "outputs": {"record": ["load.y", "motor.value", "inputs.push"]},
+        }
+    )
+    return scene.with_({"bodies.arm.sid": link(LENGTH)})
+
+
+def oscillator(damping: float) -> sidtool.StateSpace:
+    """2 kg on a spring of 800 N/m: 20 rad/s."""
+    spring = {"type": "spring_damper", "joint": "rail", "stiffness": 800.0}
+    return pendulum(
+        gravity=[0.0, 0.0],
+        bodies={"mass": {"mass": 2.0, "inertia": 1.0}},
+        joints={
+            "rail": {
+                "type": "prismatic",
+                "markers": ["ground", "mass"],
+                "axis": [1.0, 0.0],
+            }
+        },
+        forces={
+            "spring": spring | {"damping": damping},
+            "push": taking("torque", type="force", marker="mass", force=[1.0, 0.0]),
+        },
+        outputs={"record": ["mass.x", "mass.vx"]},
+    ).state_space()
+
+
+def test_peaks_have_the_mode_that_causes_them() -> None:
+    """x'' + 2 d w x' + w^2 x = F / m: largest at w sqrt(1 - 2 d^2)."""
+    ratio, omega = 0.1, 20.0
+    space = oscillator(2.0 * ratio * omega * 2.0)
+    (x, v) = space.response("0.1:100:log").peaks
+    hertz = omega / (2.0 * math.pi)
+    assert_allclose(x.frequency, hertz * math.sqrt(1 - 2 * ratio**2), rtol=1e-7)
+    assert_allclose(x.magnitude, 1 / (2 * ratio * math.sqrt(1 - ratio**2)) / 800.0)
+    assert_allclose([v.frequency, x.mode_frequency], hertz, rtol=1e-7)
+    assert_allclose([x.damping_ratio, v.damping_ratio], ratio, rtol=1e-7)
+
+
+def test_without_damping_a_peak_has_no_bound() -> None:
+    (peak,) = oscillator(0.0).response("1:10:log", outputs="mass.x").peaks
+    assert math.isinf(peak.magnitude) and abs(peak.damping_ratio) < 1e-9
+    assert_allclose(peak.frequency, 20.0 / (2.0 * math.pi), rtol=1e-9)
+
+
+def test_an_unbalance_grows_with_the_square_of_the_speed() -> None:
+    space = oscillator(1.0)
+    f = np.array([1.0, 5.0, 50.0])
+    plain, turning = space.response(f), space.response(f, unbalance=True)
+    factor = (2.0 * np.pi * f[:, None]) ** 2
+    assert_allclose(turning.values, factor * plain.values, rtol=1e-12)
+    assert turning.units[0] == "m/(kg m)"
+
+
+def test_the_response_to_a_position_is_that_to_its_acceleration_times_s_squared() -> (
+    None
+):
+    base = {"base": taking("torque", joint="pivot", of="value")}
+    inputs = {"torque": {"interpolation": "smooth", "initial": -math.pi / 2}}
+    space = pendulum(forces={}, drives=base, inputs=inputs).state_space(about="start")
+    f = np.array([0.5, 2.0])
+    moved = space.response(f, "torque", "pivot.angle")
+    assert_allclose(moved["pivot.angle"], 1.0, rtol=1e-8)
+    by_acceleration = space.response(f, "torque.acceleration", "pivot.angle")
+    squares = -1.0 / (2.0 * np.pi * f) ** 2
+    assert_allclose(by_acceleration["pivot.angle"], squares, rtol=1e-8)
+    assert moved.units == ("rad/rad",)
+    assert by_acceleration.units == ("rad/(rad/s\u00b2)",)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("fx", {"fx": 1.0}),
+        ("fx - 1j*fy", {"fx": 1.0, "fy": -1j}),
+        ("-(2*fx) + fy*0.5", {"fx": -2.0, "fy": 0.5}),
+        ("inputs.fx + fx", {"fx": 2.0}),
+    ],
+)
+def test_sums_of_inputs(text: str, expected: dict[str, complex]) -> None:
+    assert parse_excitation(text, ("fx", "fy")) == expected
+
+
+@pytest.mark.parametrize("text", ["", "fx*fy", "fx +", "f(x)", "fw", "3"])
+def test_what_is_no_sum_of_inputs_is_refused(text: str) -> None:
+    with pytest.raises(sidtool.InputError) as caught:
+        parse_excitation(text, ("fx", "fy"))
+    assert caught.value.place == "input"
+
+
+def test_ranges_of_frequencies() -> None:
+    assert_allclose(frequency_range("1:100:log:3"), [1.0, 10.0, 100.0])
+    assert_allclose(frequency_range("0:10:lin:3"), [0.0, 5.0, 10.0])
+    assert len(frequency_range("1:10")) == 500
+
+
+@pytest.mark.parametrize("text", ["", "1", "2:1", "0:1:log", "1:2:cubic", "1:2:lin:1"])
+def test_what_is_no_range_is_refused(text: str) -> None:
+    with pytest.raises(sidtool.InputError) as caught:
+        frequency_range(text)
+    assert caught.value.place == "frequencies"
+
+
+@pytest.mark.parametrize(
+    "settings", [{"of": "fx"}, {"outputs": "mass.y"}, {"frequencies": [-1.0]}]
+)
+def test_wrong_requests_are_refused(settings: dict[str, Any]) -> None:
+    with pytest.raises(sidtool.InputError):
+        oscillator(1.0).response(**settings)

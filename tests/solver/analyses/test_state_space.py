@@ -1,0 +1,292 @@
+"""State spaces: closed forms, natural modes, statics, and runs of the full scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import expm
+
+import sidtool
+from tests.codes import codes
+
+from .state_space_scenes import (
+    ARM_INERTIA,
+    ARM_MASS,
+    GRAVITY,
+    HALF,
+    four_bar,
+    pendulum,
+    response_at,
+    slider_crank,
+    spatial_arm,
+    taking,
+)
+
+#: About the pivot [kg m^2], and the torque of gravity per angle [N m/rad].
+INERTIA = ARM_INERTIA + ARM_MASS * HALF**2
+STIFFNESS = ARM_MASS * GRAVITY * HALF
+SCENES = {"slider_crank": slider_crank, "arm": spatial_arm, "four_bar": four_bar}
+
+
+def test_a_pendulum_is_that_of_its_equation() -> None:
+    """J a'' + m g h a = torque; the tip is 2 h below the pivot, the mass h."""
+    space = pendulum().state_space()
+    assert space.state_names == ("arm.rotation_z_body", "arm.wz_body")
+    assert space.state_units == ("rad", "rad/s")
+    assert space.input_names == ("torque",) and space.input_units == ("N m",)
+    assert space.output_units == ("rad", "m/s\u00b2", "N", "N")
+    w2, gain = STIFFNESS / INERTIA, 1.0 / INERTIA
+    assert_allclose(space.A, [[0.0, 1.0], [-w2, 0.0]], atol=1e-9)
+    assert_allclose(space.B, [[0.0], [gain]], atol=1e-9)
+    tip, pull = 2 * HALF, ARM_MASS * HALF
+    C = [[1.0, 0.0], [-w2 * tip, 0.0], [-w2 * pull, 0.0], [0.0, 0.0]]
+    assert_allclose(space.C, C, atol=1e-8)
+    D = [[0.0], [gain * tip], [gain * pull], [0.0]]
+    assert_allclose(space.D, D, atol=1e-9)
+    weight = ARM_MASS * GRAVITY
+    assert_allclose(space.outputs, [-math.pi / 2, 0.0, 0.0, weight], atol=1e-9)
+    second = space.second_order
+    assert_allclose([second.M[0, 0], second.K[0, 0]], [INERTIA, STIFFNESS], rtol=1e-9)
+    assert_allclose(second.B, [[1.0]], rtol=1e-9)
+    assert space.is_steady and codes(space) == []
+
+
+def test_a_closed_loop_has_the_states_of_its_controller() -> None:
+    """PID with the derivative of the measured angle behind a lag of 10 ms."""
+    p, i, d, lag = 30.0, 10.0, 2.0, 0.01
+    gains = {"type": "pid", "p": p, "i": i, "d": d, "filter": lag}
+    reference = {"type": "input", "name": "torque"}
+    law = gains | {"measured": "pivot.angle", "reference": reference}
+    motor = {"motor": {"type": "actuator", "joint": "pivot", "function": law}}
+    record = {"record": ["pivot.angle", "motor.value"]}
+    down = {"torque": {"initial": -math.pi / 2}}
+    space = pendulum(forces=motor, inputs=down, outputs=record).state_space()
+    s = 0.3 + 4.0j
+    filtered = p + i / s + d * s / (lag * s + 1)
+    lagged = d * s / (lag * s + 1)
+    loop = INERTIA * s**2 + STIFFNESS + filtered
+    angle = (filtered - lagged) / loop  # the reference is held: no derivative of it
+    torque = angle * (INERTIA * s**2 + STIFFNESS)
+    assert_allclose(response_at(space, s)[:, 0], [angle, torque], rtol=1e-8)
+    assert "motor.state.integral" in space.state_names
+
+
+@pytest.mark.parametrize(
+    ("of", "interpolation", "name", "powers"),
+    [
+        ("acceleration", "hold", "torque", 0),
+        ("rate", "linear", "torque.rate", 1),
+        ("value", "smooth", "torque.acceleration", 2),
+    ],
+)
+def test_an_input_that_prescribes_a_motion(
+    of: str, interpolation: str, name: str, powers: int
+) -> None:
+    """The rate is 1/s of the acceleration, and the torque of the drive J of it."""
+    space = pendulum(
+        forces={},
+        inputs={"torque": {"interpolation": interpolation}},
+        drives={"servo": taking("torque", joint="pivot", of=of)},
+        outputs={"record": ["pivot.angle_rate", "servo.mz"]},
+        bodies={"arm": _arm_on_x()},
+    ).state_space(about="start")
+    assert space.input_names == (name,)
+    assert ("N725" in codes(space)) is (powers > 0)
+    s = 0.2 + 3.0j
+    assert_allclose(response_at(space, s)[:, 0], [1 / s, INERTIA], rtol=1e-8)
+
+
+def _arm_on_x() -> dict[str, Any]:
+    """Horizontal, where gravity has no stiffness against the rotation."""
+    marker = {"pivot": {"position": [-HALF, 0.0]}, "tip": {"position": [HALF, 0.0]}}
+    inertia = {"mass": ARM_MASS, "inertia": ARM_INERTIA}
+    return {**inertia, "initial": {"position": [HALF, 0.0]}, "markers": marker}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_runs_answer_a_step_of_an_input_as_the_state_space_does(name: str) -> None:
+    """Half the difference of two runs has no error of second order in the step."""
+    scene = SCENES[name]()
+    step = {"slider_crank": 0.1, "arm": 0.1, "four_bar": 1e-3}[name]
+    end = {"slider_crank": 0.05, "arm": 0.03, "four_bar": 0.05}[name]
+    at_rest = scene.with_(
+        {
+            "initial": {"state": "static"},
+            "time": {"end": end, "output_step": end / 5},
+            "accuracy": {"rtol": 1e-10, "integrator": "radau9"},
+        }
+    )
+    space = at_rest.state_space()
+    k = {"slider_crank": "load", "arm": "push", "four_bar": "torque"}[name]
+    column, before = space.input_names.index(k), space.inputs.copy()
+    start = end / 5
+    runs = [
+        at_rest.simulate(inputs={k: ([start], [before[column] + sign * step])})
+        for sign in (1.0, -1.0)
+    ]
+    found = (runs[0].values - runs[1].values)[2:] / (2 * step)
+    n = len(space.A)
+    augmented = np.zeros((n + 1, n + 1))
+    augmented[:n, :n], augmented[:n, n] = space.A, space.B[:, column]
+    expected = np.array(
+        [
+            space.C @ expm(augmented * (t - start))[:n, n] + space.D[:, column]
+            for t in runs[0].t[2:]
+        ]
+    )
+    sizes = np.abs(expected).max(axis=0)
+    assert np.all(sizes > 1e-9)
+    assert np.all(np.abs(found - expected).max(axis=0) < 1e-6 * sizes)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_eigenvalues_are_those_of_the_natural_modes(name: str) -> None:
+    scene = SCENES[name]()
+    space, modes = scene.state_space(), scene.linearise()
+    values = space.eigenvalues[space.eigenvalues.imag >= 0.0]
+    expected = modes.eigenvalues[np.argsort(np.abs(modes.eigenvalues))]
+    assert np.all(np.abs(values - expected) < 1e-10 * np.abs(expected).max())
+    assert np.abs(space.state_rates).max() < 1e-6 * np.abs(space.A).max()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_static_gain_is_that_of_static_equilibria(name: str) -> None:
+    """Half the difference of equilibria under a small change of an input."""
+    scene = SCENES[name]()
+    space = scene.state_space()
+    gain = response_at(space, 0.0).real
+    scale = {"slider_crank": 1e-3, "arm": 1e-2, "four_bar": 5e-6}[name]
+    for k, name_of_input in enumerate(space.input_names):
+        ends = []
+        for sign in (1.0, -1.0):
+            value = float(space.inputs[k] + sign * scale)
+            changed = scene.with_({f"inputs.{name_of_input}.initial": value})
+            ends.append(changed.static_equilibrium().result().values[0])
+        found = (ends[0] - ends[1]) / (2.0 * scale)
+        sizes = np.abs(gain).max(axis=1) + 1e-2 * np.abs(gain).max()
+        assert np.all(np.abs(found - gain[:, k]) < 1e-7 * sizes)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_all_forms_have_the_same_response(name: str) -> None:
+    space = SCENES[name]().state_space(descriptor=True)
+    second, descriptor = space.second_order, space.descriptor
+    assert descriptor is not None and len(descriptor.names) == len(descriptor.A)
+    for s in (3.0j, 0.5 + 40.0j):
+        expected = response_at(space, s)
+        size = np.abs(expected).max(axis=1, keepdims=True) + 1e-12
+        p = np.linalg.solve(s**2 * second.M + s * second.C + second.K, second.B)
+        found = second.F @ p + s * second.G @ p + second.D
+        assert np.all(np.abs(found - expected) < 1e-9 * size)
+        x = np.linalg.solve(s * descriptor.E - descriptor.A, descriptor.B)
+        found = descriptor.C @ x + descriptor.D
+        assert np.all(np.abs(found - expected) < 1e-7 * size)
+    assert_allclose(second.M, second.M.T, atol=1e-12 * np.abs(second.M).max())
+    assert np.linalg.eigvalsh(second.M)[0] > 0.0
+
+
+def test_in_the_middle_of_a_motion_it_is_that_of_an_instant() -> None:
+    """A pendulum at a known angle: the stiffness is that of the tangent."""
+    arm = {"arm": _arm_on_x()}
+    scene = pendulum(bodies=arm, outputs={"record": ["pivot.angle", "arm.wz"]})
+    space = scene.state_space(about=0.2)
+    angle, rate = space.outputs
+    assert not space.is_steady and space.about == space.time == 0.2
+    assert {"N710", "N715"} <= {*codes(space)}
+    w2 = STIFFNESS / INERTIA
+    assert -1.0 < angle < -0.1 and rate < 0.0
+    assert_allclose(space.A[1, 0], w2 * math.sin(angle), rtol=1e-7)
+    assert_allclose(space.state_rates[1], -w2 * math.cos(angle), rtol=1e-7)
+    assert_allclose(space.B[1, 0], 1 / INERTIA, rtol=1e-9)
+
+
+def test_friction_that_slides_and_sticks_is_in_the_outputs() -> None:
+    """A block on a rough rail: held, its guide bears the input; sliding, it moves."""
+    force = taking("torque", type="force", marker="block", force=[1.0, 0.0])
+    block = {"mass": 2.0, "inertia": 0.1}
+    scene = pendulum(
+        bodies={"block": block | {"initial": {"velocity": [1.0, 0.0]}}},
+        joints={
+            "rail": {
+                "type": "prismatic",
+                "markers": ["ground", "block"],
+                "axis": [1.0, 0.0],
+                "friction": {"coefficient": 0.3},
+            }
+        },
+        forces={"push": force},
+        outputs={"record": ["block.ax", "rail.friction"]},
+    )
+    sliding = scene.state_space(about="start")
+    assert_allclose(sliding.D[:, 0], [0.5, 0.0], atol=1e-8)
+    held = scene.with_({"bodies.block.initial": {}}).state_space(about="start")
+    assert len(held.A) == 0
+    assert_allclose(held.D[:, 0], [0.0, -1.0], atol=1e-8)
+
+
+def test_a_rotor_is_seen_in_axes_in_which_its_forces_stand_still(
+    two_planes: Callable[[], sidtool.Scene],
+) -> None:
+    """Jeffcott rotor, w^2 = k / m; a force that turns with it drives both whirls."""
+    scene = two_planes()
+    space = scene.state_space(about="start")
+    assert space.is_steady
+    s = 5.0j
+    spring, mass = 4000.0, 2.0
+    expected = np.eye(2) / (mass * s**2 + spring)
+    assert_allclose(response_at(space, s), expected, rtol=1e-7, atol=1e-11)
+    turning = scene.state_space(about="start", outputs=["disc.vy_body"])
+    assert "N726" in codes(turning) and not turning.is_steady
+
+
+@pytest.fixture
+def two_planes() -> Callable[[], sidtool.Scene]:
+    """A rigid disc that turns about x on springs across it."""
+
+    def make() -> sidtool.Scene:
+        across = {
+            f"f{axis}": taking(f"f{axis}", type="force", marker="disc", force=vector)
+            for axis, vector in (("y", [0.0, 1.0, 0.0]), ("z", [0.0, 0.0, 1.0]))
+        }
+        bushing = {
+            "type": "bushing",
+            "markers": ["ground", "disc"],
+            "stiffness": [4000.0, 4000.0, 4000.0, 0.0, 50.0, 50.0],
+            "shaft": "x",
+        }
+        turning = {"angular_velocity": [30.0, 0.0, 0.0]}
+        disc = {"mass": 2.0, "inertia": [0.02, 0.01, 0.01], "initial": turning}
+        return sidtool.Scene.model_validate(
+            {
+                "format": "sidtool scene",
+                "version": 1,
+                "dimension": "spatial",
+                "time": {"end": 1.0, "output_step": 0.1},
+                "bodies": {"disc": disc},
+                "inputs": {"fy": {}, "fz": {}},
+                "forces": {**across, "bearing": bushing},
+                "outputs": {"record": ["disc.y", "disc.z"]},
+            }
+        )
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("settings", "place"),
+    [
+        ({"inputs": ["torqe"]}, "inputs"),
+        ({"outputs": ["energy.supplied"]}, "outputs"),
+        ({"about": "middle"}, "about"),
+        ({"about": -1.0}, "about"),
+    ],
+)
+def test_wrong_requests_are_refused(settings: dict[str, Any], place: str) -> None:
+    with pytest.raises(sidtool.InputError) as caught:
+        pendulum().state_space(**settings)
+    assert caught.value.place == place
