@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eig, schur, solve_triangular
+from scipy.linalg import eig, matrix_balance, schur, solve_triangular
 from scipy.optimize import minimize_scalar
 
 from sidtool.formats.base.errors import InputError
@@ -337,12 +337,15 @@ class _Transfer:
     ) -> None:
         self.inputs, self.space = inputs, space
         columns = [column for (column, _), _ in inputs]
-        T, Z = schur(space.A, output="complex") if len(space.A) else (space.A,) * 2
-        self.T, self.C = T, space.C[rows] @ Z
-        self.B, self.D = (
-            Z.conj().T @ space.B[:, columns],
-            space.D[np.ix_(rows, columns)],
-        )
+        A = T = Z = space.A
+        sizes = np.ones(len(A))  # of the states, so that entries of A are alike
+        if len(A):
+            A, scaling = matrix_balance(A, permute=False)
+            sizes = scaling.diagonal()
+            T, Z = schur(A, output="complex")
+        self.T, self.C = T, (space.C[rows] * sizes) @ Z
+        self.B = Z.conj().T @ (space.B[:, columns] / sizes[:, None])
+        self.D = space.D[np.ix_(rows, columns)]
         values, left, right = (
             eig(space.A, left=True, right=True)
             if len(space.A)

@@ -1,11 +1,15 @@
 """Derivatives of the outputs of a scene by its state and by its inputs.
 
-Outputs are evaluated by the kernels that evaluate those of a run: accelerations and
-multipliers of the displaced state are solved for, so that their derivatives hold all
-terms. Differences are central and of fourth order.
+Outputs are evaluated by the functions that evaluate those of a run, along changes of
+positions, velocities, accelerations and multipliers that belong together. So outputs of
+accelerations agree with the state matrix to rounding: at low frequencies they are small
+differences of large terms. Differences are central and of fourth order.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,11 +20,12 @@ from sidtool.formats.scene import parse_output
 from ..diagnostics.result_notes import OutputNotes
 from ..output.columns import evaluate_outputs
 from ..output.energies import INTEGRATED
-from ..output.samples import StateSampler
+from ..output.samples import StateSampler, sample_known_motion
 from ..system.characteristic_sizes import coordinate_sizes
 from ..system.errors import SimulationError
 from ..system.system import System
 from .dense_equations import DenseEquations
+from .state_matrix import LinearEquations, Responses
 
 #: Largest displacement, in sizes of the mechanism or radians, and largest change of a
 #: velocity, in those per second.
@@ -30,6 +35,15 @@ INPUT_PERTURBATION = 1e-4
 #: Points and weights of the difference, in perturbations.
 POINTS = np.array([-2.0, -1.0, 1.0, 2.0])
 WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+
+
+class _State(NamedTuple):
+    """z_I, z_II, z_II' and multipliers."""
+
+    z: Array
+    v: Array
+    a: Array
+    multipliers: Array
 
 
 class OutputEvaluation:
@@ -50,8 +64,9 @@ class OutputEvaluation:
         An output is not a number at the state.
     """
 
-    def __init__(self, mechanics: DenseEquations, z: Array, v: Array) -> None:
-        self.mechanics, self.z, self.v = mechanics, z, v
+    def __init__(self, equations: LinearEquations, mechanics: DenseEquations) -> None:
+        self.mechanics, self.equations = mechanics, equations
+        self.z, self.v = equations.z, equations.v
         self.system: System = mechanics.system
         self.names = self.system.scene.outputs.record
         for text in self.names:
@@ -65,57 +80,95 @@ class OutputEvaluation:
         closed = np.full((self.system.n_rows, 2), np.inf)
         self._sampler = StateSampler(self.system, closed)
         self._sizes = coordinate_sizes(self.system) / mechanics.scale
-        values = self._evaluate([z], [v])
-        self.values = values[0]
+        self.values = self._evaluate([self._at(0.0, None, 0)])[0]
 
-    def _evaluate(self, z: Sequence[Array], v: Sequence[Array]) -> Array:
-        times = np.full(len(z), self.mechanics.t)
-        states = np.array(z), np.array(v)
-        outputs = evaluate_outputs(self._sampler, times, *states)
-        remarks = OutputNotes(self.system)
+    def _at(self, size: float, changes: Responses | None, k: int) -> _State:
+        """The state with a multiple of some changes."""
+        equations, scale = self.equations, self.mechanics.scale
+        if changes is None or size == 0.0:
+            motion = equations.accelerations * scale, equations.multipliers
+            return _State(self.z, self.v, *motion)
+        return _State(
+            self.mechanics.displaced(self.z, size * changes.displacements[:, k]),
+            self.v + size * changes.velocities[:, k] * scale,
+            (equations.accelerations + size * changes.accelerations[:, k]) * scale,
+            equations.multipliers + size * changes.multipliers[:, k],
+        )
+
+    def _evaluate(self, states: Sequence[_State], is_known: bool = True) -> Array:
+        """Outputs (states, outputs).
+
+        Parameters
+        ----------
+        is_known
+            Accelerations and multipliers of the states are; else, and where joints
+            have friction, they are solved for.
+        """
+        system, times = self.system, np.full(len(states), self.mechanics.t)
+        z, v, a, multipliers = (np.array(part) for part in zip(*states, strict=True))
+        samples = None
+        if is_known and not system.friction_joints:
+            samples = sample_known_motion(
+                *(system, self._sampler.work, times, z, v, a, multipliers),
+                np.zeros((len(states), 0)),
+            )
+        outputs = evaluate_outputs(self._sampler, times, z, v, samples=samples)
+        remarks = OutputNotes(system)
         remarks.add(times, outputs)
         for undefined in remarks.undefined_notes():
             raise SimulationError(undefined)
         return outputs.values
 
-    def by_states(self, displacements: Array, velocities: Array) -> Array:
-        """Derivatives (outputs, k) along scaled changes (n, k) of the state."""
-        z, v, steps = [], [], []
-        for x, change in zip(displacements.T, velocities.T, strict=True):
-            step = self._step(x, change)
-            steps.append(step)
-            for point in POINTS * step:
-                z.append(self.mechanics.displaced(self.z, point * x))
-                v.append(self.v + point * change * self.mechanics.scale)
-        if not steps:
+    def by_states(self, changes: Responses) -> Array:
+        """Derivatives (outputs, k) by changes of the state, with what follows."""
+        return self._by_states(changes, True)
+
+    def by_coordinates(self, displacements: Array, velocities: Array) -> Array:
+        """Derivatives (outputs, k) by any scaled changes (n, k) of positions and
+        velocities; accelerations and multipliers are solved for."""
+        n, k = displacements.shape
+        none, rows = np.zeros((n, k)), np.zeros((len(self.equations.multipliers), k))
+        unused = np.zeros((0, k))
+        changes = Responses(unused, unused, displacements, velocities, none, rows)
+        return self._by_states(changes, False)
+
+    def _by_states(self, changes: Responses, is_known: bool) -> Array:
+        count = changes.displacements.shape[1]
+        if not count:
             return np.zeros((len(self.names), 0))
-        values = self._evaluate(z, v).reshape(len(steps), len(POINTS), -1)
+        steps = [
+            PERTURBATION / max(self._largest(changes, k), 1e-300) for k in range(count)
+        ]
+        states = [
+            self._at(point * step, changes, k)
+            for k, step in enumerate(steps)
+            for point in POINTS
+        ]
+        values = self._evaluate(states, is_known).reshape(count, len(POINTS), -1)
         return np.einsum("kpo,p->ok", values, WEIGHTS) / np.array(steps)
 
-    def by_input(self, coefficient: int, displacement: Array, velocity: Array) -> Array:
-        """Derivatives (outputs,) by a number of the real data, with which the state
-        changes by scaled vectors (n,)."""
+    def by_input(
+        self, coefficient: int, factor: float, changes: Responses, k: int
+    ) -> Array:
+        """Derivatives (outputs,) by an input, which changes a number of the real data
+        by a factor, and the state as column k of some changes."""
         numbers = self.system.arrays.real_data
         value = float(numbers[coefficient])
         step = INPUT_PERTURBATION * max(abs(value), 1.0)
-        largest = self._largest(displacement, velocity)
+        largest = self._largest(changes, k)
         if largest > 0.0:
             step = min(step, PERTURBATION / largest)
         total = np.zeros(len(self.names))
         try:
             for point, weight in zip(POINTS * step, WEIGHTS / step, strict=True):
-                numbers[coefficient] = value + point
-                z = self.mechanics.displaced(self.z, point * displacement)
-                v = self.v + point * velocity * self.mechanics.scale
-                total += weight * self._evaluate([z], [v])[0]
+                numbers[coefficient] = value + factor * point
+                total += weight * self._evaluate([self._at(point, changes, k)])[0]
         finally:
             numbers[coefficient] = value
         return total
 
-    def _step(self, x: Array, change: Array) -> float:
-        return PERTURBATION / max(self._largest(x, change), 1e-300)
-
-    def _largest(self, x: Array, change: Array) -> float:
+    def _largest(self, changes: Responses, k: int) -> float:
         """Largest change in sizes of the mechanism, or in those per second."""
-        both = np.abs(np.concatenate([x, change])) / np.tile(self._sizes, 2)
+        parts = changes.displacements[:, k], changes.velocities[:, k]
+        both = np.abs(np.concatenate(parts)) / np.tile(self._sizes, 2)
         return float(both.max(initial=0.0))

@@ -5,8 +5,10 @@ V y + N w, with N the null space of the constraint Jacobian. The matrix is const
 axes that follow a steady motion; `steady_axes` finds them.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.linalg import block_diag, expm
@@ -67,6 +69,8 @@ class SmallMotions:
         The state.
     omegas : (bodies, 3)
         The axes in which each body is seen, see `body_axes`.
+    changes
+        What follows from (y, w).
     """
 
     matrix: Array
@@ -77,6 +81,7 @@ class SmallMotions:
     z: Array
     v: Array
     omegas: Array
+    changes: Responses
 
 
 def state_matrix(
@@ -91,7 +96,14 @@ def state_matrix(
     omegas
         Of the axes in which each body is seen, see `body_axes`.
     """
-    equations = linear_equations(mechanics, z, v, omegas)
+    return small_motions(mechanics, linear_equations(mechanics, z, v, omegas))
+
+
+def small_motions(
+    mechanics: DenseEquations, equations: LinearEquations
+) -> SmallMotions:
+    """The small motions of linearised equations, see `state_matrix`."""
+    z, v = equations.z, equations.v
     N, n_positions = equations.free_directions, equations.n_positions
     d = N.shape[1]
     states = np.zeros_like(N)
@@ -114,7 +126,8 @@ def state_matrix(
         (equations.left_inverse @ drift)[:n_positions],
         z,
         v,
-        omegas,
+        equations.omegas,
+        changes.selected(selected),
     )
 
 
@@ -130,14 +143,28 @@ class Sources:
 
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """Changes (., k) of the rates of (y, w) and of the velocities (n,), scaled.
+    """Changes (., k) that follow from k changes of the state or of an input, scaled.
 
-    Those of y are without w itself.
+    Attributes
+    ----------
+    position_rates, velocity_rates
+        Of (y, w); those of y are without w itself.
+    displacements, velocities, accelerations : (n, k)
+        Velocities and accelerations in the axes of the bodies.
+    multipliers : (rows, k)
     """
 
     position_rates: Array
     velocity_rates: Array
+    displacements: Array
     velocities: Array
+    accelerations: Array
+    multipliers: Array
+
+    def selected(self, columns: Sequence[int]) -> Responses:
+        """Some of the columns."""
+        parts = (getattr(self, part.name) for part in fields(self))
+        return Responses(*(part[:, columns] for part in parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +173,10 @@ class LinearEquations:
 
     Attributes
     ----------
+    z, v
+        The state.
+    omegas : (bodies, 3)
+        The axes in which each body is seen, see `body_axes`.
     jacobian, mass
         C (rows, n) and M (n, n).
     frame_rates, axes : (n, n)
@@ -158,10 +189,15 @@ class LinearEquations:
         Rows of N whose inverse resolves a motion in the free directions.
     accelerations, multipliers
         At the state.
+    constraint_sizes : (rows,)
+        See `DenseEquations.multipliers`.
     by_position, by_velocity
         Derivatives; those by velocities are seen in the axes.
     """
 
+    z: Array
+    v: Array
+    omegas: Array
     jacobian: Array
     mass: Array
     frame_rates: Array
@@ -174,6 +210,7 @@ class LinearEquations:
     left_inverse: Array
     accelerations: Array
     multipliers: Array
+    constraint_sizes: Array
     by_position: StateDerivatives
     by_velocity: StateDerivatives
 
@@ -199,16 +236,29 @@ class LinearEquations:
         position_rates = self.frame_rates @ displacements
         force = by_z.force @ displacements + by_v.force @ velocities + by.force
         gamma = by_z.gamma @ displacements + by_v.gamma @ velocities + by.gamma
-        right = self.test_directions.T @ (force - self.mass @ self.particular(gamma))
+        held = self.particular(gamma)
+        right = self.test_directions.T @ (force - self.mass @ held)
+        velocity_rates = mechanics.solve_inertia(self.inertia, right)
+        accelerations = held + self.free_directions @ velocity_rates
+        unbalanced = self.mass @ accelerations - force
+        sizes = self.constraint_sizes[:, None]
         return Responses(
             self.left_inverse @ position_rates[self.rows],
-            mechanics.solve_inertia(self.inertia, right),
+            velocity_rates,
+            displacements,
             velocities,
+            accelerations + self.axes @ velocities,
+            least_squares((self.jacobian / sizes).T, unbalanced) / sizes,
         )
 
 
 def linear_equations(
-    mechanics: DenseEquations, z: Array, v: Array, omegas: Array
+    mechanics: DenseEquations,
+    z: Array,
+    v: Array,
+    omegas: Array,
+    *,
+    at_rest: bool = False,
 ) -> LinearEquations:
     """Linearise the equations about a state, which is evaluated.
 
@@ -216,6 +266,8 @@ def linear_equations(
     ----------
     omegas
         Of the axes in which each body is seen, see `body_axes`.
+    at_rest
+        The state is an equilibrium: what is left of accelerations is rounding.
 
     Raises
     ------
@@ -232,11 +284,17 @@ def linear_equations(
     left_inverse = N.T if rows.all() else np.linalg.pinv(N[rows])
     Z = mechanics.test_directions(N)
     inertia = Z.T @ M @ N
-    a, multipliers = mechanics.accelerations()
+    if at_rest:
+        a, multipliers = np.zeros(len(v)), mechanics.multipliers(-mechanics.force)
+    else:
+        a, multipliers = mechanics.accelerations()
     W = frame_rotation_matrix(mechanics, omegas)
     by_z, by_v = _state_derivatives(mechanics, z, v, a, multipliers)
     by_v = replace(by_v, force=by_v.force - M @ W, gamma=by_v.gamma - C @ W)
     return LinearEquations(
+        z,
+        v,
+        omegas,
         C,
         M,
         E - W,
@@ -249,6 +307,7 @@ def linear_equations(
         left_inverse,
         a,
         multipliers,
+        mechanics.constraint_sizes,
         by_z,
         by_v,
     )

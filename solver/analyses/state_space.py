@@ -49,6 +49,7 @@ from .state_matrix import (
     SteadyAxes,
     linear_equations,
     shared_steady_axes,
+    small_motions,
     state_matrix,
     steady_axes,
     steady_motion,
@@ -228,7 +229,10 @@ def state_space(
     small = state_matrix(mechanics, z, v, axes.omegas)
     causes = unsteady_notes(mechanics, small)
     causes = causes or ((axes.changing,) if axes.changing else ())
-    chosen = _Linearised(mechanics, z, v, axes.omegas, names, coefficients)
+    at_rest = about == "static" and state is None and not causes
+    chosen = _Linearised(
+        mechanics, z, v, axes.omegas, names, coefficients, at_rest=at_rest
+    )
     changes = np.zeros(len(chosen.evaluation.names))
     if not causes:
         chosen, axes, changes = _in_steady_axes(chosen, axes)
@@ -288,12 +292,14 @@ class _Linearised:
         omegas: Array,
         names: Sequence[str],
         coefficients: Mapping[str, slice],
+        *,
+        at_rest: bool = False,
     ) -> None:
         self.mechanics, self.z, self.v, self.omegas = mechanics, z, v, omegas
         self.names, self.coefficients = names, coefficients
-        self.small = state_matrix(mechanics, z, v, omegas)
-        self.equations = linear_equations(mechanics, z, v, omegas)
-        self.evaluation = OutputEvaluation(mechanics, z, v)
+        self.equations = linear_equations(mechanics, z, v, omegas, at_rest=at_rest)
+        self.small = small_motions(mechanics, self.equations)
+        self.evaluation = OutputEvaluation(self.equations, mechanics)
         self.effects = [
             _input_effects(self.evaluation, self.equations, name, coefficients[name])
             for name in names
@@ -500,11 +506,8 @@ def _input_effects(
     found = equations.responses(mechanics, displacements, free, by)
     outputs = np.zeros((len(evaluation.names), len(_COEFFICIENTS)))
     for k, factor in enumerate(_COEFFICIENTS[: order + 1]):
-        outputs[:, k] = factor * evaluation.by_input(
-            coefficients.start + k,
-            displacements[:, k] / factor,
-            found.velocities[:, k] / factor,
-        )
+        number = coefficients.start + k
+        outputs[:, k] = evaluation.by_input(number, factor, found, k)
     return _InputEffects(
         name,
         order,
@@ -601,7 +604,8 @@ class _FirstOrderForm:
         second = [effect for effect in effects if effect.order == 2]
         first = [effect for effect in effects if effect.order == 1]
         X, V = small.position_directions, small.velocity_directions
-        columns = np.vstack([X, V, small.matrix, evaluation.by_states(X, V)])
+        outputs = evaluation.by_states(small.changes)
+        columns = np.vstack([X, V, small.matrix, outputs])
 
         def of_inputs(selected: Sequence[_InputEffects], order: int) -> Array:
             """Columns of a derivative of inputs, as those of the small motions."""
@@ -761,8 +765,8 @@ def _descriptor_form(
     ones, zeros = np.eye(n)[:, positions], np.zeros((n, n_z))
     outputs = np.hstack(
         [
-            evaluation.by_states(ones, zeros) / scale[positions],
-            evaluation.by_states(np.zeros((n, n)), np.eye(n)) / scale,
+            evaluation.by_coordinates(ones, zeros) / scale[positions],
+            evaluation.by_coordinates(np.zeros((n, n)), np.eye(n)) / scale,
             np.zeros((len(evaluation.names), rows)),
         ]
     )

@@ -156,20 +156,25 @@ def test_eigenvalues_are_those_of_the_natural_modes(name: str) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_static_gain_is_that_of_static_equilibria(name: str) -> None:
-    """Half the difference of equilibria under a small change of an input."""
+    """Differences of fourth order of equilibria, by changes of the inputs.
+
+    Accelerations are zero, as sums of terms of 1e9, and are left out.
+    """
     scene = SCENES[name]()
     space = scene.state_space()
-    gain = response_at(space, 0.0).real
-    scale = {"slider_crank": 1e-3, "arm": 1e-2, "four_bar": 5e-6}[name]
+    compared = [unit != "m/s\u00b2" for unit in space.output_units]
+    gain = response_at(space, 0.0).real[compared]
+    step = {"slider_crank": 1e-2, "arm": 2e-2, "four_bar": 2e-5}[name]
     for k, name_of_input in enumerate(space.input_names):
-        ends = []
-        for sign in (1.0, -1.0):
-            value = float(space.inputs[k] + sign * scale)
+        found = 0.0
+        for point, weight in ((-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0)):
+            value = float(space.inputs[k] + point * step)
             changed = scene.with_({f"inputs.{name_of_input}.initial": value})
-            ends.append(changed.static_equilibrium().result().values[0])
-        found = (ends[0] - ends[1]) / (2.0 * scale)
-        sizes = np.abs(gain).max(axis=1) + 1e-2 * np.abs(gain).max()
-        assert np.all(np.abs(found - gain[:, k]) < 1e-7 * sizes)
+            values = changed.static_equilibrium().result().values[0, compared]
+            found = found + weight * values / (12.0 * step)
+        errors = np.abs(found - gain[:, k]) / (np.abs(gain).max(axis=1) + 1e-300)
+        # deformations are small beside the rotations that carry them
+        assert np.all(errors <= np.where(np.abs(gain).max(axis=1) < 1e-4, 3e-7, 1e-8))
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -177,15 +182,15 @@ def test_all_forms_have_the_same_response(name: str) -> None:
     space = SCENES[name]().state_space(descriptor=True)
     second, descriptor = space.second_order, space.descriptor
     assert descriptor is not None and len(descriptor.names) == len(descriptor.A)
-    for s in (3.0j, 0.5 + 40.0j):
+    for s in (40.0j, 0.5 + 200.0j):
         expected = response_at(space, s)
-        size = np.abs(expected).max(axis=1, keepdims=True) + 1e-12
+        size = np.abs(expected).max(axis=1, keepdims=True)
         p = np.linalg.solve(s**2 * second.M + s * second.C + second.K, second.B)
         found = second.F @ p + s * second.G @ p + second.D
         assert np.all(np.abs(found - expected) < 1e-9 * size)
         x = np.linalg.solve(s * descriptor.E - descriptor.A, descriptor.B)
         found = descriptor.C @ x + descriptor.D
-        assert np.all(np.abs(found - expected) < 1e-7 * size)
+        assert np.all(np.abs(found - expected) < 1e-6 * size)
     assert_allclose(second.M, second.M.T, atol=1e-12 * np.abs(second.M).max())
     assert np.linalg.eigvalsh(second.M)[0] > 0.0
 
