@@ -49,7 +49,6 @@ def test_every_block_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     run_page(page, tmp_path)
 
 
-<<<<<<< HEAD
 @pytest.mark.needs("gymnasium")
 def test_a_plant_is_an_environment_of_gymnasium(tmp_path: Path) -> None:
     run_page(DOCS / "howto" / "plant.md", tmp_path, ["gymnasium"])
@@ -62,16 +61,14 @@ def test_a_plant_is_in_a_loop_with_python_control(
     # scipy.stats takes the entry that hides sphinx for the package
     monkeypatch.delitem(sys.modules, "sphinx", raising=False)
     run_page(DOCS / "howto" / "plant.md", tmp_path, ["control"])
-=======
+
+
 @pytest.mark.needs("control")
-def test_the_page_on_state_spaces_runs_with_python_control(
+def test_a_state_space_goes_to_python_control(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(
-        sys.modules, "sphinx", raising=False
-    )  # scipy.signal asks for it
-    assert run_page(DOCS / "howto" / "state_space.md", tmp_path) > 6
->>>>>>> 2db5389a (docs: explain state space and frequency response)
+    monkeypatch.delitem(sys.modules, "sphinx", raising=False)
+    run_page(DOCS / "howto" / "state_space.md", tmp_path, ["control"])
 
 
 LINK = re.compile(r"\[`([\w.]+)`\]\s*\((\.\./[^)#]+\.py)\)")
