@@ -15,13 +15,14 @@ from sidtool.solver.compiler.kernels import Entry
 from sidtool.solver.compiler.records import RowsType
 from sidtool.solver.compiler.tables import TableType
 from sidtool.solver.dynamics import control_laws
+from sidtool.solver.functions.piecewise import N_INPUT_TERMS
 from sidtool.solver.integrators import loop_state, newton_iteration
 from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.system.sensors import SAMPLE_TOLERANCE
 
 from .kernel_objects import PREFIX, called_kernels
 from .memory_image import MemoryImage, memory_image
-from .output_terms import OutputTerms, input_coefficient
+from .output_terms import OutputTerms
 from .plant_table import PLANT, PlantTables
 
 #: Communication points are compared with this tolerance, relative to 1 s and the time.
@@ -49,6 +50,7 @@ def scene_header(
     constants["FREQUENT_FAILURES"] = newton_iteration.FREQUENT_FAILURES
     constants["FAILED_LAW"] = control_laws.FAILED_LAW
     constants["FAILURE_TIME"] = control_laws.FAILURE_TIME
+    constants["N_INPUT_TERMS"] = N_INPUT_TERMS
     constants["N_DENSE_POINTS"] = len(tables.plant.control.output_fractions) - 1
     numbers = {
         "START_TIME": system.scene.time.start,
@@ -175,13 +177,15 @@ def _time_data(tables: PlantTables) -> list[str]:
 def _input_data(
     tables: PlantTables, image: MemoryImage, inputs: tuple[str, ...]
 ) -> list[str]:
-    data = tables.system.arrays.real_data
-    words = [
-        image.word_of(data, input_coefficient(tables.system, name)) for name in inputs
-    ]
+    """The piece of a polynomial that each input is: its start, then coefficients."""
+    arrays, rows = tables.system.arrays, []
+    for name in inputs:
+        start = int(arrays.drive[tables.system.input_rows[name], at.D_DATA])
+        continuity = tables.system.scene.inputs[name].continuity
+        rows.append(f"{{{image.word_of(arrays.real_data, start)}, {continuity}}}")
     return [
-        f"enum {{ N_INPUTS = {len(words)} }};",
-        _array("int64_t input_words", map(str, [*words, 0])),
+        f"enum {{ N_INPUTS = {len(rows)} }};",
+        _array("struct { int64_t piece, continuity; } inputs", [*rows, "{0, 0}"]),
     ]
 
 
@@ -194,8 +198,6 @@ def _output_data(
         if location is None:
             return -1
         name, index = location
-        if name == "real_data":
-            return image.word_of(tables.system.arrays.real_data, index)
         of_output = name in ("wrench", "force", "body")
         return image.word_of(getattr(plant.output if of_output else plant, name), index)
 

@@ -290,12 +290,6 @@ def _refuse_undetermined(found: OutputTerms, tables: PlantTables) -> None:
 
 
 def _input_output(system: System, name: str) -> OutputTerms:
-    """The value of an input, which is a coefficient of its function."""
-    index = input_coefficient(system, parse_output(name).quantity)
-    return OutputTerms(name, 0.0, (Term(1.0, ("real_data", index), None),))
-
-
-def input_coefficient(system: System, name: str) -> int:
-    """Index in the real data of the value of an input."""
-    pieces, _, data, _ = system.arrays.drive[system.input_rows[name]]
-    return int(data + pieces)
+    """The value of an input at the communication point."""
+    index = list(system.scene.inputs).index(parse_output(name).quantity)
+    return OutputTerms(name, 0.0, (Term(1.0, ("input_values", index), None),))

@@ -239,6 +239,21 @@ static void interpolate_state(Plant *plant, double time)
     }
 }
 
+/* Value of an input at a time, and its rate: a cubic polynomial of the time since the begin
+   of its piece. */
+static double input_at(const Plant *plant, int index, double time, double *rate)
+{
+    const double *piece = (const double *)plant + inputs[index].piece;
+    double x = time - piece[0], value = 0.0, slope = 0.0;
+    for (int k = N_INPUT_TERMS; k >= 1; k--) {
+        slope = slope * x + value;
+        value = value * x + piece[k];
+    }
+    if (rate)
+        *rate = slope;
+    return value;
+}
+
 static int64_t restart(Plant *plant);
 
 /* State at the communication point on the constraints, with accelerations, forces and
@@ -255,6 +270,8 @@ static void find_outputs(Plant *plant)
     plant->interval[1] = plant->interval_end;
     plant->interval_time[0] = 0.5 * (plant->interval_start + plant->interval_end);
     interpolate_state(plant, plant->now);
+    for (int i = 0; i < N_INPUTS; i++)
+        plant->input_values[i] = input_at(plant, i, plant->now, NULL);
     sidtool_sample(plant->kernels, plant->system, plant->sampler_work,
                    plant->sampler_memory, ARRAY2(plant->constraint_tolerance),
                    ARRAY1(plant->time), ARRAY1(plant->interval), ARRAY2(plant->z),
@@ -301,6 +318,30 @@ static int64_t make_steps(Plant *plant, int64_t limit)
     return code;
 }
 
+/* Inputs that must not jump move to their new values until the end of the communication
+   step: along a straight line, or along a cubic polynomial that begins with the rate so far
+   and ends with the mean rate of the step. True if one moves. */
+static int choose_courses(Plant *plant, double end)
+{
+    int moves = 0;
+    for (int i = 0; i < N_INPUTS; i++) {
+        double *piece = (double *)plant + inputs[i].piece, goal = plant->input_goals[i];
+        int is_constant = piece[2] == 0.0 && piece[3] == 0.0 && piece[4] == 0.0;
+        if (inputs[i].continuity == 0 || (is_constant && piece[1] == goal))
+            continue;
+        double rate, value = input_at(plant, i, plant->now, &rate);
+        double length = end - plant->now, mean = (goal - value) / length;
+        double bend = inputs[i].continuity > 1 ? (mean - rate) / length : 0.0;
+        piece[0] = plant->now;
+        piece[1] = value;
+        piece[2] = bend == 0.0 ? mean : rate;
+        piece[3] = 2.0 * bend;
+        piece[4] = -bend / length;
+        moves = plant->must_restart = 1;
+    }
+    return moves;
+}
+
 /* True if an interval ends at a time but for rounding. */
 static int is_interval_end(const Plant *plant, double time)
 {
@@ -315,13 +356,14 @@ static int is_interval_end(const Plant *plant, double time)
 int64_t plant_advance(Plant *plant, double time)
 {
     struct StepLoopState *control = plant->control;
-    int64_t code = plant->must_restart ? restart(plant) : PLANT_OK;
-    if (code != PLANT_OK)
-        return code;
     if (time > plant_end_time() + TIME_TOLERANCE * (1.0 + fabs(time)))
         return PLANT_BEHIND_END;
     if (time > plant_end_time())
         time = plant_end_time();
+    int inputs_move = time > plant->now && choose_courses(plant, time);
+    int64_t code = plant->must_restart ? restart(plant) : PLANT_OK;
+    if (code != PLANT_OK)
+        return code;
     plant->outputs_known = 0;
     while (control->time < time) {
         if (is_interval_end(plant, time))
@@ -336,8 +378,9 @@ int64_t plant_advance(Plant *plant, double time)
         }
         int64_t limit = 1;
         control->stop = plant->interval_end;
-        if (control->fixed_step) {
+        if (inputs_move || control->fixed_step)
             control->stop = fmin(time, plant->interval_end);
+        if (control->fixed_step) {
             double length = control->stop - control->time;
             double count = fmax(1.0, ceil(length / FIXED_STEP - 1e-9));
             control->step = length / count;
@@ -398,16 +441,18 @@ size_t plant_n_outputs(void)
 
 double plant_input(const Plant *plant, size_t index)
 {
-    return ((const double *)plant)[input_words[index]];
+    return plant->input_goals[index];
 }
 
-/* The value holds from the communication point on. */
+/* A value that may jump holds from the communication point on. Others are reached at the end
+   of the next communication step. */
 void plant_set_input(Plant *plant, size_t index, double value)
 {
-    double *held = (double *)plant + input_words[index];
-    if (*held == value)
+    double *piece = (double *)plant + inputs[index].piece;
+    plant->input_goals[index] = value;
+    if (inputs[index].continuity > 0 || piece[1] == value)
         return;
-    *held = value;
+    piece[1] = value;
     if (plant->now == START_TIME)
         plant->last_sample_time = -INFINITY;
     plant->must_restart = 1;

@@ -65,6 +65,8 @@ class Plant(Table):
         State at `now` and what follows from it, see `Samples`.
     friction_forces
         Forces along coordinates with friction.
+    input_goals, input_values
+        Values that inputs were set to, and those at `now`.
     """
 
     now: float
@@ -99,6 +101,8 @@ class Plant(Table):
     factors: Reals2
     friction: Reals3
     friction_forces: Reals2
+    input_goals: Reals
+    input_values: Reals
 
 
 PLANT = TableType(Plant)
@@ -154,6 +158,8 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
         "factors": (1, len(system.forces)),
         "friction": (1, n_friction, output_sampling.N_FRICTION_OUTPUT),
         "friction_forces": (1, n_friction),
+        "input_goals": (len(system.scene.inputs),),
+        "input_values": (len(system.scene.inputs),),
     }
     plant = Plant(
         now=control.time,
@@ -177,4 +183,6 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
         constraint_tolerance=np.ascontiguousarray(start.tolerances),
         **{name: np.zeros(shape) for name, shape in arrays.items()},
     )
+    initial = [signal.initial for signal in system.scene.inputs.values()]
+    plant.input_goals[:] = plant.input_values[:] = initial
     return PlantTables(start, system, full, plant)

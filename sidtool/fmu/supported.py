@@ -76,15 +76,6 @@ def _unsupported(system: System) -> Iterator[tuple[str, str]]:
             )
         )
         yield f"control laws that are Python functions ({names})", "forces"
-    moving = [
-        name for name, signal in scene.inputs.items() if signal.interpolation != "hold"
-    ]
-    if moving:
-        listed = ", ".join(moving)
-        yield (
-            f"inputs that are not held between communication points ({listed})",
-            "inputs",
-        )
 
 
 def ignored_parts(scene: SceneFile) -> Iterator[Diagnostic]:

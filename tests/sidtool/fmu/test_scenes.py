@@ -160,7 +160,6 @@ def test_roots_and_products_are_outputs(tube: sidtool.SID) -> None:
 
 UNSUPPORTED = {
     "integrator": ({"accuracy.integrator": "dop853"}, "accuracy.integrator"),
-    "linear input": ({"inputs.load.interpolation": "linear"}, "inputs"),
     "stop": (
         {"events.end": {"quantity": "piston.x", "value": 1.0, "action": "stop"}},
         "events",

@@ -240,3 +240,43 @@ def test_two_exports_are_the_same_bytes(
     again = tmp_path / "machine.fmu"
     slider_crank().fmu(again, version=slider.version)
     assert again.read_bytes() == file.read_bytes()
+
+
+def test_linear_inputs_reach_their_values_at_the_end_of_steps(export: Export) -> None:
+    """Against a run with the same values as a table that straight lines join."""
+    linear = {"inputs.load.interpolation": "linear", "inputs.load.initial": 0.0}
+    scene = slider_crank(**linear, **{"accuracy.rtol": 1e-9, "time.output_step": 0.02})
+    rng = random.Random(3)
+    times = [0.02 * k for k in range(26)]
+    values = [0.0, *(rng.uniform(-200.0, 200.0) for _ in times[1:])]
+    result = scene.simulate(inputs={"load": (times, values)})
+    instance = Instance(export(scene))
+    rows = [instance.get()]
+    for time, value in zip(times[:-1], values[1:], strict=True):
+        instance.set("load", value)
+        assert instance.step(time, 0.02) == OK
+        rows.append(instance.get())
+    assert difference(rows, result) < 1e-7
+
+
+def test_a_smooth_input_drives_a_joint(export: Export) -> None:
+    """A position that an importer prescribes: as the plant in Python moves it."""
+    angle = {"initial": 0.0, "interpolation": "smooth", "unit": "rad"}
+    scene = slider_crank(
+        **{
+            "inputs.angle": angle,
+            "drives.crank_angle.function": {"type": "input", "name": "angle"},
+            "accuracy.rtol": 1e-9,
+        }
+    )
+    instance, plant = Instance(export(scene)), scene.compile().plant()
+    for k in range(20):
+        goal = 0.4 * np.sin(3.0 * 0.02 * (k + 1)) ** 2
+        instance.set("angle", goal)
+        plant.set(angle=goal)
+        assert instance.step(0.02 * k, 0.02) == OK
+        plant.advance(0.02)
+        assert abs(instance.get(["crank.angle"])[0] - goal) < 1e-10
+    for name in ("piston.x", "rod.q1"):
+        expected = plant[name]
+        assert abs(instance.get([name])[0] - expected) < 1e-8 * max(abs(expected), 1e-3)
