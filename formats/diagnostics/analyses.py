@@ -175,6 +175,24 @@ ENTRIES = (
         example={"change": 0.39},
     ),
     Entry(
+        "N727",
+        ERROR,
+        "there is no static equilibrium to linearise about",
+        "A state space belongs to an operating point, by default the static "
+        "equilibrium. The error behind it says why there is none.",
+        remedy='Linearise about the initial state, about = "start" (--about start), or '
+        "about a time of a run.",
+        example={},
+    ),
+    Entry(
+        "N728",
+        INFO,
+        "left out of the outputs: {names}, integrals along a run",
+        "Outputs of a state space follow from the state and the inputs. Energies that "
+        "are dissipated or supplied follow from all of the run before.",
+        example={"names": "energy.supplied"},
+    ),
+    Entry(
         "N714",
         WARNING,
         "growing, by up to exp({rate:.4g} t/s)",

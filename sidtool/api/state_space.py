@@ -56,7 +56,7 @@ def state_space(
         its velocities, or a time [s], up to which the scene is simulated
     inputs : names of inputs of the scene, default all
     outputs : any outputs that the tool knows, `*` for any letters, default the
-        recorded ones; integrals along a run, such as energy.supplied, are none
+        recorded ones; integrals along a run, such as energy.supplied, are left out
     descriptor : also return the form with all coordinates and multipliers
 
     The other arguments are those of `simulate`. States are independent coordinates,

@@ -335,7 +335,7 @@ def describe_equilibrium(equilibrium: Equilibrium) -> str:
             ]
         )
     ]
-    parts += _plain_notes(result)
+    parts += plain_notes(result)
     rows = state_rows(result)
     if rows:
         texts = [[name, f"{value:.10g}", unit] for name, value, unit in rows]
@@ -366,7 +366,7 @@ def describe_modes(modes: Linearisation) -> str:
         return "no natural modes: nothing can move"
     text: str = text_table(mode_header(modes), rows)
     text += f"\n\n{axes_of_frequencies(modes)}"
-    return "\n\n".join([text, *_plain_notes(modes)])
+    return "\n\n".join([text, *plain_notes(modes)])
 
 
 def has_rotating_axes(modes: Linearisation) -> bool:
@@ -464,12 +464,12 @@ def describe_inverse(result: Result) -> str:
     return "\n\n".join(
         [
             text_table(["force", "least", "greatest", "unit"], rows),
-            *_plain_notes(result),
+            *plain_notes(result),
         ]
     )
 
 
-def _plain_notes(result: WithDiagnostics) -> list[str]:
+def plain_notes(result: WithDiagnostics) -> list[str]:
     """Return the diagnostics without the warnings, which are printed before, as one
     paragraph.
     """

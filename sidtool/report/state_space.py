@@ -14,6 +14,7 @@ from sidtool.formats.file_names import check_ending
 from sidtool.formats.storage.atomic import atomic_path
 
 from .json_data import to_json_text
+from .result import plain_notes
 from .tables import counted_noun, named_values, text_table
 
 if TYPE_CHECKING:
@@ -24,9 +25,9 @@ FORMAT = "sidtool state space"
 RESPONSE_FORMAT = "sidtool frequency response"
 #: First column of a table of a frequency response.
 FREQUENCY_COLUMN = "frequency [Hz]"
-#: Rates of the states at a steady operating point below this part of the largest entry
-#: of A are rounding.
-_ROUNDING = 1e-6
+#: Eigenvalues below this part of the largest one are printed as zero: those of rigid
+#: motions are double, so that rounding moves them by its square root.
+_ROUNDING = 1e-8
 #: Eigenvalues and state rates in a printed table.
 MAX_LISTED = 20
 
@@ -65,13 +66,15 @@ def describe_state_space(space: StateSpace) -> str:
     parts.append(text_table(header, _shortened(states) + _shortened(rows)))
     values = space.eigenvalues
     values = values[values.imag >= 0.0]
+    rounding = _ROUNDING * np.abs(values).max(initial=0.0)
+    values = np.where(np.abs(values) > rounding, values, 0.0)
     table = [[f"{v.real:.6g}", f"{v.imag:.6g}", *_frequency_texts(v)] for v in values]
     parts.append(
         text_table(
             ["eigenvalue [1/s]", "imaginary", "Hz", "damping ratio"], _shortened(table)
         )
     )
-    parts += [f"note: {text}" for text in space.notes]
+    parts += plain_notes(space)
     return "\n\n".join(parts)
 
 

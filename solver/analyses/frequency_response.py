@@ -26,7 +26,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import INPUTS
 
-from .state_space import DERIVATIVE_NAMES, StateSpace
+from .state_space import DERIVATIVE_NAMES, NO_INPUTS, StateSpace
 
 #: Frequencies of a range without a number of them.
 DEFAULT_COUNT = 500
@@ -38,6 +38,10 @@ AROUND_RESONANCE = np.array(
 NO_DAMPING = 1e-9
 #: A peak is this part higher than the lowest response on either side of it.
 PROMINENCE = 1e-3
+#: Slower oscillations than this part of the largest eigenvalue are rigid motions.
+RIGID = 1e-7
+#: The mode of a peak differs less in its frequency, besides by two damping ratios.
+NEAR_MODE = 0.2
 _OPERATORS: dict[type, int] = {ast.Add: 1, ast.Sub: -1}
 _EXCITATION = (
     'an input, or a sum of inputs with factors such as "fx - 1j*fy" or "2*left + right"'
@@ -58,7 +62,8 @@ class Peak:
         inf for a mode without damping.
     mode_frequency, damping_ratio
         Of the mode with the largest part in it: |eigenvalue| / 2 pi [Hz] and
-        -Re / |eigenvalue|; nan where no mode oscillates.
+        -Re / |eigenvalue|; nan where its frequency is another one, as of a maximum
+        between two zeros.
     """
 
     output: str
@@ -123,10 +128,8 @@ def parse_excitation(text: str, known: Sequence[str]) -> dict[str, complex]:
     for name, factor in _terms(tree, 1.0, text):
         plain = name.removeprefix(f"{INPUTS}.")
         if plain not in known:
-            listed = ", ".join(known) or "nothing: the scene has no inputs"
-            raise InputError(
-                f"found {plain!r}", place="input", expected=f"one of {listed}"
-            )
+            expected = f"one of {', '.join(known)}" if known else NO_INPUTS
+            raise InputError(f"found {plain!r}", place="input", expected=expected)
         amplitudes[plain] = amplitudes.get(plain, 0.0) + factor
     return amplitudes
 
@@ -237,9 +240,9 @@ def frequency_response(
     if excitation is None:
         if len(space.input_names) != 1:
             raise InputError(
-                f"the state space has {len(space.input_names)} inputs",
+                f"the state space has {len(space.input_names) or 'no'} inputs",
                 place="input",
-                expected=_EXCITATION,
+                expected=_EXCITATION if space.input_names else NO_INPUTS,
             )
         excitation = next(iter(known))
     given = excitation if isinstance(excitation, str) else _excitation_text(excitation)
@@ -376,7 +379,8 @@ class _Transfer:
         return values
 
     def leading_mode(self, row: int, frequency: float) -> complex | None:
-        """The eigenvalue of the oscillation with the largest part in an output."""
+        """The eigenvalue of the oscillation with the largest part in an output, if its
+        frequency is near."""
         omega = 2.0 * np.pi * frequency
         with np.errstate(divide="ignore", invalid="ignore"):
             parts = np.abs(
@@ -384,10 +388,14 @@ class _Transfer:
                 * (self.participation @ self.amplitudes(omega))
                 / (1j * omega - self.eigenvalues)
             )
-        parts = np.where(self.eigenvalues.imag > 0.0, np.nan_to_num(parts), 0.0)
+        values = self.eigenvalues
+        slowest = RIGID * np.abs(values).max(initial=0.0)
+        parts = np.where(values.imag > slowest, np.nan_to_num(parts), 0.0)
         if not parts.any():
             return None
-        return complex(self.eigenvalues[int(np.argmax(parts))])
+        value = complex(values[int(np.argmax(parts))])
+        width = NEAR_MODE + 2.0 * abs(value.real) / abs(value)
+        return value if abs(omega - abs(value)) < width * abs(value) else None
 
 
 def _with_resonances(grid: Array, transfer: _Transfer) -> Array:

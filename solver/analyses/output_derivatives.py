@@ -13,13 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.formats.scene import parse_output
 
 from ..diagnostics.result_notes import OutputNotes
 from ..output.columns import evaluate_outputs
-from ..output.energies import INTEGRATED
 from ..output.samples import StateSampler, sample_known_motion
 from ..system.characteristic_sizes import coordinate_sizes
 from ..system.errors import SimulationError
@@ -58,8 +55,6 @@ class OutputEvaluation:
 
     Raises
     ------
-    InputError
-        An output is an integral along a run.
     SimulationError
         An output is not a number at the state.
     """
@@ -69,14 +64,6 @@ class OutputEvaluation:
         self.z, self.v = equations.z, equations.v
         self.system: System = mechanics.system
         self.names = self.system.scene.outputs.record
-        for text in self.names:
-            name = parse_output(text)
-            if name.owner == "energy" and name.quantity in INTEGRATED:
-                raise InputError(
-                    f"{text} is an integral along a run",
-                    place="outputs",
-                    expected="an output that follows from the state",
-                )
         closed = np.full((self.system.n_rows, 2), np.inf)
         self._sampler = StateSampler(self.system, closed)
         self._sizes = coordinate_sizes(self.system) / mechanics.scale

@@ -13,7 +13,7 @@ run leave terms out.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -26,10 +26,11 @@ from sidtool.formats.diagnostics import (
     diagnose,
     without,
 )
-from sidtool.formats.scene import INPUTS, unit_of
+from sidtool.formats.scene import INPUTS, parse_output, unit_of
 
 from ..diagnostics.body_loads import find_state_warnings
 from ..output.columns import multiplier_names
+from ..output.energies import INTEGRATED
 from ..system.errors import SimulationError
 from ..system.system import System
 from .dense_equations import DenseEquations
@@ -61,6 +62,8 @@ DERIVATIVE_NAMES = ("", ".rate", ".acceleration")
 #: Responses that change by a smaller part are constant; responses below this part of
 #: the largest in the same unit are rounding.
 EQUAL_RESPONSE, ROUNDED_RESPONSE = 1e-3, 1e-7
+#: What is expected where a scene has no inputs.
+NO_INPUTS = "a table [inputs.NAME] in the scene, and a force or a drive that takes it"
 _SQUARED = "\N{SUPERSCRIPT TWO}"
 
 
@@ -212,15 +215,21 @@ def state_space(
     Raises
     ------
     InputError
-        There is no such input or state; an output is an integral along a run; friction
-        of a joint has no derivative; a descriptor form is requested of an input that
-        prescribes a motion.
+        There is no such input or state; friction of a joint has no derivative; a
+        descriptor form is requested of an input that prescribes a motion.
     SimulationError
         There is no static equilibrium, the state is a singular configuration, or its
         inertia is not positive; an output is not a number there.
     """
     names = _checked_inputs(system, inputs)
-    point = operating_point(system, about, state, time)
+    system, integrals = _without_integrals(system)
+    try:
+        point = operating_point(system, about, state, time)
+    except SimulationError as error:
+        if about != "static" or state is not None:
+            raise
+        causes = diagnose("N727"), *error.diagnostics
+        raise SimulationError(causes, error.result) from None
     z, v, t = point.z, point.v, point.t
     system, coefficients = with_polynomial_inputs(point.system, t)
     mechanics = equations_at(system, t, z, v)
@@ -251,6 +260,7 @@ def state_space(
         *mechanics.notes(),
         *point.law_diagnostics,
         *(_derivative_note(effect) for effect in effects if effect.order),
+        *((diagnose("N728", names=integrals),) if integrals else ()),
     )
     scene = system.scene
     return StateSpace(
@@ -279,6 +289,21 @@ def state_space(
         diagnostics=without(found, scene.diagnostics.ignore),
         title=scene.title,
     )
+
+
+def _without_integrals(system: System) -> tuple[System, tuple[str, ...]]:
+    """The system that records no integrals along a run, and their names."""
+    outputs = system.scene.outputs
+    names = [parse_output(text) for text in outputs.record]
+    is_integral = [n.owner == "energy" and n.quantity in INTEGRATED for n in names]
+    if not any(is_integral):
+        return system, ()
+    pairs = [*zip(outputs.record, is_integral, strict=True)]
+    record = tuple(text for text, integral in pairs if not integral)
+    changed = outputs.model_copy(update={"record": record})
+    scene = system.scene.model_copy(update={"outputs": changed})
+    left = tuple(text for text, integral in pairs if integral)
+    return replace(system, scene=scene), left
 
 
 class _Linearised:
@@ -432,10 +457,8 @@ def _checked_inputs(system: System, names: Sequence[str] | None) -> tuple[str, .
     plain = tuple(name.removeprefix(f"{INPUTS}.") for name in names)
     for name in plain:
         if name not in known:
-            expected = ", ".join(known) or "an input in the table [inputs] of the scene"
-            raise InputError(
-                f"found {name!r}", place="inputs", expected=f"one of {expected}"
-            )
+            expected = f"one of {', '.join(known)}" if known else NO_INPUTS
+            raise InputError(f"found {name!r}", place="inputs", expected=expected)
     return tuple(dict.fromkeys(plain))
 
 

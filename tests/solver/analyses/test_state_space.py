@@ -286,7 +286,7 @@ def two_planes() -> Callable[[], sidtool.Scene]:
     ("settings", "place"),
     [
         ({"inputs": ["torqe"]}, "inputs"),
-        ({"outputs": ["energy.supplied"]}, "outputs"),
+        ({"outputs": ["arm.tip.q"]}, "outputs.record[0]"),
         ({"about": "middle"}, "about"),
         ({"about": -1.0}, "about"),
     ],
@@ -295,3 +295,16 @@ def test_wrong_requests_are_refused(settings: dict[str, Any], place: str) -> Non
     with pytest.raises(sidtool.InputError) as caught:
         pendulum().state_space(**settings)
     assert caught.value.place == place
+
+
+def test_integrals_along_a_run_are_left_out() -> None:
+    space = pendulum().state_space(outputs=["energy.supplied", "pivot.angle"])
+    assert space.output_names == ("pivot.angle",) and "N728" in codes(space)
+
+
+def test_without_an_equilibrium_there_is_the_start() -> None:
+    falling = pendulum(joints={}, forces={}, outputs={"record": ["arm.y"]})
+    with pytest.raises(sidtool.SimulationError) as caught:
+        falling.state_space()
+    assert [each.code for each in caught.value.diagnostics][:2] == ["N727", "N701"]
+    assert falling.state_space(about="start").A.shape == (6, 6)
