@@ -141,7 +141,7 @@ WORDS = (
     "Campbell Guyan RBE2 RBE3 Simscape SIMPACK Abaqus ANSYS Nastran Exudyn MBSim MBDyn "
     "Modelica OpenFAST superelement substructure transfer co-simulation Hurty Rayleigh "
     "Craig-Bampton whirl Coleman clearance Coulomb Stribeck bushing motor PID notebook "
-    "pandas ParaView restart servo gear"
+    "pandas ParaView restart servo gear FMU FRF Bode linmod"
 )
 
 

@@ -7,12 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import sidtool
 from sidtool.formats.base.sid import Array
 
 FOUNDING = Path("examples/slider_crank/slider_crank.toml")
 TIMES = np.arange(1, 11) * 0.1
+ARM_HANGING = {
+    "mass": 2.0,
+    "inertia": 0.05,
+    "initial": {"position": [0.0, -0.4], "angle": -np.pi / 2},
+    "markers": {"pivot": {"position": [-0.4, 0.0]}},
+}
 VALUES = 3.0 * np.sin(7.0 * TIMES)
 #: Of the outputs of a plant and of a run with the same steps.
 ROUNDING = 1e-12
@@ -218,6 +225,27 @@ def test_sampled_laws_are_sampled_at_their_times(calls: int) -> None:
         plant.advance(1.0 / calls)
     assert plant.time == pytest.approx(1.0, abs=1e-12)
     assert plant["pivot.angle"] == pytest.approx(expected, abs=1e-8)
+
+
+def test_small_motions_are_those_of_the_state_space() -> None:
+    """Torques are held between samples, so that x' = Ad x + Bd u is exact there."""
+    scene = pendulum(bodies={"arm": ARM_HANGING})
+    space = scene.state_space(outputs=["pivot.angle", "pivot.angle_rate"])
+    n, span = len(space.A), 0.02
+    both = np.zeros((n + 1, n + 1))
+    both[:n, :n], both[:n, n:] = space.A, space.B
+    discrete = expm(span * both)[:n]
+    plant = scene.compile().plant(rtol=1e-11)
+    rest, x = plant.read("pivot.angle", "pivot.angle_rate"), np.zeros(n)
+    difference, largest = 0.0, 0.0
+    for torque in 1e-3 * np.sin(np.arange(40.0)):
+        plant.set(torque=torque)
+        plant.advance(span)
+        x = discrete @ np.append(x, torque)
+        moved = plant.read("pivot.angle", "pivot.angle_rate") - rest
+        difference = max(difference, float(np.abs(moved - space.C @ x).max()))
+        largest = max(largest, float(np.abs(moved).max()))
+    assert difference < 1e-6 * largest
 
 
 def test_an_event_ends_the_motion_until_it_is_reset() -> None:
