@@ -20,6 +20,7 @@ from .base.compliance_shares import DIRECTIONS, ComplianceShares
 from .base.errors import InputError
 from .base.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Dialect, Node, Taylor
 from .base.stress import has_peak_nodes, stress_nodes
+from .diagnostics import Diagnostic, plain_text
 from .diagnostics.hdf5 import read_diagnostics, write_diagnostics
 from .storage.hdf5_files import (
     HDF5_SIGNATURE,
@@ -215,17 +216,20 @@ class SidReader:
             for _, group in sorted(file["extra"].items())
         }
         peaks = file.attrs.get("has_peak_nodes")
+        dialect, notes = _parse_dialect(file.attrs["dialect"])
         return SID(
             mass=float(file.attrs["mass"]),
             labels=tuple(self._texts(file["labels"])),
             nodes=self._nodes(file["nodes"]),
             title=_decode_text(file.attrs["title"]),
             extra=extra,
-            dialect=_parse_dialect(file.attrs["dialect"]),
+            dialect=dialect,
             written_by=_decode_text(file.attrs.get("written_by", "sidtool")),
             carried=self._carried(file),
             diagnostics=(
-                read_diagnostics(file["diagnostics"]) if "diagnostics" in file else ()
+                read_diagnostics(file["diagnostics"])
+                if "diagnostics" in file
+                else notes
             ),
             from_matrices=bool(file.attrs.get("from_matrices", False)),
             has_peak_nodes=None if peaks is None else bool(peaks),
@@ -313,13 +317,13 @@ class SidReader:
         )
 
 
-def _parse_dialect(text: object) -> Dialect:
+def _parse_dialect(text: object) -> tuple[Dialect, tuple[Diagnostic, ...]]:
     stored = json.loads(_decode_text(text))
     known = {item.name: stored[item.name] for item in fields(Dialect)}
-    notes = known.pop("notes")
+    notes = stored.get("notes", [])  # of files of sidtool 0.1
     if not all(isinstance(value, str) for value in (*known.values(), *notes)):
         raise ValueError("the dialect is not made of texts")
-    return Dialect(**known, notes=tuple(notes))
+    return Dialect(**known), tuple(map(plain_text, notes))
 
 
 def _decode_text(value: object) -> str:

@@ -35,6 +35,9 @@ class StudyPoint(Table):
     errors: dict[str, float] = Field(
         default_factory=dict, description="relative, of single outputs"
     )
+    diagnostics: tuple[dict[str, Any], ...] = Field(
+        default=(), description="errors and warnings of the run, as in JSON of a run"
+    )
 
 
 class StudyFile(Table):
@@ -50,7 +53,7 @@ class StudyFile(Table):
         default=("integrator",), description="axes with several values"
     )
     diagnostics: tuple[dict[str, Any], ...] = Field(
-        default=(), description="of the reference, as in JSON of a run"
+        default=(), description="of the study and its reference, as in JSON of a run"
     )
     points: tuple[StudyPoint, ...]
 

@@ -127,7 +127,6 @@ class Dialect:
     symmetric : "both" or "lower", the stored halves of symmetric matrices
     exponent : the letter before exponents, "D" or "E", "" for none
     name : the name of the body after ``new modal =``
-    notes : what a reader had to guess or found contradictory
     """
 
     writer: str = "sidtool"
@@ -138,7 +137,6 @@ class Dialect:
     symmetric: str = "both"
     exponent: str = "D"
     name: str = ""
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

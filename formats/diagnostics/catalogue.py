@@ -1,6 +1,19 @@
 """All diagnostics by code."""
 
-from . import analyses, conversion, export, laws, run, scene, stops, validity
+from . import (
+    accuracy,
+    analyses,
+    conversion,
+    export,
+    files,
+    identities,
+    laws,
+    run,
+    scene,
+    stops,
+    studies,
+    validity,
+)
 from .entry import Entry
 
 #: Subject of the codes of each hundred.
@@ -10,13 +23,28 @@ GROUPS = {
     "N3": "Run and integration",
     "N4": "Validity: small deformations and shape functions",
     "N5": "Friction, force laws and control laws",
-    "N6": "Export to other programs",
-    "N7": "Static equilibrium, natural modes and inverse dynamics",
+    "N6": "Export to other programs, accuracy on request",
+    "N7": "Static equilibrium, natural modes, inverse dynamics and studies",
+    "N8": "Files and pictures",
+    "N9": "Identities, units and comparison of SIDs",
 }
 
 #: Entry of each code.
 CATALOGUE: dict[str, Entry] = {}
-for _module in (conversion, scene, stops, run, validity, laws, export, analyses):
+for _module in (
+    conversion,
+    scene,
+    stops,
+    run,
+    validity,
+    laws,
+    export,
+    accuracy,
+    analyses,
+    studies,
+    files,
+    identities,
+):
     for _entry in _module.ENTRIES:
         assert _entry.code not in CATALOGUE, _entry.code
         CATALOGUE[_entry.code] = _entry

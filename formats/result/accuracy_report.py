@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,21 @@ class OutputError(Table):
         """Error relative to the variation."""
         return self.error / self.variation if self.variation else 0.0
 
+    def values(self) -> dict[str, Any]:
+        """Return values for a diagnostic.
+
+        Returns
+        -------
+        output, amount (with its unit, in words), error (in the unit of the output) and
+        share (of what is allowed)
+        """
+        return {
+            "output": self.name,
+            "amount": f"{self.error:.2g} {self.unit}".rstrip(),
+            "error": self.error,
+            "share": self.error / self.allowed,
+        }
+
 
 class BudgetLine(Table):
     """One kind of choice: what it adds to the errors, and what it saves."""
@@ -67,6 +82,7 @@ class Decision(Table):
         "geometric stiffening",
         "quadratic inertia",
         "space",
+        "static shape functions",
     ]
     number: int | None = Field(default=None, description="of the shape function")
     numbers: tuple[int, ...] = Field(
@@ -77,7 +93,9 @@ class Decision(Table):
     allowed: float = Field(description="requested error of it")
     unit: str = ""
     kept: bool
-    sentence: str
+    runs_without: bool = Field(
+        default=True, description="false: the scene does not run without it"
+    )
 
 
 class AccuracyReport(Table):
@@ -87,12 +105,8 @@ class AccuracyReport(Table):
     outputs: tuple[OutputError, ...]
     budget: tuple[BudgetLine, ...]
     decisions: tuple[Decision, ...]
-    sentences: tuple[str, ...] = Field(description="decisions and all else, in words")
     runs: int = Field(description="that were made to choose")
     seconds: float = Field(description="that choosing took")
-    notes: tuple[str, ...] = Field(
-        default=(), description="of the run that errors are measured against"
-    )
     searched: bool = Field(
         default=True, description="false: what was found before was kept and used"
     )
@@ -292,6 +306,13 @@ def _missing_stiffening(code: str, name: str, found: LoadStiffening) -> Diagnost
         load=found.load,
         remedy=found.remedy,
     )
+
+
+def stiffening_diagnostic(name: str, found: LoadStiffening) -> Diagnostic:
+    """How loads change the stiffness of a body whose SID lacks it (N404 to N408)."""
+    if found.diverges:
+        return divergence_diagnostic(name, found)
+    return _missing_stiffening("N404", name, found)
 
 
 def divergence_diagnostic(name: str, found: LoadStiffening) -> Diagnostic:

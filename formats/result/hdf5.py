@@ -12,6 +12,7 @@ Version 1 held all lists as attributes, the names as attribute of each table.
 The file has a check sum, see `storage/hdf5_files.py`.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -200,6 +201,7 @@ def _check_format(file: h5py.File, path: str | Path) -> None:
 
 def _read_content(file: h5py.File, path: Path) -> Result:
     parts: dict[str, Any] = {"t": np.asarray(file["t"][()], float)}
+    more: tuple[Diagnostic, ...] = ()
     for table, names in TABLES.items():
         parts[table] = np.asarray(file[table][()], float)
         parts[names] = _read_text_list(file, f"names/{table}", file[table], "names")
@@ -209,17 +211,28 @@ def _read_content(file: h5py.File, path: Path) -> Result:
     parts["bodies"] = read_bodies(file.get("bodies"))
     parts["events"] = read_events(file.get("events"))
     if "accuracy" in file:
-        text = file["accuracy"].asstr()[()]
-        parts["accuracy"] = AccuracyReport.model_validate_json(text)
+        parts["accuracy"], more = _read_accuracy(file["accuracy"].asstr()[()])
     parts["sids"] = read_sids(file.get("sids"), str(path))
     return Result(
         title=str(file.attrs["title"]),
         completed=bool(file.attrs["completed"]),
         message=str(file.attrs["message"]),
-        diagnostics=_read_diagnostics(file),
+        diagnostics=(*_read_diagnostics(file), *more),
         scene=file["scene"].asstr()[()],
         **parts,
     )
+
+
+def _read_accuracy(text: str) -> tuple[AccuracyReport, tuple[Diagnostic, ...]]:
+    """The report of an accuracy; sentences of sidtool 0.1 are diagnostics without a
+    code.
+    """
+    report = json.loads(text)
+    found = tuple(map(plain_text, report.pop("sentences", ())))
+    report.pop("notes", None)
+    for decision in report["decisions"]:
+        decision.pop("sentence", None)
+    return AccuracyReport.model_validate_json(json.dumps(report)), found
 
 
 def _read_diagnostics(file: h5py.File) -> tuple[Diagnostic, ...]:

@@ -77,7 +77,6 @@ def assemble(raw: RawFile, source: str) -> SID:
         symmetric=_stored_halves(raw),
         exponent=_exponent_letter(raw),
         name=raw.name,
-        notes=notes.texts(),
     )
     return SID(
         mass=raw.reference.mass,
@@ -90,6 +89,7 @@ def assemble(raw: RawFile, source: str) -> SID:
         carried=marked.carried,
         from_matrices=marked.from_matrices,
         has_peak_nodes=marked.has_peak_nodes,
+        diagnostics=notes.diagnostics(),
         **blocks,  # type: ignore[arg-type]
     )
 
@@ -175,7 +175,8 @@ def _mirror_tensors(tensors: Array, notes: ReadingNotes) -> Array:
     transposed = np.swapaxes(full, -1, -2)
     difference = np.abs(full - transposed).max(initial=0.0)
     if difference > PRINT_NOISE * np.abs(full).max(initial=0.0):
-        notes.add("is not symmetric; the mean of its halves was taken", "J")
+        problem, taken = "not symmetric", "the mean of its halves is used"
+        notes.add("N840", "J", problem=problem, taken=taken, remedy="")
     return symmetrise(full)
 
 
@@ -199,8 +200,7 @@ def _detect_layouts(
     for name in errors:
         layouts[name], certain = layout.choose_layout(errors[name], hints[name])
         if not certain and nq > 1 and blocks[name].m0.any():
-            remark = f"no identity proves its column layout; read {layouts[name]}-major"
-            notes.add(remark, name)
+            notes.add("N841", name, layout=layouts[name])
     return layouts["Gr"], layouts["Ge"]
 
 
@@ -235,13 +235,12 @@ def _note_counts(raw: RawFile, notes: ReadingNotes) -> None:
     counts = (len(raw.nodes), raw.reference.nq)
     if raw.counts not in (None, counts):
         nodes, modes = raw.counts or counts
-        notes.add(
-            f"the first line promises {nodes} nodes and {modes} modes, "
-            f"the file has {counts[0]} and {counts[1]}"
-        )
+        announced = f"{nodes} nodes and {modes} modes"
+        notes.add("N842", announced=announced, found=f"{counts[0]} and {counts[1]}")
     if raw.reference.missing_labels:
         count = raw.reference.missing_labels
-        notes.add(f"{count} of {counts[1]} elastic coordinates have no label")
+        found = f"{counts[1] - count} labels"
+        notes.add("N842", announced=f"{counts[1]} elastic coordinates", found=found)
 
 
 def _note_oe(oe: Taylor, notes: ReadingNotes) -> None:
@@ -251,7 +250,9 @@ def _note_oe(oe: Taylor, notes: ReadingNotes) -> None:
     asymmetry = np.abs(oe.m1 - np.swapaxes(oe.m1, 0, 1)).max()
     relative = asymmetry / np.abs(oe.m1).max() if asymmetry else 0.0
     if relative > PRINT_NOISE:
-        notes.add(f"first order is not symmetric in the modes ({relative:.1e})", "Oe")
+        problem = f"first order is not symmetric in the modes ({relative:.1e})"
+        remedy = "`convert --repair` makes it symmetric."
+        notes.add("N840", "Oe", problem=problem, taken="used as it is", remedy=remedy)
 
 
 def _note_orientation(
@@ -264,7 +265,10 @@ def _note_orientation(
         return
     for node in nodes:
         if np.abs(node.AP.m0 - np.eye(3)).max() > PRINT_NOISE:
-            remark = (
-                "FEMBeam2SID writes the transpose of this orientation; kept as read"
+            notes.add(
+                "N840",
+                f"node {node.id}, AP",
+                problem="FEMBeam2SID writes the transpose of this orientation",
+                taken="used as it is",
+                remedy="`convert --repair` transposes it.",
             )
-            notes.add(remark, f"node {node.id}, AP")

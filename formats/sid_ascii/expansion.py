@@ -66,7 +66,8 @@ def dense_expansion(
         mn = _scatter(raw, MN, (count, *shape), to)
     order = header_value(raw, "order", 1 if m1 is not None else 0)
     if order == 0 and m1 is not None:
-        to.notes.add("has first-order terms although it declares order 0", place)
+        problem = "has first-order terms, but declares order 0"
+        to.notes.add("N840", place, problem=problem, taken="they are used", remedy="")
     return Taylor(m0, m1, mn, order)
 
 
@@ -161,8 +162,8 @@ def _m0(
         return _mirror_halves(dense, present.reshape(shape), place, to)
     if not _is_consistent(dense, structure):
         names = ("zero", "diagonal", "symmetric", "general", "the identity")
-        remark = f"has other entries than its declared structure ({names[structure]})"
-        to.notes.add(remark, place)
+        problem = f"has other entries than {names[structure]}, its declared structure"
+        to.notes.add("N840", place, problem=problem, taken="they are used", remedy="")
     return dense
 
 
@@ -185,5 +186,6 @@ def _mirror_halves(
     difference = np.abs(full - full.T).max()
     if difference <= PRINT_NOISE * np.abs(full).max():
         return symmetrise(full)
-    to.notes.add("is declared symmetric, but its halves differ", place)
+    problem = "declared symmetric, but its halves differ"
+    to.notes.add("N840", place, problem=problem, taken="both are used", remedy="")
     return full

@@ -1,13 +1,14 @@
-"""Lines of a SID file, the numbers on them, and notes on what the reader assumed."""
+"""Lines of a SID file, the numbers on them, and diagnostics of the reader."""
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
 from ..base.errors import InputError
 from ..base.sid import Array
+from ..diagnostics import Diagnostic, diagnose
 
 CHUNK = 1 << 18
 MAX_TITLE_LENGTH = 100_000
@@ -193,24 +194,25 @@ def shorten(text: str) -> str:
 
 
 class ReadingNotes:
-    """Notes by kind, each with its first location and its count."""
+    """Diagnostics of reading, each with its first location and its count."""
 
     def __init__(self) -> None:
-        self._places: dict[str, list[str]] = {}
+        self._places: dict[tuple[str, tuple[tuple[str, str], ...]], list[str]] = {}
 
-    def add(self, remark: str, place: str = "") -> None:
-        """Note a remark, and where it applies."""
-        self._places.setdefault(remark, []).append(place)
+    def add(self, code: str, place: str = "", **values: str) -> None:
+        """Note a diagnostic, and the block or node to which it applies."""
+        key = code, tuple(values.items())
+        self._places.setdefault(key, []).append(place)
 
-    def texts(self) -> tuple[str, ...]:
-        """One text per remark."""
-        return tuple(
-            _note_text(remark, places) for remark, places in self._places.items()
-        )
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Return one diagnostic for each code with the same values."""
+        found = []
+        for (code, pairs), places in self._places.items():
+            values: dict[str, Any] = dict(pairs)
+            found.append(diagnose(code, _subject(places), **values))
+        return tuple(found)
 
 
-def _note_text(remark: str, places: list[str]) -> str:
-    if not places[0]:
-        return remark
+def _subject(places: list[str]) -> str:
     more = f" and {len(places) - 1} more" if len(places) > 1 else ""
-    return f"{places[0]}{more}: {remark}"
+    return f"{places[0]}{more}"

@@ -13,7 +13,7 @@ long_run_reference    reference of a long run
 error_bounds          a posteriori error bounds
 error_budget          contribution of each choice
 trimmed_sid           SID with only what a scene needs
-report                sentences of the report
+report                decisions, and diagnostics of what errors do not include
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.geometric_stiffening import has_second_order_field
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, expand_names, is_elastic, parse_output
@@ -87,14 +88,14 @@ class FrameSelection:
     ----------
     theory : (n,) terms neglected by linear theory, zero where they were not measured
     chosen : frames of bodies that were put in other frames
-    sentences : reasons
+    diagnostics : of frames that were changed, or not compared
     """
 
     runs: Runs
     reference: Reference
     theory: Array
     chosen: Mapping[str, str] = field(default_factory=dict)
-    sentences: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
 
 
 def select_frames(
@@ -114,52 +115,37 @@ def select_frames(
     worst = max(expected, key=expected.__getitem__)
     least = float((reference.allowed / np.maximum(reference.variation, 1e-300)).min())
     if NEGLECT_FACTOR * expected[worst] < MIN_NEGLECT_SHARE * least:
-        reason = f"{worst} deforms so little that others change {expected[worst]:.0e}"
-        return _neglect_notes(
-            as_is, f"their own, not searched, as {reason} of the outputs"
-        )
+        return as_is
     others = dict(_alternative_frames(runs, reference, bodies))
-    missing = ", ".join(n for n in bodies if n not in others)
-    more = f"; those of {missing} belong to what the scene says" if missing else ""
+    reason = "the scene refers to its frame, or it has no other"
+    as_is = _not_compared(as_is, [n for n in bodies if n not in others], reason)
     if not others:
-        return _neglect_notes(as_is, f"not judged{more}")
+        return as_is
     errors = _changes_by_frames(runs, reference, others)
     if not np.isfinite(errors[np.isfinite(reference.allowed)]).all():
-        return _neglect_notes(
-            as_is, f"not judged, as the scene does not run in others{more}"
-        )
+        reason = "the scene does not run in other frames"
+        return _not_compared(as_is, list(others), reason)
     better = {n: o.frame for n, o in others.items() if o.better}
     pinned = [
         n for n in _frame_dependent_outputs(runs) if parse_output(n).owner in better
     ]
-    use, affected = (
-        reference.used_share(errors),
-        _most_affected_output(errors, runs, reference),
-    )
+    use = reference.used_share(errors)
     if better and not (fixed or pinned) and MIN_CHANGE_SHARE < use <= MAX_CHANGE_SHARE:
-        words = " and ".join(f"{others[n].words} of {n}" for n in better)
         searched = _search_in_frames(runs, reference, request, better, errors)
-        reason = (
-            f"{words}, in which bodies deform least; that changes {affected}; places "
-        )
-        reason += (
-            "and displacements of these bodies that are not recorded are those there"
+        changed = diagnose(
+            "N608",
+            ", ".join(better),
+            frames=list(better.values()),
+            **reference.largest_error(runs.names, errors).values(),
         )
         return replace(
-            _neglect_notes(searched, f"{reason}{more}"), theory=NEGLECT_SAFETY * errors
+            searched,
+            theory=NEGLECT_SAFETY * errors,
+            diagnostics=(*as_is.diagnostics, changed),
         )
     unknown = any(o.better or not o.lacks_second_order for o in others.values())
-    searched = replace(
-        as_is, theory=(NEGLECT_SAFETY_UNKNOWN if unknown else NEGLECT_SAFETY) * errors
-    )
-    words = " and ".join(f"{o.words} of {n}" for n, o in others.items())
-    means = f" and what {pinned[0]} means" if pinned else ""
-    remedy = (
-        _suggested_remedy(others) if reference.used_share(searched.theory) > 1.0 else ""
-    )
-    return _neglect_notes(
-        searched, f"their own; {words} would change {affected}{means}{remedy}{more}"
-    )
+    safety = NEGLECT_SAFETY_UNKNOWN if unknown else NEGLECT_SAFETY
+    return replace(as_is, theory=safety * errors)
 
 
 def neglected_order(name: str, result: Result) -> float:
@@ -170,29 +156,17 @@ def neglected_order(name: str, result: Result) -> float:
     return float(size ** (2 if has_second_order_field(sid) else 1))
 
 
-def _neglect_notes(selection: FrameSelection, text: str) -> FrameSelection:
-    return replace(selection, sentences=(f"frames: {text}",))
-
-
-def _most_affected_output(errors: Array, runs: Runs, reference: Reference) -> str:
-    """Return the output with the largest error, as text."""
-    row = reference.worst_output(errors)
-    amount = f"{errors[row]:.1e} {reference.units[row]}".rstrip()
-    return f"{amount} in {runs.names[row]}"
-
-
-def _suggested_remedy(others: dict[str, AlternativeFrame]) -> str:
-    """Suggest a remedy if the neglected terms exceed the request."""
-    linear_sids = [n for n, other in others.items() if other.lacks_second_order]
-    less = "bodies cut into several by joints of type fixed leave"
-    if linear_sids:
-        less = f"a SID of {', '.join(linear_sids)} with geometric stiffening leaves"
-    better = " and ".join(f"{o.words} of {n}" for n, o in others.items() if o.better)
-    also = f", {better} too" if better else ""
-    return (
-        ". Errors are those against small deformations in the frames that the SIDs "
-        f"have, which leave out more than was asked for; {less} less out{also}"
-    )
+def _not_compared(
+    selection: FrameSelection, bodies: list[str], reason: str
+) -> FrameSelection:
+    """Return the selection with a diagnostic on bodies whose frame was not compared
+    (N603).
+    """
+    if not bodies:
+        return selection
+    what = "the effect of its body frame"
+    found = diagnose("N603", ", ".join(bodies), what=what, reason=reason, remedy="")
+    return replace(selection, diagnostics=(*selection.diagnostics, found))
 
 
 def _changes_by_frames(

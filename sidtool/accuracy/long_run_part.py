@@ -18,6 +18,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.result import BudgetLine
 
 from ..measurement.candidates import Choice
@@ -211,7 +212,8 @@ def _initial_interval(
     frames = select_frames(part, reference, request, fixed=True)
     if reference.used_share(reference.digits) > MAX_DIGITS_SHARE:
         return None
-    return InitialInterval(part, reference, frames.theory, (*digits, *frames.sentences))
+    found = (*digits, *frames.diagnostics)
+    return InitialInterval(part, reference, frames.theory, found)
 
 
 def _shows_motion(times: Array, values: Array, end: float) -> bool:
@@ -267,7 +269,7 @@ def _verify_selection(
                 replace(part.reference, allowed=verified_reference.allowed),
                 part.theory,
                 _budget_lines(part, verified_reference, selected, chosen),
-                (_interval_notes(runs, part), *part.sentences),
+                (_interval_diagnostic(runs, part), *part.diagnostics),
             )
         share *= REDUCTION_FACTOR * (FULL_SHARE - open_) / (use - open_)
         reference = sharp
@@ -333,9 +335,7 @@ def _budget_lines(
     return tuple(result)
 
 
-def _interval_notes(runs: Runs, part: InitialInterval) -> str:
-    time = runs.scene.time
-    return (
-        f"long runs: choices were made, and single effects seen, in {part.time_text}; "
-        f"the errors of all together were seen on all {time.end - time.start:.3g} s"
-    )
+def _interval_diagnostic(runs: Runs, part: InitialInterval) -> Diagnostic:
+    """Diagnose that choices were compared in an initial interval (N616)."""
+    lengths = [r.scene.time.end - r.scene.time.start for r in (part.runs, runs)]
+    return diagnose("N616", part=lengths[0], span=lengths[1])

@@ -21,12 +21,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.result import BudgetLine
 
 from ..measurement.candidates import SHAPES, Candidate, Choice
-from ..measurement.request import Request
+from ..measurement.request import Request, refuse_accuracy
 from ..measurement.runs import Runs, Setting, max_difference
 from ..measurement.validity import check_validity
 from .error_budget import error_budget
@@ -89,7 +89,7 @@ class VerifiedChoice:
     decision_reference: Reference
     theory: Array
     lines: tuple[BudgetLine, ...]
-    sentences: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
     bounds: Mapping[str, float] = field(default_factory=dict)
     frames: Mapping[str, str] = field(default_factory=dict)
 
@@ -101,7 +101,7 @@ class InitialInterval:
     runs: Runs
     reference: Reference
     theory: Array
-    sentences: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
 
     @property
     def time_text(self) -> str:
@@ -251,7 +251,10 @@ def select_with_few_runs(
     lines = _budget_of_few_runs(
         runs, verified_reference, chosen, full_model, frames.theory
     )
-    sentences = (*_trial_notes(runs, reference, full_model, chosen), *frames.sentences)
+    found = (
+        _trial_diagnostic(runs, reference, full_model, chosen),
+        *frames.diagnostics,
+    )
     return VerifiedChoice(
         runs,
         verified_reference,
@@ -259,7 +262,7 @@ def select_with_few_runs(
         verified_reference,
         frames.theory,
         lines,
-        sentences,
+        found,
     )
 
 
@@ -300,11 +303,10 @@ def _reference_and_accepted_run(
     seconds = runs.seconds(choice, setting)
     if seconds <= LONG_RUN_SECONDS:
         return None
-    raise InputError(
-        f"runs of {seconds:.2g} s at rtol {setting.rtol:.0e} do "
-        "not show that the request can be kept, and tighter ones would take longer",
-        place="accuracy.wanted",
-        expected="a larger error, a shorter time span, or other outputs",
+    raise refuse_accuracy(
+        f"runs of {seconds:.2g} s at rtol {setting.rtol:.0e} do not keep it, and "
+        "tighter ones would take longer",
+        "a larger error, a shorter time span, or other outputs",
     )
 
 
@@ -368,19 +370,14 @@ def _budget_of_few_runs(
     )
 
 
-def _trial_notes(
+def _trial_diagnostic(
     runs: Runs, reference: Reference, full_model: SelectedModel, chosen: SelectedModel
-) -> tuple[str, ...]:
-    """Describe the trials and their result."""
-    seconds = runs.seconds(reference.choice, reference.setting)
-    head = (
-        f"few runs, as they take up to {seconds:.2g} s and no first part of the motion "
-    )
-    head += "shows in less what the rest needs"
-    left = []
+) -> Diagnostic:
+    """Diagnose that few runs were compared (N618)."""
+    omitted = []
     for name, kept in chosen.choice.kept:
         gone = [k for k in dict(full_model.choice.kept)[name] if k not in kept]
         if gone:
-            left.append(f"modes {format_ranges(gone)} of {name}")
-    what = ", ".join(left) or "nothing"
-    return (f"{head}: {what} left out, of least energy; terms were not looked at",)
+            omitted.append(f"modes {format_ranges(gone)} of {name}")
+    seconds = runs.seconds(reference.choice, reference.setting)
+    return diagnose("N618", seconds=seconds, omitted=omitted)

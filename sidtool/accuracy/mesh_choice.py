@@ -24,7 +24,9 @@ import numpy as np
 from sidtool.formats.base.errors import InputError, TooManyModes
 from sidtool.formats.base.progress import EqualStages, count_within
 from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.geometric_stiffening import SIGNIFICANT_CHANGE
+from sidtool.formats.result import Decision, OutputError
 from sidtool.formats.scene import SceneFile
 
 from ..measurement.candidates import finest_model, loaded_nodes
@@ -33,12 +35,12 @@ from ..measurement.reference import (
     convergence_ratios,
     mesh_error_estimate,
 )
-from ..measurement.request import Request
+from ..measurement.request import Request, refuse_accuracy
 from ..measurement.runs import Compile, Runs
 from ..measurement.validity import (
     check_validity,
     is_incomparable,
-    missing_stiffening_notes,
+    missing_stiffening_diagnostics,
 )
 from ..pipeline.model_cache import BodyModel, ConvertedBody, Refinement
 from .reference_run import Reference, make_reference
@@ -50,8 +52,6 @@ MESH_ERROR_SHARE = 0.1
 MAX_HALVINGS, MAX_DOUBLINGS, MAX_MODES = 3, 3, 48
 #: Expected number of conversions of one model.
 EXPECTED_CHANGES = 4
-#: Cause of changes that do not decrease.
-POINT_LOAD_TEXT = "a body yields the more to a force at a point, the finer its mesh is"
 #: Remedy.
 TIE = "a tie (markers.NAME.tie) of {} to an edge, a face or a node set, which spreads "
 TIE += "the load"
@@ -74,7 +74,8 @@ class RefinedBodies:
     converted_bodies: Mapping[str, ConvertedBody]
     refinements: Mapping[str, Refinement]
     errors: Array
-    sentences: tuple[str, ...]
+    decisions: tuple[Decision, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     unstiffened: frozenset[str] = frozenset()
 
     def sids(self, others: Mapping[str, SID]) -> dict[str, SID]:
@@ -97,7 +98,7 @@ def bodies_from_cache(
 ) -> RefinedBodies:
     """Return the bodies of an earlier search; their errors are not reported."""
     bodies = {name: source.sid(refinements[name]) for name, source in sources.items()}
-    return RefinedBodies(bodies, refinements, np.zeros(0), ())
+    return RefinedBodies(bodies, refinements, np.zeros(0))
 
 
 def refine_bodies(
@@ -121,26 +122,27 @@ def refine_bodies(
         cause = search.largest[1]
         helps = (
             "a larger error, models with finer meshes and more modes, or loads that "
+            "do not begin at once, which moves all modes"
         )
-        helps += "do not begin at once, which moves all modes"
         if cause in search.points:
             helps = f"{TIE.format(search.points[cause])}, or a larger error"
-        raise InputError(
-            f"models cannot be made as fine as is asked for: {cause}",
-            place="measurement.request",
-            expected=helps,
-        )
+        raise refuse_accuracy(cause, helps)
     search.assess_stiffening()
     if search.others:
         listed = ", ".join(sorted(search.others))
-        search.sentences.append(
-            f"not judged over meshes and modes, whose shape functions differ: {listed}"
-        )
+        reason = "meshes and modes compared have other shape functions"
+        search.found.append(diagnose("N615", listed, reason=reason))
     bodies = {
         name: search.converted_body(name, fine) for name, fine in search.state.items()
     }
-    sentences, judged = tuple(search.sentences), frozenset(search.stiffness)
-    return RefinedBodies(bodies, search.state, search.errors, sentences, judged)
+    return RefinedBodies(
+        bodies,
+        search.state,
+        search.errors,
+        tuple(search.decisions),
+        tuple(search.found),
+        frozenset(search.stiffness),
+    )
 
 
 class _Search:
@@ -161,13 +163,14 @@ class _Search:
         self.sources, self.compile = sources, compile_
         self.steps = EqualStages(1)
         self.state = {name: Refinement() for name in sources}
-        self.sentences: list[str] = []
+        self.decisions: list[Decision] = []
+        self.found: list[Diagnostic] = []
         self.errors: Array = np.zeros(len(request.names))
-        #: Largest share of the allowed error, and the sentence on it.
+        #: Largest share of the allowed error, and its cause.
         self.largest = (0.0, "")
         #: (n,) True if the last changes by finer meshes hardly decreased.
         self.slow = np.zeros(len(request.names), dtype=bool)
-        #: Markers at single points of continua, by the sentence on the changes there.
+        #: Markers at single points of continua, by the cause of the changes there.
         self.points: dict[str, str] = {}
         #: Elastic coordinates that are not comparable between meshes.
         self.others: set[str] = set()
@@ -231,9 +234,8 @@ class _Search:
             self.reference.allowed, SIGNIFICANT_CHANGE * self.reference.variation
         )
         matters = bool((change > visible).any())
-        self.sentences += missing_stiffening_notes(
-            self.stiffness, self._largest_change_text(change), matters
-        )
+        largest = self.reference.largest_error(self.request.names, change)
+        self.found += missing_stiffening_diagnostics(self.stiffness, largest, matters)
 
     def _initial_reference(self) -> Reference:
         """Return the reference with static shape functions for all loads.
@@ -275,31 +277,38 @@ class _Search:
         matters = self.used_share(change) > MESH_ERROR_SHARE
         if not matters:
             self.state[name] = Refinement()
-        loaded = ", ".join(loaded_nodes(self.scene, name))
-        sentence = f"static shape functions of {name} for its own inertia"
-        sentence += f", and for loads at {loaded}" if loaded else ""
-        verdict = "kept" if matters else "dropped"
-        left = np.zeros_like(change) if matters else change
-        self._record_step(
-            f"{sentence}: {self._largest_change_text(change)}, {verdict}", left
+        largest = self._largest_error(change)
+        self.decisions.append(
+            Decision(
+                body=name,
+                what="static shape functions",
+                output=largest.name,
+                effect=largest.error,
+                allowed=largest.allowed,
+                unit=largest.unit,
+                kept=matters,
+            )
         )
+        if not matters:
+            self._add_error(change, f"static shape functions of {name}")
         return self.state[name]
 
     def _more_modes(
         self, name: str, source: BodyModel, fineness: Refinement
     ) -> Refinement:
         if not source.modes:
-            self.sentences.append(
-                f"shape functions of {name}: its reduction counts no modes, so that "
-                "others than these are not judged"
+            reason, what = "its reduction counts no modes", "missing shape functions"
+            self.found.append(
+                diagnose("N603", name, what=what, reason=reason, remedy="")
             )
             return fineness
         left, refinement = self._separate_step_errors(
             name, fineness, self._error_with_more_modes
         )
-        sentence = f"{source.modes} to {refinement.modes} modes of {name}"
-        self._record_step(
-            f"{sentence}: the last change {self._largest_change_text(left)}", left
+        values = self._largest_error(left).values()
+        last = refinement.modes or source.modes
+        self._add_error_of_step(
+            diagnose("N613", name, first=source.modes, last=last, **values), left
         )
         return refinement
 
@@ -328,22 +337,29 @@ class _Search:
         self, name: str, source: BodyModel, fineness: Refinement
     ) -> Refinement:
         if not source.can_refine():
-            self.sentences.append(f"mesh of {name}: as it is, not judged")
+            reason = "it comes from a file and cannot be refined"
+            self.found.append(
+                diagnose("N603", name, what="its mesh", reason=reason, remedy="")
+            )
             return fineness
         left, refinement = self._separate_step_errors(
             name, fineness, self._error_with_finer_mesh
         )
-        times = "once" if refinement.level == 1 else f"{refinement.level} times"
-        rest = self._largest_change_text(left)
-        sentence = f"mesh of {name}: halved {times}, the rest {rest}"
-        if self.slow[self._worst_output(left)]:
-            sentence += ", as changes hardly get smaller"
-            points = source.point_markers(loaded_nodes(self.scene, name).values())
-            if points and self.used_share(left) > MESH_ERROR_SHARE:
-                listed = ", ".join(points)
-                sentence += f"; {POINT_LOAD_TEXT}, as joints and forces do at {listed}"
-                self.points[sentence] = f"{listed} of {name}"
-        self._record_step(sentence, left)
+        values = self._largest_error(left).values()
+        count, too_large = refinement.level, self.used_share(left) > MESH_ERROR_SHARE
+        if not (too_large and self.slow[self._worst_output(left)]):
+            self._add_error_of_step(
+                diagnose("N612", name, halvings=count, **values), left
+            )
+            return refinement
+        points = source.point_markers(loaded_nodes(self.scene, name).values())
+        remedy = "Use a finer mesh or other elements."
+        if points:
+            remedy = f"Tie {', '.join(points)} to an edge or face: point loads diverge."
+        found = diagnose("N604", name, halvings=count, remedy=remedy, **values)
+        if points:
+            self.points[found.message_line] = f"{', '.join(points)} of {name}"
+        self._add_error_of_step(found, left)
         return refinement
 
     def _error_with_finer_mesh(
@@ -382,11 +398,15 @@ class _Search:
             self.reference = self._reference(self.state)
         return self.reference.setting.rtol < before
 
-    def _record_step(self, sentence: str, left: Array) -> None:
+    def _add_error_of_step(self, found: Diagnostic, left: Array) -> None:
         """Record a step of the search and its remaining errors (n,)."""
-        self.sentences.append(sentence)
+        self.found.append(found)
+        self._add_error(left, found.message_line)
+
+    def _add_error(self, left: Array, cause: str) -> None:
+        """Add remaining errors (n,) and their cause."""
         self.errors += left
-        self.largest = max(self.largest, (self.used_share(left), sentence))
+        self.largest = max(self.largest, (self.used_share(left), cause))
 
     def _change(self, name: str, fineness: Refinement) -> Array:
         """Return the changes (n,) by a finer body, which is used from then on."""
@@ -420,12 +440,10 @@ class _Search:
         assert self.reference is not None
         return self.reference.worst_output(errors)
 
-    def _largest_change_text(self, errors: Array) -> str:
-        """Return a text on the largest error and its output."""
+    def _largest_error(self, errors: Array) -> OutputError:
+        """Return the error that uses the largest share of what is allowed."""
         assert self.reference is not None
-        row = self._worst_output(errors)
-        name = self.request.names[row]
-        return f"{errors[row]:.1e} {self.reference.units[row]}".rstrip() + f" in {name}"
+        return self.reference.largest_error(self.request.names, errors)
 
     def _runs_of(self, state: Mapping[str, Refinement]) -> Runs:
         key = tuple(state.values())

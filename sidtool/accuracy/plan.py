@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from sidtool.formats.base.progress import NamedStages, count_within
 from sidtool.formats.base.sid import SID, Array
-from sidtool.formats.diagnostics import Diagnostic, plain_text, without
+from sidtool.formats.diagnostics import Diagnostic, from_data, without
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
 from sidtool.formats.result.rows import Columns, Rows
 from sidtool.formats.scene import SceneFile, expand_names, unit_of
@@ -35,7 +35,12 @@ from .long_run_part import select_in_initial_interval
 from .long_run_reference import VerifiedChoice
 from .mesh_choice import RefinedBodies, bodies_from_cache, refine_bodies
 from .reference_run import Reference, make_reference
-from .report import accuracy_notes, bound_notes, decision_list, theory_notes
+from .report import (
+    decision_list,
+    excluded_errors,
+    outputs_without_error,
+    theory_diagnostics,
+)
 from .selection import SelectedModel, select_model
 from .sid_rounding import with_rounding_error
 
@@ -56,6 +61,8 @@ class Plan:
     frames : frames of bodies whose SIDs are in another frame
     evaluated_run : run of the search whose errors are known; None if no run recorded
         all outputs of the scene
+    search_diagnostics : of the search
+    reference_diagnostics : of the run of the finest model
     """
 
     scene: SceneFile
@@ -65,12 +72,14 @@ class Plan:
     sids: Mapping[str, SID]
     frames: Mapping[str, str] = field(default_factory=dict)
     evaluated_run: Result | None = None
+    search_diagnostics: tuple[Diagnostic, ...] = ()
+    reference_diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
     def diagnostics(self) -> list[Diagnostic]:
         """Return the diagnostics of the result on the selected model."""
-        theory = map(plain_text, theory_notes(self.report))
-        return [*rigid_body_notes(self.scene), *reduced_body_notes(self.scene), *theory]
+        made = *rigid_body_notes(self.scene), *reduced_body_notes(self.scene)
+        return [*made, *self.search_diagnostics]
 
     def known_result(self, of_run: Iterable[Diagnostic]) -> Result | None:
         """Return the result of the search that a run of this scene would give, or None.
@@ -87,8 +96,17 @@ class Plan:
         return self.with_errors(known)
 
     def with_errors(self, result: Kind) -> Kind:
-        """Return the result of the run with the accuracy report."""
-        return replace(result, accuracy=self.report)
+        """Return the result of the run with the accuracy report, and with the warnings
+        of the finest model that its own run does not have.
+        """
+        known = {(each.code, each.subject) for each in result.diagnostics}
+        more = (
+            each
+            for each in self.reference_diagnostics
+            if each.is_warning and (each.code, each.subject) not in known
+        )
+        found = without((*result.diagnostics, *more), self.scene.diagnostics.ignore)
+        return replace(result, accuracy=self.report, diagnostics=found)
 
 
 class Certified:
@@ -167,6 +185,8 @@ def make_accuracy_plan(
             report=report,
             models=levels,
             frames=dict(plan.frames),
+            diagnostics=_as_records(plan.search_diagnostics),
+            reference_diagnostics=_as_records(plan.reference_diagnostics),
         )
         cache.write_entry(entry)
     return replace(plan, report=report)
@@ -193,7 +213,20 @@ def _plan_from_cache(
         return None
     model = scene_of_choice(scene, there, entry.choice, entry.setting)
     report = entry.report.model_copy(update={"searched": False})
-    return Plan(model, report, entry.choice, entry.setting, there, entry.frames)
+    return Plan(
+        model,
+        report,
+        entry.choice,
+        entry.setting,
+        there,
+        entry.frames,
+        search_diagnostics=tuple(map(from_data, entry.diagnostics)),
+        reference_diagnostics=tuple(map(from_data, entry.reference_diagnostics)),
+    )
+
+
+def _as_records(diagnostics: Iterable[Diagnostic]) -> tuple[dict[str, Any], ...]:
+    return tuple(each.as_data() for each in diagnostics)
 
 
 def _search_model(
@@ -215,40 +248,43 @@ def _search_model(
     reference, chosen = selected.reference, selected.chosen
     terms = bodies_with_stiffening(scene, sids, chosen.choice.flat)
     decided = decision_list(request, selected.decision_reference, chosen)
-    sentences = (
-        *meshes.sentences,
-        *(decision.sentence for decision in decided),
-        *accuracy_notes(
-            scene,
-            request,
-            reference,
-            sids,
-            terms,
-            meshes.converted_bodies,
-            meshes.unstiffened,
-        ),
-        *selected.sentences,
-        *bound_notes(selected.bounds, scene),
-        *_unrecorded_output_notes(scene, sids, chosen),
+    outputs = _output_errors(
+        request, reference, chosen, selected.bounds, selected.theory, scene
+    )
+    bodies = meshes.converted_bodies
+    has_output = chosen.choice.has_output
+    lost = [n for n in _recorded_outputs(scene, sids) if not has_output(n)]
+    found = (
+        *excluded_errors(scene, reference, sids, terms, bodies, meshes.unstiffened),
+        *theory_diagnostics(outputs),
+        *meshes.diagnostics,
+        *selected.diagnostics,
+        *outputs_without_error(request, reference, lost),
     )
     report = AccuracyReport(
         wanted={},
-        outputs=_output_errors(
-            request, reference, chosen, selected.bounds, selected.theory, scene
-        ),
+        outputs=outputs,
         budget=selected.lines,
-        decisions=decided,
-        sentences=sentences,
+        decisions=(*meshes.decisions, *decided),
         runs=selected.runs.count,
         seconds=0.0,
-        notes=reference.result.notes,
     )
     runs, choice = selected.runs, chosen.choice
     setting = chosen.accepted_run.setting
     model = scene_of_choice(runs.scene, runs.sids, choice, setting)
     as_asked = model.outputs.record == tuple(filter(choice.has_output, runs.names))
     ran = runs.attempt(choice, setting) if as_asked else None
-    return Plan(model, report, choice, setting, runs.sids, selected.frames, ran)
+    return Plan(
+        model,
+        report,
+        choice,
+        setting,
+        runs.sids,
+        selected.frames,
+        ran,
+        found,
+        reference.result.diagnostics,
+    )
 
 
 def _select_by_full_runs(
@@ -267,7 +303,7 @@ def _select_by_full_runs(
         runs, reference.choice, chosen.choice, chosen.accepted_run.setting
     )
     lines = error_budget(runs, reference, chosen, frames.theory)
-    sentences = (*digits, *frames.sentences)
+    found = (*digits, *frames.diagnostics)
     return VerifiedChoice(
         runs,
         reference,
@@ -275,7 +311,7 @@ def _select_by_full_runs(
         reference,
         frames.theory,
         lines,
-        sentences,
+        found,
         proven,
         frames.chosen,
     )
@@ -295,16 +331,6 @@ def scene_of_choice(
     return with_recorded_outputs(
         reduced.model_copy(update={"accuracy": accuracy}), known
     )
-
-
-def _unrecorded_output_notes(
-    scene: SceneFile, sids: Mapping[str, SID], chosen: SelectedModel
-) -> tuple[str, ...]:
-    """Return a note on recorded outputs that the chosen model does not have."""
-    names = [
-        n for n in _recorded_outputs(scene, sids) if not chosen.choice.has_output(n)
-    ]
-    return (f"not recorded, as left out: {', '.join(names)}",) if names else ()
 
 
 def _recorded_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,12 +10,12 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.formats.result import Result
+from sidtool.formats.result import OutputError, Result
 from sidtool.formats.scene import SceneFile, unit_of
 
 from ..measurement.candidates import Choice, is_out_of_plane, planar_scene
 from ..measurement.reference import MUCH, is_varying
-from ..measurement.request import Request
+from ..measurement.request import Request, refuse_accuracy
 from ..measurement.runs import Runs, Setting, max_difference
 
 #: Largest uncertainty of the reference relative to the allowed error.
@@ -89,6 +90,22 @@ class Reference:
         shares = np.full(len(errors), -1.0)
         np.divide(errors, self.allowed, out=shares, where=np.isfinite(self.allowed))
         return int(shares.argmax())
+
+    def largest_error(self, names: Sequence[str], errors: Array) -> OutputError:
+        """Return the error with the largest share of what is allowed.
+
+        Parameters
+        ----------
+        names, errors : (n,) outputs and their errors
+        """
+        row = self.worst_output(errors)
+        return OutputError(
+            name=names[row],
+            unit=self.units[row],
+            error=float(errors[row]),
+            variation=float(self.variation[row]),
+            allowed=float(self.allowed[row]),
+        )
 
     def with_mesh_errors(self, errors: Array) -> Reference:
         """Return the reference with the errors (n,) by meshes and missing modes."""
@@ -257,10 +274,8 @@ def reference_of_one_run(
     absolute = np.array([t.absolute for t in request.tolerances.values()])
     judged = moving | absolute
     if not judged.any():
-        raise InputError(
-            "no output can be told from rounding",
-            place="accuracy.wanted",
-            expected="outputs that move",
+        raise refuse_accuracy(
+            "no output varies by more than rounding", "outputs that move"
         )
     nothing = np.zeros(len(request.names))
     return Reference(
@@ -306,10 +321,8 @@ def initial_rtol(request: Request) -> float:
 def _is_unpredictable(request: Request, reference: Reference) -> InputError:
     worst = int((reference.uncertainty / reference.allowed).argmax())
     name, off = request.names[worst], reference.uncertainty[worst]
-    return InputError(
-        f"{name} cannot be predicted as exactly as is asked for: two references at "
-        f"{MIN_COMPARISON_RTOL:.0e} differ by {off:.1e} where "
-        f"{reference.allowed[worst]:.1e} may be wrong",
-        place="accuracy.wanted",
-        expected="a larger error, a shorter time span, or other outputs",
+    return refuse_accuracy(
+        f"two integrators at rtol {MIN_COMPARISON_RTOL:.0e} differ by {off:.1e} in "
+        f"{name}, {reference.allowed[worst]:.1e} allowed",
+        "a larger error, a shorter time span, or other outputs",
     )

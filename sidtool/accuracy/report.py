@@ -1,4 +1,4 @@
-"""Sentences on what was omitted and the reasons."""
+"""Decisions of the search, and diagnostics on what its errors do not include."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 
 from sidtool.formats.base.sid import SID
-from sidtool.formats.result import AccuracyReport, Decision
-from sidtool.formats.scene import SceneFile, unit_of
+from sidtool.formats.diagnostics import Diagnostic, diagnose
+from sidtool.formats.geometric_stiffening import SIGNIFICANT_CHANGE
+from sidtool.formats.result import Decision, OutputError
+from sidtool.formats.scene import SceneFile
 
 from ..measurement.candidates import (
     FLEXIBILITY,
@@ -24,7 +26,7 @@ from ..measurement.request import Request
 from .reference_run import Reference
 from .selection import MeasuredReduction, SelectedModel
 
-#: Smaller changes of stiffness get no note.
+#: Smaller changes of stiffness get no diagnostic.
 MIN_NOTED_STIFFENING = 1e-3
 
 
@@ -41,28 +43,18 @@ def _decision(
     request: Request, reference: Reference, choice: Choice, one: MeasuredReduction
 ) -> Decision:
     row = reference.worst_output(one.errors)
-    name = request.names[row]
     runs = bool(np.isfinite(one.errors[row]))
-    effect = float(max(one.errors[row], reference.resolution[row])) if runs else 0.0
-    allowed, kept = float(reference.allowed[row]), is_in_model(choice, one.candidate)
-    unit = reference.units[row]
-    amount = f"{effect:.1e} {unit}".rstrip() + f" in {name}"
-    if runs and one.errors[row] <= reference.resolution[row]:
-        amount = f"less than {amount}"
-    if not runs:
-        amount = "the scene does not run without it"
     return Decision(
         body=one.candidate.body,
         what=one.candidate.what,  # type: ignore[arg-type]
         number=one.candidate.number,
         numbers=one.candidate.numbers,
-        output=name,
-        effect=effect,
-        allowed=allowed,
-        unit=unit,
-        kept=kept,
-        sentence=f"{_subject(one.candidate)}: {amount}, "
-        f"{_decision_text(one.candidate, kept)}",
+        output=request.names[row],
+        effect=float(max(one.errors[row], reference.resolution[row])) if runs else 0.0,
+        allowed=float(reference.allowed[row]),
+        unit=reference.units[row],
+        kept=is_in_model(choice, one.candidate),
+        runs_without=runs,
     )
 
 
@@ -82,16 +74,6 @@ def is_in_model(choice: Choice, candidate: Candidate) -> bool:
     return bool(numbers) and candidate.body in choice.quadratic
 
 
-def _subject(candidate: Candidate) -> str:
-    if candidate.what == SHAPE:
-        return f"mode {candidate.number} of {candidate.body}"
-    if candidate.what == SHAPES:
-        return f"modes {format_ranges(candidate.numbers)} of {candidate.body} together"
-    if candidate.what == SPACE:
-        return "motion out of the plane z = 0"
-    return f"{candidate.what} of {candidate.body}"
-
-
 def format_ranges(numbers: Sequence[int]) -> str:
     """Format increasing numbers as in "1, 3 to 5, 8"."""
     runs: list[list[int]] = []
@@ -107,100 +89,72 @@ def format_ranges(numbers: Sequence[int]) -> str:
     return ", ".join(parts)
 
 
-def _decision_text(candidate: Candidate, is_part_of_model: bool) -> str:
-    if candidate.what == FLEXIBILITY:
-        return "kept flexible" if is_part_of_model else "rigid"
-    if candidate.what == SPACE:
-        return "solved in space" if is_part_of_model else "solved in the plane"
-    return "kept" if is_part_of_model else "dropped"
-
-
-def accuracy_notes(
+def excluded_errors(
     scene: SceneFile,
-    request: Request,
     reference: Reference,
     sids: Mapping[str, SID],
-    stiffened: dict[str, bool],
+    stiffened: Collection[str],
     models: Collection[str],
     unstiffened: Collection[str],
-) -> Iterator[str]:
-    """Return notes on what cannot be assessed and what does not count.
+) -> Iterator[Diagnostic]:
+    """Diagnose what the errors do not include (N603, N605).
 
     Parameters
     ----------
+    stiffened : bodies whose SIDs have geometric stiffening
     models : bodies whose mesh is assessed
     unstiffened : bodies whose missing stiffening is assessed
     """
-    for name, removable in stiffened.items():
-        if not removable:
-            yield (
-                f"geometric stiffening of {name}: kept, as the blocks of a SID in "
-                "space do not tell what it would be without"
-            )
+    judged = np.isfinite(reference.allowed) & (reference.variation > 0.0)
+    least = min(reference.allowed[judged] / reference.variation[judged], default=0.0)
     for name, body in reference.result.bodies.items():
-        measure = body.found or body.expected
-        known = name in stiffened or name in unstiffened
-        if (
-            not known
-            and not measure.axial
-            and abs(measure.ratio) > MIN_NOTED_STIFFENING
-        ):
-            yield (
-                f"geometric stiffening of {name}: not in its SID, and not in these "
-                f"errors, while {measure.sentence()}"
-            )
+        measure, known = body.found or body.expected, {*stiffened, *unstiffened}
+        share = abs(measure.ratio)
+        is_noted = max(MIN_NOTED_STIFFENING, least) < share < SIGNIFICANT_CHANGE
+        if is_noted and name not in known and not measure.axial:
+            yield diagnose("N605", name, ratio=measure.ratio)
     flexible = [n for n, kept in reference.choice.kept if kept and n not in models]
     if flexible:
-        yield (
-            "mesh: not judged, as a SID does not tell its own "
-            f"({', '.join(flexible)}); shape functions beyond those of the SID neither"
-            f"{_static_shape_names(flexible, scene)}"
+        yield diagnose(
+            "N603",
+            ", ".join(flexible),
+            what="mesh and missing shape functions",
+            reason="only a SID is given",
+            remedy="Give its model.",
+            loads=[f"{n}.{m}" for n in flexible for m in loaded_nodes(scene, n)],
         )
-    if reference.left_out:
-        listed = ", ".join(reference.left_out)
-        yield f"not judged, as they hold rounding only: {listed}"
-    if request.ignored:
-        yield f"not judged, as no quantities: {', '.join(request.ignored)}"
 
 
-def _static_shape_names(names: Sequence[str], scene: SceneFile) -> str:
-    """Name the static shape functions that a SID may lack for the loads of
-    this scene.
+def outputs_without_error(
+    request: Request, reference: Reference, unrecorded: Sequence[str]
+) -> Iterator[Diagnostic]:
+    """Diagnose outputs that have no error (N615).
+
+    Parameters
+    ----------
+    unrecorded : recorded outputs of the scene that the chosen model does not have
     """
-    places = [f"{n}.{marker}" for n in names for marker in loaded_nodes(scene, n)]
-    if not places:
-        return ""
-    return f", such as static ones for loads at {', '.join(places)}"
+    reasons = {
+        "varying by rounding only": reference.left_out,
+        "no quantity that could have one": request.ignored,
+        "not in the chosen model, and not recorded": unrecorded,
+    }
+    for reason, names in reasons.items():
+        if names:
+            yield diagnose("N615", ", ".join(names), reason=reason)
 
 
-def bound_notes(proven: Mapping[str, float], scene: SceneFile) -> Iterator[str]:
-    """Describe the error bounds by output."""
-    if proven:
-        amounts = [
-            f"{n} {b:.1e} {unit_of(n, scene)}".rstrip()
-            for n, b in sorted(proven.items())
-        ]
-        yield (
-            f"bounds of errors against all that the SIDs hold: {', '.join(amounts)}; "
-            "frames are prescribed and the equations linear. They hold the energy of "
-            "all errors together, and are loose for what hardly errs. All else is an "
-            "estimate"
-        )
-
-
-def theory_notes(report: AccuracyReport) -> Iterator[str]:
-    """Name outputs for which the neglected terms of linear theory exceed the
-    request.
-    """
-    left = [(o, o.theory) for o in report.outputs if (o.theory or 0.0) > o.allowed]
-    if left:
-        worst, most = max(left, key=lambda pair: (pair[1] or 0.0) / pair[0].allowed)
-        size, allowed_text = (
-            f"{e:.1e} {worst.unit}".rstrip() for e in (most, worst.allowed)
-        )
-        more = f" ({len(left) - 1} others likewise)" if len(left) > 1 else ""
-        yield (
-            f"small deformations leave out about {size} of {worst.name}, more than the "
-            f"{allowed_text} that was asked for{more}; this is no part of "
-            "result.error, see the line theory of its budget"
+def theory_diagnostics(outputs: Sequence[OutputError]) -> Iterator[Diagnostic]:
+    """Diagnose neglected terms of linear theory that exceed the request (N609)."""
+    ratios = {o.name: o.theory / o.allowed for o in outputs if o.theory}
+    beyond = [o for o in outputs if ratios.get(o.name, 0.0) > 1.0]
+    if beyond:
+        worst = max(beyond, key=lambda o: ratios[o.name])
+        yield diagnose(
+            "N609",
+            worst.name,
+            amount=f"{worst.theory:.2g} {worst.unit}".rstrip(),
+            error=worst.theory or 0.0,
+            ratio=ratios[worst.name],
+            count=len(beyond),
         )

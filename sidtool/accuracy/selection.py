@@ -12,7 +12,6 @@ from itertools import accumulate
 
 import numpy as np
 
-from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import expand_names, unit_of
 
@@ -30,6 +29,7 @@ from ..measurement.candidates import (
     planar_scene,
 )
 from ..measurement.candidates import shape_function_candidates as shapes_of
+from ..measurement.request import refuse_accuracy
 from ..measurement.runs import Runs
 from .integrator_choice import AcceptedRun, fastest_setting
 from .reference_run import Reference
@@ -101,11 +101,7 @@ def select_model(runs: Runs, reference: Reference) -> SelectedModel:
         choice = reference.choice
         accepted = fastest_setting(runs, reference, choice, FULL_SHARE)
     if accepted is None:
-        raise InputError(
-            "no integrator keeps what is asked for",
-            place="accuracy.wanted",
-            expected="a larger error",
-        )
+        raise refuse_accuracy("no integrator keeps it", "a larger error")
     errors = estimate_errors(accepted.errors, reference)
     return SelectedModel(choice, accepted, tuple(search.measured), errors)
 

@@ -18,9 +18,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import NODE_SHAPES, SID, Array, Node, Taylor
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 
+from ..measurement.request import refuse_accuracy
 from ..measurement.runs import Runs
 from .reference_run import Reference
 
@@ -108,8 +109,8 @@ def perturb_last_digit(sid: SID, how: NumberFormat, draw: int) -> SID:
 
 def with_rounding_error(
     runs: Runs, reference: Reference
-) -> tuple[Reference, tuple[str, ...]]:
-    """Return the reference with the error by printed digits, and notes on it.
+) -> tuple[Reference, tuple[Diagnostic, ...]]:
+    """Return the reference with the error by printed digits, and diagnostics on it.
 
     Raises
     ------
@@ -119,30 +120,27 @@ def with_rounding_error(
     formats = {n: how for n, how in every.items() if how is not None}
     if not formats:
         return reference, ()
-    formats_text = ", ".join(f"{how} of {name}" for name, how in formats.items())
     if _is_rounding_negligible(runs, reference, formats):
-        return reference, (f"{formats_text}: far below what is asked for",)
+        return reference, ()
+    bodies, digits = ", ".join(formats), ", ".join(map(str, formats.values()))
     changes = [
         _change_by_rounding(runs, reference, formats, draw)
         for draw in range(RANDOM_RUNS)
     ]
     open_ = CHANGE_SAFETY * np.max(changes, axis=0)
     if not np.isfinite(open_).all():
-        text = "the scene does not run with others that are printed alike"
-        return reference, (f"{formats_text}: not judged, as {text}",)
-    row = reference.worst_output(open_)
-    largest_text = f"{open_[row]:.1e} {reference.units[row]}".rstrip()
-    name = runs.names[row]
+        reason = "the scene does not run with other last digits"
+        what = f"rounding of its SID file ({digits})"
+        found = diagnose("N603", bodies, what=what, reason=reason, remedy="")
+        return reference, (found,)
+    largest = reference.largest_error(runs.names, open_)
+    found = diagnose("N611", bodies, digits=digits, **largest.values())
     if reference.used_share(open_) > MAX_ROUNDING_SHARE:
-        raise InputError(
-            f"{formats_text} tell {name} to {largest_text} only, where "
-            f"{reference.allowed[row]:.1e} may be wrong",
-            place="accuracy.wanted",
-            expected="a larger error, or files with more digits",
+        raise refuse_accuracy(
+            f"{found.message_line}, {largest.allowed:.1e} allowed",
+            "a larger error, or files with more digits",
         )
-    return replace(reference, digits=open_), (
-        f"{formats_text}: leave {largest_text} in {name} open",
-    )
+    return replace(reference, digits=open_), (found,)
 
 
 def _change_by_rounding(

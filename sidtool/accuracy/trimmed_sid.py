@@ -9,6 +9,7 @@ from typing import Any
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic, WithDiagnostics, without
 from sidtool.formats.result import AccuracyReport
 from sidtool.formats.scene import PEAK_STRESS, SceneFile
 from sidtool.formats.sid_files import read_sid
@@ -22,7 +23,7 @@ DEFAULT_ACCURACY = 1e-3
 
 
 @dataclass(frozen=True)
-class TrimmedSid:
+class TrimmedSid(WithDiagnostics):
     """A reduced SID, and its cost for the scene.
 
     Attributes
@@ -30,6 +31,7 @@ class TrimmedSid:
     bodies : bodies that have this SID
     numbers : numbers of the retained shape functions in the full SID
     sizes : number of shape functions and nodes of the full SID
+    diagnostics : of the search, and of the run of the finest model
     """
 
     sid: SID
@@ -37,48 +39,25 @@ class TrimmedSid:
     numbers: tuple[int, ...]
     sizes: tuple[int, int]
     report: AccuracyReport
+    diagnostics: tuple[Diagnostic, ...]
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes of the reference run."""
-        return self.report.notes
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Return no warnings: models that leave linear theory are refused."""
-        return ()
-
-    @property
-    def sentences(self) -> list[str]:
-        """Describe what was removed, the new numbers of coordinates, and the cost."""
-        modes, nodes = self.sizes
-        names = ", ".join(self.bodies)
-        lines = [
-            f"{self.sid.nq} of {modes} shape functions and {len(self.sid.nodes)} of "
-            f"{nodes} nodes are kept for {names}"
-        ]
-        moved = [f"q{i} was q{k}" for i, k in enumerate(self.numbers, 1) if i != k]
-        lines += [f"in the new SID {', '.join(moved)}"] if moved else []
-        if not self.numbers:
-            lines.append("what is left is rigid")
+    def errors(self) -> dict[str, float]:
+        """Return the errors of outputs by the shape functions that were removed."""
         line = next(x for x in self.report.budget if x.part == "shape functions")
-        lines += [
-            f"{o.name}: {line.errors[o.name]:.1e} {o.unit}".rstrip()
-            + f" by the shape functions that are out, of {o.allowed:.1e} allowed"
-            for o in self.report.outputs
-        ]
-        return [*lines, *(f"note: {text}" for text in self.notes)]
+        return {o.name: line.errors[o.name] for o in self.report.outputs}
 
     def data(self) -> dict[str, Any]:
-        """Return the data of `sentences`; numbers of shape functions are those of the
-        full SID.
+        """Return the data for JSON; numbers of shape functions are those of the full
+        SID.
         """
         modes, nodes = self.sizes
         return {
             "bodies": list(self.bodies),
             "shape_functions": {"kept": list(self.numbers), "of": modes},
             "nodes": {"kept": [node.id for node in self.sid.nodes], "of": nodes},
-            "sentences": self.sentences,
+            "errors": self.errors,
+            "diagnostics": [each.as_data() for each in self.diagnostics],
             "accuracy": self.report.model_dump(mode="json"),
         }
 
@@ -121,7 +100,9 @@ def trim_sid(
     used = used_nodes(scene, bodies, sid)
     small = replace(small, nodes=tuple(n for n in small.nodes if n.id in used))
     sizes = sid.nq, len(sid.nodes)
-    return TrimmedSid(small, bodies, numbers, sizes, plan.report)
+    found = (*plan.search_diagnostics, *plan.reference_diagnostics)
+    kept = without(found, plan.scene.diagnostics.ignore)
+    return TrimmedSid(small, bodies, numbers, sizes, plan.report, kept)
 
 
 def used_nodes(scene: SceneFile, bodies: Iterable[str], sid: SID) -> set[str]:

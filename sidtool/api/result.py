@@ -12,7 +12,7 @@ import numpy as np
 from sidtool.formats import result as stored
 from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import Diagnostic, plain_text
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.diagnostics.python_warnings import warn_of, warn_of_each
 from sidtool.formats.result import units_in
 
@@ -122,8 +122,8 @@ class Result(stored.Result):
             page, notes = draw_result(self, kind, names)
             if path is not None:
                 save_figure(page, Path(path))
-        for sentence in notes:
-            warn_of(plain_text(sentence))
+        for each in notes:
+            warn_of(each)
         return page
 
     def animate(self, path: str | Path, **settings: Any) -> list[str]:

@@ -10,7 +10,6 @@ from typing import Any
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
-from sidtool.formats.diagnostics import each_once
 from sidtool.formats.diagnostics.python_warnings import warn_of_each
 from sidtool.formats.file_names import scene_given
 from sidtool.formats.scene import SceneFile, matching_names, unit_of
@@ -21,6 +20,7 @@ from ..measurement.outputs import RunRecord
 from ..measurement.tasks import ConversionOutcome, RunTask, compile_task
 from ..measurement.variants import setting_of
 from ..pipeline.model_cache import model_digest
+from ..report.diagnostics import first_of_each_code
 from ..study.run_study import Say, Workers, workers
 from ..sweep.design import (
     Design,
@@ -104,7 +104,7 @@ def sweep(
         result = _Sweep(designs, points, measures, doing, programs).run_all(
             title or content.title
         )
-    warn_of_each(each_once(each for p in result.points for each in p.diagnostics))
+    warn_of_each(first_of_each_code(result.runs))
     return result
 
 

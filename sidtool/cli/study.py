@@ -297,7 +297,11 @@ def _format_seconds(seconds: float) -> str:
 
 
 def _print_study(result: Study, wanted: tuple[float, ...], folder: Path | None) -> None:
-    from ..study.study_result import RECOMMENDED_ERRORS, study_file, write_all
+    from ..study.study_result import (
+        RECOMMENDED_ERRORS,
+        study_file,
+        write_all,
+    )
 
     wanted = wanted or RECOMMENDED_ERRORS
     print_result(

@@ -20,12 +20,15 @@ from .common import (
     json_stream,
     output_path,
     piped_path,
-    print_remarks,
+    print_failure,
     print_result,
+    print_warnings,
 )
 
 if TYPE_CHECKING:
     from sidtool.formats.base.sid import SID
+
+    from ..accuracy.trimmed_sid import TrimmedSid
 
 #: Name of the body of a single SID or model.
 _SINGLE_BODY = ""
@@ -87,9 +90,11 @@ def validate(
     judged = {n: judge_sid(s, reference, tolerance=tolerance) for n, s in sids.items()}
     good = all(judgement.good(strict=strict) for judgement in judged.values())
     as_written = judgement_as_json if json else judgement_as_text
-    if is_quiet():
-        for judgement in judged.values():
-            print_remarks(judgement.remarks)
+    for name, judgement in judged.items():
+        failed = {check.diagnostic for check in judgement.checks if check.failed}
+        shown = failed if not is_quiet() and not json else ()
+        about = [d.within(name) if name else d for d in judgement.diagnostics]
+        print_warnings(about, {d.within(name) if name else d for d in shown})
     texts = {n: as_written(j, strict=strict) for n, j in judged.items()}
     if tuple(texts) == (_SINGLE_BODY,):
         click.echo(texts[_SINGLE_BODY], file=json_stream() if json else None)
@@ -169,10 +174,35 @@ def trim(
     except InputError as error:
         raise error.located(scene) from None
     except SimulationError as error:
-        click.echo(f"sidtool: {scene}: the finest model {error}", err=True)
+        print_failure(error, scene)
         raise click.exceptions.Exit(1) from None
     write_sid(output, trimmed.sid)
-    if is_quiet():
-        print_remarks(trimmed.notes)
-    print_result("\n".join(trimmed.sentences), trimmed.data)
+    print_warnings(trimmed.diagnostics)
+    print_result(_trim_summary(trimmed), trimmed.data)
     click.echo(f"{output} written")
+
+
+def _trim_summary(trimmed: TrimmedSid) -> str:
+    """Describe what was removed, the new numbers of coordinates, and the errors."""
+    from ..report.diagnostics import severity_counts
+    from ..report.tables import named_values, text_table
+
+    modes, nodes = trimmed.sizes
+    kept = f"{trimmed.sid.nq} of {modes} shape functions, "
+    kept += f"{len(trimmed.sid.nodes)} of {nodes} nodes of {', '.join(trimmed.bodies)}"
+    numbers = enumerate(trimmed.numbers, 1)
+    moved = [f"q{new} was q{old}" for new, old in numbers if new != old]
+    rows = [
+        [o.name, f"{trimmed.errors[o.name]:.1e}", f"{o.allowed:.1e}", o.unit]
+        for o in trimmed.report.outputs
+    ]
+    head = [("kept", kept if trimmed.numbers else f"{kept}: rigid")]
+    head += [("numbers", ", ".join(moved))] if moved else []
+    counts = severity_counts(trimmed.diagnostics)
+    return "\n".join(
+        [
+            named_values(head),
+            text_table(["output", "error by removal", "allowed", "unit"], rows),
+            named_values([("diagnostics", counts)]),
+        ]
+    )

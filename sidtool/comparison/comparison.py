@@ -14,6 +14,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array, Taylor
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.reference import (
     BlockValue,
     Frequencies,
@@ -216,18 +217,21 @@ def to_json(
     checks: Sequence[Check],
     comparison: Comparison | None = None,
     units: UnitGuess | None = None,
-    questions: Sequence[str] = (),
+    diagnostics: Sequence[Diagnostic] = (),
     written_by: str = "",
     *,
     strict: bool = False,
+    has_doubts: bool = False,
 ) -> str:
     """One JSON document; numbers that JSON cannot hold (nan, infinity) become null.
 
     Keys: ``passed`` (of all together), ``checks``, and, where given, ``comparison``,
-    ``units``, ``questions``, which count as warnings, and ``written_by`` of own files.
+    ``units``, ``diagnostics`` and ``written_by`` of own files.
+
+    has_doubts : whether warnings count beside those of the checks if `strict`
     """
     good = verdict(checks, strict=strict) and (comparison is None or comparison.passed)
-    good = good and not (strict and questions)
+    good = good and not (strict and has_doubts)
     data: dict[str, Any] = {
         "passed": good,
         "checks": _json_value(checks_as_data(checks)),
@@ -235,8 +239,13 @@ def to_json(
     if comparison is not None:
         data["comparison"] = comparison_as_data(comparison)
     if units is not None:
-        data["units"] = _json_value(asdict(units))
-        data["questions"] = list(questions)
+        data["units"] = _json_value(
+            {
+                "candidates": [asdict(each) for each in units.candidates],
+                "certain": units.certain,
+            }
+        )
+        data["diagnostics"] = [_json_value(each.as_data()) for each in diagnostics]
     if written_by:
         data["written_by"] = written_by
     return json.dumps(data, indent=2, allow_nan=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -25,7 +26,7 @@ from .candidates import Choice
 from .runs import Setting
 
 #: Version of the search; entries of another version are not used.
-METHOD_VERSION = 20
+METHOD_VERSION = 21
 
 
 class CacheEntry(BaseModel, frozen=True, extra="forbid"):
@@ -35,6 +36,7 @@ class CacheEntry(BaseModel, frozen=True, extra="forbid"):
     models : level of the mesh, modes and nodes with static shape functions, for bodies
         given by models
     frames : changed frames of bodies
+    diagnostics : records of the search, and of the run of the finest model
     """
 
     key: str
@@ -43,6 +45,8 @@ class CacheEntry(BaseModel, frozen=True, extra="forbid"):
     report: AccuracyReport
     models: dict[str, tuple[int, int | None, tuple[int, ...]]] = {}
     frames: dict[str, str] = {}
+    diagnostics: tuple[dict[str, Any], ...] = ()
+    reference_diagnostics: tuple[dict[str, Any], ...] = ()
 
 
 def cache_path() -> Path | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sidtool.formats.diagnostics import Diagnostic
+from sidtool.formats.diagnostics import Diagnostic, each_once
 
 from .rounding_levels import rounding_levels
 from .variants import Setting
@@ -36,7 +36,7 @@ class RunRecord:
         that are done once
     seconds : least solve time of several runs
     message : reason why there is no run; everything else is empty then
-    diagnostics : of the result, only for runs that are done once
+    diagnostics : of the result, or why it failed
     times : (nt,) output times [s]
     """
 
@@ -64,22 +64,21 @@ class RunRecord:
         return np.array([known.get(name, 0.0) for name in names])
 
 
-def failed_run(message: str) -> RunRecord:
+def failed_run(message: str, diagnostics: Iterable[Diagnostic] = ()) -> RunRecord:
     """Return the record of a run that failed."""
-    return RunRecord((), np.zeros((0, 0)), message=message)
+    found = each_once(diagnostics)
+    return RunRecord((), np.zeros((0, 0)), message=message, diagnostics=found)
 
 
 def record_run(
     result: Result,
     seconds: float | None = None,
-    noted: bool = False,
     system: System | None = None,
 ) -> RunRecord:
     """Return the record of a result.
 
     Parameters
     ----------
-    noted : with its diagnostics, which take time to compute
     system : compiled scene of a reference run, to compute the effect of rounding
     """
     levels = () if system is None else rounding_levels(result, system, result.names)
@@ -89,7 +88,7 @@ def record_run(
         tuple(map(float, levels)),
         float(result.counters["seconds"]) if seconds is None else seconds,
         int(result.counters["steps"]),
-        diagnostics=result.diagnostics if noted else (),
+        diagnostics=result.diagnostics,
         times=np.asarray(result.t),
     )
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from sidtool.formats.diagnostics import Diagnostic
 
 from .outputs import MAX_REPEATS, RunRecord, timed_run
 from .reference import Reference
@@ -30,6 +32,7 @@ class Point:
     dofs : degrees of freedom of the meshes of models
     conversion : processor time of their conversion [s]
     errors : errors of single outputs
+    diagnostics : of the run
     """
 
     setting: Setting
@@ -43,6 +46,7 @@ class Point:
     dofs: int = 0
     conversion: float = 0.0
     errors: Mapping[str, float] = field(default_factory=dict)
+    diagnostics: tuple[Diagnostic, ...] = ()
 
 
 def skipped_point(choices: Mapping[str, str], setting: Setting, message: str) -> Point:
@@ -59,7 +63,8 @@ def point_of(
 ) -> Point:
     """Return the point of a run compared with the reference."""
     if record.message:
-        return skipped_point(choices, setting, record.message)
+        skipped = skipped_point(choices, setting, record.message)
+        return replace(skipped, diagnostics=record.diagnostics)
     errors = reference.of(record)
     sums = errors + reference.floors
     worst = int(sums.argmax())
@@ -72,6 +77,7 @@ def point_of(
         choices=choices,
         size=size,
         errors=dict(zip(reference.names, errors.tolist(), strict=True)),
+        diagnostics=record.diagnostics,
     )
 
 

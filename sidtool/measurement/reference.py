@@ -9,14 +9,14 @@ that is compared.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.diagnostics import Diagnostic
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import unit_of
 
 from .outputs import RunRecord, record_run
@@ -100,7 +100,9 @@ class Reference:
         The result is at least the uncertainty of the reference; smaller errors are not
         resolved.
         """
-        return max(float(self.of(record_run(result)).max()), self.uncertainty)
+        rows = {name: i for i, name in enumerate(result.names)}
+        values = np.asarray(result.values)[:, [rows[name] for name in self.names]]
+        return max(float(self.errors(values).max()), self.uncertainty)
 
 
 def make_reference(system: System, outputs: Sequence[str] = ()) -> Reference:
@@ -249,14 +251,16 @@ def _nothing_to_compare(
     unpredictable: Mapping[str, float], unconverged: Mapping[str, float]
 ) -> InputError:
     if unpredictable:
+        (first, *_) = unpredictable_outputs(unpredictable)
         return InputError(
-            f"no output can be predicted: {reference_difference_text(unpredictable)}",
+            f"no output can be predicted: {first.message_line}",
             place="outputs.record",
             expected="a shorter time span, over which the motion is predictable",
         )
     if unconverged:
+        (first, *_) = unconverged_outputs(unconverged)
         return InputError(
-            f"no output is converged: {refinement_change_text(unconverged)}",
+            f"no output is converged: {first.message_line}",
             place="--over",
             expected="finer meshes and more modes among the values, or other outputs",
         )
@@ -267,23 +271,13 @@ def _nothing_to_compare(
     )
 
 
-def reference_difference_text(unpredictable: Mapping[str, float]) -> str:
-    """Return a text on the difference of two references in each output."""
-    return (
-        f"two references differ in {_output_differences(unpredictable)} of its "
-        "variation"
-    )
+def unpredictable_outputs(differences: Mapping[str, float]) -> Iterator[Diagnostic]:
+    """Diagnose outputs in which two references differ, the worst first (N732)."""
+    for name in sorted(differences, key=lambda name: -differences[name]):
+        yield diagnose("N732", name, difference=differences[name])
 
 
-def refinement_change_text(unconverged: Mapping[str, float]) -> str:
-    """Return a text on the last changes of each output by mesh and modes."""
-    return (
-        f"mesh and modes still change {_output_differences(unconverged)} of its "
-        "variation"
-    )
-
-
-def _output_differences(differences: Mapping[str, float]) -> str:
-    return ", ".join(
-        f"{name} by {100 * part:.2g} %" for name, part in differences.items()
-    )
+def unconverged_outputs(changes: Mapping[str, float]) -> Iterator[Diagnostic]:
+    """Diagnose outputs that mesh and modes still change, the worst first (N734)."""
+    for name in sorted(changes, key=lambda name: -changes[name]):
+        yield diagnose("N734", name, change=changes[name])

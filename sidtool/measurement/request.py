@@ -9,6 +9,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.motion_kinds import named_by_kind
 from sidtool.formats.scene import (
     KIND,
@@ -45,6 +46,14 @@ class Request:
         """
         pairs = zip(self.tolerances.values(), variation, strict=True)
         return np.array([t.value if t.absolute else t.value * v for t, v in pairs])
+
+
+def refuse_accuracy(
+    reason: str, expected: str = "a larger error, or other outputs"
+) -> InputError:
+    """Return the error that a requested accuracy cannot be reached (N617)."""
+    problem = diagnose("N617", reason=reason).message_line
+    return InputError(problem, place="accuracy.wanted", expected=expected)
 
 
 def requested(

@@ -131,10 +131,13 @@ def run_task(task: RunTask) -> RunRecord:
         result, seconds = timed_run(
             system, task.setting, 1 if task.once else MAX_REPEATS
         )
-    except (InputError, SimulationError) as error:
+    except InputError as error:
         return failed_run(str(error))
+    except SimulationError as error:
+        more = () if error.result is None else error.result.diagnostics
+        return failed_run(str(error), (*error.diagnostics, *more))
     reference = system if task.once else None
-    return record_run(result, seconds, noted=task.once, system=reference)
+    return record_run(result, seconds, system=reference)
 
 
 Task = TypeVar("Task")
@@ -285,7 +288,7 @@ def as_completed(
 
 
 #: Version of the measurement; stored points of another version are not used.
-METHOD_VERSION = 4
+METHOD_VERSION = 5
 #: Keys of [accuracy] that a setting replaces.
 SETTING = {"integrator", "rtol", "step", "wanted"}
 

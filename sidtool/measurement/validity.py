@@ -9,8 +9,14 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
-from sidtool.formats.result import Result
-from sidtool.formats.result.accuracy_report import MAX_DEFLECTION, MAX_ROTATION
+from sidtool.formats.diagnostics import Diagnostic, diagnose
+from sidtool.formats.result import OutputError, Result
+from sidtool.formats.result.accuracy_report import (
+    MAX_DEFLECTION,
+    MAX_ROTATION,
+    deformation_diagnostics,
+    stiffening_diagnostic,
+)
 from sidtool.formats.scene import is_elastic
 from sidtool.formats.scene import parse_output as parsed
 
@@ -41,53 +47,46 @@ def check_validity(result: Result) -> None:
             measure.diverges or abs(measure.ratio) > MAX_UNMODELLED_STIFFENING
         ):
             raise OutsideTheory(
-                f"outside of what the SID of {name} describes: {measure.sentence()}",
+                stiffening_diagnostic(name, measure).message_line,
                 place=place,
                 expected="a SID with geometric stiffening",
             )
-        if body.deflection > MAX_DEFLECTION:
-            raise _validity_notes(
-                place,
-                f"{name} deforms by {body.deflection:.2g} of its length, where small "
-                f"deformations end at {MAX_DEFLECTION:g}",
-                body.deflection / MAX_DEFLECTION,
+        for beyond in deformation_diagnostics(name, body.deflection, body.rotation):
+            parts = math.ceil(
+                max(body.deflection / MAX_DEFLECTION, body.rotation / MAX_ROTATION)
             )
-        turned = body.rotation
-        if turned > MAX_ROTATION:
-            raise _validity_notes(
-                place,
-                f"{name} turns elastically by {turned:.2g} rad, where small rotations "
-                f"end at {MAX_ROTATION:g}",
-                turned / MAX_ROTATION,
+            raise OutsideTheory(
+                beyond.message_line,
+                place=place,
+                expected=f"the body cut into {parts} or more, each a SID of its own, "
+                "tied by joints of type fixed; `simulate` without `wanted` gives "
+                "numbers whose error is not known",
             )
 
 
-def missing_stiffening_notes(
-    stiffness: Mapping[str, float], change: str, matters: bool
-) -> Iterator[str]:
-    """Return sentences on the geometric stiffening that the models of bodies lack.
+def missing_stiffening_diagnostics(
+    stiffness: Mapping[str, float], change: OutputError, matters: bool
+) -> Iterator[Diagnostic]:
+    """Diagnose geometric stiffening that the models of bodies lack (N606).
 
     stiffness : relative change of stiffness that it would cause, by body
-    change : text on the change of outputs by all of it
-    matters : whether that change exceeds the allowed error
+    change : largest change of an output by all of it
+    matters : whether it changes an output by more than is allowed, and considerably
 
     Raises
     ------
     OutsideTheory : it matters, and changes a stiffness by more than a quarter.
     """
     for name, ratio in stiffness.items():
-        would = f"it would be {100.0 * ratio:+.3g} % of the stiffness"
+        found = diagnose("N606", name, ratio=ratio, **change.values())
         if matters and abs(ratio) > MAX_UNMODELLED_STIFFENING:
             raise OutsideTheory(
-                f"geometric stiffening is not in the model of {name}: {would}, and "
-                f"would change {change}",
+                found.message_line,
                 place=f"bodies.{name}",
                 expected="a model with a table [stiffening]",
             )
-        yield (
-            f"geometric stiffening of {name}: not in its model, and not in these "
-            f"errors; {would} at the most, and would change {change}"
-        )
+        if change.error > change.allowed:
+            yield found
 
 
 def elastic_coordinates(name: str, result: Result) -> np.ndarray:
@@ -101,17 +100,6 @@ def elastic_coordinates(name: str, result: Result) -> np.ndarray:
         if column in result.position_names:
             q[:, k] = result.positions[:, result.position_names.index(column)]
     return q
-
-
-def _validity_notes(place: str, what: str, times: float) -> OutsideTheory:
-    parts = math.ceil(times)
-    return OutsideTheory(
-        f"outside of the theory of small deformations: {what}",
-        place=place,
-        expected=f"the body cut into {parts} or more, each a SID of its own, tied by "
-        "joints of type fixed, so that none deforms that far; `simulate` without "
-        "`wanted` gives numbers whose error is not known",
-    )
 
 
 #: Relative tolerance for equal frequencies: a shape function has the same frequency in

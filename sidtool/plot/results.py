@@ -11,6 +11,8 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose, plain_text
+from sidtool.formats.diagnostics.python_warnings import warn_of_each
 from sidtool.formats.result import Result, units_in
 from sidtool.formats.scene import expand_names
 from sidtool.solver.simulation.replay import scene_of
@@ -65,7 +67,7 @@ def plot_result(
 
     Returns
     -------
-    notes on what was omitted, or is uncertain
+    texts on what was omitted, or is uncertain; warnings are emitted
 
     Raises
     ------
@@ -74,24 +76,26 @@ def plot_result(
     with figure_style():
         page, notes = draw_result(result, kind, names)
         save_figure(page, path)
-    return notes
+    warn_of_each(notes)
+    return [each.line for each in notes if not each.is_warning]
 
 
 def draw_result(
     result: Result, kind: str = "outputs", names: str | Iterable[str] | None = None
-) -> tuple[Figure, list[str]]:
-    """Return the figure, and notes on omissions and uncertainties."""
+) -> tuple[Figure, list[Diagnostic]]:
+    """Return the figure, and diagnostics of omissions and uncertainties."""
     if len(result.t) < 2:
         raise InputError(
             f"holds {len(result.t)} output times", expected="at least two for a curve"
         )
     if kind == "energy":
         return _energy_curves(result)
-    notes: list[str] = []
+    notes: list[Diagnostic] = []
     wanted = list(RESIDUALS) if kind == "drift" else _requested_outputs(result, names)
     groups = group_outputs(wanted)
     if len(groups) > _MAX_AXES:
-        notes.append(f"{_MAX_AXES} of {len(groups)} pairs of axes are drawn")
+        text = f"{_MAX_AXES} of {len(groups)} pairs of axes are drawn"
+        notes.append(plain_text(text))
         groups = groups[:_MAX_AXES]
     wanted = [name for group in groups for name in group]
     if kind == "spectrum":
@@ -123,7 +127,7 @@ def _requested_outputs(result: Result, names: str | Iterable[str] | None) -> lis
 
 def _dense_outputs(
     result: Result, names: list[str]
-) -> tuple[Array, dict[str, Array], list[str]]:
+) -> tuple[Array, dict[str, Array], list[Diagnostic]]:
     """Return outputs at many times; outputs that cannot be evaluated keep their
     recorded times.
     """
@@ -176,33 +180,20 @@ def _dense_times(t: Array, numbers: int) -> Array:
     return np.append(inner, t[-1])
 
 
-def _uncertainty_note(off: float) -> list[str]:
-    if off < _NOTED_UNCERTAINTY:
-        return []
-    return [
-        f"between output times curves may be off by {off:.1%} of their range: a "
-        "smaller output_step shows more"
-    ]
+def _uncertainty_note(off: float) -> list[Diagnostic]:
+    return [] if off < _NOTED_UNCERTAINTY else [diagnose("N821", share=off)]
 
 
-def _unresolved_note(names: list[str]) -> list[str]:
-    """Return a note on outputs that the output times do not resolve."""
+def _unresolved_note(names: list[str]) -> list[Diagnostic]:
+    """Diagnose outputs that the output times do not resolve (N820)."""
     if not names:
         return []
-    named = ", ".join(names[:_MAX_NAMED_OUTPUTS])
-    more = (
-        f" and {len(names) - _MAX_NAMED_OUTPUTS} more"
-        if len(names) > _MAX_NAMED_OUTPUTS
-        else ""
-    )
-    vary = "varies" if len(names) == 1 else "vary"
-    return [
-        f"{named}{more} {vary} faster than the output times follow: straight lines "
-        "between recorded values; a smaller output_step shows what lies between"
-    ]
+    more = len(names) - _MAX_NAMED_OUTPUTS
+    shown = names[:_MAX_NAMED_OUTPUTS] + ([f"{more} more"] if more > 0 else [])
+    return [diagnose("N820", outputs=shown, names=names)]
 
 
-def _energy_curves(result: Result) -> tuple[Figure, list[str]]:
+def _energy_curves(result: Result) -> tuple[Figure, list[Diagnostic]]:
     """Return kinetic, elastic and potential energy, their sum, and other recorded
     energies.
     """
@@ -223,7 +214,7 @@ def _energy_curves(result: Result) -> tuple[Figure, list[str]]:
     return page, notes
 
 
-def _spectra(result: Result, names: list[str]) -> tuple[Figure, list[str]]:
+def _spectra(result: Result, names: list[str]) -> tuple[Figure, list[Diagnostic]]:
     """Return amplitudes with a Hann window over the whole run, up to half the sampling
     rate.
     """
@@ -248,7 +239,8 @@ def _spectra(result: Result, names: list[str]) -> tuple[Figure, list[str]]:
             draw_legend(place)
             place.set_xlim(0.0, frequencies[-1])
         _finish_figure(page, rows, result, "frequency [Hz]")
-    return page, [f"up to {frequencies[-1]:.4g} Hz, half the rate of the output times"]
+    text = f"up to {frequencies[-1]:.4g} Hz, half the rate of the output times"
+    return page, [plain_text(text)]
 
 
 def amplitude_spectrum(values: Array) -> Array:

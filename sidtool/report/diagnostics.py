@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import (
@@ -16,7 +16,7 @@ from sidtool.formats.diagnostics import (
 from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
 from sidtool.formats.diagnostics.record import example_of
 
-from .tables import WIDTH, counted_noun, wrapped
+from .tables import WIDTH, counted_noun, text_table, wrapped
 
 
 def diagnostic_line(diagnostic: Diagnostic) -> str:
@@ -46,6 +46,42 @@ def severity_counts(diagnostics: Iterable[Diagnostic]) -> str:
         counted_noun(count, "note" if severity == INFO else severity)
         for severity, count in counts.items()
     )
+
+
+#: Runs under their names, with their diagnostics.
+Runs = Sequence[tuple[str, Sequence[Diagnostic]]]
+
+
+def first_of_each_code(runs: Runs) -> list[Diagnostic]:
+    """Return one diagnostic for each code of many runs, that of the first run."""
+    first = {each.code: each for _, found in reversed(runs) for each in reversed(found)}
+    return sorted(first.values(), key=lambda each: SEVERITIES.index(each.severity))
+
+
+def runs_by_code(runs: Runs) -> dict[str, list[str]]:
+    """Return the names of the runs that have each code."""
+    names: dict[str, list[str]] = {}
+    for name, found in runs:
+        for code in dict.fromkeys(each.code for each in found):
+            names.setdefault(code, []).append(name)
+    return names
+
+
+def table_of_codes(runs: Runs) -> str:
+    """Tabulate the codes of many runs: how many runs have them, and the first one."""
+    names = runs_by_code(runs)
+    rows = [
+        [
+            each.code,
+            each.severity,
+            f"{len(names[each.code])} of {len(runs)}",
+            names[each.code][0],
+            str(each) if each.subject else each.message,
+        ]
+        for each in first_of_each_code(runs)
+    ]
+    header = ("code", "severity", "runs", "first run", "what the first run says")
+    return text_table(header, rows) if rows else ""
 
 
 def explain(code: str) -> str:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sidtool.formats.base.errors import printable
 from sidtool.formats.base.html import html_table
-from sidtool.formats.diagnostics import WithDiagnostics
+from sidtool.formats.diagnostics import Diagnostic, WithDiagnostics
 from sidtool.formats.diagnostics.entry import per_cent
 from sidtool.formats.result import (
     AccuracyReport,
     BudgetLine,
+    Decision,
     Event,
     FlexibleBody,
     OutputError,
@@ -91,7 +92,7 @@ def run_overview(
     if result.message and result.completed:
         before.append(("ended", result.message))
     if result.accuracy is not None:
-        before += accuracy_lines(result.accuracy)
+        before += accuracy_lines(result.accuracy, result.diagnostics)
     before += event_lines(result.events)
     table = body_table(result.bodies)
     after = [("diagnostics", severity_counts(result.diagnostics))]
@@ -162,8 +163,13 @@ def _share_text(share: float) -> str:
     return f"{per_cent(share, '.2g')} %" if abs(share) > SMALL_SHARE else "0 %"
 
 
-def accuracy_lines(report: AccuracyReport) -> list[tuple[str, str]]:
-    """Return whether a requested accuracy is kept, and what causes the error."""
+def accuracy_lines(
+    report: AccuracyReport, diagnostics: Iterable[Diagnostic] = ()
+) -> list[tuple[str, str]]:
+    """Return whether a requested accuracy is kept, and what causes the error.
+
+    diagnostics : of the result, for what the error does not include (N603)
+    """
     worst = _worst_output(report)
     kept = "kept" if worst.error <= worst.allowed else "NOT kept"
     text = _share_of_allowed(worst, worst.error, " (estimate)")
@@ -174,6 +180,12 @@ def accuracy_lines(report: AccuracyReport) -> list[tuple[str, str]]:
             *max(theories, key=lambda pair: pair[1] / pair[0].allowed)
         )
         lines.append(("theory", f"linear theory has an error of about {text}"))
+    excluded = [
+        f"{each.data['what']} of {each.subject}"
+        for each in diagnostics
+        if each.code == "N603"
+    ]
+    lines += [("excluded", ", ".join(excluded))] if excluded else []
     choices = "; ".join(f"{line.part}: {line.choice}" for line in report.budget)
     searched = _search_text(report)
     lines.append(("model", choices))
@@ -481,19 +493,11 @@ def _complex_pair(value: complex) -> list[float]:
     return [float(np.real(value)), float(np.imag(value))]
 
 
-def accuracy_summary(report: AccuracyReport) -> TextBlock:
-    """Return a few lines: the request, the worst output, and the sentences."""
-    entries = [("wanted", _request_text(report)), ("reached", _reached_text(report))]
-    entries += [("choice", text) for text in report.sentences]
-    searched = _search_text(report)
-    how = f"by {searched}" if report.searched else f"before, by {searched}"
-    return named_values([*entries, ("found", how)])
-
-
 def describe_accuracy(report: AccuracyReport) -> str:
-    """Describe the error of each output, the budget, and the reasons."""
-    parts = [accuracy_summary(report), error_table(report), budget_table(report)]
-    return "\n\n".join(parts)
+    """Tabulate the error of each output, the budget, and the decisions."""
+    tables = [error_table(report), budget_table(report)]
+    tables += [decision_table(report)] if report.decisions else []
+    return "\n\n".join(tables)
 
 
 def error_table(report: AccuracyReport) -> TextBlock:
@@ -544,6 +548,25 @@ def _budget_row(line: BudgetLine, report: AccuracyReport) -> list[str]:
     ]
 
 
+def decision_table(report: AccuracyReport) -> TextBlock:
+    """Tabulate what could be left out of the model, its effect, and the choice."""
+    header = ["part of the model", "effect of leaving it out", "of what is allowed"]
+    rows = [_decision_row(decision) for decision in report.decisions]
+    return text_table([*header, "choice"], rows)
+
+
+def _decision_row(decision: Decision) -> list[str]:
+    numbers = decision.numbers or ((decision.number,) if decision.number else ())
+    what = " ".join([decision.what, *(str(number) for number in numbers)])
+    part = f"{what} of {decision.body}" if decision.body else "motion out of the plane"
+    choice = "kept" if decision.kept else "left out"
+    if not decision.runs_without:
+        return [part, "the scene does not run without it", "", choice]
+    effect = f"{decision.effect:.1e} {decision.unit}".rstrip()
+    share = _share_text(decision.effect / decision.allowed)
+    return [part, f"{effect} in {decision.output}", share, choice]
+
+
 def _relative_text(output: OutputError) -> str:
     return f"{output.relative:.1e}" if output.variation else ""
 
@@ -555,12 +578,3 @@ def _request_text(report: AccuracyReport) -> str:
     ]
     everything = "*" in report.wanted
     return ", ".join(parts) + (" of all outputs" if everything else "")
-
-
-def _reached_text(report: AccuracyReport) -> str:
-    worst = _worst_output(report)
-    return (
-        f"largest error: {worst.name}, {worst.error:.1e}{_unit_text(worst)} "
-        f"({_relative_text(worst) or 'absolute'}) of {worst.allowed:.1e} allowed: "
-        "measured at the output times against the finest model, an estimate"
-    )

@@ -66,7 +66,6 @@ def _overview_lines(sid: SID) -> str:
             f"{_writer_text(sid)}: Gr {dialect.gr_layout}-major, Ge "
             f"{dialect.ge_layout}-major, m1 {dialect.m1_index}, J {dialect.j_shape}",
         ),
-        *(("note", note) for note in dialect.notes),
         *((each.severity, each.line) for each in sid.diagnostics),
     ]
     return named_values(entries)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Sequence
+from itertools import zip_longest
 from typing import Any, Self
 
 import numpy as np
@@ -16,6 +17,8 @@ from sidtool.formats.base.html import html_table
 WIDTH = 100
 #: Values below this fraction of the largest one are printed as zero.
 _ROUNDING = 1e-12
+#: Texts in tables are not made narrower than this.
+_NARROWEST_TEXT = 16
 
 
 def format_numbers(values: ArrayLike, size: float = 0.0, between: str = ", ") -> str:
@@ -56,21 +59,29 @@ class TextBlock(str):
 
 
 def text_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> TextBlock:
-    """Return aligned columns under a header and a line; numbers right, texts left."""
+    """Return aligned columns under a header and a line; numbers right, texts left.
+
+    Texts continue below where a line would not fit on a screen.
+    """
     body = [[printable(cell) for cell in row] for row in rows]
     columns = list(zip(header, *body, strict=True))
     widths = [max(map(len, column)) for column in columns]
     right = [all(_is_number(cell) for cell in column[1:]) for column in columns]
+    widths = _widths_on_screen(widths, right)
     lines = [list(header), ["-" * width for width in widths], *body]
-    text = "\n".join(_table_line(cells, widths, right) for cells in lines)
+    text = "\n".join(_table_lines(cells, widths, right) for cells in lines)
     return TextBlock(text, html_table(body, header))
 
 
 def named_values(entries: Iterable[tuple[str, str]]) -> TextBlock:
-    """Return names and their values, one per line, aligned."""
+    """Return names and their values, aligned; long values continue below."""
     pairs = [(name, printable(text)) for name, text in entries]
     width = max((len(name) for name, _ in pairs), default=0)
-    lines = "\n".join(f"{name:<{width}}  {text}" for name, text in pairs)
+    indent = " " * (width + 2)
+    lines = "\n".join(
+        wrapped(f"{name:<{width}}  {text}", indent) if text else name
+        for name, text in pairs
+    )
     return TextBlock(lines, html_table(pairs))
 
 
@@ -97,14 +108,36 @@ def counted_noun(count: int, word: str) -> str:
     return f"{count} {word[:-1] + 'ies' if word.endswith('dy') else word + 's'}"
 
 
-def _table_line(
+def _widths_on_screen(widths: Sequence[int], right: Sequence[bool]) -> list[int]:
+    """Return the widths of columns, the widest texts narrowed to fit on a screen."""
+    fitted = list(widths)
+    texts = [i for i, numeric in enumerate(right) if not numeric]
+    for column in sorted(texts, key=lambda i: -fitted[i]):
+        excess = sum(fitted) + 2 * (len(fitted) - 1) - WIDTH
+        if excess > 0:
+            narrow = min(fitted[column], _NARROWEST_TEXT)
+            fitted[column] = max(fitted[column] - excess, narrow)
+    return fitted
+
+
+def _table_lines(
     cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]
 ) -> str:
-    padded = (
-        cell.rjust(width) if numeric else cell.ljust(width)
+    """Return a row of a table, in several lines where texts do not fit."""
+    parts = [
+        [cell]
+        if numeric or len(cell) <= width
+        else textwrap.wrap(cell, width, break_long_words=False, break_on_hyphens=False)
         for cell, width, numeric in zip(cells, widths, right, strict=True)
-    )
-    return "  ".join(padded).rstrip()
+    ]
+    lines = []
+    for row in zip_longest(*parts, fillvalue=""):
+        padded = (
+            cell.rjust(width) if numeric else cell.ljust(width)
+            for cell, width, numeric in zip(row, widths, right, strict=True)
+        )
+        lines.append("  ".join(padded).rstrip())
+    return "\n".join(lines)
 
 
 def _is_number(cell: str) -> bool:

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic, diagnose, each_once
 from sidtool.formats.plausibility import body_warnings
 
 from ..comparison.block_differences import Comparison, ComparisonRow
 from ..comparison.comparison import compare, comparison_report, to_json
 from ..validate.checks import Check, check, report, verdict
 from ..validate.unit_guess import UnitGuess, guess_units
+from .diagnostics import diagnostic_line, diagnostic_lines
 from .tables import counted_noun, text_table, wrapped
 
 #: Indent of the details of an identity.
@@ -27,21 +29,33 @@ class Judgement:
     checks: tuple[Check, ...]
     units: UnitGuess
     comparison: Comparison | None
-    questions: tuple[str, ...] = ()
+    about_body: tuple[Diagnostic, ...] = ()
     written_by: str = ""
 
     @property
-    def remarks(self) -> list[str]:
-        """Return the remarks that are not part of checks and comparison."""
-        compared = () if self.comparison is None else self.comparison.notes
-        return [*self.units.warnings, *self.questions, *compared]
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Return failed identities, doubts about units and the body, what the reader
+        assumed, and what was not compared.
+        """
+        notes = () if self.comparison is None else self.comparison.notes
+        return each_once(
+            (
+                *(check.diagnostic for check in self.checks if check.failed),
+                *self.units.diagnostics,
+                *self.about_body,
+                *(diagnose("N940", reason=note) for note in notes),
+            )
+        )
+
+    @property
+    def doubts(self) -> tuple[Diagnostic, ...]:
+        """Return warnings about the body that no identity shows."""
+        return tuple(each for each in self.about_body if each.is_warning)
 
     def good(self, *, strict: bool) -> bool:
-        """Return whether nothing failed; with `strict` warnings and questions about
-        units count as failures.
-        """
+        """Return whether nothing failed; with `strict` warnings count as failures."""
         matched = self.comparison is None or self.comparison.passed
-        sound = verdict(self.checks, strict=strict) and not (strict and self.questions)
+        sound = verdict(self.checks, strict=strict) and not (strict and self.doubts)
         return sound and matched
 
 
@@ -58,11 +72,11 @@ def judge_sid(
     InputError : a file cannot be read or does not fit the SID.
     """
     checks, units = check(sid), guess_units(sid)
-    warnings = tuple(each.line for each in body_warnings(sid))
-    if reference is None:
-        return Judgement(checks, units, None, warnings, sid.written_by)
-    comparison = compare(sid, reference, tolerance=tolerance)
-    return Judgement(checks, units, comparison, warnings, sid.written_by)
+    about_body = *body_warnings(sid), *sid.diagnostics
+    comparison = None
+    if reference is not None:
+        comparison = compare(sid, reference, tolerance=tolerance)
+    return Judgement(checks, units, comparison, about_body, sid.written_by)
 
 
 def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
@@ -71,9 +85,10 @@ def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
         judgement.checks,
         judgement.comparison,
         judgement.units,
-        judgement.questions,
+        judgement.diagnostics,
         judgement.written_by,
         strict=strict,
+        has_doubts=bool(judgement.doubts),
     )
 
 
@@ -81,10 +96,11 @@ def judgement_as_text(judgement: Judgement, *, strict: bool) -> str:
     """Return tables, the meaning of each failure, and the verdict in the last line."""
     by = [f"written by {judgement.written_by}"] if judgement.written_by else []
     parts = [*by, _check_table(judgement.checks), *_failure_meanings(judgement.checks)]
-    parts.append(_unit_notes(judgement.units))
-    parts += [f"question: {text}" for text in judgement.questions]
+    parts.append(_unit_line(judgement.units))
     if judgement.comparison is not None:
         parts += _comparison_tables(judgement.comparison)
+    infos = [each for each in judgement.diagnostics if not each.is_warning]
+    parts += [diagnostic_lines(infos)] if infos else []
     parts.append(_verdict_line(judgement, strict=strict))
     return "\n\n".join(parts)
 
@@ -106,17 +122,14 @@ def _check_table(checks: tuple[Check, ...]) -> str:
 
 def _failure_meanings(checks: tuple[Check, ...]) -> Iterator[str]:
     for failed in (c for c in checks if c.failed):
-        yield f"{failed.id} failed ({failed.severity}): {failed.meaning}"
+        yield f"{diagnostic_line(failed.diagnostic)}\n{wrapped(failed.meaning)}"
 
 
-def _unit_notes(guess: UnitGuess) -> str:
-    """Return the most plausible unit system (a SID has no unit field), and doubts about
-    it.
-    """
+def _unit_line(guess: UnitGuess) -> str:
+    """Return the most plausible unit system; a SID has no unit field."""
     others = " or ".join(guess.nearly)
     alternatives = f" (a guess; nearly as plausible: {others})" if others else ""
-    lines = [f"units: {guess.system or 'unknown'}{alternatives}"]
-    return "\n".join([*lines, *(f"warning: {text}" for text in guess.warnings)])
+    return wrapped(f"units: {guess.system or 'unknown'}{alternatives}")
 
 
 def _comparison_tables(comparison: Comparison) -> Iterator[str]:
@@ -126,8 +139,6 @@ def _comparison_tables(comparison: Comparison) -> Iterator[str]:
         pairs = list(members)
         rows = [[text[column] for column in columns] for _, text in pairs]
         yield f"{group}{_row_source(pairs[0][0])}\n{text_table(columns, rows)}"
-    for note in comparison.notes:
-        yield f"note: {note}"
 
 
 def _row_source(row: ComparisonRow) -> str:
@@ -146,7 +157,8 @@ def _verdict_line(judgement: Judgement, *, strict: bool) -> str:
         text = f"{missed} of {len(judged)} judged reference values missed"
         counts.append(text if judged else "reference not judged: no --tolerance given")
     word = "good" if judgement.good(strict=strict) else "bad"
-    if judgement.questions:
-        counts.append(counted_noun(len(judgement.questions), "question"))
-        word = "questionable" if word == "good" else word
+    doubts = judgement.doubts + judgement.units.diagnostics
+    if doubts:
+        counts.append(counted_noun(len(doubts), "doubt"))
+        word = "doubtful" if word == "good" else word
     return f"{word}: {', '.join(counts)}{' (warnings count)' if strict else ''}"

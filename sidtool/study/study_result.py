@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -13,18 +13,22 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.html import html_table
-from sidtool.formats.diagnostics import Diagnostic
+from sidtool.formats.diagnostics import Diagnostic, diagnose, each_once
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.study import StudyFile, StudyPoint, write_study
 
 from ..measurement.points import Point, pareto_front, recommend_point
 from ..measurement.reference import (
     Reference,
-    reference_difference_text,
-    refinement_change_text,
+    unconverged_outputs,
+    unpredictable_outputs,
 )
-from ..report.diagnostics import diagnostic_lines
-from ..report.tables import text_table
+from ..report.diagnostics import (
+    diagnostic_lines,
+    first_of_each_code,
+    table_of_codes,
+)
+from ..report.tables import named_values, text_table
 
 if TYPE_CHECKING:
     import os
@@ -66,8 +70,24 @@ class Study:
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Diagnostics of the reference run."""
-        return self.reference.diagnostics
+        """Diagnostics of the comparison and of the reference; of the other runs those
+        whose codes the reference does not have.
+        """
+        known = {each.code for each in self.reference.diagnostics}
+        of_runs = first_of_each_code(self.runs)
+        more = [d for d in of_runs if d.is_warning and d.code not in known]
+        found = *study_diagnostics(self), *self.reference.diagnostics, *more
+        return each_once(found)
+
+    @property
+    def runs(self) -> list[tuple[str, tuple[Diagnostic, ...]]]:
+        """Return the diagnostics of all runs under their settings."""
+        runs = [("reference", self.reference.diagnostics)]
+        runs += [
+            (" ".join([*p.choices.values(), p.setting.key]), p.diagnostics)
+            for p in self.points
+        ]
+        return runs
 
     def front(self, cost: str = "seconds") -> list[Point]:
         """Return the Pareto front: no other point has a smaller error at no more cost.
@@ -266,8 +286,8 @@ def recommendation_table(points: Sequence[Point], wanted: Iterable[float]) -> st
     return text_table(["wanted", "error", "seconds", "[accuracy]"], rows)
 
 
-def _limiting_outputs(result: Study) -> str:
-    """Return a note on the outputs that limit the reference, and a remedy."""
+def _limiting_outputs(result: Study) -> Iterator[Diagnostic]:
+    """Diagnose the outputs that limit the reference (N730)."""
     reference = result.reference
     pairs = zip(reference.names, reference.floors, strict=True)
     errors = {name: float(floor) for name, floor in pairs}
@@ -276,56 +296,57 @@ def _limiting_outputs(result: Study) -> str:
     finer = {"mesh": "finer meshes", "modes": "more modes"}
     remedy = " or ".join(t for axis, t in finer.items() if axis in result.varied)
     blunt = reference.uncertainty > SHARP_UNCERTAINTY and len(sharp) < len(errors)
-    if not blunt or not remedy:
-        return ""
-    dull = ", ".join(f"{n} ({f:.0e})" for n, f in errors.items() if f > limit)
-    best = max(errors[name] for name in sharp)
-    them = " ".join(f"--of {name}" for name in sharp)
-    return (
-        f"\nThat is due to {dull}; {remedy} would tell more. The others are known to "
-        f"{best:.0e}: {them} compares these alone."
-    )
+    if blunt and remedy:
+        best = max(errors[name] for name in sharp)
+        them = " ".join(f"--of {name}" for name in sharp)
+        yield diagnose(
+            "N730",
+            uncertainty=reference.uncertainty,
+            limiting=[n for n, f in errors.items() if f > limit],
+            remedy=f"Use {remedy}, or compare {them} alone ({best:.0e}).",
+        )
 
 
 def study_notes(result: Study) -> list[str]:
-    """Return notes on the errors, their resolution, and outputs that are not
-    compared.
-    """
+    """Return what the errors are relative to, and diagnostics by code."""
     reference = result.reference
     of = f" ({reference.model})" if reference.model else ""
-    parts = [
-        f"Errors are relative, of the worst of: {', '.join(reference.names)}.\n"
-        f"The reference{of} is good to {reference.uncertainty:.0e}; smaller errors "
-        "cannot be told."
-        f"{_limiting_outputs(result)}"
+    parts: list[str] = [
+        named_values(
+            [
+                ("error", f"relative, of the worst of {', '.join(reference.names)}"),
+                ("reference", f"good to {reference.uncertainty:.0e}{of}"),
+            ]
+        )
     ]
-    if reference.left_out:
-        parts.append(f"Left out, rounding only: {', '.join(reference.left_out)}.")
-    if reference.unpredictable:
-        text = reference_difference_text(reference.unpredictable)
-        parts.append(
-            f"Not predictable over this time span: {text}. No setting above is "
-            "recommended for them; a shorter time span may help."
-        )
-    if reference.unconverged:
-        text = refinement_change_text(reference.unconverged)
-        parts.append(f"Not converged: {text}. Finer meshes or more modes may help.")
-    if result.dropped:
-        parts.append(
-            "Not compared, as they belong to shape functions or frames that vary: "
-            f"{', '.join(result.dropped)}."
-        )
-    if result.whole > len(result.points):
-        parts.append(
-            f"{len(result.points)} of {result.whole} combinations: those that differ "
-            f"from the scene in at most {result.differ} choices. --differ "
-            f"{result.differ + 1} adds more; those that are kept are not computed "
-            "again."
-        )
-    if result.diagnostics:
-        lines = diagnostic_lines(result.diagnostics)
-        parts.append(f"Diagnostics of the reference\n{lines}")
+    infos = [d for d in study_diagnostics(result) if not d.is_warning]
+    parts += [diagnostic_lines(infos)] if infos else []
+    table = table_of_codes(result.runs)
+    parts += [table] if table else []
     return parts
+
+
+def study_diagnostics(result: Study) -> Iterator[Diagnostic]:
+    """Diagnose the comparison: outputs that cannot be compared, and what limits it."""
+    reference = result.reference
+    yield from unpredictable_outputs(reference.unpredictable)
+    yield from unconverged_outputs(reference.unconverged)
+    reasons = {
+        "varying by rounding only": reference.left_out,
+        "of shape functions or frames that vary": result.dropped,
+    }
+    for reason, names in reasons.items():
+        if names:
+            yield diagnose("N615", ", ".join(names), reason=reason)
+    yield from _limiting_outputs(result)
+    if result.whole > len(result.points):
+        yield diagnose(
+            "N733",
+            count=len(result.points),
+            all=result.whole,
+            differ=result.differ,
+            next=result.differ + 1,
+        )
 
 
 def study_file(result: Study) -> StudyFile:
@@ -345,6 +366,7 @@ def study_file(result: Study) -> StudyFile:
             dofs=p.dofs,
             conversion=p.conversion,
             errors=dict(p.errors),
+            diagnostics=tuple(d.as_data() for d in p.diagnostics if d.is_warning),
         )
         for p in result.points
     )
@@ -369,6 +391,10 @@ def study_columns(content: StudyFile) -> dict[str, list[object]]:
     names = ["integrator", "rtol", "step", *COSTS, "steps", "seconds", "error"]
     for name in [*names, "told", "message"]:
         columns[name] = [getattr(p, name) for p in content.points]
+    columns["warnings"] = [
+        " ".join(dict.fromkeys(d["code"] for d in p.diagnostics))
+        for p in content.points
+    ]
     for name in content.outputs:
         columns[f"error {name}"] = [p.errors.get(name) for p in content.points]
     return columns

@@ -14,7 +14,7 @@ from scipy.integrate import trapezoid
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import Diagnostic
+from sidtool.formats.diagnostics import Diagnostic, each_once
 from sidtool.formats.file_names import check_ending, kind_by_ending
 from sidtool.formats.scene import has_wildcard, parse_output
 from sidtool.formats.storage.atomic import atomic_path
@@ -185,9 +185,25 @@ class Sweep(Mapping[str, np.ndarray]):
 
     def report(self) -> str:
         """Return the table as text, as `sidtool sweep` prints it."""
+        from ..report.diagnostics import table_of_codes
         from ..report.tables import text_table
 
-        return text_table(self._shown(), self._rows())
+        table: str = text_table(self._shown(), self._rows())
+        codes = table_of_codes(self.runs)
+        return f"{table}\n\n{codes}" if codes else table
+
+    @property
+    def runs(self) -> list[tuple[str, tuple[Diagnostic, ...]]]:
+        """Return the diagnostics of all runs under their values."""
+        return [
+            (", ".join(map(_short_text, p.values.values())), p.diagnostics)
+            for p in self.points
+        ]
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Return the diagnostics of all runs, each once."""
+        return each_once(each for p in self.points for each in p.diagnostics)
 
     def _shown(self) -> list[str]:
         return self.header if any(map(_message_of, self.points)) else self.header[:-1]
@@ -200,9 +216,14 @@ class Sweep(Mapping[str, np.ndarray]):
 
     def data(self) -> dict[str, Any]:
         """Return the data that `--json` prints."""
+        from ..report.diagnostics import runs_by_code
+
         return {
             "title": self.title,
             "units": dict(self.units),
+            "codes": {
+                code: len(names) for code, names in runs_by_code(self.runs).items()
+            },
             "points": [
                 {
                     "values": dict(p.values),

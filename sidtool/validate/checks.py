@@ -9,6 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic, diagnose
+from sidtool.formats.diagnostics.identities import IDENTITY_TEXTS
 
 from ..mesh.unit_systems import check_magnitudes
 from . import content_identities, inertia_identities, mass_identities, node_identities
@@ -42,6 +44,16 @@ class Check:
     def failed(self) -> bool:
         """True for a failed check, whatever its severity."""
         return self.verdict == "failed"
+
+    @property
+    def diagnostic(self) -> Diagnostic:
+        """The failure as a diagnostic, N914 for I14."""
+        return diagnose(
+            IDENTITY_TEXTS[self.id].code,
+            deviation=self.measured or 0.0,
+            bound=self.bound,
+            detail=self.detail,
+        )
 
 
 def check(sid: SID) -> tuple[Check, ...]:

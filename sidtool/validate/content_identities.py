@@ -87,14 +87,7 @@ def _implied_orientation(m1: Array, psi: Array) -> Array | None:
     return np.asarray(left @ right)
 
 
-@identity(
-    "I18",
-    "AP m0 is a rotation at every node",
-    severity="error",
-    bound=1e-5,
-    meaning="a marker has no orientation, or a left-handed one: joints and forces on "
-    "it act along wrong axes",
-)
+@identity("I18", bound=1e-5)
 def node_orientation_deviation(sid: SID) -> Finding:
     """Return the largest entry of AP^T AP - I; a reflected or empty AP always fails."""
     if not sid.nodes:
@@ -109,14 +102,7 @@ def node_orientation_deviation(sid: SID) -> Finding:
     return Finding(worst, f"{text} at node {name}{more}", broken=True)
 
 
-@identity(
-    "I19",
-    "no block is an empty placeholder",
-    severity="error",
-    bound=0.0,
-    meaning="blocks were left empty by the writer: the body does not resist turning, "
-    "or misses forces when it turns and vibrates",
-)
+@identity("I19", bound=0.0)
 def placeholder_count(sid: SID) -> Finding:
     """Return the number of blocks that are zero although others imply non-zero
     values.
@@ -152,14 +138,7 @@ def _empty_blocks(sid: SID) -> Iterator[str]:
         yield "perhaps Ct, Cr, Gr and Ge, unless the axes are mean ones"
 
 
-@identity(
-    "I20",
-    "Ct m1 and phi m1 stiffen as Oe m1 does",
-    severity="error",
-    bound=0.5,
-    meaning="the stiffening by acceleration, gravity or forces has the wrong sign: "
-    "weight would stiffen a standing tower instead of softening it",
-)
+@identity("I20", bound=0.5)
 def stiffening_sign_deviation(sid: SID) -> Finding:
     """Return minus the correlation with the centrifugal stiffening, if it is
     determined.
@@ -172,14 +151,7 @@ def stiffening_sign_deviation(sid: SID) -> Finding:
     return Finding(worst, "correlation " + ", ".join(texts))
 
 
-@identity(
-    "I21",
-    "terms of higher order act, and Ke m1 has an energy",
-    severity="error",
-    bound=SYMMETRY_ROUNDING,
-    meaning="a simulation refuses the body: its equations have no such terms, or "
-    "elastic forces without an energy would drive it",
-)
+@identity("I21", bound=SYMMETRY_ROUNDING)
 def energy_free_part(sid: SID) -> Finding:
     """The part of the elastic force of first order that has no energy."""
     if sid.nq == 0:

@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 
 from sidtool.formats.base.sid import SID, Array, by_mode, symmetric_3x3
+from sidtool.formats.diagnostics import ERROR
+from sidtool.formats.diagnostics.identities import IDENTITY_TEXTS
 
 Severity = Literal["error", "warning"]
 
@@ -38,26 +40,40 @@ class Finding:
 
 @dataclass(frozen=True)
 class Identity:
-    """One registered check; `meaning` states what a failure means for a simulation."""
+    """One registered check."""
 
     id: str
-    title: str
-    severity: Severity
     bound: float
-    meaning: str
     measure: Callable[[SID], Finding]
+
+    @property
+    def title(self) -> str:
+        """Both sides of the identity."""
+        return IDENTITY_TEXTS[self.id].title
+
+    @property
+    def severity(self) -> Severity:
+        """Severity of a failure."""
+        return "error" if IDENTITY_TEXTS[self.id].severity == ERROR else "warning"
+
+    @property
+    def meaning(self) -> str:
+        """What a failure means for a simulation."""
+        return IDENTITY_TEXTS[self.id].meaning
 
 
 IDENTITIES: dict[str, Identity] = {}
 
 
 def identity(
-    name: str, title: str, *, severity: Severity, bound: float, meaning: str
+    name: str, *, bound: float
 ) -> Callable[[Callable[[SID], Finding]], Callable[[SID], Finding]]:
-    """Register the decorated function as a check; one line adds one."""
+    """Register the decorated function as a check; its texts are in the catalogue of
+    diagnostics.
+    """
 
     def register(measure: Callable[[SID], Finding]) -> Callable[[SID], Finding]:
-        IDENTITIES[name] = Identity(name, title, severity, bound, meaning, measure)
+        IDENTITIES[name] = Identity(name, bound, measure)
         return measure
 
     return register

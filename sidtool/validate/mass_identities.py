@@ -20,14 +20,7 @@ from .identity import Finding, identity, max_magnitude, relative_difference
 _PRINT = 1e-10
 
 
-@identity(
-    "I13",
-    "Me, Ke, De symmetric; Me > 0, Ke >= 0, De >= 0",
-    severity="error",
-    bound=1e-11,
-    meaning="the elastic coordinates have negative mass, stiffness or damping: "
-    "vibrations grow without bound",
-)
+@identity("I13", bound=1e-11)
 def modal_matrix_deviation(sid: SID) -> Finding:
     """Largest asymmetry; definiteness is decided by eigenvalues."""
     if sid.nq == 0:
@@ -45,14 +38,7 @@ def modal_matrix_deviation(sid: SID) -> Finding:
     return Finding(asymmetry, detail, broken=bool(broken), size=size, terms=2)
 
 
-@identity(
-    "I14",
-    "coupled mass matrix (6 + nq) positive definite",
-    severity="error",
-    bound=0.0,
-    meaning="coupled mass matrix not positive definite: this body cannot move freely "
-    "and may only be used with its frame held",
-)
+@identity("I14", bound=0.0)
 def coupled_mass_deviation(sid: SID) -> Finding:
     """The deviation is the negative of the smallest relative eigenvalue, if negative.
 
@@ -73,14 +59,7 @@ def coupled_mass_deviation(sid: SID) -> Finding:
     return Finding(max(0.0, -space.smallest), detail, broken=True)
 
 
-@identity(
-    "I15",
-    "frequencies in the labels follow from Ke, Me",
-    severity="warning",
-    bound=1e-3,
-    meaning="the labels hold other frequencies than the body has: other units, modes "
-    "moved to another frame and cut off, or a changed stiffness",
-)
+@identity("I15", bound=1e-3)
 def frequency_deviation(sid: SID) -> Finding:
     """Held frame or free body, whichever is closer; label digits count as unknown."""
     label_frequencies = label_hertz(sid)
@@ -103,13 +82,7 @@ def frequency_deviation(sid: SID) -> Finding:
     return Finding(min(deviations)[0], detail, bound=bound)
 
 
-@identity(
-    "I16",
-    "central inertia >= 0 and triangle inequality",
-    severity="warning",
-    bound=1e-6,
-    meaning="no distribution of mass has this inertia: the body turns like no real one",
-)
+@identity("I16", bound=1e-6)
 def inertia_tensor_deviation(sid: SID) -> Finding:
     """Relative to the largest principal moment; FEMBS prints J to about 6 digits."""
     if not sid.mass > 0.0:
@@ -127,14 +100,7 @@ def inertia_tensor_deviation(sid: SID) -> Finding:
     return Finding(float(excess / size), f"principal moments {parts}")
 
 
-@identity(
-    "I17",
-    "De follows a damping law",
-    severity="warning",
-    bound=1e-9,
-    meaning="De is neither Rayleigh nor modal damping: shape functions are coupled by "
-    "damping, which few producers intend",
-)
+@identity("I17", bound=1e-9)
 def damping_deviation(sid: SID) -> Finding:
     """alpha Me + beta Ke, or 2 zeta sqrt(K M) per mode (of the body or of the file)."""
     if sid.nq == 0:

@@ -8,11 +8,14 @@ and frequencies in the labels, which are in Hz whatever the unit of time.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sidtool.formats.base.sid import SID
+from sidtool.formats.diagnostics import Diagnostic, WithDiagnostics, diagnose
 from sidtool.formats.sid_mass import SPATIAL, central_inertia, free_motion
 
 from ..mesh.unit_systems import UNIT_SYSTEMS, UnitSystem, check_magnitudes
@@ -45,19 +48,19 @@ class UnitCandidate:
 
 
 @dataclass(frozen=True)
-class UnitGuess:
+class UnitGuess(WithDiagnostics):
     """Unit systems ranked by plausibility.
 
     Attributes
     ----------
     candidates : best first; empty if the SID holds nothing to judge by
     certain : True if the best one is clearly ahead
-    warnings : texts for the user: not SI, or contradictory
+    diagnostics : not SI, or contradictory
     """
 
     candidates: tuple[UnitCandidate, ...]
     certain: bool
-    warnings: tuple[str, ...]
+    diagnostics: tuple[Diagnostic, ...]
 
     @property
     def system(self) -> str | None:
@@ -97,7 +100,7 @@ def guess_units(sid: SID) -> UnitGuess:
 def _rank_unit_systems(sid: SID) -> UnitGuess:
     size = body_size(sid)
     if not (sid.mass > 0.0 and size > 0.0):
-        return UnitGuess((), False, ("mass or size is missing: units are not judged",))
+        return UnitGuess((), False, ())
     ratio, frequency = _label_ratio(sid)
     evidence = _Evidence(sid.mass, size, _cuboid_volume(sid), frequency, ratio)
     ranked = sorted(
@@ -105,8 +108,8 @@ def _rank_unit_systems(sid: SID) -> UnitGuess:
         key=lambda candidate: candidate.misfit,
     )
     certain = ranked[1].misfit - ranked[0].misfit > _CERTAIN_LEAD
-    warnings = _unit_warnings(ranked, certain, ratio)
-    return UnitGuess(tuple(ranked), certain, warnings)
+    found = tuple(_unit_diagnostics(ranked, ratio))
+    return UnitGuess(tuple(ranked), certain, found)
 
 
 def _candidate_of(system: UnitSystem, evidence: _Evidence) -> UnitCandidate:
@@ -174,27 +177,21 @@ def _cuboid_volume(sid: SID) -> float | None:
     return float(np.sqrt(np.prod(squares)))
 
 
-def _unit_warnings(
-    ranked: list[UnitCandidate], certain: bool, ratio: float | None
-) -> tuple[str, ...]:
-    texts = []
+def _unit_diagnostics(
+    ranked: list[UnitCandidate], ratio: float | None
+) -> Iterator[Diagnostic]:
+    """Diagnose numbers that are not in SI, or in no system (N930 to N932)."""
     best = ranked[0]
     si = next(c for c in ranked if c.system == "m-kg-s")
+    values: dict[str, Any] = {
+        "system": best.system,
+        "evidence": best.evidence,
+        "misfit": best.misfit,
+    }
     if best.misfit > _STRANGE_MISFIT:
-        texts.append(
-            "no known unit system makes this an ordinary body; the nearest is "
-            f"{best.system} ({best.evidence})"
-        )
+        yield diagnose("N931", **values)
     elif si.misfit - best.misfit > _CERTAIN_LEAD:
-        surely = "are" if certain else "may be"
-        texts.append(
-            f"the numbers {surely} in {best.system}, not SI ({best.evidence}): convert "
-            "them before the body meets others"
-        )
+        yield diagnose("N930", **values)
     usual = (1.0, 1e3)
     if ratio and not any(abs(ratio / unit - 1.0) <= _SAME_RATIO for unit in usual):
-        texts.append(
-            f"the labels are {ratio:.4g} times the frequencies of Ke and Me: force, "
-            "mass, length and time are a mixture of unit systems"
-        )
-    return tuple(texts)
+        yield diagnose("N932", ratio=ratio)

@@ -56,11 +56,11 @@ def animation_data(
     """
     folders = [folder or Path("."), Path(".")]
     motion = sample_motion(result, folders=folders)
-    known, notes = find_fields(motion.scene, result.sids, fields or {}, folders)
+    known = find_fields(motion.scene, result.sids, fields or {}, folders)
     bodies = body_surfaces(
         motion.scene, motion.system.bodies, known, motion.size, folders
     )
-    notes = [*motion.notes, *notes]
+    notes = [*motion.notes]
     notes += [f"{body.name} is drawn from {body.source}" for body in bodies if body.nq]
     return AnimationData(motion, bodies, notes)
 

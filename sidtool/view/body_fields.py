@@ -13,6 +13,8 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.base.stress import von_mises
+from sidtool.formats.diagnostics import diagnose
+from sidtool.formats.diagnostics.python_warnings import warn_of
 from sidtool.formats.field import Field, mismatch_text, read_field
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, SidBody
@@ -28,8 +30,8 @@ Given = Mapping[str, Field | str | os.PathLike[str]]
 
 def find_fields(
     scene: SceneFile, sids: Mapping[str, SID], given: Given, folders: list[Path]
-) -> tuple[dict[str, Field], list[str]]:
-    """Return fields by body, and notes on files that were found but do not fit.
+) -> dict[str, Field]:
+    """Return fields by body; warn of files that were found but do not fit (N822).
 
     given : fields, or files with one, by body
     folders : folders of relative paths of the scene
@@ -39,7 +41,6 @@ def find_fields(
     InputError : a given field is not that of its SID, or there is no such body.
     """
     fields: dict[str, Field] = {}
-    notes: list[str] = []
     for body, content in given.items():
         if body not in sids:
             raise InputError(
@@ -62,10 +63,10 @@ def find_fields(
         field = read()
         wrong = mismatch_text(field, sids[body])
         if wrong:
-            notes.append(f"{path} is not the field of {body}: it {wrong}")
+            warn_of(diagnose("N822", body, file=path.name, reason=wrong))
         else:
             fields[body] = with_selected_shapes(field, scene, body)
-    return fields, notes
+    return fields
 
 
 def with_selected_shapes(field: Field, scene: SceneFile, body: str) -> Field:
@@ -217,7 +218,7 @@ def peak_stresses(
     """
     again = replay(result)
     folders = [folder or Path("."), Path(".")]
-    known, _ = find_fields(again.system.scene, result.sids, fields or {}, folders)
+    known = find_fields(again.system.scene, result.sids, fields or {}, folders)
     peaks = _peaks_of_bodies(again, known)
     if not peaks:
         raise InputError(

@@ -158,7 +158,7 @@ def export_mesh(
     again = replay(result)
     system, samples = again.system, again.samples()
     folders = [folder or Path("."), Path(".")]
-    known, notes = find_fields(system.scene, result.sids, fields or {}, folders)
+    known = find_fields(system.scene, result.sids, fields or {}, folders)
     sampled = sample_motion(result, times=again.t, folders=folders)
     rows = {data.name: b for b, data in enumerate(system.bodies)}
     parts: list[ExportBody | Line] = []
@@ -191,8 +191,8 @@ def export_mesh(
         )
     by_name = {part.name: part for part in parts if isinstance(part, ExportBody)}
     parts += [_line(link, by_name, len(again.t)) for link in sampled.links]
-    notes += [f"{p.name} is {_point_data_names(p, known)}" for p in parts]
-    return ExportMesh(again.t, tuple(parts), *_join_cells(parts), tuple(notes))
+    notes = tuple(f"{p.name} is {_point_data_names(p, known)}" for p in parts)
+    return ExportMesh(again.t, tuple(parts), *_join_cells(parts), notes)
 
 
 def _line(link: Link, bodies: Mapping[str, ExportBody], count: int) -> Line:

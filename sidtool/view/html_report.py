@@ -15,6 +15,8 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.html import escape, html_table
 from sidtool.formats.base.sid import SID
 from sidtool.formats.base.stress import stress_nodes
+from sidtool.formats.diagnostics import Diagnostic, plain_text
+from sidtool.formats.diagnostics.python_warnings import warn_of_each
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.result import Result, units_in
@@ -27,9 +29,9 @@ from ..plot.figure import figure_style
 from ..plot.results import draw_result
 from ..report.input_files import scene_parts
 from ..report.result import (
-    accuracy_summary,
     budget_table,
     contributions,
+    decision_table,
     error_table,
     event_rows,
     run_overview,
@@ -62,7 +64,7 @@ figcaption { font-size: 9pt; color: #444; }
 def write_report(
     path: Path, result: Result, fields: Mapping[str, Any], folder: Path
 ) -> list[str]:
-    """Write the page; return notes on parts that could not be shown.
+    """Write the page; return texts on parts that could not be shown.
 
     fields : full fields of flexible bodies, or their files, by body
     folder : folder of the files of the scene
@@ -72,7 +74,7 @@ def write_report(
     InputError, OSError : the result holds no scene, or the page cannot be written.
     """
     check_ending(path, "page")
-    scene, notes = scene_of(result), list[str]()
+    scene, notes = scene_of(result), list[Diagnostic]()
     title = escape(result.title or "Simulation")
     ended = escape(result.message) or "complete"
     state = "state" if result.completed else "state bad"
@@ -101,17 +103,19 @@ def write_report(
     )
     with atomic_path(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
-    return notes
+    warn_of_each(notes)
+    return [each.line for each in notes if not each.is_warning]
 
 
 def _snapshots(
-    result: Result, fields: Mapping[str, Any], folder: Path, notes: list[str]
+    result: Result, fields: Mapping[str, Any], folder: Path, notes: list[Diagnostic]
 ) -> Iterator[str]:
     """Draw the mechanism at the start, in the middle and at the end."""
     try:
         animation = animation_data(result, fields, folder)
     except InputError as error:
-        notes.append(f"there are no pictures of the mechanism: {error}")
+        text = f"there are no pictures of the mechanism: {error}"
+        notes.append(plain_text(text))
         return
     count = len(animation.motion.t)
     rows = sorted({0, count // 2, count - 1}) if count else []
@@ -142,7 +146,7 @@ def _flexible_bodies_section(result: Result) -> Iterator[str]:
 
 def _accuracy_section(result: Result) -> Iterator[str]:
     if result.accuracy is not None:
-        for part in (accuracy_summary, error_table, budget_table):
+        for part in (error_table, budget_table, decision_table):
             yield part(result.accuracy).html
 
 
@@ -152,7 +156,7 @@ def _event_section(result: Result) -> Iterator[str]:
         yield "<h2>Events</h2>" + html_table(rows, ("event", "kind", "t [s]"))
 
 
-def _output_section(result: Result, remarks: list[str]) -> Iterator[str]:
+def _output_section(result: Result, remarks: list[Diagnostic]) -> Iterator[str]:
     """Return a table of ranges with units, and curves."""
     if not result.names or not len(result.t):
         return
@@ -173,7 +177,7 @@ def _output_section(result: Result, remarks: list[str]) -> Iterator[str]:
     remarks += notes
     svg = stream.getvalue()
     yield f"<figure>{svg[svg.index('<svg') :]}</figure>"
-    yield "".join(f"<p>{escape(note)}</p>" for note in notes)
+    yield "".join(f"<p>{escape(note.line)}</p>" for note in notes)
 
 
 def body_model_rows(scene: SceneFile, result: Result) -> TextBlock:

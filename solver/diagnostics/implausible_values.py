@@ -26,6 +26,8 @@ from .body_extents import body_extent, is_dense, marker_extent, mechanism_extent
 from .excitation import ANGLES, drive_history, fastest_rotation
 from .implausible_forces import frequency_warnings, stiffness_warnings
 
+#: What readers of SIDs guessed, and a motion depends on.
+_GUESSES_OF_READERS = frozenset({"N841", "N842"})
 #: No pair of materials rubs as much.
 _MAX_FRICTION = 3.0
 #: A pin thicker than this many times the mechanism.
@@ -116,6 +118,9 @@ def implausible_value_warnings(system: System) -> Iterator[Diagnostic]:
         if data.is_scene_body and data.sid.nq:
             for warning in body_warnings(data.sid, gravity or None):
                 yield warning.within(data.name)
+            for guess in data.sid.diagnostics:
+                if guess.code in _GUESSES_OF_READERS:
+                    yield guess.within(data.name)
     yield from _angle_warnings(system)
     yield from _size_warnings(system)
     yield from _inertia_warnings(system)

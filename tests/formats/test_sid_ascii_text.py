@@ -17,6 +17,7 @@ from sidtool.formats.sid_ascii.writer import STYLES
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.storage.hdf5_files import written_by
 from tests.bodies import particle_body
+from tests.codes import only, with_code
 from tests.formats.sids import assert_same
 
 FRAGMENT = """\
@@ -243,7 +244,7 @@ def test_wrong_counts_in_the_title_are_noted(tmp_path: Path) -> None:
     text = written(BODY, tmp_path).replace("    2   3", "   12   5", 1)
     found = read_text(text, tmp_path)
     assert_same(found, BODY, PRINTED)
-    assert "12 nodes and 5 modes" in found.dialect.notes[0]
+    assert only(found, "N842").data["announced"] == "12 nodes and 5 modes"
 
 
 def test_entries_win_over_the_declared_structure(tmp_path: Path) -> None:
@@ -252,7 +253,7 @@ def test_entries_win_over_the_declared_structure(tmp_path: Path) -> None:
         changed = text.replace("structure             =    3", f"structure={structure}")
         found = read_text(changed, tmp_path)
         assert_same(found, BODY, PRINTED)
-        assert any("declared structure" in note for note in found.dialect.notes)
+        assert with_code(found, "N840")
 
 
 def test_unknown_blocks_are_kept(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.report.sid import describe_sid, frame_kind_of, natural_modes
 from sidtool.report.tables import counted_noun, text_table
 from sidtool.report.validation import judge_sid, judgement_as_text
+from tests.codes import only, with_code
 from tests.places import SLIDER_CRANK
 
 from ..bodies import particle_body
@@ -29,6 +30,18 @@ def test_any_body_is_described_and_judged(nq: int, planar: bool, nodes: int) -> 
     assert counted_noun(nq, "mode") in text and counted_noun(nodes, "node") in text
     assert "nan" not in text
     assert judgement_as_text(judge_sid(sid, None), strict=True)
+
+
+def test_what_is_not_compared_and_what_fails_is_told_by_codes(tmp_path: Path) -> None:
+    """A rigid reference; then a body whose mass is not that of its blocks."""
+    sid = particle_body(2, 12)
+    write_sid(tmp_path / "rigid.h5", rigid_sid(1.0, np.zeros(3), np.eye(3)))
+    judged = judge_sid(sid, tmp_path / "rigid.h5")
+    assert {each.severity for each in with_code(judged, "N940")} == {"info"}
+    wrong = judge_sid(replace(sid, mdCM=Taylor(sid.mdCM.m0)), None)
+    found = only(wrong, "N904")
+    assert found.severity == "error"
+    assert found.line in " ".join(judgement_as_text(wrong, strict=False).split())
 
 
 def test_effective_masses_of_all_modes_add_up_to_the_mass() -> None:

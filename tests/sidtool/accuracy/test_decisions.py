@@ -52,7 +52,6 @@ def test_a_disc_that_spins_fast_needs_quadratic_inertia(
         d for d in result.accuracy.decisions if d.what == "quadratic inertia"
     )
     assert decision.kept is kept
-    assert decision.sentence.endswith("kept" if kept else "dropped")
 
     def rates(_: float, state: np.ndarray) -> list[float]:
         _, q, v = state
@@ -104,5 +103,5 @@ def test_a_cantilever_bent_by_a_quarter_of_its_length_is_refused() -> None:
     with pytest.raises(OutsideTheory) as refused:
         sidtool.simulate(scene, sids={"arm": cantilever(3)}, accuracy=1e-2)
     text = str(refused.value)
-    assert "arm deforms by 0.25 of its length" in text
+    assert "N411 arm" in text
     assert "cut into 3 or more" in text and "joints of type fixed" in text

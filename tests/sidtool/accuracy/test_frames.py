@@ -18,8 +18,10 @@ import sidtool
 from sidtool.accuracy.frames import NEGLECT_FACTOR, neglected_order
 from sidtool.conversion.frame_change import change_frame
 from sidtool.formats.base.sid import SID, Taylor
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.scene import SceneFile
 from sidtool.measurement import cache
+from tests.codes import only
 
 from .arms import cantilever, swinging
 
@@ -31,16 +33,19 @@ def _own_cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "cache_path", lambda: tmp_path / "kept")
 
 
-def frames(found: sidtool.Result) -> tuple[dict[str, float], str]:
-    """What small deformations leave out, of what was measured, and the sentence."""
-    sentences = [
-        text for text in found.accuracy.sentences if text.startswith("frames:")
+def frames(found: sidtool.Result) -> tuple[dict[str, float], list[Diagnostic]]:
+    """What small deformations leave out, of what was measured, and diagnostics on
+    frames that were changed or not compared.
+    """
+    about = [
+        each
+        for each in found.diagnostics
+        if each.code == "N608" or "frame" in str(each.data.get("what"))
     ]
-    assert len(sentences) == 1
     left = {o.name: o.theory for o in found.accuracy.outputs if o.theory is not None}
     lines = [line for line in found.accuracy.budget if line.part == "theory"]
     assert len(lines) == bool(left)
-    return left, sentences[0]
+    return left, about
 
 
 def sagging(gravity: float, **changes: Any) -> SceneFile:
@@ -70,8 +75,8 @@ def test_a_strongly_bent_arm_is_put_in_the_frame_with_less_error(
     sids = {"arm": cantilever(2)}
     result = sidtool.simulate(sagging(1.0), sids=sids, accuracy=0.3)
     own = richest(sids["arm"])
-    left, sentence = frames(result)
-    assert "mean axes of arm, in which bodies deform least" in sentence
+    left, (changed,) = frames(result)
+    assert changed.code == "N608" and changed.data["frames"] == ("buckens",)
     better = richest(change_frame(sids["arm"], "buckens:1"))
     errors = result.accuracy.absolute()
     for name in RECORD:
@@ -110,7 +115,7 @@ def test_damping_is_the_same_in_all_frames(law: dict[str, Any]) -> None:
         )
     ]
     results_of_frames = [frames(one) for one in found]
-    assert "mean axes of arm, in which bodies deform least" in results_of_frames[0][1]
+    assert [each.code for each in results_of_frames[0][1]] == ["N608"]
     assert [one.accuracy.searched for one in found] == [True, False, True]
     for name in RECORD:
         assert results_of_frames[0][0][name] == pytest.approx(
@@ -128,16 +133,14 @@ def test_without_a_better_frame_that_of_the_scene_is_kept(
     sids = {"arm": cantilever(2)}
     result = sidtool.simulate(sagging(1.0), sids=sids, accuracy=1e-3)
     own = richest(sids["arm"])
-    left, sentence = frames(result)
-    assert (
-        "their own" in sentence and "a SID of arm with geometric stiffening" in sentence
-    )
+    left, about = frames(result)
+    assert not about
     errors = result.accuracy.absolute()
     for name in RECORD:
         assert apart(result, own, name) < errors[name]
         assert 0.2 * left[name] < apart(result, exact, name) < left[name]
-    notes = [text for text in result.notes if text.startswith("small deformations")]
-    assert len(notes) == 1 and "of pin.fx" in notes[0]
+    beyond = only(result, "N609")
+    assert beyond.subject == "pin.fx" and beyond.data["ratio"] > 1.0
 
 
 @pytest.mark.parametrize(
@@ -152,11 +155,11 @@ def test_outputs_relative_to_a_frame_keep_it(seen: str) -> None:
     outputs = {"record": ["arm.root.y", "arm.q1", seen]}
     scene = sagging(0.1, joints=pin, bodies={"arm": arm}, outputs=outputs)
     result = sidtool.simulate(scene, sids=sids, accuracy=0.05)
-    left, sentence = frames(result)
+    left, about = frames(result)
     if seen.endswith("_body"):
-        assert not left and "those of arm belong to what the scene says" in sentence
+        assert not left and [each.subject for each in about] == ["arm"]
         return
-    assert "their own" in sentence and f"and what {seen} means" in sentence
+    assert not about
     assert left["arm.q1"] > 0.0
     rows = {o.name: o.variation for o in result.accuracy.outputs}
     assert 0.0 < left[seen] < 0.2 * rows[seen]
@@ -169,9 +172,8 @@ def test_arms_that_start_bent_keep_their_frame() -> None:
     result = sidtool.simulate(
         sagging(0.3, bodies={"arm": body}), sids={"arm": sid}, accuracy=0.2
     )
-    left, sentence = frames(result)
-    assert not left
-    assert sentence == "frames: not judged; those of arm belong to what the scene says"
+    left, (excluded,) = frames(result)
+    assert not left and (excluded.code, excluded.subject) == ("N603", "arm")
 
 
 def test_frames_of_stiffened_arms_report_their_neglected_terms() -> None:
@@ -184,8 +186,8 @@ def test_frames_of_stiffened_arms_report_their_neglected_terms() -> None:
         for s in (sid, change_frame(sid, "buckens:1"))
     )
     for found in (tangent, mean):
-        left, sentence = frames(found)
-        assert "their own" in sentence
+        left, about = frames(found)
+        assert not about
         for name in RECORD:
             assert left[name] > apart(tangent, mean, name) - 0.01 * left[name]
 
@@ -207,5 +209,4 @@ def test_a_stiff_arm_is_not_run_in_other_frames() -> None:
     sid = cantilever(2, stiffened=True)
     scene = swinging(0.4, gravity=[0.0, -0.03])
     result = sidtool.simulate(scene, sids={"arm": sid}, accuracy=1e-2)
-    left, sentence = frames(result)
-    assert not left and "deforms so little" in sentence
+    assert frames(result) == ({}, [])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from math import log, pi
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from sidtool.measurement.request import requested
 from sidtool.pipeline.model_cache import Refinement, body_models
 from sidtool.solver import compile_scene
 from sidtool.study import Setting, run_study
+from tests.codes import codes, only, with_code
 
 from ..beams import beam_data
 
@@ -63,11 +63,8 @@ def test_a_point_force_has_mesh_errors_that_do_not_decrease() -> None:
     assert result.accuracy is not None
     (mesh,) = (line for line in result.accuracy.budget if line.part == "mesh")
     assert 2.5 * ADDS < mesh.errors["block.tip.ux"] < 3.5 * ADDS
-    (sentence,) = (
-        s for s in result.accuracy.sentences if s.startswith("mesh of block")
-    )
-    assert "changes hardly get smaller" in sentence and "force at a point" in sentence
-    with pytest.raises(sidtool.InputError, match="force at a point") as refused:
+    assert only(result, "N604").subject == "block"
+    with pytest.raises(sidtool.InputError, match=r"N617.*N604") as refused:
         pulled(4).simulate(accuracy={"block.tip.ux": "1e-4 m"})
     assert "tip of block" in (refused.value.expected or "")
     model = json.loads(Path("block.json").read_text(encoding="utf-8"))
@@ -156,10 +153,8 @@ def test_elastic_coordinates_are_judged_where_another_mesh_has_them_too() -> Non
         drives={"spin": {"joint": "hub", "function": ramp}},
         outputs={"record": ["link.q*", "link.b.uy"]},
     )
-    report = scene.simulate(accuracy=1e-2).accuracy
-    assert report is not None
-    text = "not judged over meshes and modes, whose shape functions differ: link.q1, "
-    assert any(s.startswith(text) for s in report.sentences)
+    found = scene.simulate(accuracy=1e-2)
+    assert any("link.q1" in each.subject for each in with_code(found, "N615"))
 
 
 def test_a_model_of_many_modes_is_compared_with_more(
@@ -168,8 +163,8 @@ def test_a_model_of_many_modes_is_compared_with_more(
     """60 modes were compared with the 48 that the search makes at most."""
     monkeypatch.setattr(mesh_choice, "MAX_MODES", 1)
     scene = pulled(2, 20).with_({"outputs.record": ["block.tip.uy", "block.tip.ux"]})
-    sentences = scene.simulate(accuracy={"block.tip.ux": 0.2}).accuracy.sentences
-    assert any(s.startswith("1 to 2 modes of block: ") for s in sentences)
+    modes = only(scene.simulate(accuracy={"block.tip.ux": 0.2}), "N613")
+    assert (modes.data["first"], modes.data["last"]) == (1, 2)
 
 
 @pytest.mark.parametrize("method", ["modal", "craig_bampton"])
@@ -191,7 +186,8 @@ def test_a_coarse_mesh_is_compared_with_all_modes_that_it_has(method: str) -> No
     found = scene.simulate(accuracy=1e-2)
     deflection = 0.5**3 / (3.0 * 2e11 * 0.01**4 / 12.0)
     assert found["link.b.uy"][-1] == pytest.approx(deflection, rel=1e-2)
-    assert any(s.startswith("4 to 6 modes") for s in found.accuracy.sentences)
+    modes = only(found, "N613")
+    assert (modes.data["first"], modes.data["last"]) == (4, 6)
 
 
 def test_the_choice_does_not_depend_on_the_size_of_a_scene() -> None:
@@ -215,10 +211,8 @@ def test_the_choice_does_not_depend_on_the_size_of_a_scene() -> None:
         run = scene.simulate(accuracy={"link.b.x": f"{1e-6 * size} m"})
         report = run.accuracy
         assert report is not None
-        choice = [
-            re.sub(r"[\d.]+(e[-+]?\d+)? (m in|% of)", "", s) for s in report.sentences
-        ]
-        found.append((choice, run["link.b.x"] / size))
+        choice = [(d.body, d.what, d.number, d.kept) for d in report.decisions]
+        found.append(((choice, codes(run)), run["link.b.x"] / size))
     (small, motion), (large, larger) = found
     assert large == small
     assert larger == pytest.approx(motion, abs=2e-6)
@@ -322,9 +316,9 @@ def test_changes_by_steps_are_not_taken_for_those_by_meshes() -> None:
         outputs={"record": ["load.y", "shoulder_motor.mz"]},
     )
     result = arm.simulate(accuracy={"load.y": "1e-5 m", "shoulder_motor.mz": "0.1 %"})
-    sentences = result.accuracy.sentences
-    assert any(s.startswith("mesh of fore: halved once") for s in sentences)
-    assert not any("hardly get smaller" in s for s in sentences)
+    meshes = {d.subject: d.data["halvings"] for d in with_code(result, "N612")}
+    assert meshes["fore"] == 1
+    assert not with_code(result, "N604")
 
 
 def blade(name: str, elements: int, **reduction: Any) -> sidtool.Scene:
@@ -366,11 +360,9 @@ def test_how_far_its_own_rotation_stretches_a_body_is_judged() -> None:
     result = coarse.simulate(accuracy={"axle.angle": "1e-5 rad"})
     estimate = result.accuracy.absolute()["axle.angle"]
     assert abs(result["axle.angle"] - true).max() < estimate <= 1e-5
-    text = (
-        "static shape functions of blade for its own inertia, and for loads at root: "
-    )
-    (line,) = (s for s in result.accuracy.sentences if s.startswith(text))
-    assert line.endswith("rad in axle.angle, kept")
+    decisions = result.accuracy.decisions
+    (static,) = (d for d in decisions if d.what == "static shape functions")
+    assert static.kept and (static.unit, static.output) == ("rad", "axle.angle")
 
 
 def test_elastic_coordinates_of_a_coupler_are_judged() -> None:
@@ -411,5 +403,5 @@ def test_elastic_coordinates_of_a_coupler_are_judged() -> None:
         drives={"turn": {"joint": "crank_pin", "function": speed}},
         outputs={"record": ["link.q1"]},
     )
-    sentences = scene.simulate(accuracy={"link.q1": 1e-2}).accuracy.sentences
-    assert any(s.startswith("mesh of link: halved once") for s in sentences)
+    result = scene.simulate(accuracy={"link.q1": 1e-2})
+    assert only(result, "N612").data["halvings"] == 1

@@ -17,6 +17,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.reading import validate_data
 from sidtool.measurement import cache
 from sidtool.pipeline.model_to_sid import sid_from_model
+from tests.codes import codes
 
 from ..beams import beam_data
 from .arms import cantilever, particles, simulated, spun, swinging
@@ -28,9 +29,9 @@ from .arms import cantilever, particles, simulated, spun, swinging
         (swinging(gravity=[0.0, -12.0]), True, "of its length.*joints of type fixed"),
         # with stiffening the deflection stays below a tenth; splitting the body was
         # suggested
-        (swinging(gravity=[0.0, -3.0]), False, "stiffening matters and the SID lacks"),
-        (spun(2.5, 20.0), False, "stiffening matters and the SID lacks it.*convert"),
-        (spun(5.0, 20.0), False, "diverges.*lacks the geometric stiffening"),
+        (swinging(gravity=[0.0, -3.0]), False, "N404 arm"),
+        (spun(2.5, 20.0), False, "N404 arm"),
+        (spun(5.0, 20.0), False, "N405 arm"),
     ],
 )
 def test_large_deformations_are_refused_with_a_remedy(
@@ -82,11 +83,10 @@ def test_a_solid_that_flaps_across_its_spin_lacks_stiffening(
         outputs={"record": ["arm.tip.uz"]},
     )
     if refused:
-        with pytest.raises(OutsideTheory, match="is not in the model of arm: .* would"):
+        with pytest.raises(OutsideTheory, match="N606 arm"):
             sidtool.simulate(scene, accuracy=3e-2)
     else:
-        sentences = sidtool.simulate(scene, accuracy=3e-2).accuracy.sentences
-        assert any("of arm: not in its model, and not in" in s for s in sentences)
+        assert "N606" not in codes(sidtool.simulate(scene, accuracy=3e-2))
 
 
 def test_twist_is_no_stiffening() -> None:
@@ -109,7 +109,7 @@ def test_twist_is_no_stiffening() -> None:
     data["material"]["youngs_modulus"] /= 2.0
     sid = sid_from_model(validate_data(data, ModelFile))
     assert np.abs(sid.node(2).psi.m0[0]).max() > 1.0
-    with pytest.raises(OutsideTheory, match="matters and the SID lacks it.*convert"):
+    with pytest.raises(OutsideTheory, match="N404 arm"):
         simulated(spun(2.5, 20.0), sid, accuracy=1e-2)
 
 
@@ -120,5 +120,5 @@ def test_elastic_rotations_count_as_well() -> None:
         replace(node, psi=Taylor(np.outer([0.0, 0.0, 1.0], [30.0, 0.0, 0.0, 0.0])))
         for node in sid.nodes
     )
-    with pytest.raises(OutsideTheory, match="turns elastically by .* rad"):
+    with pytest.raises(OutsideTheory, match="N413 arm"):
         simulated(scene, replace(sid, nodes=turned), accuracy=1e-2)

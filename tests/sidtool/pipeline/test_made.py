@@ -13,12 +13,13 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.model.refine import refine_model, with_modes
+from sidtool.formats.result import Decision
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.measurement import cache
 from sidtool.solver import compile_scene
 from sidtool.solver.simulation.replay import scene_of
 from sidtool.view.body_fields import find_fields
-from tests.codes import only
+from tests.codes import codes, only
 from tests.steel_bars import bar_data
 
 from ..accuracy.arms import cantilever, spun, swinging
@@ -143,8 +144,7 @@ def test_a_rod_that_is_loaded_in_its_middle_needs_its_static_shape(
     """
     path = pressed(folder, 1)
     result = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
-    (sentence,) = [s for s in result.accuracy.sentences if s.startswith("static shape")]
-    assert "for loads at root, mid: " in sentence and sentence.endswith(", kept")
+    assert static_shapes(result).kept
     at_rest = 0.02 * 0.5**3 / 3.0
     assert result["arm.mid.uy"][-1] == pytest.approx(at_rest, rel=1e-3)
     again = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
@@ -154,20 +154,23 @@ def test_a_rod_that_is_loaded_in_its_middle_needs_its_static_shape(
     assert one / at_rest == pytest.approx(0.9, abs=0.02)
     path = pressed(folder, 2)
     unconstrained = sidtool.simulate(path, accuracy={"arm.tip.uy": 0.05})
-    (sentence,) = [
-        s for s in unconstrained.accuracy.sentences if s.startswith("static shape")
-    ]
-    assert sentence.endswith("m in arm.tip.uy, dropped")
+    assert not static_shapes(unconstrained).kept
+    assert static_shapes(unconstrained).output == "arm.tip.uy"
+
+
+def static_shapes(result: sidtool.Result) -> Decision:
+    """What was decided on static shape functions."""
+    decisions = result.accuracy.decisions
+    (found,) = [d for d in decisions if d.what == "static shape functions"]
+    return found
 
 
 def test_of_a_sid_static_shapes_are_not_judged() -> None:
     result = sidtool.simulate(
         spun(0.3, 2.0), sids={"arm": cantilever(2)}, accuracy={"arm.tip.uy": 0.1}
     )
-    (sentence,) = [
-        s for s in result.accuracy.sentences if s.startswith("mesh: not judged")
-    ]
-    assert sentence.endswith("such as static ones for loads at arm.root")
+    excluded = only(result, "N603")
+    assert excluded.subject == "arm" and excluded.data["loads"] == ("arm.root",)
 
 
 def test_mesh_and_modes_are_refined_as_far_as_needed(
@@ -187,11 +190,7 @@ def test_mesh_and_modes_are_refined_as_far_as_needed(
     coarse = sidtool.simulate(path)["arm.tip.uy"]
     assert np.abs(coarse - true).max() / np.ptp(true) > 5e-3
     assert result.accuracy.budget[0].part == "mesh"
-    sentences = " ".join(result.accuracy.sentences)
-    assert (
-        "mesh of arm: halved" in sentences
-        and "modes of arm: the last change" in sentences
-    )
+    assert {"N612", "N613"} <= {*codes(result)}
     with monkeypatch.context() as patch:
         forbid(patch)
         again = sidtool.simulate(path, accuracy=expected)

@@ -17,7 +17,9 @@ from sidtool.api.sweep import sweep
 from sidtool.cli.main import run
 from sidtool.study import StudyInterrupted
 from sidtool.sweep import Sweep
+from tests.codes import with_code
 
+from ..accuracy import arms
 from ..study.parts import bar
 
 whole_module = importlib.import_module("sidtool.study.run_study")
@@ -85,6 +87,18 @@ def test_quarter_period_of_a_pendulum_over_its_length(pendulum: Path) -> None:
     assert np.allclose(found["t.end"], exact, rtol=1e-7)
     assert np.allclose(found["bob.y.min"], -found["length"], rtol=1e-7)
     assert found.units == {"length": "", "t.end": "s", "bob.y.min": "m"}
+
+
+def test_a_run_beyond_linear_theory_is_seen_among_others() -> None:
+    """In the warnings of Python, in the table, in the counts and in its own point."""
+    gravity = {"gravity[1]": [-0.01, -30.0]}
+    sids = {"arm": arms.cantilever(2)}
+    with pytest.warns(sidtool.DiagnosticWarning, match="N411 arm"):
+        found = sweep(arms.swinging(0.4), gravity, "arm.tip.y.min", sids=sids)
+    has_code = ["N411" in [d.code for d in point.diagnostics] for point in found.points]
+    assert has_code == [False, True]
+    assert found.data()["codes"]["N411"] == 1 and with_code(found, "N411")
+    assert "N411" in found["message"][1] and "1 of 2" in found.report()
 
 
 def test_deflection_of_a_cantilever_over_load_and_height_of_its_model(

@@ -21,6 +21,8 @@ from sidtool.formats.base.sid import (
     by_mode,
     rigid_sid,
 )
+from sidtool.formats.diagnostics import diagnose
+from sidtool.formats.diagnostics.identities import IDENTITY_TEXTS
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.report.sid import describe_sid
 from sidtool.validate import (
@@ -124,8 +126,8 @@ def _node(name: str) -> Callable[[SID], SID]:
 
 
 def _wrong_title(sid: SID) -> SID:
-    note = "the first line promises 5 nodes and 4 modes, the file has 2 and 4"
-    return replace(sid, dialect=replace(sid.dialect, notes=(note,)))
+    wrong = diagnose("N842", announced="5 nodes and 4 modes", found="2 and 4")
+    return replace(sid, diagnostics=(wrong,))
 
 
 def _symmetric_part(Cr1: Array) -> Array:
@@ -196,6 +198,7 @@ def test_every_check_can_fail(name: str) -> None:
     found = _by_id(PERTURBATIONS[name](body))[name]
     assert found.verdict == "failed" and found.meaning
     assert found.measured is not None and found.bound is not None
+    assert found.diagnostic.code == IDENTITY_TEXTS[name].code
 
 
 def test_only_an_error_decides_unless_strict() -> None:

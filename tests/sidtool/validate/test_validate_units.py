@@ -31,6 +31,7 @@ from sidtool.validate import (
 from sidtool.validate.body_modes import free_body, held_body
 from sidtool.validate.frequencies import free_modes, held_modes
 from tests.bodies import particle_body
+from tests.codes import codes, only
 from tests.sidtool.bodies import beam_data
 from tests.sidtool.models import QM6, rod
 from tests.sidtool.networks import clamped, mean_axis, random_network, sid_of
@@ -193,7 +194,8 @@ def _steel_link(labels: bool = True) -> SID:
 def test_the_guess_finds_the_system(system: str, labels: bool) -> None:
     guess = guess_units(convert_units(_steel_link(labels), "SI", system))
     assert guess.system == system and guess.certain
-    assert any(system in text for text in guess.warnings) == (system != "m-kg-s")
+    assert codes(guess) == ([] if system == "m-kg-s" else ["N930"])
+    assert all(each.data["system"] == system for each in guess.diagnostics)
 
 
 def test_inches_are_certain_only_with_frequencies_in_the_labels() -> None:
@@ -210,13 +212,21 @@ def test_a_mixture_is_noticed() -> None:
     """Stiffness in N/mm beside masses in kg: frequencies are off by sqrt(1000)."""
     body = _steel_link()
     mixed = replace(body, Ke=Taylor(1e-3 * body.Ke.m0))
-    (warning,) = [text for text in guess_units(mixed).warnings if "mixture" in text]
-    assert "31.62 times" in warning
+    ratio = only(guess_units(mixed), "N932").data["ratio"]
+    assert ratio == pytest.approx(1000**0.5, rel=1e-3)
+
+
+def test_a_body_of_no_system_is_noticed() -> None:
+    """A link of 1e28 kg/m3, as no unit of mass and length makes of a solid."""
+    body = _steel_link(labels=False)
+    heavy = {name: Taylor(1e25 * getattr(body, name).m0) for name in ("J", "mdCM")}
+    guess = guess_units(replace(body, mass=1e25 * body.mass, **heavy))
+    assert codes(guess) == ["N931"]
 
 
 def test_nothing_to_judge_by() -> None:
     guess = guess_units(rigid_sid(1.0, np.zeros(3), np.zeros((3, 3))))
-    assert guess.system is None and guess.warnings
+    assert guess.system is None and not guess.diagnostics
 
 
 def test_a_free_body_with_labels_is_understood() -> None:
@@ -228,7 +238,7 @@ def test_a_free_body_with_labels_is_understood() -> None:
     for body in (free, attached):
         labelled = replace(body, labels=texts)
         assert {c.id: c for c in check(labelled)}["I15"].verdict == "passed"
-        assert not any("mixture" in text for text in guess_units(labelled).warnings)
+        assert "N932" not in codes(guess_units(labelled))
 
 
 @pytest.mark.parametrize(

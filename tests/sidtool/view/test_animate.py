@@ -287,10 +287,8 @@ def test_fields_next_to_the_sids_are_found(
     assert bodies["rod"].source == "its full field"
     wrong = replace(field, stiffness=2 * field.stiffness)
     write_field(tmp_path / "rod.field.h5", wrong)
-    again = animation_data(result, folder=tmp_path)
-    assert any(
-        "is not the field of rod: it has other Ke" in text for text in again.notes
-    )
+    with pytest.warns(sidtool.DiagnosticWarning, match="N822 rod"):
+        animation_data(result, folder=tmp_path)
     with pytest.raises(InputError, match="has other Ke than the SID"):
         animation_data(result, {"rod": wrong})
     with pytest.raises(InputError, match="no flexible body 'crank'"):

@@ -1,0 +1,75 @@
+"""Diagnostics N8xx: SID files, result files and pictures."""
+
+from .entry import INFO, WARNING, Entry
+
+ENTRIES = (
+    Entry(
+        "N820",
+        WARNING,
+        "output times do not resolve {outputs}; straight lines join them",
+        "The motion between output times is interpolated from the states. Outputs that "
+        "deviate from it by more than 30 % of their range are drawn with "
+        "straight lines.",
+        remedy="Use a smaller output_step.",
+        example={"outputs": ("rod.q1",)},
+    ),
+    Entry(
+        "N821",
+        INFO,
+        "curves between output times have an error of up to {share} of their range",
+        "Difference of the interpolated states and their derivatives between output "
+        "times, over the range of the curve.",
+        remedy="A smaller output_step shows more.",
+        units={"share": "%"},
+        example={"share": 0.02},
+    ),
+    Entry(
+        "N822",
+        WARNING,
+        "{file} is not its field: it {reason}",
+        "A file NAME.field.h5 next to a SID is used for pictures if its nodes and "
+        "shape functions are those of the SID within rounding, max |difference| "
+        "relative to the largest entry. Otherwise the nodes of the SID are drawn.",
+        remedy="Convert the model again with --field.",
+        example={
+            "subject": "rod",
+            "file": "rod.field.h5",
+            "reason": "has other nodes",
+        },
+    ),
+    Entry(
+        "N840",
+        INFO,
+        "{problem}; {taken}",
+        "Structure, order and symmetry that a SID file declares, against its entries, "
+        "beyond the rounding of printed numbers. Nothing is repaired on reading.",
+        remedy="{remedy}",
+        example={
+            "subject": "Ke",
+            "problem": "declared symmetric, but its halves differ",
+            "taken": "both are used",
+            "remedy": "",
+        },
+    ),
+    Entry(
+        "N841",
+        WARNING,
+        "no identity proves the order of its columns: read {layout}-major",
+        "Writers order the columns of Gr and Ge by axis or by mode. The reader takes "
+        "the order for which I6 (J1 = Gr + Cr0~) and I7 (Ge = 2 Cr1) have the smaller "
+        "residual. Where both residuals are alike the order of the writer or "
+        "axis-major is taken; Coriolis forces depend on it.",
+        remedy="`convert --repair` rebuilds Gr and Ge.",
+        example={"subject": "Ge", "layout": "axis"},
+    ),
+    Entry(
+        "N842",
+        WARNING,
+        "{announced} announced, the file has {found}",
+        "Counts of nodes and modes in the first line, and labels of elastic "
+        "coordinates, against the content; the identity I1 is the number of such "
+        "contradictions. The file was cut or edited.",
+        remedy="Write the file again.",
+        example={"announced": "12 nodes, 5 modes", "found": "2 nodes, 3 modes"},
+    ),
+)
