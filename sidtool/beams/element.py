@@ -88,7 +88,7 @@ class BeamElement:
 
     def rows_at(self, places: Array, frames: AxisFrames) -> tuple[ElementRows, ...]:
         """Return the rows at fractions (n,) of the element with given frames."""
-        covered = np.stack([self._flexibility_before(place) for place in places])
+        covered = self._flexibilities_before(places)
         back = translate_motion(frames.places - self._ends[1])
         motion = back @ covered @ self._forces
         motion[:, :, :6] += translate_motion(frames.places - self._ends[0])
@@ -125,7 +125,7 @@ class BeamElement:
     def _forces(self) -> Array:
         """(6, 12) forces and moments at the end."""
         return np.asarray(
-            np.linalg.solve(self._flexibility_before(1.0), self._end_motion)
+            np.linalg.solve(self._flexibilities_before(np.ones(1))[0], self._end_motion)
         )
 
     @cached_property
@@ -134,12 +134,15 @@ class BeamElement:
         parts = self._flexibilities(_CUTS[:-1], _CUTS[1:])
         return np.concatenate([np.zeros((1, 6, 6)), np.cumsum(parts, axis=0)])
 
-    def _flexibility_before(self, place: float) -> Array:
-        """(6, 6) flexibility of what lies before a fraction of the element."""
-        at = np.flatnonzero(place == _CUTS)
-        if at.size:
-            return np.asarray(self._parts[at[0]])
-        return np.asarray(self._flexibilities(np.zeros(1), np.array([place]))[0])
+    def _flexibilities_before(self, places: Array) -> Array:
+        """(n, 6, 6) flexibilities of what lies before fractions (n,) of the element."""
+        cuts = np.minimum(np.searchsorted(_CUTS, places), len(_CUTS) - 1)
+        between = _CUTS[cuts] != places
+        found = self._parts[cuts]
+        if between.any():
+            ends = places[between]
+            found[between] = self._flexibilities(np.zeros(len(ends)), ends)
+        return np.asarray(found)
 
     def _flexibilities(self, starts: Array, ends: Array) -> Array:
         """(n, 6, 6) of n parts: motion of the end by forces and moments there."""
