@@ -60,13 +60,16 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
-    """Modules and tests live as long as the suite: no search for garbage among them."""
+    """Modules and tests live as long as the suite: no search for garbage among them,
+    and fewer later, as the many small objects of a test do not refer to each other.
+    """
     gc.disable()
     try:
         yield
     finally:
         gc.freeze()
         gc.enable()
+        gc.set_threshold(50_000, 20, 20)
 
 
 @pytest.fixture(scope="session")

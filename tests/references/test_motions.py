@@ -43,8 +43,8 @@ def test_methods_of_high_order_meet_the_requested_error(
     case: str, integrator: str
 ) -> None:
     small = "1e-09" in case and not case.startswith("clamped")
-    tight = [] if small else [1e-5 if integrator == SLOW else 1e-6]
-    check(CASES[case], integrator, 1e-3, 1e-4, *tight)
+    tight = 1e-4 if small else 1e-5 if integrator == SLOW else 1e-6
+    check(CASES[case], integrator, 1e-3, tight)
 
 
 @pytest.mark.parametrize("integrator", LOW)

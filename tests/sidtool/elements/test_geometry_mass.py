@@ -42,8 +42,10 @@ def reweighted(model: ModelFile, ratio: float, along: int) -> ModelFile:
     return model.model_copy(update={"geometry": geometry})
 
 
-@pytest.mark.parametrize("along", [0, 1])
-@pytest.mark.parametrize("ratio", [1.0, 10.0, 100.0, 0.02])
+@pytest.mark.parametrize(
+    ("ratio", "along"),
+    [(1.0, 0), (10.0, 0), (10.0, 1), (100.0, 0), (100.0, 1), (0.02, 0), (0.02, 1)],
+)
 @pytest.mark.parametrize("width", [None, 0.3])
 def test_mass_of_a_ring_whatever_its_weights(
     ratio: float, along: int, width: float | None

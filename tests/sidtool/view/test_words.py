@@ -116,17 +116,17 @@ def test_broken_labels_lose_no_letter(label: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "ends",
+    ("ends", "count"),
     [
-        (0.8, 0.05, 0.05),
-        (10.0, 0.4, 0.1),
-        (0.3, 0.3, 0.3),
-        (0.0, 0.0, 2.0),
-        (1.0, 0.2, 0.0),
+        ((0.8, 0.05, 0.05), 3),
+        ((10.0, 0.4, 0.1), 1),
+        ((0.3, 0.3, 0.3), 1),
+        ((0.3, 0.3, 0.3), 3),
+        ((0.0, 0.0, 2.0), 1),
+        ((1.0, 0.2, 0.0), 3),
     ],
     ids=str,
 )
-@pytest.mark.parametrize("count", [1, 3])
 def test_names_numbers_and_labels_of_bodies(
     ends: tuple[float, float, float], count: int
 ) -> None:
