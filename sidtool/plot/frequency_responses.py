@@ -28,9 +28,12 @@ def plot_response(path: Path | None, response: FrequencyResponse) -> Any:
     f = response.frequencies
     is_log = bool(f.min() > 0.0 and f.max() > 10.0 * f.min())
     with saved_figure(path, 2, 1, size=(6.0, 5.2)) as (upper, lower):
+        units = {*response.units}
         for k, name in enumerate(response.output_names):
             colour = COLOURS[k % len(COLOURS)]
-            upper.plot(f, response.magnitude[:, k], color=colour, label=name)
+            unit = response.units[k] if len(units) > 1 else ""
+            label = f"{name} [{unit}]" if unit else name
+            upper.plot(f, response.magnitude[:, k], color=colour, label=label)
             lower.plot(f, np.degrees(response.phase[:, k]), color=colour)
             peaks = [
                 (peak.frequency, peak.magnitude)
@@ -45,7 +48,6 @@ def plot_response(path: Path | None, response: FrequencyResponse) -> Any:
             use_log_scale(upper.xaxis)
             use_log_scale(lower.xaxis)
         lower.yaxis.set_major_locator(_phase_ticks(response))
-        units = set(response.units)
         unit = f" [{units.pop()}]" if len(units) == 1 and "" not in units else ""
         only = response.output_names[0] if len(response.output_names) == 1 else ""
         label = f"{only or 'magnitude'}{unit}"

@@ -61,9 +61,9 @@ class Peak:
     magnitude
         inf for a mode without damping.
     mode_frequency, damping_ratio
-        Of the mode with the largest part in it: |eigenvalue| / 2 pi [Hz] and
-        -Re / |eigenvalue|; nan where its frequency is another one, as of a maximum
-        between two zeros.
+        Of the mode with the largest part in it among those near by: |eigenvalue| / 2 pi
+        [Hz] and -Re / |eigenvalue|; nan where there is none, as at a maximum between
+        two zeros.
     """
 
     output: str
@@ -244,7 +244,7 @@ def frequency_response(
                 place="input",
                 expected=_EXCITATION if space.input_names else NO_INPUTS,
             )
-        excitation = next(iter(known))
+        excitation = min(known, key=len)  # the input, not a derivative of it
     given = excitation if isinstance(excitation, str) else _excitation_text(excitation)
     amplitudes = (
         parse_excitation(excitation, tuple(known))
@@ -379,8 +379,8 @@ class _Transfer:
         return values
 
     def leading_mode(self, row: int, frequency: float) -> complex | None:
-        """The eigenvalue of the oscillation with the largest part in an output, if its
-        frequency is near."""
+        """The eigenvalue of the oscillation with the largest part in an output, among
+        those with a frequency near by."""
         omega = 2.0 * np.pi * frequency
         with np.errstate(divide="ignore", invalid="ignore"):
             parts = np.abs(
@@ -388,14 +388,14 @@ class _Transfer:
                 * (self.participation @ self.amplitudes(omega))
                 / (1j * omega - self.eigenvalues)
             )
-        values = self.eigenvalues
-        slowest = RIGID * np.abs(values).max(initial=0.0)
-        parts = np.where(values.imag > slowest, np.nan_to_num(parts), 0.0)
+        values, sizes = self.eigenvalues, np.abs(self.eigenvalues)
+        slowest = RIGID * sizes.max(initial=0.0)
+        width = NEAR_MODE * sizes + 2.0 * np.abs(values.real)
+        is_near = (values.imag > slowest) & (np.abs(omega - sizes) < width)
+        parts = np.where(is_near, np.nan_to_num(parts), 0.0)
         if not parts.any():
             return None
-        value = complex(values[int(np.argmax(parts))])
-        width = NEAR_MODE + 2.0 * abs(value.real) / abs(value)
-        return value if abs(omega - abs(value)) < width * abs(value) else None
+        return complex(values[int(np.argmax(parts))])
 
 
 def _with_resonances(grid: Array, transfer: _Transfer) -> Array:

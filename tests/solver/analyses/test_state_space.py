@@ -308,3 +308,47 @@ def test_without_an_equilibrium_there_is_the_start() -> None:
         falling.state_space()
     assert [each.code for each in caught.value.diagnostics][:2] == ["N727", "N701"]
     assert falling.state_space(about="start").A.shape == (6, 6)
+
+
+def test_a_loop_in_python_around_the_plant_moves_as_predicted() -> None:
+    """Sampled PD control of the spatial arm: x -> exp(A h) x + ... u, y = C x."""
+    joints, h, count = ("yaw", "shoulder", "elbow"), 0.01, 20
+    measured = [
+        f"{joint}.{kind}" for joint in joints for kind in ("angle", "angle_rate")
+    ]
+    scene = spatial_arm().with_(
+        {
+            "initial": {"state": "static"},
+            "outputs.record": measured,
+            "accuracy": {"rtol": 1e-9, "integrator": "radau9"},
+        }
+    )
+    space = scene.state_space(inputs=[*joints, "push"])
+    gains = np.kron(np.eye(3), [[200.0, 20.0]])
+    compiled = scene.compile()
+
+    def closed_loop(push: float) -> list[list[float]]:
+        plant, found = compiled.plant(), []
+        for step in range(count):
+            y = np.array([plant[name] for name in measured])
+            found.append(y.tolist())
+            torques = -gains @ (y - space.outputs)
+            plant.set(**dict(zip(joints, torques.tolist(), strict=True)))
+            plant.set(push=push if step < 3 else 0.0)
+            plant.advance(h)
+        return found
+
+    size = 0.05
+    found = np.subtract(closed_loop(size), closed_loop(-size)) / (2.0 * size)
+    n, n_u = space.B.shape
+    block = np.zeros((n + n_u, n + n_u))
+    block[:n, :n], block[:n, n:] = space.A, space.B
+    whole = expm(h * block)
+    x, expected = np.zeros(n), []
+    for step in range(count):
+        y = space.C @ x
+        expected.append(y)
+        u = np.append(-gains @ y, 1.0 if step < 3 else 0.0)
+        x = whole[:n, :n] @ x + whole[:n, n:] @ u
+    sizes = np.abs(expected).max(axis=0)
+    assert np.all(np.abs(found - np.array(expected)).max(axis=0) < 1e-6 * sizes)
