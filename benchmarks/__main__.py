@@ -33,6 +33,7 @@ BENCHMARKS = (
     "economy",
     "latency",
     "repeated",
+    "fmu",
     "faults",
 )
 #: Also on the page: `python -m benchmarks.decks FOLDER -o benchmarks/results`.

@@ -115,8 +115,8 @@ def fmu(
     by the package ziglang (`pip install "sidtool[fmu]"`). The first FMU compiles the
     equations for the platform, once, in about a minute.
 
-    Events that end the run, joints that stick and slip, and control laws in Python are
-    refused by name. An FMU ends at the end time of its scene: --set time.end=1000.
+    Joints that stick and slip and control laws in Python are refused by name. An FMU
+    ends at the end time of its scene: --set time.end=1000.
 
     \b
     Examples:

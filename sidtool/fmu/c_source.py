@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,13 +17,14 @@ from sidtool.solver.compiler.tables import TableType
 from sidtool.solver.dynamics import control_laws
 from sidtool.solver.functions.piecewise import N_INPUT_TERMS
 from sidtool.solver.integrators import loop_state, newton_iteration
+from sidtool.solver.output.events import VALUE_TOLERANCE
 from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.system.sensors import SAMPLE_TOLERANCE
 
 from .kernel_objects import PREFIX, called_kernels
 from .memory_image import MemoryImage, memory_image
 from .output_terms import OutputTerms
-from .plant_table import PLANT, PlantTables
+from .plant_table import PLANT, PlantTables, ending_events
 
 #: Communication points are compared with this tolerance, relative to 1 s and the time.
 TIME_TOLERANCE = 1e-9
@@ -40,9 +41,17 @@ CODES = (
 
 
 def scene_header(
-    tables: PlantTables, inputs: Iterable[str], outputs: Iterable[OutputTerms]
+    tables: PlantTables,
+    inputs: Sequence[str],
+    outputs: Sequence[OutputTerms],
+    events: Sequence[OutputTerms] = (),
 ) -> str:
-    """The text of scene.h."""
+    """The text of scene.h.
+
+    Parameters
+    ----------
+    events : quantities of `ending_events`
+    """
     image = memory_image(tables.plant)
     system, settings = tables.system, tables.start.settings
     kernels = called_kernels(system.planar, settings.integrator)
@@ -57,6 +66,7 @@ def scene_header(
         "SAMPLE_TOLERANCE": SAMPLE_TOLERANCE,
         "TIME_TOLERANCE": TIME_TOLERANCE,
         "FIXED_STEP": settings.step or 1.0,
+        "EVENT_TOLERANCE": VALUE_TOLERANCE,
     }
     parts = [
         "/* Written by sidtool: tables and data of one scene. */",
@@ -68,7 +78,9 @@ def scene_header(
         *_image_data(image),
         *_time_data(tables),
         *_input_data(tables, image, tuple(inputs)),
-        *_output_data(tables, image, tuple(outputs)),
+        *_output_data(tables, image, (*outputs, *events)),
+        f"enum {{ N_OUTPUTS = {len(outputs)} }};",
+        *_event_data(tables),
     ]
     return "\n".join(parts) + "\n"
 
@@ -213,7 +225,6 @@ def _output_data(
             for t in output.terms
         ]
     return [
-        f"enum {{ N_OUTPUTS = {len(rows)} }};",
         _array(
             "struct { int64_t first, second; double weight; } terms",
             [*terms, "{0, -1, 0.0}"],
@@ -221,5 +232,23 @@ def _output_data(
         _array(
             "struct { int64_t first, count; double constant; int is_root; } outputs",
             [*rows, "{0, 0, 0.0, 0}"],
+        ),
+    ]
+
+
+def _event_data(tables: PlantTables) -> list[str]:
+    """Events that end the motion; their quantities stand behind the outputs."""
+    directions = {"rising": 1, "falling": -1, "both": 0}
+    events = ending_events(tables.system.scene)
+    rows = [
+        f"{{{json.dumps(name)}, {_real(event.value)}, {directions[event.direction]}, "
+        f"{event.count or 1}}}"
+        for name, event in events.items()
+    ]
+    return [
+        f"enum {{ N_EVENTS = {len(rows)} }};",
+        _array(
+            "struct { const char *name; double value; int direction, count; } events",
+            [*rows, '{"", 0.0, 0, 0}'],
         ),
     ]

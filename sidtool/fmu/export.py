@@ -24,7 +24,7 @@ from .kernel_objects import kernel_objects
 from .linking import c_sources, choose_linker, link
 from .model_description import TIME, UnitDescription, Variable, model_description
 from .output_terms import output_terms
-from .plant_table import PlantTables, plant_tables
+from .plant_table import PlantTables, ending_events, plant_tables
 from .platforms import PLATFORMS, parse_platforms
 from .supported import refuse_unsupported, unit_settings
 
@@ -90,6 +90,7 @@ def export_unit(
     if version not in VERSIONS:
         expected = " or ".join(VERSIONS)
         raise InputError(f"found {version!r}", place="version", expected=expected)
+    quantities = [event.quantity for event in ending_events(system.scene).values()]
     if system.full_system is not None:
         system = system.full_joint_system
     settings = unit_settings(run_settings(system, integrator, rtol, step, None))
@@ -99,7 +100,12 @@ def export_unit(
     inputs, outputs = tuple(scene.inputs), scene.outputs.record
     if TIME in inputs:
         raise InputError("is a variable of every FMU", place=f"inputs.{TIME}")
-    header = scene_header(tables, inputs, output_terms(tables, outputs))
+    header = scene_header(
+        tables,
+        inputs,
+        output_terms(tables, outputs),
+        output_terms(tables, quantities),
+    )
     for name in names:
         choose_linker(name, linker)
     identifier = model_identifier(path)

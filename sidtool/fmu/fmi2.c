@@ -156,12 +156,12 @@ EXPORT int fmi2GetIntegerStatus(void *unit, int kind, int *value)
     return STATUS_DISCARD;
 }
 
+/* A step that an event of the scene ends is discarded, and the unit has terminated. */
 EXPORT int fmi2GetBooleanStatus(void *unit, int kind, Boolean *value)
 {
-    (void)unit;
     if (kind != TERMINATED)
         return STATUS_DISCARD;
-    *value = 0;
+    *value = plant_has_ended(((Unit *)unit)->plant);
     return STATUS_OK;
 }
 

@@ -126,6 +126,11 @@ EXPORT int fmi3DoStep(void *unit, double time, double length, bool no_rollback,
     *early = *needs_event = until_break < length;
     Status status = unit_step(unit, time, until_break);
     *last_time = plant_time(((Unit *)unit)->plant);
+    if (status == STATUS_DISCARD && plant_has_ended(((Unit *)unit)->plant)) {
+        *terminates = *early = true;
+        *needs_event = false;
+        return STATUS_OK;
+    }
     return status;
 }
 

@@ -93,13 +93,6 @@ double plant_end_time(void)
     return breaks[COUNT(breaks) - 1];
 }
 
-void plant_counters(const Plant *plant, int64_t counters[3])
-{
-    counters[0] = plant->memory->steps;
-    counters[1] = plant->memory->evaluations;
-    counters[2] = plant->memory->jacobians;
-}
-
 /* ---- smooth intervals --------------------------------------------------------------- */
 
 /* True if a law with a period is sampled at a time. */
@@ -287,6 +280,101 @@ static void find_outputs(Plant *plant)
                          ARRAY2(plant->z), ARRAY2(plant->v), ARRAY3(plant->frames));
 }
 
+/* ---- events that end the motion ----------------------------------------------------- */
+
+/* A polynomial in entries of the arrays, or its square root. */
+static double polynomial(const Plant *plant, size_t index)
+{
+    const double *entries = (const double *)plant;
+    double y = outputs[index].constant;
+    for (int64_t i = 0; i < outputs[index].count; i++) {
+        int64_t k = outputs[index].first + i;
+        double x = entries[terms[k].first];
+        if (terms[k].second >= 0)
+            x *= entries[terms[k].second];
+        y += terms[k].weight * x;
+    }
+    return outputs[index].is_root ? sqrt(fmax(y, 0.0)) : y;
+}
+
+/* Distance of the quantity of an event from its value, in the last step. */
+static double event_height(Plant *plant, int event, double time)
+{
+    plant->now = time;
+    plant->outputs_known = 0;
+    find_outputs(plant);
+    return polynomial(plant, N_OUTPUTS + (size_t)event) - events[event].value;
+}
+
+/* Time of a crossing between two times, by bisection down to rounding. */
+static double crossing_time(Plant *plant, int event, double low, double high)
+{
+    double side = event_height(plant, event, high);
+    if (event_height(plant, event, low) * side >= 0.0)
+        return low;
+    for (;;) {
+        double middle = 0.5 * (low + high);
+        if (middle <= low || middle >= high)
+            return high;
+        if (event_height(plant, event, middle) * side > 0.0)
+            high = middle;
+        else
+            low = middle;
+    }
+}
+
+/* Looks at one time for events, which saw the quantities last at an earlier one. The first
+   event that ends the motion, or -1; `time_of_end` is then the time of its crossing. */
+static int look_for_events(Plant *plant, double before, double time, double *time_of_end)
+{
+    int ending = -1;
+    for (int k = 0; k < N_EVENTS; k++) {
+        double height = event_height(plant, k, time), *size = plant->event_sizes + k;
+        *size = fmax(*size, fabs(height + events[k].value));
+        if (fabs(height) <= EVENT_TOLERANCE * *size)
+            continue;
+        double side = height > 0.0 ? 1.0 : -1.0, last = plant->event_sides[k];
+        plant->event_sides[k] = side;
+        if (last * side >= 0.0 || (events[k].direction && events[k].direction != side))
+            continue;
+        plant->event_counts[k] += 1.0;
+        if (plant->event_counts[k] != events[k].count)
+            continue;
+        double crossing = crossing_time(plant, k, before, time);
+        if (ending < 0 || crossing < *time_of_end) {
+            ending = k;
+            *time_of_end = crossing;
+        }
+    }
+    return ending;
+}
+
+/* Looks for events from the communication point to a time in the last step, at the nodes of
+   its dense output. True if one ends the motion: its time is the communication point then. */
+static int find_ending_event(Plant *plant, double end)
+{
+    const struct StepLoopState *control = plant->control;
+    double begin = plant->now, before = begin, crossing = 0.0;
+    if (N_EVENTS == 0 || !(end > begin))
+        return 0;
+    int ending = -1;
+    if (begin == START_TIME)
+        ending = look_for_events(plant, begin, begin, &crossing);
+    for (int i = 0; i < N_DENSE_POINTS && ending < 0; i++) {
+        double time = control->fraction_times[i];
+        if (time <= before || time >= end)
+            continue;
+        ending = look_for_events(plant, before, time, &crossing);
+        before = time;
+    }
+    if (ending < 0)
+        ending = look_for_events(plant, before, end, &crossing);
+    plant->now = ending < 0 ? end : crossing;
+    plant->outputs_known = 0;
+    plant->ending_event = ending + 1;
+    return ending >= 0;
+}
+
 /* ---- advance ------------------------------------------------------------------------ */
 
 /* Goes back to the communication point, from where an input has another value. */
@@ -360,11 +448,15 @@ int64_t plant_advance(Plant *plant, double time)
         return PLANT_BEHIND_END;
     if (time > plant_end_time())
         time = plant_end_time();
+    if (plant->ending_event)
+        return PLANT_ENDED;
     int inputs_move = time > plant->now && choose_courses(plant, time);
     int64_t code = plant->must_restart ? restart(plant) : PLANT_OK;
     if (code != PLANT_OK)
         return code;
     plant->outputs_known = 0;
+    if (find_ending_event(plant, fmin(time, control->time)))
+        return PLANT_ENDED;
     while (control->time < time) {
         if (is_interval_end(plant, time))
             time = plant->interval_end;
@@ -376,7 +468,7 @@ int64_t plant_advance(Plant *plant, double time)
                 return code;
             continue;
         }
-        int64_t limit = 1;
+        int64_t limit = 1;  /* the dense output is that of one step */
         control->stop = plant->interval_end;
         if (inputs_move || control->fixed_step)
             control->stop = fmin(time, plant->interval_end);
@@ -384,7 +476,7 @@ int64_t plant_advance(Plant *plant, double time)
             double length = control->stop - control->time;
             double count = fmax(1.0, ceil(length / FIXED_STEP - 1e-9));
             control->step = length / count;
-            limit = (int64_t)count;
+            limit = N_EVENTS ? 1 : (int64_t)count;
         }
         control->fraction_index = control->next_output = 0;
         code = make_steps(plant, limit);
@@ -392,9 +484,16 @@ int64_t plant_advance(Plant *plant, double time)
             control->time = control->stop;
         else if (code != STEPS_DONE)
             return code;
+        if (find_ending_event(plant, fmin(time, control->time)))
+            return PLANT_ENDED;
     }
     plant->now = time;
     return PLANT_OK;
+}
+
+int plant_has_ended(const Plant *plant)
+{
+    return plant->ending_event != 0;
 }
 
 void plant_explain(const Plant *plant, int64_t code, char *text, size_t size)
@@ -409,7 +508,8 @@ void plant_explain(const Plant *plant, int64_t code, char *text, size_t size)
         {NO_CONVERGENCE, "Newton's iteration does not converge"},
         {BELOW_ROUNDING, "the tolerance is below rounding"},
         {NEAR_SINGULARITY, "a singular configuration cannot be passed"},
-        {PLANT_BEHIND_END, "the scene ends before: export it with a later time.end"},
+        {PLANT_BEHIND_END, "the scene ends before the requested time: export it with a "
+                           "later time.end"},
         {PLANT_SINGULAR, "the equations of motion are singular"},
         {PLANT_LAW_FAILURE, "a control law gives no finite number"},
     };
@@ -418,6 +518,11 @@ void plant_explain(const Plant *plant, int64_t code, char *text, size_t size)
         if (reasons[i].code == code)
             reason = reasons[i].text;
     double time = plant->control->time;
+    if (code == PLANT_ENDED) {
+        snprintf(text, size, "t = %.9g s: event %s has ended the motion", plant->now,
+                 events[plant->ending_event - 1].name);
+        return;
+    }
     int64_t law = (int64_t)plant->work->law_failure[FAILED_LAW];
     if (law > 0 && code != PLANT_BEHIND_END)
         snprintf(text, size, "t = %.9g s: %s; the law of %s gave no finite number at "
@@ -459,18 +564,8 @@ void plant_set_input(Plant *plant, size_t index, double value)
     plant->outputs_known = 0;
 }
 
-/* A polynomial in entries of the arrays, or its square root. */
 double plant_output(Plant *plant, size_t index)
 {
-    const double *entries = (const double *)plant;
-    double y = outputs[index].constant;
     find_outputs(plant);
-    for (int64_t i = 0; i < outputs[index].count; i++) {
-        int64_t k = outputs[index].first + i;
-        double x = entries[terms[k].first];
-        if (terms[k].second >= 0)
-            x *= entries[terms[k].second];
-        y += terms[k].weight * x;
-    }
-    return outputs[index].is_root ? sqrt(fmax(y, 0.0)) : y;
+    return polynomial(plant, index);
 }

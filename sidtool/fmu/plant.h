@@ -12,7 +12,8 @@ enum {
     PLANT_OK = 0,
     PLANT_BEHIND_END = 100,   /* the scene ends before the requested time */
     PLANT_SINGULAR = 101,     /* no accelerations at the begin of an interval */
-    PLANT_LAW_FAILURE = 102   /* a control law gives no finite number */
+    PLANT_LAW_FAILURE = 102,  /* a control law gives no finite number */
+    PLANT_ENDED = 103         /* an event of the scene has ended the motion */
 };
 
 /* An instance at the start of the scene, or null without memory. Instances share
@@ -34,8 +35,11 @@ double plant_end_time(void);
 /* The next time at which a function of the scene is not smooth, or infinity [s]. */
 double plant_next_break(const Plant *plant);
 
-/* Advances to a time; PLANT_OK, or why it stopped before. */
+/* Advances to a time; PLANT_OK, or why it stopped before. With PLANT_ENDED the
+   communication point is the time of the event. */
 int64_t plant_advance(Plant *plant, double time);
+/* True if an event of the scene has ended the motion. */
+int plant_has_ended(const Plant *plant);
 /* A sentence on a code of `plant_advance`. */
 void plant_explain(const Plant *plant, int64_t code, char *text, size_t size);
 
@@ -44,8 +48,5 @@ size_t plant_n_outputs(void);
 double plant_input(const Plant *plant, size_t index);
 void plant_set_input(Plant *plant, size_t index, double value);
 double plant_output(Plant *plant, size_t index);
-
-/* Steps, evaluations of the equations of motion and Jacobians since the start. */
-void plant_counters(const Plant *plant, int64_t counters[3]);
 
 #endif

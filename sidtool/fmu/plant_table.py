@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sidtool.formats.scene import Event, SceneFile
 from sidtool.solver.compiler.tables import Table, TableType
 from sidtool.solver.dynamics.equations_of_motion import kernel_pointers
 from sidtool.solver.initial_state.integrator_start import (
@@ -67,6 +68,11 @@ class Plant(Table):
         Forces along coordinates with friction.
     input_goals, input_values
         Values that inputs were set to, and those at `now`.
+    ending_event
+        1 and the number of the event that has ended the motion, or 0.
+    event_sides, event_sizes, event_counts
+        Of events that end the motion: 1 above the value and -1 below, largest magnitude
+        of the quantity, and how often it crossed the value.
     """
 
     now: float
@@ -75,6 +81,7 @@ class Plant(Table):
     last_sample_time: float
     must_restart: int
     outputs_known: int
+    ending_event: int
     kernels: Kernels
     system: SystemArrays
     work: WorkArrays
@@ -103,6 +110,9 @@ class Plant(Table):
     friction_forces: Reals2
     input_goals: Reals
     input_values: Reals
+    event_sides: Reals
+    event_sizes: Reals
+    event_counts: Reals
 
 
 PLANT = TableType(Plant)
@@ -123,6 +133,12 @@ class PlantTables:
     system: System
     output_system: System
     plant: Plant
+
+
+def ending_events(scene: SceneFile) -> dict[str, Event]:
+    """Events that end the motion, by name."""
+    events = scene.events.items()
+    return {name: event for name, event in events if event.action == "stop"}
 
 
 def plant_tables(system: System, settings: RunSettings) -> PlantTables:
@@ -161,6 +177,12 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
         "input_goals": (len(system.scene.inputs),),
         "input_values": (len(system.scene.inputs),),
     }
+    n_events = len(ending_events(system.scene))
+    arrays |= {
+        "event_sides": (n_events,),
+        "event_sizes": (n_events,),
+        "event_counts": (n_events,),
+    }
     plant = Plant(
         now=control.time,
         interval_start=control.time,
@@ -184,5 +206,6 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
         **{name: np.zeros(shape) for name, shape in arrays.items()},
     )
     initial = [signal.initial for signal in system.scene.inputs.values()]
+    plant.event_sizes[:] = [abs(e.value) for e in ending_events(system.scene).values()]
     plant.input_goals[:] = plant.input_values[:] = initial
     return PlantTables(start, system, full, plant)

@@ -62,10 +62,6 @@ def refuse_unsupported(system: System) -> None:
 
 def _unsupported(system: System) -> Iterator[tuple[str, str]]:
     """What stands against a unit, and where it is in the scene."""
-    scene = system.scene
-    stops = [name for name, event in scene.events.items() if event.action == "stop"]
-    if stops:
-        yield f"events that end the run ({', '.join(stops)})", "events"
     if system.friction_joints:
         names = ", ".join(joint.joint for joint in system.friction_joints)
         yield f"joints that stick and slip ({names})", "joints"

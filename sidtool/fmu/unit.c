@@ -101,11 +101,12 @@ Status unit_step(Unit *unit, double time, double length)
         return unit_fail(unit, STATUS_ERROR, "the communication point %.17g s is not the "
                          "end of the step before, %.17g s", time,
                          plant_time(unit->plant));
+    bool had_ended = plant_has_ended(unit->plant);
     int64_t code = plant_advance(unit->plant, time + length);
     if (code != PLANT_OK) {
         char text[MESSAGE_SIZE];
         plant_explain(unit->plant, code, text, sizeof text);
-        return unit_fail(unit, STATUS_DISCARD, "%s", text);
+        return unit_fail(unit, had_ended ? STATUS_ERROR : STATUS_DISCARD, "%s", text);
     }
     return STATUS_OK;
 }

@@ -163,8 +163,8 @@ class Instance:
         if self._is_2:
             return self.call("DoStep", Real(time), Real(length), 1)
         self.event, self.early = ctypes.c_bool(), ctypes.c_bool()
-        ends, last = ctypes.c_bool(), Real()
-        flags = (ctypes.byref(flag) for flag in (self.event, ends, self.early, last))
+        self.ends, last = ctypes.c_bool(), Real()
+        flags = map(ctypes.byref, (self.event, self.ends, self.early, last))
         return self.call(
             "DoStep", Real(time), Real(length), ctypes.c_bool(True), *flags
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import sidtool
 from sidtool.fmu.supported import UNIT_INTEGRATORS
 from tests.places import EXAMPLES
 from tests.sidtool.fmu.conftest import Export, slider_crank
-from tests.sidtool.fmu.importer import OK, Instance
+from tests.sidtool.fmu.importer import DISCARD, ERROR, OK, Instance
 from tests.sidtool.fmu.test_units import difference
+from tests.steel_bars import steel_bar
 
 needs_cc = pytest.mark.needs("cc")
 TORQUES = {"yaw": 20.0, "shoulder": -90.0, "elbow": -20.0}
@@ -160,10 +162,6 @@ def test_roots_and_products_are_outputs(tube: sidtool.SID) -> None:
 
 UNSUPPORTED = {
     "integrator": ({"accuracy.integrator": "dop853"}, "accuracy.integrator"),
-    "stop": (
-        {"events.end": {"quantity": "piston.x", "value": 1.0, "action": "stop"}},
-        "events",
-    ),
     "stick-slip": (
         {"joints.crank_pin.friction": {"coefficient": 0.1, "radius": 0.01}},
         "joints",
@@ -212,3 +210,86 @@ def test_what_has_no_effect_in_a_unit_is_told(tmp_path: Path) -> None:
     told = {(each.code, each.subject) for each in unit.diagnostics}
     assert told >= {("N601", "pass"), ("N602", "load")}
     assert [v.start for v in unit.inputs] == [5.0]
+
+
+@needs_cc
+@pytest.mark.parametrize("length", [1e-1, 1e-2, 1e-4])
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_an_event_ends_the_motion_where_it_ends_a_run(
+    export: Export, version: str, length: float
+) -> None:
+    """The second time that the piston passes a position, within and over steps."""
+    event = {"quantity": "piston.x", "value": 1.05, "action": "stop", "count": 2}
+    scene = slider_crank(**{"events.pass": event, "outputs.record": ["piston.x"]})
+    end = scene.simulate().t[-1]
+    assert 0.1 < end < 0.5
+    instance = Instance(export(scene, version=version))
+    step, status = 0, OK
+    while status == OK and instance.get(["time"])[0] < end - 1e-9:
+        status = instance.step(step * length, length)
+        step += 1
+    time, position = instance.get(["time", "piston.x"])
+    assert abs(time - end) < 1e-11 and abs(position - 1.05) < 1e-12
+    if version == "2.0":
+        terminated = ctypes.c_int()
+        assert status == DISCARD
+        assert instance.call("GetBooleanStatus", 3, ctypes.byref(terminated)) == OK
+        assert terminated.value == 1
+    else:
+        assert status == OK and instance.ends and instance.early
+    assert instance.step(time, length) == ERROR
+
+
+@needs_cc
+def test_large_blocks_are_factored_without_lapack(export: Export) -> None:
+    """A rod of 26 modes: kernels call LAPACK from 24 rows on, a unit its own LU."""
+    rod = steel_bar(elements=16, modes=26)
+    scene = sidtool.Scene(
+        dimension="planar",
+        gravity=[0.0, -9.81],
+        time={"end": 0.02, "output_step": 0.01},
+        accuracy={"integrator": "radau9", "rtol": 1e-6},
+        bodies={"rod": {"sid": rod, "markers": {"root": 1, "tip": 2}}},
+        joints={"pin": {"type": "revolute", "markers": ["ground", "rod.root"]}},
+        outputs={"record": ["rod.tip.y", "rod.q1", "pin.angle"]},
+    )
+    rows = Instance(export(scene)).run(0.02, 1e-3)
+    assert difference(rows, scene.simulate(), 10) < 1e-9
+
+
+@needs_cc
+def test_dead_points_are_passed(export: Export) -> None:
+    """A four-bar with equal opposite sides, which another step loop takes through."""
+    arm = {"mass": 1.0, "inertia": 0.1, "centre_of_mass": [0.5, 0.0]}
+    ends = {"a": {"position": [0.0, 0.0]}, "b": {"position": [1.0, 0.0]}}
+    start = {"angle": 1.0, "velocity": [0.0, 0.0], "angular_velocity": 3.0}
+    x, y = np.cos(1.0), np.sin(1.0)
+    coupler = {
+        "mass": 1.0,
+        "inertia": 0.4,
+        "centre_of_mass": [1.0, 0.0],
+        "initial": {"position": [x, y], "velocity": [-3.0 * y, 3.0 * x]},
+        "markers": {"a": {"position": [0.0, 0.0]}, "b": {"position": [2.0, 0.0]}},
+    }
+    pairs = {
+        "o1": ["ground", "crank.a"],
+        "o2": ["crank.b", "coupler.a"],
+        "o3": ["rocker.b", "coupler.b"],
+        "o4": ["ground.p", "rocker.a"],
+    }
+    scene = sidtool.Scene(
+        dimension="planar",
+        gravity=[0.0, 0.0],
+        time={"end": 2.0, "output_step": 0.1},
+        accuracy={"integrator": "radau9", "rtol": 1e-8},
+        ground={"markers": {"p": {"position": [2.0, 0.0]}}},
+        bodies={
+            "crank": arm | {"markers": ends, "initial": start | {"position": [0, 0]}},
+            "coupler": coupler,
+            "rocker": arm | {"markers": ends, "initial": start | {"position": [2, 0]}},
+        },
+        joints={n: {"type": "revolute", "markers": m} for n, m in pairs.items()},
+        outputs={"record": ["crank.angle", "rocker.angle", "energy.kinetic"]},
+    )
+    rows = Instance(export(scene)).run(2.0, 0.05)
+    assert difference(rows, scene.simulate(), 2) < 1e-9
