@@ -81,19 +81,21 @@ if TYPE_CHECKING:
 
 #: Tables of scenes and models; see `sidtool.api.tables`.
 _TABLES = """
-    Accuracy Actuator AttachmentReduction BeamDiscretisation BeamGeometry
-    Box BuckensFrame Bushing Characteristic ChordFrame Coincident Constant Coupling
-    CraigBamptonReduction Cylinder Cylindrical Distance Drive ElasticInitial Event
-    Expression Fixed FrequencyDamping Friction Gear GeneralSection Given Ground
-    Harmonic HertingReduction IgaDiscretisation Initial Input InputFunction
-    JointFriction KrylovReduction LumpedMass Marker Material MatricesDiscretisation
-    MatricesGeometry MeshDiscretisation MeshGeometry ModalDamping ModalReduction
-    NodeMarker NurbsGeometry Outputs PatchesGeometry Pid Piece PlanarJoint
-    PointForce PointOnLine PointOnPlane Polynomial Prestress Prismatic
-    Q4Discretisation RayleighDamping RectangularSection Revolute RigidBody
-    Screw SidBody SidDamping SineRamp SmoothStep SolidDiscretisation Spherical Spline
-    Sphere SpringDamper Start State Stiffening StressRecovery Sum SurfaceMesh
-    TangentFrame Tie Time Universal UserReduction VolumeGeometry
+    Accuracy Actuator AttachmentReduction BeamDiscretisation BeamGeometry Box
+    BoxSection BuckensFrame Bushing CSection Characteristic ChordFrame
+    CircularSection Coincident Constant Coupling CraigBamptonReduction Cylinder
+    Cylindrical Distance Drive ElasticInitial Event Expression Fixed
+    FrequencyDamping Friction Gear GeneralSection Given Ground Harmonic
+    HertingReduction ISection IgaDiscretisation Initial Input InputFunction
+    JointFriction KrylovReduction LSection LumpedMass Marker Material
+    MatricesDiscretisation MatricesGeometry MeshDiscretisation MeshGeometry
+    ModalDamping ModalReduction NodeMarker NurbsGeometry Outputs PatchesGeometry Pid
+    Piece PlanarJoint PointForce PointOnLine PointOnPlane Polynomial Prestress
+    Prismatic Q4Discretisation RayleighDamping RectangularSection Revolute RigidBody
+    Screw SidBody SidDamping SineRamp SmoothStep SolidDiscretisation Sphere
+    Spherical Spline SpringDamper Start State Stiffening StressRecovery Sum
+    SurfaceMesh TSection TangentFrame Tie Time TubeSection Universal UserReduction
+    VolumeGeometry
 """.split()  # noqa: SIM905
 _HOME = {
     **dict.fromkeys(_TABLES, "sidtool.api.tables"),

@@ -47,6 +47,114 @@ class GeneralSection(Table):
     shear_z: Takes[Positive, float | str] = Field(default=5 / 6)
 
 
+_Length = Takes[Positive, float | str]
+
+
+class CircularSection(Table):
+    """A solid circle.
+
+    Attributes
+    ----------
+    diameter : [m]
+    """
+
+    shape: Literal["circle"] = "circle"
+    diameter: _Length
+
+
+class TubeSection(Table):
+    """A round tube.
+
+    Attributes
+    ----------
+    diameter : outer diameter [m]
+    thickness : of the wall [m]
+    """
+
+    shape: Literal["tube"] = "tube"
+    diameter: _Length
+    thickness: _Length
+
+
+class BoxSection(Table):
+    """A rectangular tube.
+
+    Attributes
+    ----------
+    height, width : outer sizes along the local y and z axes [m]
+    thickness : of the walls [m]
+    """
+
+    shape: Literal["box"] = "box"
+    height: _Length
+    width: _Length
+    thickness: _Length
+
+
+class _ProfileSection(Table):
+    """Web along the local y axis and flanges along z.
+
+    Attributes
+    ----------
+    height, width : outer sizes along the local y and z axes [m]
+    web, flange : their thickness [m]
+    fillet : radius between web and flanges [m]
+    """
+
+    height: _Length
+    width: _Length
+    web: _Length
+    flange: _Length
+    fillet: Takes[NonNegative, float | str] = Field(default=0.0)
+
+
+class ISection(_ProfileSection):
+    """Two equal flanges and a web between their middles."""
+
+    shape: Literal["I"] = "I"
+
+
+class TSection(_ProfileSection):
+    """A flange on the side of positive y, and a web from its middle."""
+
+    shape: Literal["T"] = "T"
+
+
+class CSection(_ProfileSection):
+    """A channel: two equal flanges from a web towards positive z."""
+
+    shape: Literal["C"] = "C"
+
+
+class LSection(Table):
+    """An angle: legs from its corner towards positive y and positive z.
+
+    Attributes
+    ----------
+    height, width : outer sizes along the local y and z axes [m]
+    thickness : of both legs [m]
+    fillet : radius between the legs [m]
+    """
+
+    shape: Literal["L"] = "L"
+    height: _Length
+    width: _Length
+    thickness: _Length
+    fillet: Takes[NonNegative, float | str] = Field(default=0.0)
+
+
+#: Constant sections by their sizes.
+NamedSection = (
+    CircularSection
+    | TubeSection
+    | BoxSection
+    | ISection
+    | TSection
+    | CSection
+    | LSection
+)
+
+
 class LumpedMass(Table):
     """A rigid particle fixed to a beam.
 
@@ -73,6 +181,7 @@ class BeamGeometry(Table):
         start, these points and end; more points follow a curve better
     y_axis : direction of the local y axis at the start, made perpendicular to the
         beam; along a curved one it is carried without a rotation about the tangent
+    section : by its shape. The axis of the beam is the line of its centroids
     twist : pre-twist, the angle [rad] by which cross-sections are turned about the
         tangent from y to z; several numbers belong to stations, at equal steps from
         start to end
@@ -88,7 +197,8 @@ class BeamGeometry(Table):
     twist: float | Annotated[tuple[float, ...], Field(min_length=1)] = 0.0
     interpolation: Literal["linear", "smooth", "polynomial"] = "linear"
     section: Annotated[
-        RectangularSection | GeneralSection, Field(discriminator="shape")
+        RectangularSection | GeneralSection | NamedSection,
+        Field(discriminator="shape"),
     ]
     masses: tuple[LumpedMass, ...] = ()
 

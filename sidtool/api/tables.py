@@ -5,9 +5,16 @@ from __future__ import annotations
 from sidtool.formats.model import Material, NodeMarker
 from sidtool.formats.model.beams import (
     BeamGeometry,
+    BoxSection,
+    CircularSection,
+    CSection,
     GeneralSection,
+    ISection,
+    LSection,
     LumpedMass,
     RectangularSection,
+    TSection,
+    TubeSection,
 )
 from sidtool.formats.model.discretisation import (
     BeamDiscretisation,
@@ -122,6 +129,13 @@ __all__ = [
     "FrequencyDamping",
     "Friction",
     "Gear",
+    "CircularSection",
+    "TubeSection",
+    "BoxSection",
+    "ISection",
+    "TSection",
+    "CSection",
+    "LSection",
     "GeneralSection",
     "Given",
     "Ground",

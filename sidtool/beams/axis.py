@@ -12,7 +12,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import BeamGeometry
 
-from .cross_section import Profile, profile
+from .cross_section import Profile, profile, section_turn
 
 #: Sines of angles below this count as zero.
 _PARALLEL_TOLERANCE = 1e-9
@@ -114,7 +114,9 @@ def beam_axis(geometry: BeamGeometry) -> Axis:
             place="geometry.end" if alone else "geometry.through",
             expected="a beam with a length" if alone else "different points",
         )
-    twist = profile(geometry.twist, geometry.interpolation)
+    turn = section_turn(geometry)
+    given = geometry.twist if isinstance(geometry.twist, tuple) else (geometry.twist,)
+    twist = profile(tuple(x + turn for x in given), geometry.interpolation)
     if len(points) == 2:
         return straight_axis(points[0], points[1], geometry.y_axis, twist)
     return _spline_axis(points, steps, geometry.y_axis, twist)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile, NodeMarker
-from sidtool.formats.model.beams import BeamGeometry, GeneralSection, RectangularSection
+from sidtool.formats.model.beams import BeamGeometry, RectangularSection
 from sidtool.formats.model.discretisation import BeamDiscretisation
 
 from ..elements.finite_element_model import (
@@ -68,9 +68,8 @@ def beam_mass(geometry: BeamGeometry, axis: Axis, density: float) -> GeometryMas
 
 def _area(geometry: BeamGeometry) -> Profile:
     """The cross-section over the fraction of the length."""
-    section = geometry.section
-    if isinstance(section, GeneralSection):
-        return profile(section.area, "linear")
+    if not isinstance(geometry.section, RectangularSection):
+        return profile(section_at(geometry, 0.0).area, "linear")
     return side_profile(geometry, "height") * side_profile(geometry, "width")
 
 
@@ -95,7 +94,8 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     axis = beam_axis(geometry)
     e, g = material.youngs_modulus, material.youngs_modulus
     g /= 2 * (1 + material.poissons_ratio)
-    section = partial(section_at, geometry)
+    nu = material.poissons_ratio
+    section = partial(section_at, geometry, poissons_ratio=nu)
     beam = BeamProperties(section, axis, e, g, settings.theory == "timoshenko")
     ends = _element_ends(geometry, axis, settings.elements)
     n, ndof = len(ends), 6 * len(ends)

@@ -11,7 +11,13 @@ from numpy.polynomial import Polynomial
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
-from sidtool.formats.model.beams import BeamGeometry, GeneralSection
+from sidtool.formats.model.beams import (
+    BeamGeometry,
+    GeneralSection,
+    RectangularSection,
+)
+
+from .section_shapes import named_properties
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,15 @@ _POINTS, _TERMS = 10, 6
 
 @dataclass(frozen=True)
 class Section:
-    """Properties of a cross-section, see `GeneralSection`; sides of a rectangle."""
+    """Properties of a cross-section in its principal axes, see `GeneralSection`.
+
+    Attributes
+    ----------
+    sides : of a rectangle [m]
+    shear_coupling : shear area of the force along one axis by shear along the other,
+        over the area
+    shear_centre : (2,) y, z from the centroid [m]
+    """
 
     area: float
     iy: float
@@ -123,6 +137,8 @@ class Section:
     shear_y: float
     shear_z: float
     sides: tuple[float, float] | None = None
+    shear_coupling: float = 0.0
+    shear_centre: tuple[float, float] = (0.0, 0.0)
 
     @property
     def halves(self) -> Array:
@@ -133,6 +149,9 @@ class Section:
 
     def law(self, e: float, g: float, curvatures: Array) -> Array:
         """(6, 6) resultants N, Qy, Qz, T, My, Mz of strains in their order.
+
+        T is the moment about the shear centre, and shears are those of the line of
+        shear centres; see `about_centroid`.
 
         Strains: stretch, shears xy and xz, twist, curvatures about y and z. A fibre at
         (y, z) of a beam of curvatures (t, ky, kz) has the length 1 + z ky - y kz, and
@@ -150,7 +169,23 @@ class Section:
         result[1, 1], result[2, 2] = (
             g * self.area * share for share in (self.shear_y, self.shear_z)
         )
+        result[1, 2] = result[2, 1] = g * self.area * self.shear_coupling
         return result
+
+    def about_centroid(self, compliance: Array) -> Array:
+        """Return a compliance (6, 6) by resultants about the centroid.
+
+        Parameters
+        ----------
+        compliance : by resultants of which T is about the shear centre: with forces
+            through the centroid it is T + z Qy - y Qz
+        """
+        y, z = self.shear_centre
+        if not (y or z):
+            return compliance
+        moved = np.eye(6)
+        moved[3, 1:3] = z, -y
+        return np.asarray(moved.T @ compliance @ moved)
 
     def centre(self, curvatures: Array) -> Array:
         """(3,) of the mass of a slice: a bent one is longer outside [m]."""
@@ -197,21 +232,36 @@ def _warping_slope(y: Array, z: Array, height: float, width: float) -> Array:
     return np.asarray(z * along_y - y * along_z)
 
 
-def section_at(geometry: BeamGeometry, fraction: float) -> Section:
+def section_at(
+    geometry: BeamGeometry, fraction: float, poissons_ratio: float = 0.0
+) -> Section:
     """The cross-section at a fraction of the length.
 
-    The torsion constant of a rectangle a x b, a >= b, is
+    Named sections have properties of `section_shapes`; Poisson's ratio enters the shear
+    of circles and tubes. The torsion constant of a rectangle a x b, a >= b, is
     a b^3 (1/3 - 0.21 b/a (1 - (b/a)^4 / 12)) (Roark, table 10.1).
 
     Raises
     ------
-    InputError : a height or width is not positive there, or no length of a section.
+    InputError : a size is not positive there, or contradicts another one.
     """
     section = geometry.section
     if isinstance(section, GeneralSection):
         torsion = section.torsion or section.iy + section.iz
         shear = section.shear_y, section.shear_z
         return Section(section.area, section.iy, section.iz, torsion, *shear)
+    if not isinstance(section, RectangularSection):
+        named = named_properties(section, poissons_ratio)
+        return Section(
+            named.area,
+            named.iy,
+            named.iz,
+            named.torsion,
+            named.shear_y,
+            named.shear_z,
+            shear_coupling=named.shear_coupling,
+            shear_centre=named.shear_centre,
+        )
     h, w = (_side_at(geometry, name, fraction) for name in ("height", "width"))
     a, b = max(h, w), min(h, w)
     if not a < LARGEST_SECTION:
@@ -241,3 +291,14 @@ def side_profile(geometry: BeamGeometry, name: str) -> Profile:
 
 
 _positive_sides = lru_cache(maxsize=64)(profile)
+
+
+def section_turn(geometry: BeamGeometry) -> float:
+    """Return the angle of the principal axes of a named section from its y axis.
+
+    It counts from y towards z [rad].
+    """
+    section = geometry.section
+    if isinstance(section, GeneralSection | RectangularSection):
+        return 0.0
+    return named_properties(section, 0.0).turn

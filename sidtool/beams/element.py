@@ -191,6 +191,8 @@ def _section_compliance(
     )
     if not shear:
         compliance[[1, 2]] = 0.0
+        compliance[:, [1, 2]] = 0.0
+    compliance = section.about_centroid(compliance)
     compliance.setflags(write=False)
     return compliance
 
