@@ -9,8 +9,8 @@
 - `operating_point`: the state that is linearised
 - `state_matrix`, `rigid_motions`, `whirl`, `linearisation`: natural
   modes, eq. (23)
-- `state_space`, `state_coordinates`, `output_derivatives`: state space between inputs
-  and outputs
+- `state_space`, `steady_responses`, `input_effects`, `output_derivatives`,
+  `state_space_forms`, `state_coordinates`: state space between inputs and outputs
 - `frequency_response`: response of a state space to harmonic inputs
 - `inverse_dynamics`: forces of drives for a prescribed motion
 - `analysis_results`: results of the analyses

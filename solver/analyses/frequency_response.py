@@ -26,7 +26,8 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import INPUTS
 
-from .state_space import DERIVATIVE_NAMES, NO_INPUTS, StateSpace
+from .input_effects import DERIVATIVE_NAMES
+from .state_space import NO_INPUTS, StateSpace
 
 #: Frequencies of a range without a number of them.
 DEFAULT_COUNT = 500
