@@ -31,6 +31,7 @@ for name, usual in (
 
 # Hidden from here on: what a test module imports must be on every machine.
 MACHINE = Machine()
+STARTED_IN = os.getcwd()
 
 
 def pytest_unconfigure() -> None:
@@ -56,6 +57,19 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """A test finds the optional programs and packages that it is marked with."""
     with MACHINE.showing(_needed(item)):
         return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown() -> Iterator[None]:
+    """A test leaves the working folder as it was: a folder of its own is removed."""
+    yield
+    try:
+        folder = os.getcwd()
+    except FileNotFoundError:
+        folder = ""
+    if folder != STARTED_IN:
+        os.chdir(STARTED_IN)
+        pytest.fail(f"leaves the working folder {folder or 'that is removed'}")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -179,7 +179,8 @@ def test_a_study_carries_the_notes_of_its_reference(folder: Path) -> None:
     settings: Any = {"integrators": ["radau5"], "rtol": [1e-3]}
     with pytest.warns(sidtool.DiagnosticWarning, match="b1"):
         study = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
-    assert study.diagnostics[0].code == "N411" and "N411 b1" in study.report()
+    assert study.diagnostics[0].code == "N411"
+    assert {"N411", "b1"} <= set(re.findall(r"\w+", study.report()))
     with pytest.warns(sidtool.DiagnosticWarning, match="b1"):  # of what was kept
         again = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
     assert again.diagnostics == study.diagnostics

@@ -45,7 +45,7 @@ def test_the_small_body_moves_as_the_whole_one(
     stdout = capsys.readouterr().out
     left = read_sid(small)
     assert 0 < left.nq < sid.nq and f"{left.nq} of 4 shape functions" in stdout
-    assert "arm.tip.y: " in stdout and "allowed" in stdout
+    assert "arm.tip.y" in stdout and "allowed" in stdout
     whole = sidtool.simulate(finest(scene), sids={"arm": sid}, **TIGHT)
     few = sidtool.simulate(finest(scene), sids={"arm": left}, **TIGHT)
     error = np.abs(few["arm.tip.y"] - whole["arm.tip.y"]).max()

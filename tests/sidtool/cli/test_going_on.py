@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import signal
 import subprocess
@@ -65,7 +64,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_run_continues_after_two_signals(folder: Path) -> None:
+def test_a_run_continues_after_two_signals(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The motion differs by the error of the run from that without a break."""
     command = ["slider_crank.toml", "-o", "result.h5", "--continue", "--set"]
     command += ["time.end=0.6", "-o", "table.csv"]
@@ -77,7 +78,7 @@ def test_a_run_continues_after_two_signals(folder: Path) -> None:
         part = sidtool.read(folder / "result.h5")
         assert not part.completed and "ended by" in part.message
         assert t < part.t[-1] < t + 0.1
-    os.chdir(folder)
+    monkeypatch.chdir(folder)
     assert run(["simulate", *command]) == 0
     whole = sidtool.read(folder / "result.h5")
     scene = sidtool.Scene.load("slider_crank.toml", {"time.end": 0.6})
