@@ -158,7 +158,7 @@ def _compile(
     count = sum(map(len, groups))
     is_announced = count >= max(at_least, 1)
     if is_announced and say is not None and not has_listener():
-        say(f"compiling {count} kernels, once (half a minute or less)")
+        say(f"compiling {count} kernels, once (a minute or less)")
     queue, done = deque(groups), list[Group]()
     width = processors() if is_announced and kernel_cache.is_writable() else 0
 
