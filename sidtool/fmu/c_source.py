@@ -23,7 +23,7 @@ from sidtool.solver.system.sensors import SAMPLE_TOLERANCE
 
 from .kernel_objects import PREFIX, called_kernels
 from .memory_image import MemoryImage, memory_image
-from .output_terms import OutputTerms
+from .output_terms import ORIENTATION, ROOT, OutputTerms
 from .plant_table import PLANT, PlantTables, ending_events
 
 #: Communication points are compared with this tolerance, relative to 1 s and the time.
@@ -59,6 +59,7 @@ def scene_header(
     constants["FREQUENT_FAILURES"] = newton_iteration.FREQUENT_FAILURES
     constants["FAILED_LAW"] = control_laws.FAILED_LAW
     constants["FAILURE_TIME"] = control_laws.FAILURE_TIME
+    constants |= {"ROOT": ROOT, "ORIENTATION": ORIENTATION}
     constants["N_INPUT_TERMS"] = N_INPUT_TERMS
     constants["N_DENSE_POINTS"] = len(tables.plant.control.output_fractions) - 1
     numbers = {
@@ -218,7 +219,7 @@ def _output_data(
     for output in outputs:
         rows.append(
             f"{{{len(terms)}, {len(output.terms)}, {_real(output.constant)}, "
-            f"{int(output.is_root)}}}"
+            f"{output.kind}}}"
         )
         terms += [
             f"{{{word(t.first)}, {word(t.second)}, {_real(t.weight)}}}"
@@ -230,7 +231,7 @@ def _output_data(
             [*terms, "{0, -1, 0.0}"],
         ),
         _array(
-            "struct { int64_t first, count; double constant; int is_root; } outputs",
+            "struct { int64_t first, count; double constant; int kind; } outputs",
             [*rows, "{0, 0, 0.0, 0}"],
         ),
     ]

@@ -7,7 +7,9 @@ at most the second degree, or the square root of one:
 
     y = c + sum_i a_i x_i + sum_ij b_ij x_i x_j
 
-At random states the polynomial has to agree with the function.
+At random states the polynomial has to agree with the function. Orientations are no
+polynomials: C evaluates quaternions and rotation vectors of the entries of a rotation
+matrix, or of the angle in the plane.
 """
 
 from __future__ import annotations
@@ -23,11 +25,16 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import INPUTS, parse_output
-from sidtool.formats.scene.outputs import INSTANTANEOUS, SCENE_QUANTITIES
+from sidtool.formats.scene.outputs import (
+    INSTANTANEOUS,
+    ORIENTATIONS,
+    SCENE_QUANTITIES,
+)
 from sidtool.solver.output.columns import output_column
 from sidtool.solver.output.evaluated_forces import EvaluatedForces
 from sidtool.solver.output.samples import Samples
 from sidtool.solver.output.scene_outputs import SceneOutputs
+from sidtool.solver.spatial.dimension import FRAMES, POINTS
 from sidtool.solver.system.system import System
 
 from .plant_table import PlantTables
@@ -39,6 +46,9 @@ MAX_FACTORS = 80
 #: Agreement with the function, relative to the sum of the magnitudes of all terms.
 AGREEMENT = 1e-12
 N_RANDOM_STATES = 4
+
+#: Kinds of outputs, see `OutputTerms`; the components of an orientation follow.
+POLYNOMIAL, ROOT, ORIENTATION = range(3)
 
 Function = Callable[[Array], Array]
 
@@ -58,12 +68,20 @@ class Term(NamedTuple):
 
 @dataclass(frozen=True)
 class OutputTerms:
-    """An output as a polynomial, or as the square root of one."""
+    """An output as a polynomial, or what follows from one.
+
+    Attributes
+    ----------
+    kind : POLYNOMIAL, ROOT (its square root) or ORIENTATION and a component: the four
+        of the quaternion, the three of the rotation vector, the angle of the rotation.
+        The terms of an orientation are the entries of its matrix by rows, in the plane
+        its angle
+    """
 
     name: str
     constant: float
     terms: tuple[Term, ...]
-    is_root: bool = False
+    kind: int = 0
 
 
 class _Polynomial(NamedTuple):
@@ -162,10 +180,19 @@ def output_terms(tables: PlantTables, names: Iterable[str]) -> tuple[OutputTerms
     for name in names:
         _refuse_by_name(name)
     entries = _ArrayEntries(tables)
-    evaluated = [name for name in names if parse_output(name).owner != INPUTS]
+    known = {name: _orientation(tables, name) for name in names}
+    evaluated = [
+        name
+        for name in names
+        if known[name] is None and parse_output(name).owner != INPUTS
+    ]
     factors = _entries_of_outputs(entries, evaluated)
     found = []
     for name in names:
+        orientation = known[name]
+        if orientation is not None:
+            found.append(orientation)
+            continue
         if name not in factors:
             found.append(_input_output(tables.system, name))
             continue
@@ -213,7 +240,7 @@ def _terms(name: str, factors: list[int], entries: _ArrayEntries) -> OutputTerms
     def square(x: Array) -> Array:
         return function(x) ** 2
 
-    for source, is_root in ((function, False), (square, True)):
+    for source, kind in ((function, POLYNOMIAL), (square, ROOT)):
         for degree in (1, 2):
             if degree == 2 and len(factors) > MAX_FACTORS:
                 continue
@@ -225,14 +252,31 @@ def _terms(name: str, factors: list[int], entries: _ArrayEntries) -> OutputTerms
             terms += [
                 Term(w, where(i), where(j)) for (i, j), w in found.quadratic.items()
             ]
-            return OutputTerms(name, found.constant, tuple(terms), is_root)
+            return OutputTerms(name, found.constant, tuple(terms), kind)
     raise InputError(
         f"{name} is no polynomial in positions, velocities, accelerations and forces, "
         "and a unit evaluates no other outputs",
         place="outputs",
-        expected="outputs without it (--outputs); of orientations in space, wx to wz, "
-        "joint angles, or positions of markers",
+        expected="outputs without it (--outputs)",
     )
+
+
+def _orientation(tables: PlantTables, name: str) -> OutputTerms | None:
+    """Quaternion, rotation vector or angle of a body or marker; None for the rest."""
+    owner, marker, quantity = parse_output(name)
+    system = tables.output_system
+    components = (*ORIENTATIONS, *(() if system.planar or not marker else ("angle",)))
+    if quantity not in components:
+        return None
+    if marker:
+        array, rows = "points", POINTS[system.space]
+        row = system.markers[owner, marker]
+    else:
+        array, rows, row = "frames", FRAMES[system.space], system.index(owner)
+    place, count = ("angle", 1) if system.planar else ("R", 9)
+    first = row * rows.record.size + rows.record.places[place]
+    terms = tuple(Term(1.0, (array, first + k), None) for k in range(count))
+    return OutputTerms(name, 0.0, terms, ORIENTATION + components.index(quantity))
 
 
 def _interpolated(

@@ -282,10 +282,57 @@ static void find_outputs(Plant *plant)
 
 /* ---- events that end the motion ----------------------------------------------------- */
 
-/* A polynomial in entries of the arrays, or its square root. */
-static double polynomial(const Plant *plant, size_t index)
+/* A component of an orientation: of its quaternion q, of its rotation vector, or the angle.
+ *
+ * The quaternion of a rotation matrix R is that of S. W. Shepperd, J. Guidance and Control 1
+ * (1978), which divides by its largest component. It has q0 >= 0.
+ */
+static double orientation(const Plant *plant, int64_t first, int64_t count, int component)
 {
     const double *entries = (const double *)plant;
+    double q[4] = {1.0, 0.0, 0.0, 0.0};
+    if (count == 1) {
+        double half_angle = 0.5 * entries[terms[first].first];
+        q[0] = cos(half_angle);
+        q[3] = sin(half_angle);
+    } else {
+        double R[3][3];
+        for (int i = 0; i < 9; i++)
+            R[i / 3][i % 3] = entries[terms[first + i].first];
+        double trace = R[0][0] + R[1][1] + R[2][2];
+        int i = R[1][1] > R[0][0] ? 1 : 0;
+        i = R[2][2] > R[i][i] ? 2 : i;
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        if (trace > R[i][i]) {
+            q[0] = 0.5 * sqrt(1.0 + trace);
+            q[1] = 0.25 * (R[2][1] - R[1][2]) / q[0];
+            q[2] = 0.25 * (R[0][2] - R[2][0]) / q[0];
+            q[3] = 0.25 * (R[1][0] - R[0][1]) / q[0];
+        } else {
+            q[1 + i] = 0.5 * sqrt(1.0 + 2.0 * R[i][i] - trace);
+            q[0] = 0.25 * (R[k][j] - R[j][k]) / q[1 + i];
+            q[1 + j] = 0.25 * (R[j][i] + R[i][j]) / q[1 + i];
+            q[1 + k] = 0.25 * (R[k][i] + R[i][k]) / q[1 + i];
+        }
+    }
+    for (int i = 3; i >= 0; i--)
+        q[i] = q[0] < 0.0 ? -q[i] : q[i];
+    if (component < 4)
+        return q[component];
+    double sine = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    double angle = 2.0 * atan2(sine, q[0]);
+    if (component == 7)
+        return angle;
+    return q[component - 3] * (sine > 0.0 ? angle / sine : 2.0);
+}
+
+/* An output: a polynomial in entries of the arrays, its square root, or an orientation. */
+static double output_value(const Plant *plant, size_t index)
+{
+    const double *entries = (const double *)plant;
+    if (outputs[index].kind >= ORIENTATION)
+        return orientation(plant, outputs[index].first, outputs[index].count,
+                           outputs[index].kind - ORIENTATION);
     double y = outputs[index].constant;
     for (int64_t i = 0; i < outputs[index].count; i++) {
         int64_t k = outputs[index].first + i;
@@ -294,7 +341,7 @@ static double polynomial(const Plant *plant, size_t index)
             x *= entries[terms[k].second];
         y += terms[k].weight * x;
     }
-    return outputs[index].is_root ? sqrt(fmax(y, 0.0)) : y;
+    return outputs[index].kind == ROOT ? sqrt(fmax(y, 0.0)) : y;
 }
 
 /* Distance of the quantity of an event from its value, in the last step. */
@@ -303,7 +350,7 @@ static double event_height(Plant *plant, int event, double time)
     plant->now = time;
     plant->outputs_known = 0;
     find_outputs(plant);
-    return polynomial(plant, N_OUTPUTS + (size_t)event) - events[event].value;
+    return output_value(plant, N_OUTPUTS + (size_t)event) - events[event].value;
 }
 
 /* Time of a crossing between two times, by bisection down to rounding. */
@@ -567,5 +614,5 @@ void plant_set_input(Plant *plant, size_t index, double value)
 double plant_output(Plant *plant, size_t index)
 {
     find_outputs(plant);
-    return polynomial(plant, index);
+    return output_value(plant, index);
 }

@@ -43,6 +43,7 @@ def slider_crank(**changes: Any) -> sidtool.Scene:
                     "load.value",
                 ),
                 *("energy.kinetic", "energy.elastic", "inputs.load"),
+                *("rod.piston_pin.rotation_z", "crank.quaternion_3"),
             ],
         }
         | changes

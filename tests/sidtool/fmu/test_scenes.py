@@ -81,6 +81,8 @@ def spatial_arm(tube: sidtool.SID, **changes: Any) -> sidtool.Scene:
                 *("payload.x", "payload.vz", "fore.tip.ax", "fore.tip.uz", "fore.q*"),
                 *("yaw.angle", "elbow.angle_rate", "energy.kinetic", "flange.fz"),
                 *("shoulder_motor.power", "payload.wy", "elbow_motor.torque"),
+                *("payload.quaternion_0", "payload.quaternion_2", "fore.rotation_y"),
+                *("fore.tip.angle", "upper.tip.rotation_z", "upper.momentum_z"),
             ]
         },
     )
@@ -168,7 +170,6 @@ UNSUPPORTED = {
     ),
     "integral": ({"outputs.record": ["energy.dissipated"]}, "outputs"),
     "residual": ({"outputs.record": ["constraint.position"]}, "outputs"),
-    "rotation": ({"outputs.record": ["rod.piston_pin.quaternion_0"]}, "outputs"),
     "name": (
         {
             "inputs.time": {"initial": 0.0},
