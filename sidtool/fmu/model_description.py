@@ -108,7 +108,9 @@ def model_description(unit: UnitDescription, version: str) -> str:
     experiment = {"startTime": unit.start, "stopTime": unit.end}
     experiment |= {"tolerance": unit.tolerance, "stepSize": unit.step}
     xml.SubElement(
-        root, "DefaultExperiment", {name: f"{x:.17g}" for name, x in experiment.items()}
+        root,
+        "DefaultExperiment",
+        {name: repr(float(x)) for name, x in experiment.items()},
     )
     {"2.0": _add_variables_2, "3.0": _add_variables_3}[version](root, unit.variables)
     xml.indent(root)
@@ -139,7 +141,7 @@ def _attributes(number: int, variable: Variable) -> dict[str, str]:
 def _type_attributes(variable: Variable) -> dict[str, str]:
     attributes = {}
     if variable.start is not None:
-        attributes["start"] = f"{variable.start:.17g}"
+        attributes["start"] = repr(float(variable.start))
     if variable.unit:
         attributes["unit"] = unit_name(variable.unit)
     return attributes
