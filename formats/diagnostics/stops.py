@@ -111,15 +111,6 @@ ENTRIES = (
         },
     ),
     Entry(
-        "N311",
-        ERROR,
-        "the mass matrix of {bodies} is singular",
-        "The Cholesky factorisation of the mass matrix of a body failed: an eigenvalue "
-        "is not positive.",
-        remedy="Give rotating bodies inertia, flexible ones shape functions with mass.",
-        example={"bodies": ("disc",), "t": 0.0},
-    ),
-    Entry(
         "N312",
         ERROR,
         "joints and drives deform it at the start until its inertia is not positive",

@@ -16,6 +16,7 @@ from .common import (
     force_option,
     input_files,
     output_path,
+    print_data,
     print_failure,
     print_result,
     read_scene_with_changes,
@@ -238,12 +239,16 @@ def run_analysis(
     """
     from sidtool.solver.system.errors import SimulationError
 
+    from ..report.json_data import result_data
+
     try:
         return analysis(read_scene_with_changes(scene, changes), **settings)
     except SimulationError as error:
         print_failure(error, scene)
-        if error.result is not None:
-            _write_result(output, error.result)
+        result = error.result
+        if result is not None:
+            _write_result(output, result)
+            print_data(lambda: result_data(result))
         raise click.exceptions.Exit(1) from None
 
 

@@ -377,11 +377,14 @@ def print_warnings(
 def print_failure(error: SimulationError, scene: Path) -> None:
     """Print why a run or an analysis stopped, and its causes."""
     from ..report.diagnostics import diagnostic_lines
+    from ..report.json_data import failure_data
 
     t = error.diagnostics[0].t
     outcome = "failed" if t is None else f"stopped at t = {t:.9g} s"
     click.echo(f"sidtool: {scene}: {outcome}", err=True)
     click.echo(diagnostic_lines(error.diagnostics), err=True)
+    if error.result is None:
+        print_data(lambda: failure_data(error))
 
 
 def print_remarks(sentences: Iterable[str], err: bool = False) -> None:
@@ -402,6 +405,13 @@ def print_result(text: str, data: Callable[[], Any]) -> None:
         from ..report.json_data import to_json_text
 
         click.echo(to_json_text(data()), file=stream)
+
+
+def print_data(data: Callable[[], Any]) -> None:
+    """Print the data of a command that failed, with --json."""
+    ctx = click.get_current_context(silent=True)
+    if ctx is not None and _JSON in ctx.meta:
+        print_result("", data)
 
 
 class PipedPath(click.Path):

@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import click
+import numpy as np
 
 from sidtool.formats.result import ResultFile, TableFile
 from sidtool.formats.storage.atomic import StoredUnderOtherName
@@ -30,6 +31,7 @@ class OutputFiles:
     Attributes
     ----------
     span : first and last output time [s] and number of output times
+    ranges : first, least, greatest and last value of each output
     failed : True if a file is missing or has another name than requested
     written : complete files with their sizes
     """
@@ -43,6 +45,8 @@ class OutputFiles:
         self._messages: list[str] = []
         self.written: list[str] = []
         self.span: tuple[float, float, int] = (0.0, 0.0, 0)
+        self._names: tuple[str, ...] = ()
+        self._ranges = np.zeros((4, 0))
         self.failed = False
 
     def __enter__(self) -> Self:
@@ -57,13 +61,28 @@ class OutputFiles:
         for file in self._open.values():
             file.discard()
 
+    @property
+    def ranges(self) -> dict[str, tuple[float, ...]]:
+        """The range of each output, empty without output times."""
+        if not self.span[2]:
+            return {}
+        return dict(zip(self._names, map(tuple, self._ranges.T.tolist()), strict=True))
+
     def begin(self, columns: Columns, most: int) -> None:
+        self._names = tuple(columns["values"])
         self._each(lambda file: file.begin(columns, most))
 
     def add(self, rows: Rows) -> None:
         if len(rows.t):
             first, _, count = self.span
             first = first if count else float(rows.t[0])
+            values = rows.tables["values"]
+            least, greatest = values.min(axis=0), values.max(axis=0)
+            if count:
+                least = np.minimum(least, self._ranges[1])
+                greatest = np.maximum(greatest, self._ranges[2])
+            start = self._ranges[0] if count else values[0]
+            self._ranges = np.array([start, least, greatest, values[-1]])
             self.span = first, float(rows.t[-1]), count + len(rows.t)
         self._each(lambda file: file.add(rows))
 

@@ -254,7 +254,7 @@ def _print_result(result: Result, files: OutputFiles, verbose: bool) -> None:
     from ..report.result import run_summary
 
     text = run_summary(result, files.span, files.written, verbose)
-    print_result(text, lambda: result_data(result, files.span))
+    print_result(text, lambda: result_data(result, files.span, files.ranges))
 
 
 def _single_target(targets: list[Target], kind: str) -> Path | None:

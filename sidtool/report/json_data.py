@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sidtool.formats.base.sid import SID
-from sidtool.formats.result import Result, units_in
+from sidtool.formats.result import FlexibleBody, Result, units_in
 from sidtool.formats.toml.files import File
 
 from .sid import natural_modes
 
 if TYPE_CHECKING:
     from sidtool.solver.analyses.static_equilibrium import Equilibrium
+    from sidtool.solver.system.errors import SimulationError
+
+
+#: Entries of an output.
+_RANGE = ("unit", "first", "least", "greatest", "last")
 
 
 def to_json_text(data: Any) -> str:
@@ -48,26 +54,30 @@ def sid_data(sid: SID) -> dict[str, Any]:
 
 
 def result_data(
-    result: Result, span: tuple[float, float, int] | None = None
+    result: Result,
+    span: tuple[float, float, int] | None = None,
+    ranges: Mapping[str, Sequence[float]] | None = None,
 ) -> dict[str, Any]:
     """How the run went, and of each output its range.
 
     span : first and last output time [s] and number of output times
+    ranges : first, least, greatest and last value of each output; default those of the
+        rows in the result
     """
     if span is None:
         t = result.t
         span = (t[0], t[-1], len(t)) if len(t) else (math.nan, math.nan, 0)
     unit = units_in(result)
-    outputs = {
-        name: {
-            "unit": unit(name),
-            "first": column[0],
-            "least": np.min(column),
-            "greatest": np.max(column),
-            "last": column[-1],
+    if ranges is None:
+        columns = zip(result.names, result.values.T, strict=True)
+        ranges = {
+            name: (column[0], np.min(column), np.max(column), column[-1])
+            for name, column in columns
+            if len(column)
         }
-        for name, column in zip(result.names, result.values.T, strict=True)
-        if len(column)
+    outputs = {
+        name: dict(zip(_RANGE, (unit(name), *values), strict=True))
+        for name, values in ranges.items()
     }
     return {
         "title": result.title,
@@ -83,9 +93,32 @@ def result_data(
         else result.accuracy.model_dump(mode="json"),
         "diagnostics": [each.as_data() for each in result.diagnostics],
         "events": [{"name": e.name, "kind": e.kind, "t": e.t} for e in result.events],
-        "bodies": {name: body.after for name, body in result.bodies.items()},
+        "bodies": {name: _body_data(body) for name, body in result.bodies.items()},
         "outputs": outputs,
         "versions": dict(result.versions),
+    }
+
+
+def _body_data(body: FlexibleBody) -> dict[str, Any]:
+    """Return deformation, change of stiffness and frequencies of a flexible body."""
+    found = body.found or body.expected
+    return {
+        "deflection": body.deflection,
+        "rotation": body.rotation,
+        "stiffness_change": found.ratio,
+        "by": found.load,
+        "lacks_stiffening": found.lacks_stiffening,
+        "highest_frequency": body.highest_frequency,
+        "excitation": body.excitation.frequency,
+    }
+
+
+def failure_data(error: SimulationError) -> dict[str, Any]:
+    """Return why a run or an analysis without any result stopped."""
+    return {
+        "completed": False,
+        "message": str(error),
+        "diagnostics": [each.as_data() for each in error.diagnostics],
     }
 
 

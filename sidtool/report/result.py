@@ -242,7 +242,7 @@ def event_lines(events: Sequence[Event]) -> list[tuple[str, str]]:
 def describe_result(result: Result) -> str:
     """Return the summary, the outputs with their range, and the versions."""
     parts = [run_summary(result, verbose=True)]
-    parts += [_body_contributions(name, body) for name, body in result.bodies.items()]
+    parts += [contributions(name, body) for name, body in result.bodies.items()]
     if result.names and len(result.t):
         columns = dict(zip(result.names, result.values.T, strict=True))
         parts.append(output_ranges(columns, units_in(result)))
@@ -267,20 +267,19 @@ def output_ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str])
     return text_table(["output", "first", "least", "greatest", "last", "unit"], rows)
 
 
-def _body_contributions(name: str, body: FlexibleBody) -> str:
-    """Describe the change of stiffness of a body, and the contribution of each elastic
-    coordinate.
-    """
-    return f"{wrapped(f'{name}: {body.after}')}\n{contributions(name, body)}"
-
-
 def contributions(name: str, body: FlexibleBody) -> TextBlock:
     """Tabulate the contribution of each elastic coordinate of a body to the motion."""
     header = [name, "Hz", "max |q|", "energy %", "label"]
     names = body.names or [f"q{i + 1}" for i in range(len(body.labels))]
     columns = (body.frequencies, body.amplitudes, 100 * body.energy_shares)
     rows = [
-        [coordinate, f"{hertz:.4f}", f"{size:.4g}", f"{share:.2f}", label.strip()]
+        [
+            coordinate,
+            f"{hertz:.4f}",
+            f"{size:.4g}",
+            f"{share:.2f}",
+            " ".join(label.split()),
+        ]
         for coordinate, hertz, size, share, label in zip(
             names, *columns, body.labels, strict=False
         )

@@ -318,4 +318,4 @@ def _mode_label(sid: SID, shape: Array) -> str:
     leading = int(np.abs(shape).argmax())
     others = np.delete(np.abs(shape), leading)
     alone = others.max(initial=0.0) <= 1e-3 * abs(shape[leading])
-    return sid.labels[leading].strip() if alone else ""
+    return " ".join(sid.labels[leading].split()) if alone else ""

@@ -24,8 +24,6 @@ LOST_INERTIA = 1e-2
 LIGHT_BODY_RATIO = 1e-9
 #: Part of the independence of the constraints that is left near a singular position.
 NEARLY_SINGULAR = 0.01
-#: Smallest eigenvalue of a scaled mass matrix that has factors.
-SINGULAR_MASS = 1e-14
 
 
 def step_loop_failure(
@@ -202,7 +200,7 @@ def _singular_cause(system: System, t: float, z: Array, remedy: str) -> Diagnost
 def singular_start_causes(
     system: System, work: at.WorkArrays, t: float, z: Array, status: int
 ) -> tuple[Diagnostic, ...]:
-    """Why equations have no solution at the start of an interval (N307 to N312).
+    """Why equations have no solution at the start of an interval (N307 to N312, N719).
 
     Parameters
     ----------
@@ -213,15 +211,4 @@ def singular_start_causes(
         remedy = "Start beside it, or change a length or a drive."
         return (_singular_cause(system, t, z, remedy),)
     lost = lost_inertia_cause(system, work, t)
-    return (lost or diagnose("N311", t=t, bodies=_singular_bodies(system, work)),)
-
-
-def _singular_bodies(system: System, work: at.WorkArrays) -> tuple[str, ...]:
-    """Bodies whose mass matrix has no Cholesky factors."""
-    names = []
-    for row, body in zip(system.arrays.body, system.bodies, strict=True):
-        n, first = int(row[at.NV]), int(row[at.BLOCK])
-        M = work.M[first : first + n * n].reshape(n, n)
-        if n and not _smallest_scaled_eigenvalue(M) > SINGULAR_MASS:
-            names.append(body.name)
-    return tuple(names) or ("a body",)
+    return (lost or diagnose("N719", t=t),)

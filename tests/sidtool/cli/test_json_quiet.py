@@ -113,6 +113,35 @@ def test_numbers_are_json_or_nothing(
         assert key in json.loads(capfd.readouterr().out)
 
 
+def test_ranges_of_outputs_do_not_depend_on_files(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Rows that went to a file are not in the result of the run."""
+    monkeypatch.chdir(folder)
+    found = []
+    for more in ((), ("-o", "ranges.h5")):
+        assert run(["simulate", "rigid.toml", "--json", *more]) == 0
+        found.append(json.loads(capsys.readouterr().out)["outputs"])
+    assert found[0] == found[1] and found[0]["bar.angle"]["last"] > 0.1
+
+
+def test_a_stopped_analysis_has_data(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A free body under its weight has no equilibrium."""
+    monkeypatch.chdir(folder)
+    free = sidtool.Scene(
+        dimension="planar",
+        gravity=[0.0, -9.81],
+        time=sidtool.Time(end=0.1, output_step=0.05),
+        bodies={"stone": sidtool.RigidBody(mass=1.0, inertia=0.1)},
+    )
+    free.save(folder / "free.toml")
+    assert run(["analyse", "static", "free.toml", "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert not data["completed"] and data["diagnostics"][0]["code"] == "N701"
+
+
 @pytest.mark.parametrize("command", FILES)
 def test_files_are_written_without_a_word(
     command: str,

@@ -292,9 +292,9 @@ def test_bodies_of_models_are_shown_whole(folder: Path) -> None:
     path = written(folder, spun(0.3, 2.0), mesh, 3)
     result = sidtool.simulate(path)
     for _ in range(2):
-        known, notes = find_fields(scene_of(result), result.sids, {}, [folder])
-        assert not notes and len(known["arm"].positions) > 60
+        known = find_fields(scene_of(result), result.sids, {}, [folder])
+        assert len(known["arm"].positions) > 60
         (stored,) = (folder / ".sidtool").glob("*.field.h5")
     other = sidtool.simulate(path, sids={"arm": cantilever(4)})
-    assert find_fields(scene_of(other), other.sids, {}, [folder]) == ({}, [])
+    assert find_fields(scene_of(other), other.sids, {}, [folder]) == {}
     assert stored.is_file()

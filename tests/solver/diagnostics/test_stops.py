@@ -219,14 +219,6 @@ def test_inertia_that_rounding_hides_is_a_possible_cause() -> None:
     assert found.data["heaviest"] == "ship" and float(str(found.data["ratio"])) < 1e-14
 
 
-def test_a_singular_mass_matrix_names_its_body() -> None:
-    system, work, z = two_bodies()
-    first = int(system.arrays.body[system.index("fly"), at.BLOCK])
-    work.M[first : first + 9] = 0.0
-    (found,) = failure_causes.singular_start_causes(system, work, 0.0, z, 1)
-    assert (found.code, found.data["bodies"]) == ("N311", ("fly",))
-
-
 def hinged_rod(offset: float) -> DenseEquations:
     """A rod whose hinge is open by an offset [m]."""
     joints = {"pin": {"type": "revolute", "markers": ["ground", "rod.a"]}}
