@@ -280,7 +280,7 @@ static void find_outputs(Plant *plant)
                          ARRAY2(plant->z), ARRAY2(plant->v), ARRAY3(plant->frames));
 }
 
-/* ---- events that end the motion ----------------------------------------------------- */
+/* ---- outputs ------------------------------------------------------------------------ */
 
 /* A component of an orientation: of its quaternion q, of its rotation vector, or the angle.
  *
@@ -343,6 +343,8 @@ static double output_value(const Plant *plant, size_t index)
     }
     return outputs[index].kind == ROOT ? sqrt(fmax(y, 0.0)) : y;
 }
+
+/* ---- events that end the motion ----------------------------------------------------- */
 
 /* Distance of the quantity of an event from its value, in the last step. */
 static double event_height(Plant *plant, int event, double time)

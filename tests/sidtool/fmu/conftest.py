@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 import sidtool
+from sidtool.fmu.platforms import own_platform
 from tests.places import SLIDER_CRANK
 from tests.sidtool.fmu.importer import Library
 
@@ -53,6 +54,9 @@ def slider_crank(**changes: Any) -> sidtool.Scene:
 @pytest.fixture(scope="session")
 def export(tmp_path_factory: pytest.TempPathFactory) -> Export:
     """Exports a scene and loads its library."""
+
+    if own_platform() != "linux64":
+        pytest.skip("cc links libraries of Linux on x86-64 alone")
 
     def exported(scene: sidtool.Scene, **options: Any) -> Library:
         folder = tmp_path_factory.mktemp("fmu")
