@@ -21,6 +21,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from . import prose
 from .places import ROOT
 
 #: Folder of the repository to its place in the package.
@@ -56,7 +57,7 @@ def main() -> int:
             shutil.copy(path, package / name)
     command = [sys.executable, "-m", "mypy", "--config-file", ROOT / "pyproject.toml"]
     done = subprocess.run([*command, *sys.argv[1:]], cwd=top, check=False)
-    return done.returncode or _check_imports(top) or _check_users(top)
+    return done.returncode or _check_imports(top) or _check_users(top) or prose.main()
 
 
 def _check_imports(top: Path) -> int:

@@ -86,7 +86,7 @@ ENTRIES = (
     Entry(
         "N609",
         WARNING,
-        "linear theory errs by about {amount}, {ratio} times what is wanted",
+        "error of linear theory about {amount}, {ratio} times what is wanted",
         "2 or 3 times the change of the output in another body frame, which is "
         "of the order of the terms that linear theory neglects. It is no part of the "
         "error of the outputs; see the column theory. Reported for the worst output.",

@@ -32,7 +32,7 @@ class IdentityText(NamedTuple):
             f"{self.meaning} Deviation = max |difference of both sides| / max |entry|, "
             "or the number of contradictions. The bound "
             "is raised to the rounding of printed digits. `validate` gives details; "
-            "`convert --repair` mends what follows from other blocks.",
+            "`convert --repair` rebuilds what follows from other blocks.",
             example={"deviation": 1.2e-3, "bound": 1e-11},
         )
 

@@ -29,7 +29,7 @@ def map_in_threads(
 
     Parameters
     ----------
-    function : of an item and of an event that is set when nobody waits for the rest
+    function : of an item and of an event that is set when the rest is not needed
     jobs : number of threads
     """
     ended, rest = Event(), iter(items)

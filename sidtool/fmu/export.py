@@ -169,7 +169,7 @@ def _variables(
 
 
 def _token(header: str, tables: PlantTables) -> str:
-    """A text that tells the content of one library from that of others."""
+    """A text that identifies the content of one library."""
     integrator = tables.start.settings.integrator
     content = "".join([header, integrator, *c_sources().values()])
     digest = hashlib.sha256(content.encode()).hexdigest()

@@ -1,7 +1,7 @@
 """The content of a table, with all that it refers to, as constant data.
 
 The image is a sequence of 64-bit words. Words that are addresses are zero in it; the
-relocations tell to what they point: to another word of the image, or to a kernel. An
+relocations give what they point to: to another word of the image, or to a kernel. An
 instance is a copy of the image with its addresses filled in.
 """
 
@@ -49,7 +49,7 @@ class MemoryImage:
 
 
 def memory_image(table: Table) -> MemoryImage:
-    """The image of a table, which stands at its begin."""
+    """The image of a table, which is at its begin."""
     walk = _Walk()
     walk.add_table(table, type(table).kind)
     return walk.image()

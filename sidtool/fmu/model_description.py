@@ -70,7 +70,7 @@ class UnitDescription:
     Attributes
     ----------
     identifier : a name of C, that of the library
-    token : tells the library of one export from others
+    token : identifies the library of one export
     variables : inputs, then outputs, numbered from 1 on in this order
     step : output step of the scene [s], or its fixed step
     """

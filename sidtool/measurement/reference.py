@@ -265,7 +265,7 @@ def _nothing_to_compare(
             expected="finer meshes and more modes among the values, or other outputs",
         )
     return InputError(
-        "no output can be told from rounding",
+        "no output exceeds rounding",
         place="outputs.record",
         expected="outputs that move",
     )
