@@ -30,7 +30,8 @@ SOURCES = ("formats", "solver", "sidtool")
 _BLOCK = re.compile(r"^ *```.*?^ *```", re.DOTALL | re.MULTILINE)
 _FORMULA = re.compile(r"\$\$.*?\$\$|\$[^$]*\$|`[^`]*`", re.DOTALL)
 _LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
-_PARAGRAPH = re.compile(r"\n\s*\n|\n\s*(?:[-*]|\d+\.) |\n\|")
+_ROW = re.compile(r"^\|.*$", re.MULTILINE)
+_PARAGRAPH = re.compile(r"\n\s*\n|\n\s*(?:[-*]|\d+\.) ")
 _SENTENCE = re.compile(r"(?<=[.!?:;])\s+")
 
 
@@ -46,7 +47,8 @@ def pages() -> list[Path]:
 
 def long_sentences(text: str) -> Iterator[str]:
     """Sentences of a page with more than `MAX_WORDS` words; a formula is one word."""
-    text = _LINK.sub(r"\1", _FORMULA.sub("x", _BLOCK.sub("", text)))
+    text = _FORMULA.sub("x", _ROW.sub("\n\n", _BLOCK.sub("", text)))
+    text = _LINK.sub(r"\1", text)
     for paragraph in _PARAGRAPH.split(text):
         for sentence in _SENTENCE.split(" ".join(paragraph.split())):
             if len(sentence.split()) > MAX_WORDS:

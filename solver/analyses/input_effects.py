@@ -147,7 +147,7 @@ def _equation_changes(
 
 
 def derivative_note(effects: InputEffects) -> Diagnostic:
-    """An input whose derivative stands in its place (N725)."""
+    """An input that is replaced by its derivative (N725)."""
     derivative = ("value", "rate", "second derivative")[effects.order]
     return diagnose("N725", f"inputs.{effects.name}", derivative=derivative)
 
