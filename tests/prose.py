@@ -47,7 +47,7 @@ def pages() -> list[Path]:
 
 def long_sentences(text: str) -> Iterator[str]:
     """Sentences of a page with more than `MAX_WORDS` words; a formula is one word."""
-    text = _FORMULA.sub("x", _ROW.sub("\n\n", _BLOCK.sub("", text)))
+    text = _ROW.sub("\n\n", _FORMULA.sub("x", _BLOCK.sub("", text)))
     text = _LINK.sub(r"\1", text)
     for paragraph in _PARAGRAPH.split(text):
         for sentence in _SENTENCE.split(" ".join(paragraph.split())):
