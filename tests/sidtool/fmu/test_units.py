@@ -45,9 +45,7 @@ def test_motion_is_that_of_a_run_at_all_communication_steps(
     assert difference(rows, result, max(1, round(1e-2 / length))) < 1e-10
 
 
-def test_inputs_that_jump_act_as_held_functions(
-    export: Export, slider: Library
-) -> None:
+def test_inputs_that_jump_act_as_held_functions(export: Export) -> None:
     """Against a run with the same input as a table of constant values."""
     rng = random.Random(1)
     times = [0.02 * k for k in range(25)]
