@@ -21,6 +21,8 @@ COMMANDS = {
     "analyse static": ("scene.toml", "outputs"),
     "analyse modes": ("scene.toml", "modes"),
     "analyse inverse": ("rigid.toml", "outputs"),
+    "linearise": ("pushed.toml", "A"),
+    "response": ("pushed.toml --frequencies 1:10:5", "peaks"),
     "validate": ("beam.SID_FEM", "checks"),
     "outputs": ("r.h5 --add bar.tip.vy -o o.h5", "bar.tip.vy"),
     "trim": ("beam.SID_FEM scene.toml -o t.SID_FEM --accuracy bar.tip.y=1e-2", "nodes"),
@@ -34,8 +36,8 @@ FILES = {
     "export": "r.h5 -o e.vtkhdf",
     "report": "r.h5 -o r.html",
 }
-#: Commands that make a start, show themselves or a schema, or prepare.
-OTHERS = {"new", "demo", "explain", "schema", "warmup"}
+#: Commands that make a start, show themselves or a schema, prepare, or need a compiler.
+OTHERS = {"new", "demo", "explain", "schema", "warmup", "fmu"}
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +73,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         },
         outputs=sidtool.Outputs(record=["bar.angle", "motor.mz"]),
     ).save(place / "rigid.toml")
+    push = {"type": "input", "name": "push"}
+    sidtool.Scene(
+        dimension="planar",
+        time=sidtool.Time(end=0.1, output_step=0.05),
+        bodies={"bar": sidtool.RigidBody(mass=1.0, inertia=0.1)},
+        joints={"rail": sidtool.Prismatic(markers=["ground", "bar"])},
+        inputs={"push": sidtool.Input()},
+        forces={
+            "spring": sidtool.SpringDamper(joint="rail", stiffness=1e3, damping=1.0),
+            "push": sidtool.PointForce(marker="bar", force=[1.0, 0.0], function=push),
+        },
+        outputs=sidtool.Outputs(record=["bar.x"]),
+    ).save(place / "pushed.toml")
     return place
 
 
