@@ -212,5 +212,5 @@ def test_only_data_of_the_file_itself_are_read(
         put(file, tmp_path)
     with pytest.raises(InputError) as caught:
         read_sid(path)
-    assert caught.value.expected == "data that stand in this file itself"
+    assert caught.value.expected == "data in this file itself"
     assert caught.value.place in {"/blocks/Ke/m0", "/labels", "/round"}
