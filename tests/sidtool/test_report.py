@@ -86,7 +86,7 @@ def test_info_of_a_body_lists_stiffening_and_stress() -> None:
     nodes = (replace(sid.nodes[0], sigma=sigma), *sid.nodes[1:])
     assert "stress             at 1 node\n" in describe_sid(replace(sid, nodes=nodes))
     text = describe_sid(read(SLIDER_CRANK / "rod_q4.SID_FEM"))
-    assert "geom. stiffening   not carried; a simulation tells whether it" in text
+    assert "geom. stiffening   not carried; a simulation shows whether it" in text
 
 
 def test_nodes_that_no_shape_function_moves_are_marked() -> None:

@@ -122,22 +122,22 @@ def test_the_second_time_nothing_is_searched(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, sid = particles(False)
-    first = simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
+    first = simulated(scene, sid, accuracy={"arm.tip.y": 2e-3})
     assert first.accuracy.searched
     with monkeypatch.context() as patch:
         patch.setattr("sidtool.accuracy.plan.select_model", None)
-        again = simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
+        again = simulated(scene, sid, accuracy={"arm.tip.y": 2e-3})
     assert not again.accuracy.searched
     assert again.error == first.error
     assert again.scene == first.scene
     assert np.array_equal(again.values, first.values)
     assert codes(again) == codes(first) and {"N603", "N605"} <= {*codes(first)}
     other = replace(sid, Ke=Taylor(1.5 * sid.Ke.m0))
-    assert simulated(scene, other, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
-    assert simulated(scene, sid, accuracy={"arm.tip.y": 2e-2}).accuracy.searched
+    assert simulated(scene, other, accuracy={"arm.tip.y": 2e-3}).accuracy.searched
+    assert simulated(scene, sid, accuracy={"arm.tip.y": 4e-3}).accuracy.searched
     for path in folder.iterdir():
         path.write_text(path.read_text(encoding="utf-8")[:200], encoding="utf-8")
-    assert simulated(scene, sid, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
+    assert simulated(scene, sid, accuracy={"arm.tip.y": 2e-3}).accuracy.searched
 
 
 def resealed(content: dict[str, Any]) -> bytes:

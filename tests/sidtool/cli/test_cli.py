@@ -357,7 +357,8 @@ speed = 0.01
     )
     assert run(["info", str(scene)]) == 0
     stdout = capsys.readouterr().out
-    assert "rod_q4.SID_FEM, damping frequency, quadratic inertia" in stdout
+    assert "rod_q4.SID_FEM," in stdout
+    assert "damping frequency, quadratic inertia" in " ".join(stdout.split())
     assert "slider, displacement" in stdout
 
 

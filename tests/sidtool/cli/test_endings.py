@@ -127,6 +127,9 @@ COMMANDS = {
         ["{scene}", "--over", "time.end=1", "--of", "stone.x.max", "-o"],
         (".json", ".h5", ""),
     ),
+    "linearise": (["{scene}", "-o"], (".h5", ".csv", "")),
+    "response": (["{scene}", "-o"], (".h5", ".npz", "")),
+    "fmu": (["{scene}", "-o"], (".zip", ".dll", "")),
     "demo": (["-o"], (".html", ".png")),
     "new": ([], (".toml", ".py", ".h5")),
 }
