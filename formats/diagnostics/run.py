@@ -61,17 +61,6 @@ ENTRIES = (
         example={"rounding": 1e-15, "reason": "joints and drives leave no motion"},
     ),
     Entry(
-        "N325",
-        WARNING,
-        "radau13 over {turns:.0f} turns: rtol = {rtol:g} is not promised",
-        "Mean rate of rotation times the duration over 2 pi, reported from 20 turns "
-        "with rtol above 1e-4 in scenes without joints that stop errors from adding "
-        "up. What Newton's iteration leaves of its long steps adds up over the turns. "
-        "The error itself is not measured.",
-        remedy='Use integrator = "radau9", or rtol = 1e-4.',
-        example={"turns": 95.0, "rtol": 1e-3},
-    ),
-    Entry(
         "N326",
         WARNING,
         "fixed steps of {step} may pass over {features}",

@@ -33,8 +33,6 @@ EQUAL_TIME = 1e-9
 RUNAWAY_SIZE = 1e6
 #: Errors within so many times the requested one keep the promise.
 PROMISE_FACTOR = 10.0
-#: Turns from which on radau13 does not keep a relative tolerance above the second.
-MANY_TURNS, MAX_RADAU13_TOLERANCE = 20.0, 1e-4
 #: Rotations below this are rounding [rad].
 ROTATION_ROUNDING = 1e-12
 
@@ -203,18 +201,6 @@ def _constraint_rank(system: System, work: WorkArrays) -> int:
             return int(np.sum(~rows.dependent))
     C = dense_jacobian(system, work.C) * coordinate_sizes(system)
     return int(np.linalg.matrix_rank(C)) if C.size else 0
-
-
-def rotation_error_notes(
-    control: loop_state.StepLoopState, settings: RunSettings
-) -> Iterator[Diagnostic]:
-    """Rotations in which errors of Newton's iteration add up (N325)."""
-    turns = float(control.largest_angular_velocity * control.duration)
-    turns /= 2.0 * np.pi
-    is_loose = settings.rtol > MAX_RADAU13_TOLERANCE and settings.step is None
-    free = control.errors_accumulate == 1
-    if settings.integrator == "radau13" and is_loose and free and turns >= MANY_TURNS:
-        yield diagnose("N325", turns=turns, rtol=settings.rtol)
 
 
 def skipped_feature_notes(

@@ -230,7 +230,6 @@ def _run_diagnostics(run: Run) -> Iterator[Diagnostic]:
     yield from result_notes.rounding_notes(system, run.control, rtol, steps)
     reached_end = run.current_time >= system.scene.time.end or _stopping_event_text(run)
     if reached_end:  # speeds where a run stops are those of its failure
-        yield from result_notes.rotation_error_notes(run.control, run.settings)
         yield from rejected_trials(system, run.work)
     yield from result_notes.skipped_feature_notes(system, run.control, run.settings)
     yield from _constraint_deformation_notes(run)

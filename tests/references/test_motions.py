@@ -12,7 +12,7 @@ import pytest
 from sidtool.solver import simulate
 from sidtool.solver.integrators.registry import INTEGRATORS
 from sidtool.solver.system.errors import SimulationError
-from tests.codes import codes, only, with_code
+from tests.codes import codes, only
 
 from .motion_cases import CASES
 from .motions import Case, on_hinge, on_rail, relative_error
@@ -111,14 +111,13 @@ def test_errors_of_a_slow_heavy_top_do_not_add_up(integrator: str) -> None:
 
 @pytest.mark.parametrize("turns", [100, 500])
 @pytest.mark.parametrize("integrator", ["radau9", "radau13"])
-def test_tolerances_that_cannot_be_met_are_noted(integrator: str, turns: int) -> None:
-    spin = [90.0, 10.0, 200.0]
-    end = 2.0 * np.pi * turns / float(np.linalg.norm(spin))
-    case = symmetric_top([1.0, 1.0, 1.8], spin, end)
-    result = simulate(case.make(), integrator=integrator, rtol=1e-3)
-    notes = with_code(result, "N323", "N325")
-    assert len(notes) == (integrator == "radau13")
-    assert notes or relative_error(case, result) < HONEST * 1e-3
+def test_loose_tolerances_hold_over_many_revolutions(
+    integrator: str, turns: int
+) -> None:
+    """radau13 had errors of up to 70 times the tolerance in its longest steps."""
+    for spin in ([90.0, 10.0, 200.0], [20.0, 70.0, 110.0]):
+        end = 2.0 * np.pi * turns / float(np.linalg.norm(spin))
+        check(symmetric_top([1.0, 1.0, 1.8], spin, end), integrator, 1e-3)
 
 
 @cache

@@ -26,24 +26,6 @@ from tests.steel_bars import steel_bar
 from .test_body_measures import EULER, cantilever, fixed
 
 
-@pytest.mark.parametrize(
-    ("integrator", "rtol", "turns"),
-    [("radau13", 1e-3, 30.0), ("radau13", 1e-3, 10.0), ("radau9", 1e-3, 30.0)],
-)
-def test_many_turns_with_long_steps(integrator: str, rtol: float, turns: float) -> None:
-    """A free body that turns at a constant rate."""
-    rate = 2.0 * np.pi * turns
-    body = {"mass": 1.0, "inertia": 1.0, "initial": {"angular_velocity": rate}}
-    pull = {"type": "force", "marker": "body", "force": [1.0, 0.0], "axes": "marker"}
-    system = compiled(scene({"body": body}, forces={"pull": pull}))
-    result = simulate(system, integrator=integrator, rtol=rtol)
-    warned = integrator == "radau13" and turns > 20.0
-    assert ("N325" in codes(result)) == warned
-    if warned:
-        data = only(result, "N325").data
-        assert data["rtol"] == rtol and data["turns"] == pytest.approx(turns, rel=1e-3)
-
-
 @pytest.mark.parametrize("gain", [50.0, 2.0])
 def test_a_sampled_loop_that_runs_away(gain: float) -> None:
     """x' of 1.5 kg held back by -gain v for 0.2 s at a time: v is multiplied by
