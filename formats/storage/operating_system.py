@@ -2,6 +2,7 @@
 
 import errno
 import os
+import platform
 import secrets
 import signal
 import stat
@@ -324,6 +325,13 @@ def is_closed_pipe(error: OSError) -> bool:
 
 
 # Processes
+
+
+def system_and_processor() -> tuple[str, str]:
+    """Names of the system ("linux", "win32", "darwin") and of the processor, in lower
+    case.
+    """
+    return sys.platform, platform.machine().lower()
 
 
 def processors() -> int:

@@ -90,13 +90,13 @@ def link(
     library = "unit" + PLATFORMS[platform].ending
     sources = (*SOURCES, *PLATFORM_SOURCES.get(platform, ()))
     files = [*sources, *(f"{symbol}.o" for symbol in objects)]
-    libraries = ["-lm"] if platform.startswith("linux") else []
+    libraries = ["-lm"] if library.endswith(".so") else []
     outcome = subprocess.run(
         [*command, *OPTIONS, *files, "-o", library, *libraries],
         cwd=folder,
         env=os.environ | _zig_caches(folder),
         capture_output=True,
-        text=True,
+        encoding="utf-8",
         errors="replace",
         check=False,
     )

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import platform
-import sys
 from dataclasses import dataclass
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.storage.operating_system import system_and_processor
 from sidtool.solver.compiler.kernels import Target
 
 
@@ -49,9 +48,10 @@ PLATFORMS = {
 
 def own_platform() -> str:
     """Name of the platform of this process, or an empty string if it is no target."""
-    if platform.machine().lower() not in ("x86_64", "amd64"):
+    system, processor = system_and_processor()
+    if processor not in ("x86_64", "amd64"):
         return ""
-    return {"linux": "linux64", "win32": "win64"}.get(sys.platform, "")
+    return {"linux": "linux64", "win32": "win64"}.get(system, "")
 
 
 def parse_platforms(names: tuple[str, ...]) -> tuple[str, ...]:

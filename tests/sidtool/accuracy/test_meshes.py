@@ -190,6 +190,10 @@ def test_a_coarse_mesh_is_compared_with_all_modes_that_it_has(method: str) -> No
     assert (modes.data["first"], modes.data["last"]) == (4, 6)
 
 
+#: Codes of models of a size or of a material that looks like other units.
+UNUSUAL_SIZE = ("N101", "N103")
+
+
 def test_the_choice_does_not_depend_on_the_size_of_a_scene() -> None:
     """Lengths and E times 1000, times the root of it (Froude's similarity)."""
     found = []
@@ -212,7 +216,8 @@ def test_the_choice_does_not_depend_on_the_size_of_a_scene() -> None:
         report = run.accuracy
         assert report is not None
         choice = [(d.body, d.what, d.number, d.kept) for d in report.decisions]
-        found.append(((choice, codes(run)), run["link.b.x"] / size))
+        known = [code for code in codes(run) if code not in UNUSUAL_SIZE]
+        found.append(((choice, known), run["link.b.x"] / size))
     (small, motion), (large, larger) = found
     assert large == small
     assert larger == pytest.approx(motion, abs=2e-6)

@@ -129,7 +129,7 @@ def test_a_serialised_state_continues_in_another_process(
     instance.step(0.28, 0.1)
     command = [sys.executable, "-I", "-S", importer.__file__, str(file), str(state)]
     outcome = subprocess.run(
-        [*command, "0.28", "0.1"], capture_output=True, text=True, check=True
+        [*command, "0.28", "0.1"], capture_output=True, encoding="utf-8", check=True
     )
     assert [float.fromhex(x) for x in outcome.stdout.split()] == instance.get()
 
@@ -225,7 +225,7 @@ def test_a_library_is_small_and_shows_the_standard_alone(
     listed = subprocess.run(
         [nm, "-D", "--defined-only", slider.path],
         capture_output=True,
-        text=True,
+        encoding="utf-8",
         check=True,
     )
     names = [line.split()[-1] for line in listed.stdout.splitlines()]

@@ -91,7 +91,7 @@ def test_quarter_period_of_a_pendulum_over_its_length(pendulum: Path) -> None:
 
 def test_a_run_beyond_linear_theory_is_seen_among_others() -> None:
     """In the warnings of Python, in the table, in the counts and in its own point."""
-    gravity = {"gravity[1]": [-0.01, -30.0]}
+    gravity = {"gravity[1]": [-0.01, -5.0]}
     sids = {"arm": arms.cantilever(2)}
     with pytest.warns(sidtool.DiagnosticWarning, match="N411 arm"):
         found = sweep(arms.swinging(0.4), gravity, "arm.tip.y.min", sids=sids)
