@@ -1,5 +1,6 @@
 """Inputs of a scene: signals from outside, for forces, drives and control laws."""
 
+from collections.abc import Mapping
 from typing import Literal
 
 from ..toml.constructor_types import Field, Number, OptionalNumbers
@@ -43,3 +44,12 @@ class Input(Table):
     def continuity(self) -> int:
         """0 if its value may jump, 1 if its rate may, 2 if neither does."""
         return INTERPOLATIONS.index(self.interpolation)
+
+
+def without_tables(inputs: Mapping[str, Input]) -> dict[str, None]:
+    """Changes of a scene, see `File.with_`, by which its inputs have no tables: where a
+    program sets them, they begin with `initial`."""
+    named = [name for name, signal in inputs.items() if signal.times is not None]
+    return {
+        f"inputs.{name}.{key}": None for name in named for key in ("times", "values")
+    }

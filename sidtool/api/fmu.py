@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.file_names import check_ending, path_of
 from sidtool.formats.scene import SceneFile
+from sidtool.formats.scene.inputs import without_tables
 from sidtool.formats.toml.files import locate_errors
 
 from .. import __version__
-from ..fmu.supported import ignored_parts, without_input_tables
+from ..fmu.supported import ignored_parts
 from .operations import Path_
 from .prepared_scene import prepare_scene
 
@@ -42,7 +43,7 @@ def fmu(
     target = path_of(path, "path")
     check_ending(target, "unit", "path")
     with locate_errors(scene):
-        content = without_input_tables(scene)
+        content = scene.with_(without_tables(scene.inputs))
         if outputs is not None:
             content = content.with_({"outputs.record": list(outputs)})
         settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol}

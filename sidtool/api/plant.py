@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics.python_warnings import warn_of
-from sidtool.formats.scene import SceneFile, parse_output, unit_of
+from sidtool.formats.scene import SceneFile, unit_of
+from sidtool.formats.scene.inputs import without_tables
 from sidtool.formats.toml.files import locate_errors
 
 if TYPE_CHECKING:
@@ -63,10 +64,7 @@ class Plant:
         self._settings = settings
         names = [*scene.outputs.record, *outputs]
         self._fixed: dict[str, Any] = {"outputs.record": [*dict.fromkeys(names)]}
-        for name, signal in scene.inputs.items():
-            if signal.times is not None:
-                self._fixed[f"inputs.{name}.times"] = None
-                self._fixed[f"inputs.{name}.values"] = None
+        self._fixed |= without_tables(scene.inputs)
         self._begin({})
 
     def _begin(self, changes: Mapping[str, Any]) -> None:
@@ -246,21 +244,14 @@ class Plant:
 
 def _check_outputs(names: Iterable[str]) -> None:
     """Refuse integrals over a run, whose steps a plant does not keep."""
-    for name in _integrals(names):
+    from sidtool.solver.output.energies import is_energy_integral
+
+    for name in filter(is_energy_integral, names):
         raise InputError(
             f"{name} is an integral over a run, which a plant does not keep",
             place="outputs.record",
             expected="an output that follows from the present state",
         )
-
-
-def _integrals(names: Iterable[str]) -> Iterator[str]:
-    from sidtool.solver.output.energies import INTEGRATED
-
-    for text in names:
-        name = parse_output(text)
-        if name.owner == "energy" and name.quantity in INTEGRATED:
-            yield text
 
 
 def _finite_number(name: str, value: Any) -> float:

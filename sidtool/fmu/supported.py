@@ -16,15 +16,6 @@ from sidtool.solver.system.system import System
 UNIT_INTEGRATORS = ("radau5", "radau9", "radau13")
 
 
-def without_input_tables(scene: SceneFile) -> SceneFile:
-    """The scene with inputs that only the importer sets, at their initial values."""
-    inputs = {
-        name: signal.model_copy(update={"times": None, "values": None})
-        for name, signal in scene.inputs.items()
-    }
-    return scene.model_copy(update={"inputs": inputs})
-
-
 def unit_settings(settings: RunSettings) -> RunSettings:
     """Settings with an integrator that units have: of `auto` the one for stiff scenes.
 

@@ -27,7 +27,8 @@ from .joint_friction import equations_at
 from .operating_point import operating_point
 from .reference_axes import axis_angular_velocities, frame_rotation_matrix
 from .rigid_motions import spectrum
-from .state_matrix import SmallMotions, state_matrix, steady_axes
+from .state_matrix import SmallMotions, state_matrix
+from .steady_axes import SteadyAxes, steady_axes
 from .whirl import Whirl, mode_whirl
 
 #: A state is near another one that differs by less than this part of the sizes; what is
@@ -111,13 +112,8 @@ def linearise(
 
     Parameters
     ----------
-    about
-        "static", the static equilibrium, or "start", the assembled start with its
-        velocities.
-    state : (z_I, z_II)
-        Instead, as in a result's positions and velocities.
-    time
-        Of the drives at that state [s], default the start.
+    about, state, time
+        As of `operating_point`.
     frozen
         Give the modes of the instant also where the equations of small motions change
         in time or the state is no steady motion; they do not describe a motion.
@@ -134,12 +130,7 @@ def linearise(
     """
     point = operating_point(system, about, state, time)
     system, z, v, t = point.system, point.z, point.v, point.t
-    mechanics = equations_at(system, t, z, v)
-    mechanics.set_scale(z, stiffness=0.0)
-    axes = steady_axes(mechanics, z, v)
-    small = state_matrix(mechanics, z, v, axes.omegas)
-    causes = unsteady_notes(mechanics, small)
-    causes = causes or ((axes.changing,) if axes.changing else ())
+    mechanics, axes, small, causes = linearised_at(system, t, z, v)
     if causes and not frozen:
         mechanics.evaluate(z, v)
         is_rotating = axis_angular_velocities(mechanics).any()
@@ -157,6 +148,19 @@ def linearise(
         *point.law_diagnostics,
     )
     return replace(modes, diagnostics=without(found, system.scene.diagnostics.ignore))
+
+
+def linearised_at(
+    system: System, t: float, z: Array, v: Array
+) -> tuple[DenseEquations, SteadyAxes, SmallMotions, tuple[Diagnostic, ...]]:
+    """Equations at a state, axes in which they are constant, the small motions in them,
+    and why these do not describe a motion, if so."""
+    mechanics = equations_at(system, t, z, v)
+    mechanics.set_scale(z, stiffness=0.0)
+    axes = steady_axes(mechanics, z, v)
+    small = state_matrix(mechanics, z, v, axes.omegas)
+    causes = unsteady_notes(mechanics, small)
+    return mechanics, axes, small, causes or axes.changing
 
 
 def _growth_notes(modes: Linearisation) -> Iterator[Diagnostic]:

@@ -11,27 +11,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.linalg import block_diag, expm
-from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.sid_mass import skew
 
 from ..spatial import system_arrays as at
 from ..system.characteristic_sizes import coordinate_sizes
-from ..system.errors import SimulationError
-from ..system.rotations import to_3d, to_rotation_matrices
 from ..system.system import System
 from .dense_equations import DenseEquations, least_squares, null_space
 from .frozen_inputs import state_entries
 from .reference_axes import (
-    axis_angular_velocities,
-    body_axes,
     frame_rotation_matrix,
     independent_rows,
-    shared_axes,
-    unpaired_frequency,
 )
 
 #: Perturbation, relative to the size of the mechanism.
@@ -313,7 +304,7 @@ def linear_equations(
     )
 
 
-def _elastic_coordinates(system: System) -> Iterator[tuple[slice, slice]]:
+def elastic_coordinates(system: System) -> Iterator[tuple[slice, slice]]:
     """Where positions and velocities hold the elastic coordinates of each body."""
     for row in system.arrays.body:
         position, velocity = row[at.POS] + row[at.NP], row[at.VEL] + row[at.NV]
@@ -324,7 +315,7 @@ def _elastic_coordinates(system: System) -> Iterator[tuple[slice, slice]]:
 def _elastic_drift(mechanics: DenseEquations, z: Array, v: Array, W: Array) -> Array:
     """Scaled rates (n,) of the elastic coordinates in axes with the matrix W."""
     drift = np.zeros(len(v))
-    for positions, velocities in _elastic_coordinates(mechanics.system):
+    for positions, velocities in elastic_coordinates(mechanics.system):
         scale = mechanics.scale[velocities]
         turned = W[velocities, velocities] @ (z[positions] / scale)
         drift[velocities] = v[velocities] / scale - turned
@@ -412,221 +403,3 @@ def _frame_matrix(mechanics: DenseEquations) -> Array:
             E[u : u + 3, u + 3 : u + 6] = -V
             E[u : u + 3, u : u + 3] = E[u + 3 : u + 6, u + 3 : u + 6] = -W
     return E * mechanics.scale / mechanics.scale[:, None]
-
-
-#: The motion is followed by so large an angle [rad].
-TEST_ANGLE = 0.4
-#: Rotations during a run below this angle [rad] are rounding.
-ROTATION_ROUNDING = 1e-9
-#: Changes of modes by this part, or by rounding of the matrix, are none.
-MODE_TOLERANCE, ROUNDING = 1e-3, 1e-8
-#: Modes may change above this part of the frequency of a shape without partner.
-UNPAIRED_MODE = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class SteadyAxes:
-    """Axes in which the equations of small motions are constant.
-
-    Attributes
-    ----------
-    omegas : (bodies, 3)
-        Spins of the axes in which each body is described; its own if there are none.
-    diagnostics
-        What is to be known of them.
-    changing
-        Why the equations change as the bodies turn; None if they are constant.
-    highest
-        Angular frequency [rad/s] from which on modes change as the bodies turn, inf if
-        none does.
-    """
-
-    omegas: Array
-    diagnostics: tuple[Diagnostic, ...] = ()
-    changing: Diagnostic | None = None
-    highest: float = np.inf
-
-
-def steady_axes(mechanics: DenseEquations, z: Array, v: Array) -> SteadyAxes:
-    """Return axes in which modes are those of a constant matrix.
-
-    Of a round body whose reduction keeps one of a pair of shape functions only, higher
-    modes change, and lower ones do not.
-    """
-    mechanics.evaluate(z, v)
-    own = body_axes(mechanics, v / mechanics.scale, mechanics.accelerations()[0])
-    time = mechanics.system.scene.time
-    if np.abs(own).max(initial=0.0) * (time.end - time.start) < ROTATION_ROUNDING:
-        return SteadyAxes(np.zeros_like(own))
-    if lowest_changing_mode(mechanics, z, v, own) == np.inf:
-        return SteadyAxes(own)
-    for axes in shared_steady_axes(mechanics, z, v, own):
-        return axes
-    cause, unpaired = "", np.inf
-    for omegas, _ in shared_axes(mechanics, own):
-        mechanics.evaluate(z, v)
-        unpaired = min(unpaired, unpaired_frequency(mechanics, omegas))
-    if 0.0 < unpaired < np.inf:
-        cause = f" (the shape of {unpaired / (2.0 * np.pi):.4g} Hz has no partner)"
-    return SteadyAxes(own, changing=diagnose("N713", cause=cause))
-
-
-def shared_steady_axes(
-    mechanics: DenseEquations, z: Array, v: Array, own: Array
-) -> Iterator[SteadyAxes]:
-    """Axes that bodies share and in which the equations of small motions are constant.
-
-    Parameters
-    ----------
-    own : (bodies, 3)
-        Of the axes of each body, see `body_axes`.
-    """
-    mechanics.evaluate(z, v)
-    unpaired = np.inf
-    for omegas, name in list(shared_axes(mechanics, own)):
-        lowest = lowest_changing_mode(mechanics, z, v, omegas)
-        mechanics.evaluate(z, v)
-        of_shapes = unpaired_frequency(mechanics, omegas)
-        unpaired = min(unpaired, of_shapes)
-        is_partly_steady = 0.0 < UNPAIRED_MODE * of_shapes <= lowest
-        if lowest < np.inf and not is_partly_steady:
-            continue
-        axes = "that do not turn" if name == "ground" else f"that turn with {name}"
-        alike = not np.ptp(omegas, axis=0).any()
-        bodies, rest = (
-            ("bodies", "") if alike else ("rigid bodies", ", others in theirs")
-        )
-        found = [diagnose("N712", bodies=bodies, axes=axes, rest=rest)]
-        if lowest < np.inf:
-            shape = unpaired / (2.0 * np.pi)
-            first = lowest / (2.0 * np.pi)
-            found.append(diagnose("N717", first=first, shape=shape))
-        yield SteadyAxes(omegas, tuple(found), highest=lowest)
-
-
-def lowest_changing_mode(
-    mechanics: DenseEquations, z: Array, v: Array, omegas: Array
-) -> float:
-    """Angular frequency of the lowest mode that changes along a motion that is steady
-    in these axes, inf if none does."""
-    small = state_matrix(mechanics, z, v, omegas)
-    matrix, N = small.matrix, small.free_directions
-    mechanics.evaluate(z, v)
-    own = axis_angular_velocities(mechanics)
-    spin = float(np.linalg.norm(np.vstack([own, omegas]), axis=1).max())
-    try:
-        later_matrix, N_there, rotation = _after_steady_motion(
-            mechanics, z, v, omegas, TEST_ANGLE / spin
-        )
-    except SimulationError:
-        return 0.0
-    if later_matrix.shape != matrix.shape:
-        return 0.0
-    n_positions = len(matrix) - N.shape[1]
-    X = turned_states(mechanics, N, N_there, rotation, n_positions)
-    if not len(X) or np.linalg.svd(X, compute_uv=False)[-1] < 0.5:
-        return np.inf if not len(X) else 0.0
-    change = np.linalg.solve(X, later_matrix @ X) - matrix
-    values, vectors = np.linalg.eig(matrix)
-    sizes = np.maximum(np.abs(values), spin) * (
-        np.linalg.norm(vectors[n_positions:], axis=0)
-        + spin * np.linalg.norm(vectors[:n_positions], axis=0)
-    )
-    noise = ROUNDING * np.linalg.norm(matrix, 2)
-    changes = (np.linalg.norm(change @ vectors, axis=0) - noise) / sizes
-    changing = np.abs(values)[~(changes < MODE_TOLERANCE)]
-    return float(changing.min(initial=np.inf))
-
-
-def turned_states(
-    mechanics: DenseEquations, N: Array, N_there: Array, rotation: Array, n_y: int
-) -> Array:
-    """(y, w) of the free directions after a steady motion by those before it.
-
-    Parameters
-    ----------
-    N, N_there
-        Free directions before and after it, of which n_y are no states of laws.
-    rotation : (n, n)
-        How scaled tangents turn, see `steady_motion`.
-    """
-    rows, counts = independent_rows(mechanics), (n_y, N.shape[1])
-    before = [(rotation @ N)[rows][:, :count] for count in counts]
-    after = [N_there[rows][:, :count] for count in counts]
-    parts = zip(after, before, strict=True)
-    return np.asarray(block_diag(*(np.linalg.lstsq(a, b)[0] for a, b in parts)))
-
-
-def _after_steady_motion(
-    mechanics: DenseEquations, z: Array, v: Array, omegas: Array, dt: float
-) -> tuple[Array, Array, Array]:
-    """Matrix and free directions after a steady motion, and how tangents (n,), scaled,
-    in the axes turn into those of the bodies there."""
-    start = mechanics.t
-    later_z, later_v, rotation = steady_motion(mechanics, z, v, omegas, dt)
-    try:
-        mechanics.t = start + dt
-        small = state_matrix(mechanics, later_z, later_v, omegas)
-    finally:
-        mechanics.t = start
-    scale = mechanics.scale
-    return small.matrix, small.free_directions, rotation * scale / scale[:, None]
-
-
-def steady_motion(
-    mechanics: DenseEquations, z: Array, v: Array, omegas: Array, dt: float
-) -> tuple[Array, Array, Array]:
-    """The state after a motion that is steady in axes, and how tangents (n,) in the
-    axes turn into those of the bodies there.
-
-    The state is the one evaluated last.
-    """
-    step, after, rotation_ = np.zeros(len(v)), v.copy(), np.eye(len(v))
-    scale = mechanics.scale
-    rates = frame_rotation_matrix(mechanics, omegas) * scale[:, None] / scale
-    for positions, elastic in _elastic_coordinates(mechanics.system):
-        turned = expm(dt * rates[elastic, elastic])
-        step[elastic] = turned @ z[positions] - z[positions]
-        after[elastic], rotation_[elastic, elastic] = turned @ v[elastic], turned
-    for row, motion in _steady_motions(mechanics, omegas, dt):
-        u, rd, size = int(row[at.VEL]), int(row[at.RD]), len(motion[0])
-        displacement, rotation, velocity, rate, block = motion
-        step[u : u + size], after[u : u + size] = displacement, velocity
-        rotation_[u : u + size, u : u + size] = block[:size, :size]
-        if rd == 6:
-            rotation_[u + 3 : u + 6, u + 3 : u + 6] = block
-        rest = slice(u + size, u + rd)
-        step[rest], after[rest] = rotation[3 - rd + size :], rate[3 - rd + size :]
-    return mechanics.displaced(z, step / scale), after, rotation_
-
-
-def _steady_motions(
-    mechanics: DenseEquations, omegas: Array, dt: float
-) -> Iterator[tuple[Array, tuple[Array, ...]]]:
-    """Row of each body that moves, and in its axes the way of its frame and its
-    rotation vector; velocity and angular velocity after it, in the axes there; what
-    turns from the axes of the given spin into these."""
-    system = mechanics.system
-    size = 2 if system.planar else 3
-    frames, own = (
-        system.frames(mechanics.work.frame),
-        axis_angular_velocities(mechanics),
-    )
-    rotations, velocities = to_rotation_matrices(frames["R"]), to_3d(frames["v"])
-    leads = independent_rows(mechanics)
-    for k, row in enumerate(system.arrays.body):
-        if row[at.RD] == 0:
-            continue
-        axes = omegas[k] if leads[row[at.VEL]] else own[k]
-        R = np.eye(3) if row[at.RD] == size else rotations[k]
-        velocity_matrix = np.zeros((4, 4))
-        velocity_matrix[:3, :3], velocity_matrix[:3, 3] = skew(axes), R @ velocities[k]
-        pose = expm(dt * velocity_matrix)
-        relative_rotation = expm(dt * skew(own[k] - axes))
-        A = pose[:3, :3]
-        Q = np.eye(3) if row[at.RD] == size else A @ relative_rotation @ R
-        displacement = R.T @ pose[:3, 3]
-        rotation = Rotation.from_matrix(R.T @ Q).as_rotvec()
-        velocity, rate = Q.T @ A @ velocity_matrix[:3, 3], Q.T @ A @ own[k]
-        block = R.T @ relative_rotation.T @ R
-        yield row, (displacement[:size], rotation, velocity[:size], rate, block)

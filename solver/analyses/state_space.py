@@ -25,10 +25,10 @@ from sidtool.formats.diagnostics import (
     diagnose,
     without,
 )
-from sidtool.formats.scene import INPUTS, parse_output, unit_of
+from sidtool.formats.scene import INPUTS, unit_of
 
 from ..diagnostics.body_loads import find_state_warnings
-from ..output.energies import INTEGRATED
+from ..output.energies import is_energy_integral
 from ..system.errors import SimulationError
 from ..system.system import System
 from .frozen_inputs import with_polynomial_inputs
@@ -38,13 +38,8 @@ from .input_effects import (
     input_unit,
     refuse_prescribed_motion,
 )
-from .joint_friction import equations_at
-from .linearisation import steady_residual, unsteady_notes
+from .linearisation import linearised_at, steady_residual
 from .operating_point import operating_point
-from .state_matrix import (
-    state_matrix,
-    steady_axes,
-)
 from .state_space_forms import (
     DescriptorForm,
     SecondOrderForm,
@@ -173,12 +168,7 @@ def state_space(
         raise SimulationError(causes, error.result) from None
     z, v, t = point.z, point.v, point.t
     system, coefficients = with_polynomial_inputs(point.system, t)
-    mechanics = equations_at(system, t, z, v)
-    mechanics.set_scale(z, stiffness=0.0)
-    axes = steady_axes(mechanics, z, v)
-    small = state_matrix(mechanics, z, v, axes.omegas)
-    causes = unsteady_notes(mechanics, small)
-    causes = causes or ((axes.changing,) if axes.changing else ())
+    mechanics, axes, _, causes = linearised_at(system, t, z, v)
     at_rest = about == "static" and state is None and not causes
     chosen = LinearisedScene(
         mechanics, z, v, axes.omegas, names, coefficients, at_rest=at_rest
@@ -235,16 +225,13 @@ def state_space(
 def _without_integrals(system: System) -> tuple[System, tuple[str, ...]]:
     """The system that records no integrals along a run, and their names."""
     outputs = system.scene.outputs
-    names = [parse_output(text) for text in outputs.record]
-    is_integral = [n.owner == "energy" and n.quantity in INTEGRATED for n in names]
-    if not any(is_integral):
+    integrals = tuple(filter(is_energy_integral, outputs.record))
+    if not integrals:
         return system, ()
-    pairs = [*zip(outputs.record, is_integral, strict=True)]
-    record = tuple(text for text, integral in pairs if not integral)
+    record = tuple(name for name in outputs.record if name not in integrals)
     changed = outputs.model_copy(update={"record": record})
     scene = system.scene.model_copy(update={"outputs": changed})
-    left = tuple(text for text, integral in pairs if integral)
-    return replace(system, scene=scene), left
+    return replace(system, scene=scene), integrals
 
 
 def _checked_inputs(system: System, names: Sequence[str] | None) -> tuple[str, ...]:

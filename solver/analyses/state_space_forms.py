@@ -14,16 +14,10 @@ from sidtool.formats.scene import INPUTS, unit_of
 
 from ..output.columns import multiplier_names
 from .frozen_inputs import state_entries
-from .input_effects import (
-    DERIVATIVE_NAMES,
-    InputEffects,
-)
+from .input_effects import DERIVATIVE_NAMES, InputEffects
 from .output_derivatives import OutputEvaluation
 from .state_coordinates import choose_coordinates, coordinate_names
-from .state_matrix import (
-    LinearEquations,
-    SmallMotions,
-)
+from .state_matrix import LinearEquations, SmallMotions
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +275,6 @@ def descriptor_form(
     )
     mass = equations.mass / np.outer(scale, scale)
     known = coordinate_names(system)
-    units = ["N" for _ in range(rows)]
     names = [*multiplier_names(system)]
     units = [unit_of(name, system.scene) for name in names]
     for k in range(len(names), rows):

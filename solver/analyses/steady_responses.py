@@ -20,18 +20,15 @@ from .input_effects import (
 )
 from .output_derivatives import OutputEvaluation
 from .reference_axes import body_axes
-from .state_matrix import (
+from .state_matrix import linear_equations, small_motions
+from .state_space_forms import FirstOrderForm
+from .steady_axes import (
     ROTATION_ROUNDING,
     TEST_ANGLE,
     SteadyAxes,
-    linear_equations,
     shared_steady_axes,
-    small_motions,
     steady_motion,
     turned_states,
-)
-from .state_space_forms import (
-    FirstOrderForm,
 )
 
 #: Responses that change by a smaller part are constant; responses below this part of

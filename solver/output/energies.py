@@ -137,10 +137,15 @@ class EnergyIntegrals:
         return np.concatenate(t), [np.concatenate(p) for p in zip(*powers, strict=True)]
 
 
+def is_energy_integral(output: str) -> bool:
+    """True if an output is an integral of powers along the run."""
+    name = parse_output(output)
+    return name.owner == "energy" and name.quantity in INTEGRATED
+
+
 def needs_energy_integrals(scene: SceneFile) -> bool:
     """True when an output needs the powers along the run."""
-    names = [parse_output(text) for text in scene.outputs.record]
-    return any(n.owner == "energy" and n.quantity in INTEGRATED for n in names)
+    return any(map(is_energy_integral, scene.outputs.record))
 
 
 def integrals_between(

@@ -24,7 +24,7 @@ from ..system import work_arrays
 from ..system.system import System
 from . import energies
 from .body_outputs import momentum_column
-from .energies import INTEGRATED, EnergyIntegrals
+from .energies import EnergyIntegrals, is_energy_integral
 from .evaluated_forces import EvaluatedForces
 from .samples import Samples
 
@@ -155,7 +155,7 @@ def unavailable_outputs(
     unavailable: dict[str, tuple[str, str]] = {}
     for text in names:
         name = parse_output(text)
-        if name.owner == "energy" and name.quantity in INTEGRATED:
+        if is_energy_integral(text):
             why = "is an integral along the steps of the run, which are not kept"
             unavailable[text] = why, MUST_BE_RECORDED
         elif missing and _depends_on(name, scene, missing):
