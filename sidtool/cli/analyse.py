@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -159,13 +158,9 @@ def modes(
         accept_defects=accept_defects,
     )
     if output is not None:
-        from sidtool.formats.storage.atomic import atomic_path
+        from ..report.json_data import write_json
 
-        with atomic_path(output) as path:
-            Path(path).write_text(
-                json.dumps(modes_as_data(natural_modes), indent=1) + "\n",
-                encoding="utf-8",
-            )
+        write_json(output, modes_as_data(natural_modes))
         click.echo(f"{output} written")
     print_result(describe_modes(natural_modes), lambda: modes_as_data(natural_modes))
 

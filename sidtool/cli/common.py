@@ -387,6 +387,11 @@ def print_failure(error: SimulationError, scene: Path) -> None:
         print_data(lambda: failure_data(error))
 
 
+def listed_names(text: str) -> list[str]:
+    """Return names that an option separates by commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
 def print_remarks(sentences: Iterable[str], err: bool = False) -> None:
     """Print notes on the standard output; on the standard error if `err` or --quiet is
     set.

@@ -16,6 +16,7 @@ from .common import (
     files_by_body,
     force_option,
     input_files,
+    listed_names,
     output_path,
     print_result,
     print_warnings,
@@ -138,8 +139,8 @@ def fmu(
     unit = content.fmu(
         output,
         version=version,
-        platforms=_listed(platforms),
-        outputs=None if names is None else _listed(names),
+        platforms=listed_names(platforms),
+        outputs=None if names is None else listed_names(names),
         sids=files_by_body("--sid", swaps, content.flexible),
         rigid=rigid,
         integrator=integrator,
@@ -152,10 +153,6 @@ def fmu(
     for each in unit.diagnostics:
         if not each.is_warning:
             click.echo(diagnostic_line(each))
-
-
-def _listed(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _summary(unit: ExportedUnit) -> str:

@@ -14,6 +14,7 @@ from .common import (
     existing_file,
     force_option,
     input_files,
+    listed_names,
     output_path,
     print_result,
 )
@@ -100,8 +101,8 @@ def linearise(
         scene,
         changes,
         about=parse_about(about),
-        inputs=_names(inputs),
-        outputs=_names(outputs),
+        inputs=None if inputs is None else listed_names(inputs),
+        outputs=None if outputs is None else listed_names(outputs),
         descriptor=descriptor,
         accept_defects=accept_defects,
     )
@@ -195,7 +196,7 @@ def response(
         scene,
         changes,
         about=parse_about(about),
-        outputs=_names(outputs),
+        outputs=None if outputs is None else listed_names(outputs),
         accept_defects=accept_defects,
     )
     found = space.response(frequencies, of, unbalance=unbalance)
@@ -219,13 +220,6 @@ def parse_about(text: str) -> str | float:
     except ValueError:
         message = f"found {text!r}, expected static, start or a time [s]"
         raise click.BadParameter(message, param_hint="--about") from None
-
-
-def _names(text: str | None) -> list[str] | None:
-    """Return names separated by commas."""
-    if text is None:
-        return None
-    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _is_picture(path: Path | None) -> bool:

@@ -29,7 +29,6 @@ OPTIONS = (
     *("-std=c11", "-O2", "-fno-strict-aliasing", "-ffp-contract=off"),
     *("-fvisibility=hidden", "-shared", "-s"),
 )
-LINKERS = ("cc", "zig")
 
 
 def c_sources() -> dict[str, str]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sidtool.formats.base.sid import SID
 from sidtool.formats.result import FlexibleBody, Result, units_in
+from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.toml.files import File
 
 from .sid import natural_modes
@@ -27,6 +29,12 @@ _RANGE = ("unit", "first", "least", "greatest", "last")
 def to_json_text(data: Any) -> str:
     """Return JSON text; numbers that are not finite become null."""
     return json.dumps(_json_value(data), indent=1, allow_nan=False)
+
+
+def write_json(path: str | Path, data: Any) -> None:
+    """Write JSON text to a file, as a whole or not at all."""
+    with atomic_path(path) as temporary:
+        Path(temporary).write_text(to_json_text(data) + "\n", encoding="utf-8")
 
 
 def content_data(content: Any) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.storage.atomic import atomic_path
 
-from .json_data import to_json_text
+from .json_data import write_json
 from .result import plain_notes
 from .tables import counted_noun, named_values, text_table
 
@@ -105,12 +105,9 @@ def state_space_arrays(space: StateSpace) -> dict[str, Any]:
         "operating_positions": space.positions,
         "operating_velocities": space.velocities,
     }
-    second, descriptor = space.second_order, space.descriptor
-    found["second_order"] = {name: getattr(second, name) for name in "MCKBFGD"}
-    found["second_order"] |= {"names": second.names, "units": second.units}
-    if descriptor is not None:
-        found["descriptor"] = {name: getattr(descriptor, name) for name in "EABCD"}
-        found["descriptor"] |= {"names": descriptor.names, "units": descriptor.units}
+    found["second_order"] = dict(vars(space.second_order))
+    if space.descriptor is not None:
+        found["descriptor"] = dict(vars(space.descriptor))
     return found
 
 
@@ -138,21 +135,19 @@ def write_state_space(path: str | Path, space: StateSpace) -> None:
     path = Path(path)
     check_ending(path, "state_space")
     ending = path.suffix.lower()
-    with atomic_path(path) as temporary:
-        if ending == ".json":
-            text = to_json_text(state_space_data(space)) + "\n"
-            Path(temporary).write_text(text, encoding="utf-8")
-            return
-        content = state_space_arrays(space)
-        content |= {"title": space.title, "about": str(space.about)}
-        content |= {"time": space.time, "is_steady": space.is_steady}
-        with open(temporary, "wb") as stream:
-            if ending == ".npz":
-                np.savez(stream, **_flattened(content))
-            else:
-                from scipy.io import savemat
+    if ending == ".json":
+        write_json(path, state_space_data(space))
+        return
+    content = state_space_arrays(space)
+    content |= {"title": space.title, "about": str(space.about)}
+    content |= {"time": space.time, "is_steady": space.is_steady}
+    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
+        if ending == ".npz":
+            np.savez(stream, **_flattened(content))
+        else:
+            from scipy.io import savemat
 
-                savemat(stream, _for_matlab(content))
+            savemat(stream, _for_matlab(content))
 
 
 def _flattened(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -271,24 +266,24 @@ def write_response(path: str | Path, response: FrequencyResponse) -> None:
     """
     path = Path(path)
     check_ending(path, "response")
-    ending = path.suffix.lower()
-    with atomic_path(path) as temporary:
-        if ending == ".json":
-            text = to_json_text(response_data(response)) + "\n"
-            Path(temporary).write_text(text, encoding="utf-8")
-            return
-        header = [FREQUENCY_COLUMN]
-        for name, unit in zip(response.output_names, response.units, strict=True):
-            header += [f"{name} [{unit}]" if unit else name, f"{name} phase [deg]"]
-        columns = [response.frequencies]
-        degrees = np.degrees(response.phase)
-        for k in range(len(response.output_names)):
-            columns += [response.magnitude[:, k], degrees[:, k]]
-        with open(temporary, "w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(header)
-            for row in np.column_stack(columns):
-                writer.writerow([repr(float(value)) for value in row])
+    if path.suffix.lower() == ".json":
+        write_json(path, response_data(response))
+        return
+    header = [FREQUENCY_COLUMN]
+    for name, unit in zip(response.output_names, response.units, strict=True):
+        header += [f"{name} [{unit}]" if unit else name, f"{name} phase [deg]"]
+    columns = [response.frequencies]
+    degrees = np.degrees(response.phase)
+    for k in range(len(response.output_names)):
+        columns += [response.magnitude[:, k], degrees[:, k]]
+    with (
+        atomic_path(path) as temporary,
+        open(temporary, "w", newline="", encoding="utf-8") as stream,
+    ):
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        for row in np.column_stack(columns):
+            writer.writerow([repr(float(value)) for value in row])
 
 
 def sizes_text(space: StateSpace) -> str:
