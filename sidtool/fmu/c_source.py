@@ -193,7 +193,7 @@ def _input_data(
     """The piece of a polynomial that each input is: its start, then coefficients."""
     arrays, rows = tables.system.arrays, []
     for name in inputs:
-        start = int(arrays.drive[tables.system.input_rows[name], at.D_DATA])
+        start = tables.system.input_data(name).start
         continuity = tables.system.scene.inputs[name].continuity
         rows.append(f"{{{image.word_of(arrays.real_data, start)}, {continuity}}}")
     return [

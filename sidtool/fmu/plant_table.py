@@ -12,10 +12,8 @@ import numpy as np
 
 from sidtool.formats.scene import Event, SceneFile
 from sidtool.solver.compiler.tables import Table, TableType
-from sidtool.solver.dynamics.equations_of_motion import kernel_pointers
 from sidtool.solver.initial_state.integrator_start import (
     RunSettings,
-    new_step_loop_state,
 )
 from sidtool.solver.initial_state.overconstraint import restore_constraints
 from sidtool.solver.integrators import output_sampling, radau_stages
@@ -23,10 +21,14 @@ from sidtool.solver.integrators.loop_state import StepLoopState
 from sidtool.solver.integrators.radau_stages import RadauStages
 from sidtool.solver.integrators.registry import INTEGRATORS
 from sidtool.solver.linear.factor_storage import Kernels, Memory
-from sidtool.solver.output.dense_output import step_points
 from sidtool.solver.output.evaluated_forces import new_output_arrays, output_work
 from sidtool.solver.output.samples import StateSampler
-from sidtool.solver.simulation.preparation import RunStart, prepare_run
+from sidtool.solver.simulation.preparation import (
+    RunStart,
+    allocate,
+    plan_single_steps,
+    prepare_run,
+)
 from sidtool.solver.spatial.system_arrays import (
     OutputArrays,
     Reals,
@@ -36,7 +38,6 @@ from sidtool.solver.spatial.system_arrays import (
     WorkArrays,
 )
 from sidtool.solver.system.system import System
-from sidtool.solver.system.work_arrays import new_memory, new_work_arrays
 
 
 class Plant(Table):
@@ -151,10 +152,8 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
     start = prepare_run(system, settings, (), None)
     method, system = INTEGRATORS[settings.integrator], start.system
     n, m = system.n_positions, system.n_velocities
-    fractions = np.array([*step_points(method.dense_degree).fractions, -1.0])
-    control = new_step_loop_state(
-        system, settings, start.begin, 1, fractions, start.tolerances
-    )
+    run = allocate(start, plan_single_steps(start), np.zeros(0))
+    control = run.control
     sampler = StateSampler(system, start.tolerances)
     full = restore_constraints(system)
     frame, point = sampler.work.frame.shape, sampler.work.point.shape
@@ -189,10 +188,10 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
         interval_end=system.breaks[0],
         last_sample_time=-np.inf,
         must_restart=1,
-        kernels=kernel_pointers(system.planar),
+        kernels=run.kernels,
         system=system.arrays,
-        work=new_work_arrays(system),
-        memory=new_memory(system, method.complex_pairs),
+        work=run.work,
+        memory=run.memory,
         control=control,
         stages=system.cached_by_topology(
             radau_stages.stages_maker, method.dense_degree

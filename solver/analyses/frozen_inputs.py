@@ -45,12 +45,8 @@ def with_polynomial_inputs(system: System, t: float) -> tuple[System, dict[str, 
     }
     rows = sorted({int(row) for found in of_input.values() for row in found})
     changed = _with_polynomials(system, rows, N_INPUT_TERMS, t)
-    table = changed.arrays.drive
-    coefficients = {}
-    for name, row in system.input_rows.items():
-        first = int(table[row, at.D_DATA]) + 1
-        coefficients[name] = slice(first, first + 3)
-    return changed, coefficients
+    firsts = {name: changed.input_data(name).start + 1 for name in system.input_rows}
+    return changed, {name: slice(k, k + 3) for name, k in firsts.items()}
 
 
 def _same_function(table: at.IntTable, row: int) -> np.ndarray:

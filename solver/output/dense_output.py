@@ -66,9 +66,9 @@ class StepPoints:
         self._weights = (-1.0) ** k
         self._weights[[0, -1]] *= 0.5
 
-    def fractions_of_chunk(self) -> Array:
-        """`StepLoopState.shares` for `STEPS_PER_CHUNK` steps."""
-        return np.tile([*self.fractions, -1.0], STEPS_PER_CHUNK)
+    def fractions_of_steps(self, count: int) -> Array:
+        """`StepLoopState.output_fractions` for so many steps."""
+        return np.tile([*self.fractions, -1.0], count)
 
     def step_ends(self, steps: StepStates) -> StepStates:
         """The last point of each step."""

@@ -56,11 +56,14 @@ SHARED_MOTION = 1e-8
 DEAD_POINT_GROWTH, SMALL_MOTION = 1e16, 1e-3
 
 
-def with_friction_states(system: System) -> System:
-    """The system with friction states of its own, for one run."""
+def with_friction_states(
+    system: System, history: FrictionStateHistory | None = None
+) -> System:
+    """The system with the friction states of one run, by default of its own."""
     if not system.friction_joints:
         return system
-    history = FrictionStateHistory(system.arrays.friction_state.copy())
+    if history is None:
+        history = FrictionStateHistory(system.arrays.friction_state.copy())
     return replace(
         system,
         arrays=system.arrays.replaced(friction_state=history.current_states),

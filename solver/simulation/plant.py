@@ -7,7 +7,7 @@ input changes, the motion goes back to that time and a new smooth interval begin
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,6 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, without
 from sidtool.formats.scene import Input
 
-from ..compiler import precompile
 from ..diagnostics.body_loads import (
     deformation_limits,
     find_state_failure,
@@ -31,10 +30,9 @@ from ..integrators.registry import INTEGRATORS
 from ..integrators.singular_configurations import NEAR_SINGULAR
 from ..output import columns, dense_output
 from ..output.dense_output import StepStates
-from ..output.evaluated_forces import needs_body_quantities
 from ..output.events import LocatedEvent
 from ..output.samples import StateSampler
-from ..spatial import system_arrays as at
+from ..output.stick_slip import with_friction_states
 from ..system.errors import SimulationError
 from ..system.system import System
 from ..system.work_arrays import raise_pending
@@ -43,7 +41,8 @@ from .preparation import (
     RunArrays,
     RunStart,
     allocate,
-    plan_outputs,
+    compile_kernels,
+    plan_single_steps,
     prepare_run,
 )
 from .result import stop_causes
@@ -206,10 +205,8 @@ class PlantRun(Stepper):
         """Write the polynomial of an input to the tables of functions."""
         piece = self.pieces[name]
         for system in self._systems:
-            arrays = system.arrays
-            first = arrays.drive[system.input_rows[name], at.D_DATA]
-            arrays.real_data[first] = piece.start
-            arrays.real_data[first + 1 : first + 1 + N_INPUT_TERMS] = piece.terms
+            entries = system.input_data(name)
+            system.arrays.real_data[entries] = piece.start, *piece.terms
 
     def set(self, name: str, value: float) -> None:
         """Set an input from now on: it jumps to a value if it is held, else it reaches
@@ -257,11 +254,7 @@ class PlantRun(Stepper):
                     place="outputs",
                     expected="its name when the plant is made: plant(outputs=[...])",
                 )
-            history = self.system.friction_history
-            if history is not None:
-                states = history.current_states
-                arrays = system.arrays.replaced(friction_state=states)
-                system = replace(system, arrays=arrays, friction_history=history)
+            system = with_friction_states(system, self.system.friction_history)
             self.follow_inputs(system)
         return Observer(self, system)
 
@@ -287,7 +280,7 @@ class PlantRun(Stepper):
         control = self.control
         if self._find_events(target):
             return
-        if ends_there and self.settings.step is not None:
+        if self.settings.step is not None:
             self.set_fixed_step(control.time, min(target, self._interval_end))
         while control.time < target:
             if self.needs_new_interval:
@@ -586,11 +579,7 @@ def new_plant(
     InputError : as `simulate`.
     """
     settings = run_settings(system, integrator, rtol, step, spectral_radius)
-    loops = [INTEGRATORS[name].step_loop for name in settings.integrators]
-    precompile.ensure_compiled(
-        system.planar, loops, needs_body_quantities(system.scene)
-    )
+    compile_kernels(system, settings)
     start = prepare_run(system, settings, system.diagnostics, None)
-    plan = plan_outputs(start)
-    plan = replace(plan, fractions=np.append(plan.points.fractions, -1.0))
+    plan = plan_single_steps(start)
     return PlantRun(start, plan, allocate(start, plan, np.zeros(0)), emit_warning)

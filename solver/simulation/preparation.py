@@ -8,7 +8,7 @@ Each step gives one frozen object, from which the later ones are made:
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.result import Result
 from sidtool.formats.scene import OutputTimes
 
+from ..compiler import precompile
 from ..diagnostics.run_summary import InitialisedSystem, initialise
 from ..dynamics.equations_of_motion import kernel_pointers
 from ..initial_state.assembly import StateVectors
@@ -32,6 +33,7 @@ from ..linear.factor_storage import Kernels, Memory
 from ..output import dense_output, events
 from ..output.dense_output import OutputTimeBuffer, StepPoints
 from ..output.energies import EnergyIntegrals, needs_energy_integrals
+from ..output.evaluated_forces import needs_body_quantities
 from ..output.resume import ResumeState, resume_state
 from ..output.samples import StateSampler
 from ..output.stick_slip import StickSlipEvents, with_friction_states
@@ -81,6 +83,13 @@ class RunStart:
     def methods(self) -> list[Integrator]:
         """Integrators that may be used, the first one first."""
         return [INTEGRATORS[name] for name in self.settings.integrators]
+
+
+def compile_kernels(system: System, settings: RunSettings) -> None:
+    """Compile the kernels that a run needs, if they are not stored."""
+    loops = [INTEGRATORS[name].step_loop for name in settings.integrators]
+    needs_bodies = needs_body_quantities(system.scene)
+    precompile.ensure_compiled(system.planar, loops, needs_bodies)
 
 
 def prepare_run(
@@ -151,11 +160,18 @@ def plan_outputs(start: RunStart) -> OutputPlan:
     fractions, limit = np.zeros(0), STEPS_PER_REPORT
     inside = any(part is not None for part in (detector, integrals, stick_slip))
     if inside:
-        fractions, limit = points.fractions_of_chunk(), dense_output.STEPS_PER_CHUNK
+        limit = dense_output.STEPS_PER_CHUNK
+        fractions = points.fractions_of_steps(limit)
     elif system.flexible:
         fractions = dense_output.end_fractions(fixed=settings.step is not None)
         limit = dense_output.ENDS_PER_CHUNK
     return OutputPlan(points, detector, integrals, stick_slip, fractions, limit, inside)
+
+
+def plan_single_steps(start: RunStart) -> OutputPlan:
+    """The plan of a motion that is advanced step by step, with all points of a step."""
+    plan = plan_outputs(start)
+    return replace(plan, fractions=plan.points.fractions_of_steps(1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,14 +7,11 @@ from itertools import chain
 from sidtool.formats.diagnostics import Diagnostic, without
 from sidtool.formats.result import InMemory, Result, Sink
 
-from ..compiler import precompile
 from ..diagnostics.run_summary import initialise
 from ..initial_state.integrator_start import run_settings
-from ..integrators.registry import INTEGRATORS
-from ..output.evaluated_forces import needs_body_quantities
 from ..system.errors import SimulationError
 from ..system.system import System
-from .preparation import allocate, plan_outputs, prepare_run
+from .preparation import allocate, compile_kernels, plan_outputs, prepare_run
 from .recorder import Recorder
 from .result import (
     build_result,
@@ -83,10 +80,7 @@ def simulate(
         numbers mean nothing; `result` holds what was computed.
     """
     settings = run_settings(system, integrator, rtol, step, spectral_radius)
-    loops = [INTEGRATORS[name].step_loop for name in settings.integrators]
-    precompile.ensure_compiled(
-        system.planar, loops, needs_body_quantities(system.scene)
-    )
+    compile_kernels(system, settings)
     started = time.perf_counter()
     report_implausible_inputs(system, report_diagnostic)
     start = prepare_run(

@@ -16,6 +16,7 @@ from sidtool.formats.scene import SceneFile
 
 from ..functions.callables import NativeCallable
 from ..functions.features import Features
+from ..functions.piecewise import N_INPUT_TERMS
 from ..spatial import system_arrays as at
 from ..spatial.dimension import FRAMES, PLANE, POINTS, SPACE
 from .body_data import BodyData
@@ -260,6 +261,12 @@ class System:
     def n_newton_rows(self) -> int:
         """Constraints and forces, see `newton_pattern`."""
         return self.arrays.newton_subsystem.n_rows
+
+    def input_data(self, name: str) -> slice:
+        """Entries of the real data with the start of an input, and behind it the
+        coefficients of its only polynomial."""
+        start = int(self.arrays.drive[self.input_rows[name], at.D_DATA])
+        return slice(start, start + 1 + N_INPUT_TERMS)
 
     def clocks(self, times: Array) -> Array:
         """The middle of the smooth interval that each time lies in, (nt,) [s]."""
