@@ -20,6 +20,7 @@ from ..base.errors import InputError
 from ..toml.files import File, key_path
 from ..toml.tables import to_plain
 from .base import Table, as_tuples
+from .inputs import without_tables
 from .laws import Expression
 from .scene_checks import check_scene
 from .tables import SceneTables
@@ -79,6 +80,7 @@ def with_inputs(scene: Scene, inputs: Mapping[str, Any]) -> Scene:
             expected = expected_names(name, scene.inputs, "input")
             raise InputError("there is no such input", place=place, expected=expected)
         if isinstance(value, int | float) and not isinstance(value, bool):
+            changes |= without_tables({name: scene.inputs[name]})
             changes[f"{place}.initial"] = float(value)
             continue
         try:

@@ -56,7 +56,7 @@ def pendulum(**parts: Any) -> sidtool.Scene:
     return sidtool.Scene.model_validate(content | parts)
 
 
-def rubbing_pendulum() -> sidtool.Scene:
+def pendulum_with_friction() -> sidtool.Scene:
     """The same with dry friction, under which it comes to rest, and with an event."""
     joint = {"type": "revolute", "markers": ["ground", "arm.pivot"]}
     friction = {"coefficient": 0.3, "radius": 0.05, "static": 0.4}
@@ -106,6 +106,16 @@ def test_an_input_acts_as_its_table_in_a_run(kind: str) -> None:
     expected = scene.simulate(inputs={"torque": table})["pivot.angle"][1:]
     found = follow(scene.compile().plant(), VALUES)
     assert np.abs(found - expected).max() < ROUNDING
+
+
+def test_a_table_of_the_scene_is_for_runs() -> None:
+    table = {"times": [0.0, 0.5], "values": [1.0, 5.0], "initial": 2.0}
+    plant = pendulum(inputs={"torque": table}).compile().plant()
+    plant.advance(0.7)
+    assert plant.inputs == {"torque": 2.0} and plant["inputs.torque"] == 2.0
+    plant.set(torque=3.0)
+    plant.advance(0.1)
+    assert plant["motor.torque"] == pytest.approx(3.0)
 
 
 def test_a_smooth_input_follows_a_ramp_without_a_lag() -> None:
@@ -164,7 +174,7 @@ def _moved(plant: sidtool.Plant, spans: Array, torques: Array) -> tuple[Array, A
 
 
 @pytest.mark.parametrize(
-    ("scene", "instants"), [(flexible_rod, 60), (rubbing_pendulum, 12)]
+    ("scene", "instants"), [(flexible_rod, 60), (pendulum_with_friction, 12)]
 )
 def test_a_saved_state_goes_on_to_the_last_bit(
     scene: Callable[[], sidtool.Scene], instants: int
@@ -186,7 +196,7 @@ def test_a_saved_state_goes_on_to_the_last_bit(
 
 
 def test_a_state_goes_on_in_another_plant() -> None:
-    compiled = rubbing_pendulum().compile()
+    compiled = pendulum_with_friction().compile()
     one, other = compiled.plant(), compiled.plant()
     one.set(torque=1.0)
     one.advance(0.83)
@@ -197,7 +207,7 @@ def test_a_state_goes_on_in_another_plant() -> None:
 
 
 def test_friction_and_events_are_those_of_a_run() -> None:
-    scene = rubbing_pendulum()
+    scene = pendulum_with_friction()
     expected = scene.simulate()
     plant = scene.compile().plant()
     found = run_in(plant, expected.t[1:])
@@ -335,7 +345,10 @@ def test_outputs_that_are_not_recorded_can_be_read() -> None:
         (lambda p: p.advance(1.5), "end"),
         (lambda p: p["pivot.angel"], "angel"),
         (lambda p: p["energy.dissipated"], "integral"),
-        (lambda p: p.restore(rubbing_pendulum().compile().plant().state()), "another"),
+        (
+            lambda p: p.restore(pendulum_with_friction().compile().plant().state()),
+            "another",
+        ),
     ],
 )
 def test_bad_calls_are_refused_and_change_nothing(

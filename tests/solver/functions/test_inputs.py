@@ -90,6 +90,14 @@ def test_an_input_stays_at_its_initial_value_without_a_table() -> None:
     assert np.array_equal(held.positions, scene.simulate().positions)
 
 
+def test_a_number_takes_the_place_of_the_table_of_the_scene() -> None:
+    table = {"times": [0.0, 0.5], "values": [1.0, 5.0]}
+    scene = pendulum(forces=motor(INPUT), inputs={"command": table})
+    scene = sidtool.Scene(**scene.model_dump(by_alias=True, exclude_none=True))
+    result = scene.simulate(inputs={"command": 3.0})
+    assert np.array_equal(result["inputs.command"], np.full(len(result.t), 3.0))
+
+
 def test_before_its_first_time_a_held_input_has_its_initial_value() -> None:
     outputs = {"record": ["inputs.command"]}
     scene = pendulum(inputs={"command": {"initial": 5.0}}, outputs=outputs)
