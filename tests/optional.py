@@ -17,11 +17,13 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 #: Name of a mark to the names under which the program is installed.
 PROGRAMS = {
@@ -98,6 +100,30 @@ def hidden_path(path: str, folder: Path) -> str:
     return os.pathsep.join(entries)
 
 
+class _VisibleModules:
+    """The finder of modules on the path, which does not find hidden ones.
+
+    An entry None in `sys.modules` would hide them as well, but scipy takes a name that
+    is there for a package that is imported.
+    """
+
+    def __init__(self) -> None:
+        self.hidden: frozenset[str] = frozenset()
+
+    def find_spec(
+        self,
+        name: str,
+        path: Sequence[str] | None = None,
+        target: ModuleType | None = None,
+    ) -> ModuleSpec | None:
+        if name in self.hidden:
+            return None
+        return PathFinder.find_spec(name, path, target)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(PathFinder, name)  # such as of `importlib.metadata`
+
+
 class Machine:
     """The programs and packages of this machine, hidden from all but marked tests."""
 
@@ -122,6 +148,9 @@ class Machine:
         } | {"vtk": find_spec("vtkmodules") is not None}
         self._unloaded: dict[str, ModuleType] = {}
         self._shown: frozenset[str] | None = None
+        self._modules = _VisibleModules()
+        finders: list[Any] = sys.meta_path
+        finders[finders.index(PathFinder)] = self._modules
         self._show(())
 
     def has(self, name: str) -> bool:
@@ -138,8 +167,10 @@ class Machine:
             self._show(())
 
     def close(self) -> None:
-        """Remove the links."""
+        """Remove the links, and show all packages again."""
         self._folder.cleanup()
+        finders: list[Any] = sys.meta_path
+        finders[finders.index(self._modules)] = PathFinder
 
     def _show(self, names: Collection[str]) -> None:
         factors = sys.modules.get("sidtool.eigensolvers.factorisation")
@@ -154,25 +185,23 @@ class Machine:
         os.environ["PYTHONPATH"] = os.pathsep.join(
             [str(self._folder_of_blocked(names)), *self._python_path()]
         )
+        hidden = set[str]()
         for name, modules in PACKAGES.items():
             for module in modules:
                 if name in names:
                     self._load(module)
                 else:
                     self._unload(module)
+                    hidden.add(module)
+        self._modules.hidden = frozenset(hidden)
 
     def _load(self, module: str) -> None:
-        if sys.modules.get(module, module) is None:
-            del sys.modules[module]
         for name in [n for n in self._unloaded if _within(n, module)]:
             sys.modules[name] = self._unloaded.pop(name)
 
     def _unload(self, module: str) -> None:
         for name in [n for n in sys.modules if _within(n, module)]:
-            loaded = sys.modules.pop(name)
-            if loaded is not None:
-                self._unloaded[name] = loaded
-        sys.modules[module] = None  # type: ignore[assignment]
+            self._unloaded[name] = sys.modules.pop(name)
 
     def _python_path(self) -> list[str]:
         given = os.environ.get("PYTHONPATH", "").split(os.pathsep)

@@ -13,7 +13,7 @@ import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.places import ROOT
+from tests.places import EXAMPLES, PAGES, ROOT
 
 #: Phrases that have a usual word: a number is printed, not told; a defect is removed,
 #: not mended.
@@ -36,13 +36,10 @@ _SENTENCE = re.compile(r"(?<=[.!?:;])\s+")
 
 
 def pages() -> list[Path]:
-    """Pages of the documentation that people write."""
+    """All pages that people write; the page of the interface is a list of names."""
     found = [ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "CHANGELOG")]
-    for page in sorted((ROOT / "docs").rglob("*.md")):
-        parts = page.relative_to(ROOT / "docs").parts
-        if not {"generated", "_build"} & set(parts) and page.name != "interface.md":
-            found.append(page)
-    return [*found, *sorted((ROOT / "examples").rglob("*.md"))]
+    found += [page for page in PAGES if page.name != "interface.md"]
+    return [*found, *sorted(EXAMPLES.rglob("*.md"))]
 
 
 def long_sentences(text: str) -> Iterator[str]:

@@ -22,7 +22,7 @@ import sys
 from pathlib import Path
 
 from . import prose
-from .places import ROOT
+from .places import PAGES, ROOT
 
 #: Folder of the repository to its place in the package.
 INNER = {"formats": "formats", "solver": "solver"}
@@ -85,7 +85,7 @@ def _check_users(top: Path) -> int:
     if folder.exists():
         shutil.rmtree(folder)
     folder.mkdir()
-    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
+    for page in [ROOT / "README.md", *PAGES]:
         blocks = EXAMPLE.findall(page.read_text(encoding="utf-8"))
         if blocks:
             name = page.stem.lower() + "_page.py"

@@ -18,17 +18,10 @@ import pytest
 
 from benchmarks.validation import PROBLEMS
 from sidtool.cli.main import cli
-from tests.places import ROOT
+from tests.places import DOCS, PAGES, ROOT
 
 from .commands import run_page
 from .sidtool.view.browser import opened
-
-DOCS = ROOT / "docs"
-PAGES = sorted(
-    page
-    for page in DOCS.rglob("*.md")
-    if not {"generated", "_build"} & set(page.relative_to(DOCS).parts)
-)
 
 
 def loaded(name: str) -> ModuleType:
@@ -49,26 +42,19 @@ def test_every_block_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     run_page(page, tmp_path)
 
 
-@pytest.mark.needs("gymnasium")
-def test_a_plant_is_an_environment_of_gymnasium(tmp_path: Path) -> None:
-    run_page(DOCS / "howto" / "plant.md", tmp_path, ["gymnasium"])
-
-
-@pytest.mark.needs("control")
-def test_a_plant_is_in_a_loop_with_python_control(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # scipy.stats takes the entry that hides sphinx for the package
-    monkeypatch.delitem(sys.modules, "sphinx", raising=False)
-    run_page(DOCS / "howto" / "plant.md", tmp_path, ["control"])
-
-
-@pytest.mark.needs("control")
-def test_a_state_space_goes_to_python_control(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delitem(sys.modules, "sphinx", raising=False)
-    run_page(DOCS / "howto" / "state_space.md", tmp_path, ["control"])
+@pytest.mark.parametrize(
+    ("page", "package"),
+    [
+        pytest.param(page, name, marks=pytest.mark.needs(name))
+        for page, name in (
+            ("plant", "gymnasium"),
+            ("plant", "control"),
+            ("state_space", "control"),
+        )
+    ],
+)
+def test_blocks_for_other_packages_run(page: str, package: str, tmp_path: Path) -> None:
+    run_page(DOCS / "howto" / f"{page}.md", tmp_path, [package])
 
 
 LINK = re.compile(r"\[`([\w.]+)`\]\s*\((\.\./[^)#]+\.py)\)")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -96,13 +95,6 @@ def test_a_compiled_scene_is_linearised_with_other_numbers(
     assert_array_equal(found.A, expected.A)
 
 
-@pytest.fixture
-def scipy_signal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`scipy.signal` asks for `sphinx.ext` if `sphinx` is known, as where it hides."""
-    monkeypatch.delitem(sys.modules, "sphinx", raising=False)
-
-
-@pytest.mark.usefixtures("scipy_signal")
 def test_scipy_takes_it(scene: sidtool.Scene) -> None:
     space = scene.state_space()
     found = space.to_scipy()
@@ -111,7 +103,6 @@ def test_scipy_takes_it(scene: sidtool.Scene) -> None:
 
 
 @pytest.mark.needs("control")
-@pytest.mark.usefixtures("scipy_signal")
 def test_python_control_takes_it(scene: sidtool.Scene) -> None:
     space = scene.state_space()
     plant = space.to_control()
