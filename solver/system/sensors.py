@@ -40,7 +40,7 @@ _ROTATION, _ANGULAR_VELOCITY = (
     ("rotation_x", "rotation_y", "rotation_z"),
     ("wx", "wy", "wz"),
 )
-#: Names for what outputs do not have: rates of rates.
+#: Names of accelerations, which control laws cannot read.
 _ACCELERATION = re.compile(r"accel|_acc$|_rate_rate$|_ddot$|^(al|alpha)[xyz]?$|^aq\d+$")
 _EXPECTED = (
     "an output that is a position or a velocity: JOINT.angle, JOINT.angle_rate and "

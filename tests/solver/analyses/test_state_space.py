@@ -234,7 +234,7 @@ def test_friction_that_slides_and_sticks_is_in_the_outputs() -> None:
     assert_allclose(held.D[:, 0], [0.0, -1.0], atol=1e-8)
 
 
-def test_a_rotor_is_seen_in_axes_in_which_its_forces_stand_still(
+def test_a_rotor_has_axes_in_which_its_forces_are_constant(
     two_planes: Callable[[], sidtool.Scene],
 ) -> None:
     """Jeffcott rotor, w^2 = k / m; a force that turns with it drives both whirls."""
