@@ -253,20 +253,14 @@ def frequency_response(
         else dict(excitation)
     )
     rows = _output_rows(space, outputs)
-    transfer = _Transfer(space, [(known[k], e) for k, e in amplitudes.items()], rows)
-    transfer.unbalance = unbalance
-    if isinstance(frequencies, str):
-        grid = frequency_range(frequencies)
-        points = _with_resonances(grid, transfer)
-    else:
-        points = np.array(frequencies, float).ravel()
-        if not len(points) or not np.isfinite(points).all() or points.min() < 0.0:
-            raise InputError(
-                "found no frequencies, or one that is not positive",
-                place="frequencies",
-                expected="frequencies [Hz]",
-            )
-        grid = points
+    selected = [(known[name], factor) for name, factor in amplitudes.items()]
+    transfer = _Transfer(space, selected, rows, unbalance)
+    grid = _grid(frequencies)
+    fine = _with_resonances(grid, transfer)
+    fine_values = transfer(fine)
+    points, values = fine, fine_values
+    if not isinstance(frequencies, str):
+        points, values = grid, transfer(grid)
     names = tuple(space.output_names[k] for k in rows)
     units = [_unit_of_input(space, name, known[name]) for name in amplitudes]
     of_input = units[0] if len({*units}) == 1 else ""
@@ -274,13 +268,27 @@ def frequency_response(
         of_input = "kg m" if of_input in ("N", "") else f"({of_input} s\u00b2)"
     return FrequencyResponse(
         points,
-        transfer(points),
+        values,
         names,
         tuple(_ratio(space.output_units[k], of_input) for k in rows),
         given,
-        tuple(_peaks(transfer, grid, names)),
+        tuple(_peaks(transfer, fine, np.abs(fine_values), names)),
         space.title,
     )
+
+
+def _grid(frequencies: ArrayLike | str) -> Array:
+    """The requested frequencies [Hz]."""
+    if isinstance(frequencies, str):
+        return frequency_range(frequencies)
+    points = np.array(frequencies, float).ravel()
+    if not len(points) or not np.isfinite(points).all() or points.min() < 0.0:
+        raise InputError(
+            "found no frequencies, or one that is not positive",
+            place="frequencies",
+            expected="frequencies [Hz]",
+        )
+    return points
 
 
 def _known_inputs(space: StateSpace) -> dict[str, tuple[int, int]]:
@@ -331,15 +339,14 @@ def _output_rows(space: StateSpace, names: Sequence[str] | None) -> list[int]:
 class _Transfer:
     """H of some outputs at frequencies."""
 
-    unbalance = False
-
     def __init__(
         self,
         space: StateSpace,
         inputs: Sequence[tuple[tuple[int, int], complex]],
         rows: Sequence[int],
+        unbalance: bool,
     ) -> None:
-        self.inputs, self.space = inputs, space
+        self.inputs, self.unbalance = inputs, unbalance
         columns = [column for (column, _), _ in inputs]
         A = T = Z = space.A
         sizes = np.ones(len(A))  # of the states, so that entries of A are alike
@@ -413,10 +420,10 @@ def _with_resonances(grid: Array, transfer: _Transfer) -> Array:
     return points[(points >= grid.min()) & (points <= grid.max())]
 
 
-def _peaks(transfer: _Transfer, grid: Array, names: Sequence[str]) -> list[Peak]:
-    """Maxima of the magnitudes inside a range of frequencies."""
-    points = _with_resonances(grid, transfer)
-    magnitudes = np.abs(transfer(points))
+def _peaks(
+    transfer: _Transfer, points: Array, magnitudes: Array, names: Sequence[str]
+) -> list[Peak]:
+    """Maxima of the magnitudes (n, outputs) at growing frequencies (n,)."""
     found = []
     for row, name in enumerate(names):
         sizes = magnitudes[:, row]
