@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .base.complex_step import numbers
 from .base.sid import SID, Array, symmetric_3x3
 from .storage.cache import cached_by_identity
 
@@ -53,8 +54,8 @@ class FreeMotion:
 
 def skew(vectors: ArrayLike) -> Array:
     """(..., 3) vectors v as matrices (..., 3, 3) with ``skew(v) @ w = v x w``."""
-    v = np.asarray(vectors, float)
-    matrix = np.zeros((*v.shape, 3))
+    v = numbers(vectors)
+    matrix = np.zeros((*v.shape, 3), v.dtype)
     matrix[..., 0, 1], matrix[..., 1, 0] = -v[..., 2], v[..., 2]
     matrix[..., 0, 2], matrix[..., 2, 0] = v[..., 1], -v[..., 1]
     matrix[..., 1, 2], matrix[..., 2, 1] = -v[..., 0], v[..., 0]

@@ -72,6 +72,9 @@ if TYPE_CHECKING:
     from .api.study import study as study
     from .api.sweep import sweep as sweep
     from .api.tables import *  # noqa: F403
+    from .model_derivatives.design_variables import ShapeVariable as ShapeVariable
+    from .model_derivatives.sid_derivatives import SidDerivatives as SidDerivatives
+    from .model_derivatives.sid_derivatives import sid_derivatives as sid_derivatives
     from .pipeline.extra_outputs import outputs as outputs
     from .pipeline.files import write as write
     from .pipeline.sid_from_arrays import sid_from_blocks as sid_from_blocks
@@ -112,6 +115,8 @@ _HOME = {
     "Result": "sidtool.api.result",
     "SID": "sidtool.formats.base.sid",
     "Scene": "sidtool.api.scene",
+    "ShapeVariable": "sidtool.model_derivatives.design_variables",
+    "SidDerivatives": "sidtool.model_derivatives.sid_derivatives",
     "SimulationError": "sidtool.solver.system.errors",
     "Law": "sidtool.solver.functions.control_laws",
     "Timed": "sidtool.solver.functions.callables",
@@ -125,6 +130,7 @@ _HOME = {
     "peak_stresses": "sidtool.view.body_fields",
     "read": "sidtool.api.scene",
     "repair": "sidtool.api.operations",
+    "sid_derivatives": "sidtool.model_derivatives.sid_derivatives",
     "sid_from_blocks": "sidtool.pipeline.sid_from_arrays",
     "sid_from_shapes": "sidtool.pipeline.sid_from_arrays",
     "simulate": "sidtool.api.operations",

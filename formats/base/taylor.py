@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .complex_step import number_type
+
 Array = NDArray[np.float64]
 
 
@@ -58,6 +60,6 @@ class Taylor:
 
 
 def _read_only(value: ArrayLike) -> Array:
-    array = np.array(value, dtype=np.float64, order="C")
+    array = np.array(value, dtype=number_type(value), order="C")
     array.setflags(write=False)
     return array

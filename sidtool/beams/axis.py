@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.complex_step import analytic_norm, numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import BeamGeometry
@@ -65,7 +66,7 @@ class Axis:
 
     def at(self, fractions: Array) -> AxisFrames:
         """The frames at fractions (n,) of the length."""
-        fractions = np.asarray(fractions, float)
+        fractions = numbers(fractions)
         parameters = self.parameters(fractions)
         tangent, change = self.tangents(parameters)
         angle = self.twist(fractions)
@@ -82,7 +83,14 @@ class Axis:
     def nearest(self, point: Array) -> tuple[float, float]:
         """The fraction of the length nearest to a point, and the distance [m]."""
 
-        grid = np.linspace(0, 1, 2 if self.straight else 2001)
+        if self.straight:
+            start, end = self.place(np.array([0.0, 1.0]))
+            along = (point - start) @ (end - start) / self.length**2
+            best = along if 0 < along.real < 1 else float(along.real >= 1)
+            place = self.place(np.array([best]))
+            return best, float(np.linalg.norm(place - point))
+        point = point.real
+        grid = np.linspace(0, 1, 2001)
         arms = self.place(self.parameters(grid)) - point
         best = float(grid[np.linalg.norm(arms, axis=1).argmin()])
         for _ in range(50):  # Newton's method for (r - point) . r' = 0
@@ -105,9 +113,9 @@ def beam_axis(geometry: BeamGeometry) -> Axis:
     ------
     InputError : it has no length, or the y axis is parallel to it at the start.
     """
-    points = np.array([geometry.start, *geometry.through, geometry.end], float)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    if steps.min() == 0:
+    points = numbers([geometry.start, *geometry.through, geometry.end])
+    steps = analytic_norm(np.diff(points, axis=0), axis=1)
+    if steps.real.min() == 0:
         alone = len(points) == 2
         raise InputError(
             "start and end are the same" if alone else "two points in a row are equal",
@@ -119,6 +127,12 @@ def beam_axis(geometry: BeamGeometry) -> Axis:
     twist = profile(tuple(x + turn for x in given), geometry.interpolation)
     if len(points) == 2:
         return straight_axis(points[0], points[1], geometry.y_axis, twist)
+    if np.iscomplexobj(points) or np.iscomplexobj(numbers(geometry.y_axis)):
+        raise InputError(
+            "has no derivative by its points",
+            place="geometry.through",
+            expected="a straight beam, or variables of section and material",
+        )
     return _spline_axis(points, steps, geometry.y_axis, twist)
 
 
@@ -131,9 +145,9 @@ def straight_axis(
     ------
     InputError : the y axis is parallel to it.
     """
-    length = float(np.linalg.norm(end - start))
+    length = analytic_norm(end - start).item()
     x = (end - start) / length
-    y = _perpendicular_part(np.array(y_axis, float), x)
+    y = _perpendicular_part(numbers(y_axis), x)
     return Axis(
         length,
         True,
@@ -218,4 +232,4 @@ def _perpendicular_part(y: Array, x: Array) -> Array:
             place="geometry.y_axis",
             expected="a direction across the beam at its start",
         )
-    return np.asarray(across / np.linalg.norm(across))
+    return np.asarray(across / analytic_norm(across))

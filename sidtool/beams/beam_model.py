@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import number_type, numbers, without_rounding
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile, NodeMarker
@@ -99,12 +100,13 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     beam = BeamProperties(section, axis, e, g, settings.theory == "timoshenko")
     ends = _element_ends(geometry, axis, settings.elements)
     n, ndof = len(ends), 6 * len(ends)
-    stiffness = sp.lil_matrix((ndof, ndof))
     particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
     elements = [BeamElement(beam, *pair) for pair in pairwise(ends)]
+    matrices = [element.stiffness() for element in elements]
+    stiffness = sp.lil_matrix((ndof, ndof), dtype=number_type(*matrices))
     for i, element in enumerate(elements):
         part = slice(6 * i, 6 * i + 12)
-        stiffness[part, part] += element.stiffness()
+        stiffness[part, part] += matrices[i]
         points.add(element, _element_dofs(i))
         if settings.mass == "lumped":
             particles.add_half_elements(element, _element_dofs(i), material.density)
@@ -112,7 +114,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
             particles.add_slices(element, _element_dofs(i), material.density)
     for lump in geometry.masses:
         frames = axis.at(np.array([lump.at]))
-        tensor = rotate_tensor(np.diag(np.array(lump.inertia, float)), frames.axes[0])
+        tensor = rotate_tensor(np.diag(numbers(lump.inertia)), frames.axes[0])
         rows, dofs = _marker_rows(beam, ends, lump.at)
         move = (rows.displacement, rows.rotation, dofs)
         particles.add(frames.places[0], lump.mass, tensor, *move)
@@ -185,8 +187,8 @@ def _marker_rows(
     beam: BeamProperties, ends: Array, at: float
 ) -> tuple[ElementRows, Indices]:
     """Return rows at a fraction of the length, and the degrees of freedom there."""
-    i = min(int(np.searchsorted(ends, at, side="right")) - 1, len(ends) - 2)
-    place = float((at - ends[i]) / (ends[i + 1] - ends[i]))
+    i = min(int(np.searchsorted(ends, at.real, side="right")) - 1, len(ends) - 2)
+    place = (at - ends[i]) / (ends[i + 1] - ends[i])
     return BeamElement(beam, ends[i], ends[i + 1]).rows(place), _element_dofs(i)
 
 
@@ -197,7 +199,7 @@ def _element_dofs(i: int) -> Indices:
 
 def _without_zeros(dense: Array, dofs: Indices, ndof: int) -> sp.csr_matrix:
     rows = scatter_rows(dense, dofs, ndof)
-    rows.data[np.abs(rows.data) < 1e-14] = 0
+    rows.data = without_rounding(rows.data, 1e-14)
     rows.eliminate_zeros()
     return rows
 
@@ -211,7 +213,7 @@ def _marker_fraction(marker: NodeMarker, axis: Axis) -> float:
     if marker.position is None:
         raise InputError("is for meshes", place="mesh_node", expected="another place")
     check_length(marker.position, 3, "position")
-    fraction, distance = axis.nearest(np.array(marker.position))
+    fraction, distance = axis.nearest(numbers(marker.position))
     if distance > (_ON_LINE if axis.straight else _ON_CURVE) * axis.length:
         raise InputError(
             "lies off the axis of the beam",

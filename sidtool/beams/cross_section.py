@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from sidtool.formats.base.complex_step import analytic_abs, number_type, numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import (
@@ -75,7 +77,7 @@ def profile(values: float | tuple[float, ...], interpolation: str) -> Profile:
     if not isinstance(values, tuple) or len(values) == 1:
         constant = values[0] if isinstance(values, tuple) else values
         return Profile((0.0, 1.0), (Polynomial([constant]),))
-    return _INTERPOLATIONS[interpolation](np.array(values, float))
+    return _INTERPOLATIONS[interpolation](numbers(values))
 
 
 def _linear_profile(values: Array) -> Profile:
@@ -145,7 +147,7 @@ class Section:
         """(2,) half the sides, along y and z, of the rectangle with the same area and
         moments; of the square where these are not known [m]."""
         squares = 3 * np.array([self.iz, self.iy]) / self.area
-        return np.asarray(np.sqrt(np.where(squares > 0, squares, self.area / 4)))
+        return np.asarray(np.sqrt(np.where(squares.real > 0, squares, self.area / 4)))
 
     def law(self, e: float, g: float, curvatures: Array) -> Array:
         """(6, 6) resultants N, Qy, Qz, T, My, Mz of strains in their order.
@@ -161,7 +163,7 @@ class Section:
         warping function w. Of e a general section knows the mean only, the polar
         moment less the torsion constant.
         """
-        result = np.zeros((6, 6))
+        result = np.zeros((6, 6), number_type(e, g, *astuple(self)[:6], *curvatures))
         axial = np.ix_([0, 3, 4, 5], [0, 3, 4, 5])
         moments = self._of_rectangle if self.sides else self._of_general
         result[axial] = e * moments(np.asarray(curvatures))
@@ -183,7 +185,7 @@ class Section:
         y, z = self.shear_centre
         if not (y or z):
             return compliance
-        moved = np.eye(6)
+        moved = np.eye(6, dtype=number_type(y, z))
         moved[3, 1:3] = z, -y
         return np.asarray(moved.T @ compliance @ moved)
 
@@ -224,9 +226,10 @@ def _warping_slope(y: Array, z: Array, height: float, width: float) -> Array:
     n = 2 * np.arange(_TERMS)[:, None] + 1
     k = n * np.pi / width
     sign = (-1) ** ((n - 1) // 2) * 8 / np.pi**2 / n**2 * width
-    near = np.exp(k * (np.abs(y) - height / 2)) / (1 + np.exp(-k * height))
-    mirrored = np.exp(-2 * k * np.abs(y))
-    sinh, cosh = np.sign(y) * near * (1 - mirrored), near * (1 + mirrored)
+    size = analytic_abs(y)
+    near = np.exp(k * (size - height / 2)) / (1 + np.exp(-k * height))
+    mirrored = np.exp(-2 * k * size)
+    sinh, cosh = np.sign(y.real) * near * (1 - mirrored), near * (1 + mirrored)
     along_y = -z + (sign * cosh * np.sin(k * z)).sum(axis=0)
     along_z = -y + (sign * sinh * np.cos(k * z)).sum(axis=0)
     return np.asarray(z * along_y - y * along_z)
@@ -263,22 +266,33 @@ def section_at(
             shear_centre=named.shear_centre,
         )
     h, w = (_side_at(geometry, name, fraction) for name in ("height", "width"))
-    a, b = max(h, w), min(h, w)
-    if not a < LARGEST_SECTION:
+    larger = max(h.real, w.real)
+    if not larger < LARGEST_SECTION:
         raise InputError(
-            f"is {a:g} m at {fraction:.3g} of the length",
+            f"is {larger:g} m at {fraction.real:.3g} of the length",
             place="geometry.section",
             expected=f"a section below {LARGEST_SECTION:g} m",
         )
-    torsion = a * b**3 * (1 / 3 - 0.21 * b / a * (1 - (b / a) ** 4 / 12))
+    torsion = _torsion_of_rectangle(h, w)
     return Section(h * w, h * w**3 / 12, w * h**3 / 12, torsion, 5 / 6, 5 / 6, (h, w))
 
 
-def _side_at(geometry: BeamGeometry, name: str, fraction: float) -> float:
-    value = float(side_profile(geometry, name)(np.array(fraction)))
-    if value <= 0:
+def _torsion_of_rectangle(h: Any, w: Any) -> Any:
+    """Return the torsion constant; its slope at a square is the mean of both sides."""
+    orders = [(h, w), (w, h)]
+    if h.real != w.real:
+        orders = [(h, w)] if h.real > w.real else [(w, h)]
+    values = [
+        a * b**3 * (1 / 3 - 0.21 * b / a * (1 - (b / a) ** 4 / 12)) for a, b in orders
+    ]
+    return sum(values) / len(values)
+
+
+def _side_at(geometry: BeamGeometry, name: str, fraction: float) -> Any:
+    value = side_profile(geometry, name)(np.array(fraction)).item()
+    if value.real <= 0:
         raise InputError(
-            f"becomes {value:.3g} at {fraction:.3g} of the length",
+            f"becomes {value.real:.3g} at {fraction.real:.3g} of the length",
             place=f"geometry.section.{name}",
             expected='values that stay positive, as with interpolation = "linear"',
         )

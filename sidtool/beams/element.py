@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
@@ -136,9 +137,9 @@ class BeamElement:
 
     def _flexibilities_before(self, places: Array) -> Array:
         """(n, 6, 6) flexibilities of what lies before fractions (n,) of the element."""
-        cuts = np.minimum(np.searchsorted(_CUTS, places), len(_CUTS) - 1)
+        cuts = np.minimum(np.searchsorted(_CUTS, places.real), len(_CUTS) - 1)
         between = _CUTS[cuts] != places
-        found = self._parts[cuts]
+        found = self._parts[cuts].astype(number_type(self._parts, places))
         if between.any():
             ends = places[between]
             found[between] = self._flexibilities(np.zeros(len(ends)), ends)
@@ -180,9 +181,10 @@ def _section_compliance(
 ) -> Array:
     bent = np.array(curvatures[1:])
     halves = np.sqrt(3 * np.array([section.iy, section.iz]) / section.area)
-    if float(halves @ np.abs(bent)) >= 1:
+    if float(halves.real @ np.abs(bent.real)) >= 1:
+        radius = 1 / np.linalg.norm(bent.real)
         raise InputError(
-            f"is larger than the radius of the axis, {1 / np.linalg.norm(bent):.3g} m",
+            f"is larger than the radius of the axis, {radius:.3g} m",
             place="geometry.section",
             expected="a section that does not reach the centre of curvature",
         )
@@ -199,7 +201,7 @@ def _section_compliance(
 
 def translate_motion(arm: Array) -> Array:
     """(..., 6, 6) motion of points fixed at arms (..., 3) from one: of its motion."""
-    result = np.tile(np.eye(6), (*arm.shape[:-1], 1, 1))
+    result = np.tile(np.eye(6, dtype=arm.dtype), (*arm.shape[:-1], 1, 1))
     result[..., :3, 3:] = -skew(arm)
     return result
 
@@ -336,7 +338,7 @@ def slice_inertia(
         arm = p.centre(frames.curvatures[i])
         own = density * weight * np.diag([p.iy + p.iz, p.iy, p.iz])
         mass = density * weight * p.area
-        own += mass * skew(arm) @ skew(arm)
+        own = own + mass * skew(arm) @ skew(arm)
         centres.append(frames.places[i] + arm @ frames.axes[i])
         masses.append(mass)
         tensors.append(rotate_tensor(own, frames.axes[i]))

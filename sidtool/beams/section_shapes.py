@@ -23,6 +23,11 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.complex_step import (
+    analytic_arctan2,
+    analytic_norm,
+    without_rounding,
+)
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import (
@@ -87,7 +92,7 @@ class _Wall:
 
     @property
     def length(self) -> float:
-        return math.dist(self.start, self.end)
+        return analytic_norm(np.subtract(self.end, self.start))
 
 
 @dataclass(frozen=True)
@@ -118,29 +123,26 @@ def named_properties(section: NamedSection, poissons_ratio: float) -> NamedPrope
     moments = _area_moments(shape)
     area, centroid, tensor = moments
     turn = _principal_turn(tensor)
-    axes = np.array(
-        [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
-    )
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     tensor = axes @ tensor @ axes.T
     compliance, centre, middle = _shear_flow(shape)
     offset = axes @ (centre + middle - centroid)
     if shape.closed:
         offset = np.zeros(2)
     shear = np.linalg.inv(axes @ compliance @ axes.T)
-    coupling = float(shear[0, 1] + shear[1, 0]) / 2
-    if abs(coupling) <= _SYMMETRIC * np.trace(shear):
-        coupling = 0.0
-    offset[np.abs(offset) <= _SYMMETRIC * math.sqrt(area)] = 0.0
+    coupling = (shear[0, 1] + shear[1, 0]) / 2
+    coupling = without_rounding(coupling, _SYMMETRIC * np.trace(shear).real)
+    offset = without_rounding(offset, _SYMMETRIC * np.sqrt(area.real))
     return NamedProperties(
         area=area,
-        iy=float(tensor[1, 1]),
-        iz=float(tensor[0, 0]),
+        iy=tensor[1, 1].item(),
+        iz=tensor[0, 0].item(),
         torsion=shape.torsion,
-        shear_y=float(shear[0, 0]),
-        shear_z=float(shear[1, 1]),
-        shear_coupling=coupling,
-        centroid=(float(centroid[0]), float(centroid[1])),
-        shear_centre=(float(offset[0]), float(offset[1])),
+        shear_y=shear[0, 0].item(),
+        shear_z=shear[1, 1].item(),
+        shear_coupling=coupling.item(),
+        centroid=tuple(centroid.tolist()),
+        shear_centre=tuple(offset.tolist()),
         turn=turn,
     )
 
@@ -177,21 +179,21 @@ def _area_moments(shape: _Shape) -> tuple[float, Array, Array]:
     tensor = np.zeros((2, 2))
     for a, centre, own in parts:
         arm = centre - centroid
-        tensor += own + a * np.outer(arm, arm)
-    return float(area), centroid, tensor
+        tensor = tensor + own + a * np.outer(arm, arm)
+    return area, centroid, tensor
 
 
-def _principal_turn(tensor: Array) -> float:
+def _principal_turn(tensor: Array) -> Any:
     """Return the least angle from y towards z that makes the product zero."""
     product, difference = tensor[0, 1], tensor[0, 0] - tensor[1, 1]
-    if abs(product) <= _SYMMETRIC * np.trace(tensor):
+    if abs(product.real) <= _SYMMETRIC * np.trace(tensor).real:
         return 0.0
-    turn = math.atan2(2 * product, difference) / 2
-    if turn > math.pi / 4 + 1e-9:
+    turn = analytic_arctan2(2 * product, difference) / 2
+    if turn.real > math.pi / 4 + 1e-9:
         turn -= math.pi / 2
-    elif turn < -math.pi / 4 - 1e-9:
+    elif turn.real < -math.pi / 4 - 1e-9:
         turn += math.pi / 2
-    return turn
+    return turn.item()
 
 
 def _shear_flow(shape: _Shape) -> tuple[Array, Array, Array]:
@@ -215,8 +217,8 @@ def _shear_flow(shape: _Shape) -> tuple[Array, Array, Array]:
     gradient = np.linalg.inv(tensor)
     # flow at the Gauss points and at the ends of walls, by axis of the force
     g, slope = a @ gradient, d @ gradient
-    flow = np.zeros((len(t), len(_POINTS), 2))
-    leaving = np.zeros((len(t), 2))
+    flow = np.zeros((len(t), len(_POINTS), 2), tensor.dtype)
+    leaving = np.zeros((len(t), 2), tensor.dtype)
     for k, wall in enumerate(shape.walls):
         entering = sum((leaving[j] for j in wall.fed_by), np.zeros(2))
         x = _POINTS[:, None]
@@ -234,7 +236,7 @@ def _shear_flow(shape: _Shape) -> tuple[Array, Array, Array]:
 
 def _box(section: BoxSection) -> _Shape:
     h, w, t = section.height, section.width, section.thickness
-    _check("thickness", t, min(h, w) / 2, "half the smaller side")
+    _check("thickness", t, _smaller(h, w) / 2, "half the smaller side")
     y, z = (h - t) / 2, (w - t) / 2
     corners = ((-y, -z), (-y, z), (y, z), (y, -z))
     walls = tuple(
@@ -299,14 +301,14 @@ def _c_section(section: CSection) -> _Shape:
 
 def _l_section(section: LSection) -> _Shape:
     h, b, t, r = section.height, section.width, section.thickness, section.fillet
-    _check("thickness", t, min(h, b), "the smaller leg")
-    _check("fillet", r, min(h, b) - t, "the shorter leg inside")
+    _check("thickness", t, _smaller(h, b), "the smaller leg")
+    _check("fillet", r, _smaller(h, b) - t, "the shorter leg inside")
     walls = (
         _Wall((h, t / 2), (t / 2, t / 2), t),
         _Wall((t / 2, b), (t / 2, t / 2), t),
     )
     plates = ((h / 2, t / 2, h, t), (t / 2, (b + t) / 2, t, b - t))
-    longer, shorter = max(h, b), min(h, b)
+    longer, shorter = _larger(h, b), _smaller(h, b)
     torsion = _plate(longer, t) + _outstanding(shorter - t, t) + _corner(t, t, r)
     return _Shape(plates, walls, torsion, ((t, t, 1, 1),), r)
 
@@ -322,7 +324,7 @@ _SHAPES: dict[type, Callable[[Any], _Shape]] = {
 
 def _plate(length: float, thickness: float) -> float:
     """Torsion constant of a plate with two free ends."""
-    a, b = max(length, thickness), min(length, thickness)
+    a, b = _larger(length, thickness), _smaller(length, thickness)
     return a * b**3 * (1 / 3 - 0.21 * b / a * (1 - (b / a) ** 4 / 12))
 
 
@@ -335,7 +337,9 @@ def _outstanding(length: float, thickness: float) -> float:
 
 def _tee(flange: float, web: float, fillet: float) -> float:
     """Torsion constant of the junction of a web at the middle of a flange."""
-    alpha = min(flange, web) / max(flange, web) * (0.15 + 0.1 * fillet / flange)
+    alpha = (
+        _smaller(flange, web) / _larger(flange, web) * (0.15 + 0.1 * fillet / flange)
+    )
     circle = ((flange + fillet) ** 2 + fillet * web + web**2 / 4) / (
         2 * fillet + flange
     )
@@ -344,9 +348,9 @@ def _tee(flange: float, web: float, fillet: float) -> float:
 
 def _corner(flange: float, web: float, fillet: float) -> float:
     """Torsion constant of the junction of two walls at their ends."""
-    b, d = max(flange, web), min(flange, web)
+    b, d = _larger(flange, web), _smaller(flange, web)
     alpha = d / b * (0.07 + 0.076 * fillet / b)
-    root = math.sqrt(2 * (2 * fillet + b) * (2 * fillet + d))
+    root = np.sqrt(2 * (2 * fillet + b) * (2 * fillet + d))
     return alpha * (2 * (d + b + 3 * fillet - root)) ** 4
 
 
@@ -359,11 +363,20 @@ def _profile_sizes(
     _check("flange", section.flange, h / flanges, "its share of the height")
     inside = (h - flanges * section.flange) / flanges
     arm = b - section.web if isinstance(section, CSection) else (b - section.web) / 2
-    _check("fillet", section.fillet, min(inside, arm), "the space inside")
+    _check("fillet", section.fillet, _smaller(inside, arm), "the space inside")
     return h, b, section.web, section.flange, section.fillet
 
 
+def _smaller(a: Any, b: Any) -> Any:
+    return a if a.real <= b.real else b
+
+
+def _larger(a: Any, b: Any) -> Any:
+    return b if a.real <= b.real else a
+
+
 def _check(key: str, value: float, limit: float, what: str) -> None:
+    value, limit = value.real, limit.real
     if not value < limit:
         raise InputError(
             f"is {value:g} m",

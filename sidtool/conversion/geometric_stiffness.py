@@ -33,6 +33,7 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.model.reduction import Stiffening
 
@@ -42,7 +43,7 @@ from ..discretisation.marker_couplings import (
 )
 from ..elements.finite_element_model import FiniteElementModel, MarkerRows
 from ..elements.material_points import BeamMaterial, stress_from_gradient
-from ..reduction.admissible_space import constrained_space
+from ..reduction.admissible_space import AdmissibleSpace, constrained_space
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
 from .inertia_integrals import CENTRIFUGAL_PRODUCTS, centrifugal_loads
@@ -55,8 +56,13 @@ def add_geometric_stiffening(
     frame: Frame,
     basis: ReducedBasis,
     settings: Stiffening,
+    loaded: AdmissibleSpace | None = None,
 ) -> SID:
     """Return the SID with the geometric stiffening of the settings.
+
+    Parameters
+    ----------
+    loaded : space in which the loads deform the body, by default that of its frame
 
     Raises
     ------
@@ -69,15 +75,15 @@ def add_geometric_stiffening(
     centrifugal = loads.centrifugal() if settings.centrifugal else None
     rows = [part for m in marked for part in (m.displacement, m.rotation)]
     parts = [acceleration, angular, centrifugal, *(part.T.toarray() for part in rows)]
-    results = iter(geometric_stiffness(body, frame, basis.shapes, parts))
+    results = iter(geometric_stiffness(body, frame, basis.shapes, parts, loaded))
     blocks: dict[str, Taylor] = {}
     for name in ("Ct", "Cr", "Oe"):
         blocks[name] = _add_stiffness(getattr(sid, name), next(results))
-    loaded = {}
+    by_node = {}
     for marker in marked:
         excess = second_order_rows(body, marker, basis.shapes)
-        loaded[marker.node] = (next(results), next(results)), excess
-    nodes = tuple(_loaded_node(node, loaded.get(int(node.id))) for node in sid.nodes)
+        by_node[marker.node] = (next(results), next(results)), excess
+    nodes = tuple(_loaded_node(node, by_node.get(int(node.id))) for node in sid.nodes)
     changes: dict[str, Any] = {**blocks, "nodes": nodes}
     return replace(sid, **changes)
 
@@ -95,6 +101,7 @@ def geometric_stiffness(
     frame: Frame,
     shapes: Array,
     groups: list[Array | None],
+    loaded: AdmissibleSpace | None = None,
 ) -> list[Array | None]:
     """Phi^T Kg Phi for the stress states of loads that the frame supports.
 
@@ -102,6 +109,7 @@ def geometric_stiffness(
     ----------
     shapes : (ndof, nq)
     groups : load vectors (ndof, n) in groups; None stays None
+    loaded : space in which the loads deform the body, by default that of its frame
 
     Returns
     -------
@@ -115,7 +123,7 @@ def geometric_stiffness(
     if not given:
         return [None for _ in groups]
     loads = balanced_loads(body, frame, np.hstack(given))
-    states = constrained_space(body, frame).static(loads)
+    states = (loaded or constrained_space(body, frame)).static(loads)
     total = projected_stiffness(body, states, shapes)
     total += piece_stiffness(body, loads, states, shapes)
     results: list[Array | None] = []
@@ -166,7 +174,7 @@ def projected_stiffness(
     if body.beam_material is not None:
         return beam_stiffness(body.beam_material, states, shapes)
     nq = shapes.shape[1]
-    total = np.zeros((states.shape[1], nq, nq))
+    total = np.zeros((states.shape[1], nq, nq), number_type(states, shapes))
     for part in quadrature_parts(body):
         stress = stress_from_gradient(part.gradients(states), part.law)
         slopes = part.gradients(shapes)
@@ -178,7 +186,7 @@ def contract_stress(stress: Array, slopes: Array) -> Array:
     """sum over points of stress (p, n, d, d) with slopes (p, nq, c, d) twice."""
     p, n, d, _ = stress.shape
     nq = slopes.shape[1]
-    result = np.zeros((n, nq, nq))
+    result = np.zeros((n, nq, nq), number_type(stress, slopes))
     for a in range(d):
         for b in range(d):
             for k in range(nq):
@@ -205,7 +213,7 @@ class _InertiaLoads:
         """-rho W_k c; of particles with rotary inertia their moments, too."""
         d = self._body.dimension
         arms = self._body.positions - self._origin[:d]
-        fields = np.zeros((self._body.ndof, 6))
+        fields = np.zeros((self._body.ndof, 6), arms.dtype)
         for k, products in enumerate(CENTRIFUGAL_PRODUCTS):
             for axis in range(d):
                 numbers = self._body.table[:, axis]
@@ -221,7 +229,7 @@ class _InertiaLoads:
         rigid = self._body.rigid_body_modes(self._origin)
         if self._body.dimension == 3:
             return rigid
-        full = np.zeros((len(rigid), 6))
+        full = np.zeros((len(rigid), 6), rigid.dtype)
         full[:, [0, 1, 5]] = rigid
         return full
 

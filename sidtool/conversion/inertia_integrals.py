@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -110,17 +111,17 @@ def blocks_of_full_mass(
     )
     blocks["Ct"] = Taylor(ct)
     blocks["Me"] = Taylor(gram[v, v])
-    return float(np.trace(gram[t, t]) / 3), blocks
+    return (np.trace(gram[t, t]) / 3).item(), blocks
 
 
 def _rotated_shapes(body: FiniteElementModel, shapes: Array) -> Array:
     """(ndof, nq, 3): every shape turned about each axis, e_a x phi and e_a x psi."""
     by_node = body.by_node(shapes)
-    motion = np.zeros((len(by_node), 6, shapes.shape[1], 3))
+    motion = np.zeros((len(by_node), 6, shapes.shape[1], 3), by_node.dtype)
     for part in (slice(0, 3), slice(3, 6)):
         vectors = np.swapaxes(by_node[:, part], 1, 2)
         motion[:, part] = -np.moveaxis(skew(vectors), 2, 1)
-    result = np.zeros((body.ndof, shapes.shape[1], 3))
+    result = np.zeros((body.ndof, shapes.shape[1], 3), motion.dtype)
     there = body.table >= 0
     result[body.table[there]] = motion[there]
     return result
@@ -136,7 +137,7 @@ def _second_order_rotations(body: FiniteElementModel, shapes: Array) -> Array:
     dofs = body.table[:, 3:][there]
     unit = np.zeros((*there.shape, 3))
     unit[:] = np.eye(3)
-    momentum = np.zeros_like(unit)
+    momentum = np.zeros(unit.shape, body.mass.dtype)
     momentum[there] = body.mass[dofs][:, dofs] @ unit[there]
     s = skew(np.swapaxes(body.by_node(shapes)[:, 3:], 1, 2))
     squares = np.einsum("piab,plbc,pcd->liad", s, s, momentum, optimize=True)
@@ -220,14 +221,14 @@ class MassMoments:
         return MassMoments(*(getattr(self, n) + getattr(other, n) for n in names))
 
 
-def _no_moments(nq: int) -> MassMoments:
+def _no_moments(nq: int, kind: Any = float) -> MassMoments:
     return MassMoments(
         mass=0.0,
-        c=np.zeros(3),
-        cc=np.zeros((3, 3)),
-        phi=np.zeros((nq, 3)),
-        phi_c=np.zeros((nq, 3, 3)),
-        phi_phi=np.zeros((nq, 3, nq, 3)),
+        c=np.zeros(3, kind),
+        cc=np.zeros((3, 3), kind),
+        phi=np.zeros((nq, 3), kind),
+        phi_c=np.zeros((nq, 3, 3), kind),
+        phi_phi=np.zeros((nq, 3, nq, 3), kind),
     )
 
 
@@ -281,7 +282,7 @@ def mass_moments(mass: sp.csr_matrix, positions: Array, shapes: Array) -> MassMo
     """
     n, d, nq = shapes.shape
     by_mode = np.swapaxes(shapes, 1, 2).reshape(n, nq * d)
-    rigid = np.zeros((n, 1 + d))
+    rigid = np.zeros((n, 1 + d), positions.dtype)
     rigid[: len(positions)] = np.column_stack([np.ones(len(positions)), positions])
     columns = np.hstack([rigid, by_mode])
     gram = columns.T @ (mass @ columns)
@@ -289,7 +290,7 @@ def mass_moments(mass: sp.csr_matrix, positions: Array, shapes: Array) -> MassMo
     c = slice(1, 1 + d)
     phi = slice(1 + d, None)
     plane = slice(0, d)
-    result = replace(_no_moments(nq), mass=float(gram[0, 0]))
+    result = replace(_no_moments(nq, gram.dtype), mass=gram[0, 0].item())
     result.c[plane] = gram[0, c]
     result.cc[plane, plane] = gram[c, c]
     result.phi[:, plane] = gram[0, phi].reshape(nq, d)

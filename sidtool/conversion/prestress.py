@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.reduction import FrameSettings, Prestress, Stiffening
 
 from ..discretisation.marker_couplings import second_order_rows
+from ..eigensolvers.eigenpair_derivatives import modal_stiffness, symmetric_eigenpairs
 from ..elements.finite_element_model import FiniteElementModel, MarkerRows
-from ..reduction.admissible_space import constrained_space
+from ..reduction.admissible_space import AdmissibleSpace, constrained_space
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis, orient_shapes, to_hertz
 from .geometric_stiffness import (
@@ -69,6 +71,7 @@ def add_prestress(
     prestress: Prestress,
     settings: Stiffening,
     chosen: FrameSettings,
+    loaded: AdmissibleSpace | None = None,
 ) -> InitialStress:
     """Add the geometric stiffness of an initial stress to Ke, in natural modes.
 
@@ -89,25 +92,27 @@ def add_prestress(
     felt, excess_felt = _marker_loads(body, shapes, prestress, marked)
     if marked:
         felt = felt + equilibrating
-    states, stiffness = _solve_loads(body, frame, shapes, np.hstack([loads, felt]))
+    both = np.hstack([loads, felt])
+    states, stiffness = _solve_loads(body, frame, shapes, both, loaded)
     extra = stiffness[0] + excess + _stiffness_of(body, uniform, shapes)
     _refuse_buckling(basis.stiffness + extra, "under its prestress")
     extra -= stiffness[1] + excess_felt
     _refuse_buckling(basis.stiffness + extra, "without the loads of its prestress")
     state = states[:, :1]
     generalised = shapes.T @ (body.stiffness @ state + equilibrating)[:, 0]
-    values, mixing = np.linalg.eigh(basis.stiffness + extra)
+    values, mixing = symmetric_eigenpairs(basis.stiffness + extra)
     shapes = orient_shapes(basis.shapes @ mixing, body)
     labels = tuple(
         re.sub(r":\s*[\d.]+ Hz.*", f":{f:13.3f} Hz", label)
         for label, f in zip(basis.labels, to_hertz(values), strict=True)
     )
     shares = {
-        kind: np.einsum("ij,ij,i->j", mixing, mixing, share)
+        kind: np.einsum("ij,i->j", mixing.real**2, share)
         for kind, share in basis.shares.items()
     }
-    new = ReducedBasis(shapes, np.diag(values), labels, shares, basis.diagnostics)
-    signs = np.sign(np.sum(shapes * (basis.shapes @ mixing), axis=0))
+    stiffness = modal_stiffness(basis.stiffness + extra, values, mixing)
+    new = ReducedBasis(shapes, stiffness, labels, shares, basis.diagnostics)
+    signs = np.sign(np.sum(shapes.real * (basis.shapes @ mixing).real, axis=0))
     return InitialStress(new, signs * (mixing.T @ generalised), state, uniform)
 
 
@@ -169,11 +174,11 @@ def _load_resultant(
 
 def _largest_extent(body: FiniteElementModel) -> float:
     """The largest extent of the body [m]."""
-    return float(np.ptp(body.positions, axis=0).max())
+    return float(np.ptp(body.positions.real, axis=0).max())
 
 
 def _refuse_buckling(stiffness: Array, when: str) -> None:
-    if np.linalg.eigvalsh(stiffness)[0] <= 0:
+    if np.linalg.eigvalsh(stiffness.real)[0] <= 0:
         raise InputError(
             f"the body buckles {when}",
             place="stiffening.prestress",
@@ -182,20 +187,24 @@ def _refuse_buckling(stiffness: Array, when: str) -> None:
 
 
 def _solve_loads(
-    body: FiniteElementModel, frame: Frame, shapes: Array, loads: Array
+    body: FiniteElementModel,
+    frame: Frame,
+    shapes: Array,
+    loads: Array,
+    loaded: AdmissibleSpace | None,
 ) -> tuple[Array, Array]:
     """Displacements (ndof, n) under loads, and the stiffness (n, nq, nq) they bring."""
     if not loads.any():
         return np.zeros_like(loads), np.zeros((loads.shape[1], *(shapes.shape[1],) * 2))
     loads = balanced_loads(body, frame, loads)
-    states = constrained_space(body, frame).static(loads)
+    states = (loaded or constrained_space(body, frame)).static(loads)
     stiffness = projected_stiffness(body, states, shapes)
     return states, stiffness + piece_stiffness(body, loads, states, shapes)
 
 
 def _equilibrating_loads(body: FiniteElementModel, uniform: Array) -> Array:
     """Loads (ndof, 1) under which a stress is in equilibrium."""
-    loads = np.zeros((body.ndof, 1))
+    loads = np.zeros((body.ndof, 1), number_type(uniform, body.positions))
     if uniform.any():
         for part in quadrature_parts(body):
             forces = np.einsum("p,pmb,cb->pmc", part.weights, part.slopes, uniform)
@@ -212,7 +221,9 @@ def _marker_loads(
     """Return loads (ndof, 1) on all or some markers, and the stiffness that their rows
     lack.
     """
-    loads, excess = np.zeros((body.ndof, 1)), np.zeros((shapes.shape[1],) * 2)
+    numbers = number_type(shapes, body.positions)
+    loads = np.zeros((body.ndof, 1), numbers)
+    excess = np.zeros((shapes.shape[1],) * 2, numbers)
     for kind, given in (("forces", settings.forces), ("moments", settings.moments)):
         for name, values in given.items():
             if names is not None and name not in names:
@@ -231,7 +242,7 @@ def _marker_loads(
 
 def _stiffness_of(body: FiniteElementModel, uniform: Array, shapes: Array) -> Array:
     """Geometric stiffness (nq, nq) of a uniform stress."""
-    stiffness = np.zeros((1, *(shapes.shape[1],) * 2))
+    stiffness = np.zeros((1, *(shapes.shape[1],) * 2), number_type(uniform, shapes))
     if uniform.any():
         for part in quadrature_parts(body):
             stress = uniform * part.weights[:, None, None, None]
@@ -247,7 +258,7 @@ def _uniform_stress(settings: Prestress, d: int) -> Array:
     pairs = [(0, 0), (1, 1), (0, 1)]
     if d == 3:
         pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)]
-    tensor = np.zeros((d, d))
+    tensor = np.zeros((d, d), number_type(settings.stress))
     for value, (a, b) in zip(settings.stress, pairs, strict=True):
         tensor[a, b] = tensor[b, a] = value
     return tensor
@@ -260,7 +271,7 @@ def _load_vector(
     place = f"stiffening.prestress.{kind}.{marker.name}"
     count = 1 if (d, kind) == (2, "moments") else d
     _check_count(values, count, place)
-    full = np.zeros(3)
+    full = np.zeros(3, number_type(values))
     if count == 1:
         full[2] = values[0]
     else:

@@ -110,7 +110,7 @@ def _rounding(stiffness: sp.csr_matrix, vectors: Array) -> Array:
     that size times the unit roundoff.
     """
     sizes = sp.csr_matrix(
-        (np.abs(stiffness.data), stiffness.indices, stiffness.indptr),
+        (np.abs(stiffness.data.real), stiffness.indices, stiffness.indptr),
         shape=stiffness.shape,
     )
     parts = np.abs(vectors)

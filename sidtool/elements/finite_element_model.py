@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from sidtool.formats.base.complex_step import is_nonzero, numbers
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.sid_mass import skew
@@ -74,6 +75,11 @@ def fixed_marker(name: str, node: int, position: Array, ndof: int) -> MarkerRows
     """Return a marker at a position without connection to the body."""
     rows = sp.csr_matrix((3, ndof))
     return MarkerRows(name, node, np.pad(position, (0, 3 - position.size)), rows, rows)
+
+
+def moving_dofs(rows: sp.csr_matrix) -> Indices:
+    """Return the degrees of freedom that rows (k, ndof) depend on."""
+    return np.asarray(rows.indices[is_nonzero(rows.data)], np.int64)
 
 
 def offset_marker(marker: MarkerRows, position: Array) -> MarkerRows:
@@ -272,11 +278,11 @@ class FiniteElementModel:
         rotations of a spatial one.
         """
         n, d = self.positions.shape
-        arms = np.pad(self.positions, ((0, 0), (0, 3 - d))) - np.asarray(origin, float)
-        motion = np.zeros((n, 6, 6))
+        arms = np.pad(self.positions, ((0, 0), (0, 3 - d))) - numbers(origin)
+        motion = np.zeros((n, 6, 6), arms.dtype)
         motion[:] = np.eye(6)
         motion[:, :3, 3:] = -skew(arms)
-        modes = np.zeros((self.ndof, 6))
+        modes = np.zeros((self.ndof, 6), arms.dtype)
         there = self.place_table >= 0
         modes[self.table[there]] = motion[there]
         return modes if d == 3 else modes[:, [0, 1, 5]]
@@ -285,14 +291,15 @@ class FiniteElementModel:
     def directions(self) -> Array:
         """(ndof,) 1, 2, 3 of displacements along x, y, z, and 0 of rotations."""
         axes = 3 if self.positions.shape[1] == 3 else 2
-        return np.abs(self.rigid_body_modes()[:, :axes]) @ np.arange(1.0, axes + 1.0)
+        unit = np.abs(self.rigid_body_modes().real[:, :axes])
+        return unit @ np.arange(1.0, axes + 1.0)
 
     @cached_property
     def dof_positions(self) -> Array:
         """(ndof, d) position of the node of every degree of freedom [m]."""
         there = self.table >= 0
         nodes = np.broadcast_to(np.arange(len(self.table))[:, None], there.shape)
-        positions = np.zeros((self.ndof, self.dimension))
+        positions = np.zeros((self.ndof, self.dimension), self.positions.dtype)
         positions[self.table[there]] = self.positions[nodes[there]]
         return positions
 
@@ -303,16 +310,16 @@ class FiniteElementModel:
         plane body r, of a spatial one those of every S. Rotations are zero.
         """
         n, d = self.positions.shape
-        arms = self.positions - np.asarray(origin, float)[:d]
+        arms = self.positions - numbers(origin)[:d]
         pairs = [(a, b) for a in range(d) for b in range(a, d)]
-        fields = np.zeros((n, d, len(pairs)))
+        fields = np.zeros((n, d, len(pairs)), arms.dtype)
         for column, (a, b) in enumerate(pairs):
             fields[:, a, column] = arms[:, b]
             fields[:, b, column] = arms[:, a]
         if d == 2:
             fields = arms[:, :, None]
         there = self.place_table[:, :d] >= 0
-        motion = np.zeros((self.ndof, fields.shape[2]))
+        motion = np.zeros((self.ndof, fields.shape[2]), arms.dtype)
         motion[self.table[:, :d][there]] = fields[there]
         return motion
 

@@ -35,6 +35,7 @@ from itertools import permutations
 
 import numpy as np
 
+from sidtool.formats.base.complex_step import analytic_norm
 from sidtool.formats.base.taylor import Array
 
 from ..mesh.quadrature_rules import prism_rule, quadrature_rule
@@ -67,7 +68,7 @@ def extrapolation(kind: str, where: Array, *, relieved: bool) -> Array | None:
     fields = np.vstack(
         [_linear_fields(kind, points), _linear_fields(kind, where[None])]
     )
-    return np.asarray(np.linalg.solve(fields[:-1].T, fields[-1]), float)
+    return np.asarray(np.linalg.solve(fields[:-1].T, fields[-1]))
 
 
 def _linear_fields(kind: str, points: Array) -> Array:
@@ -105,7 +106,7 @@ def with_reduced_integration(
 
 def _gradient_integrals(measures: Array, gradients: Array) -> Array:
     """(ne, m, d) of the gradients over each element."""
-    return np.asarray(np.einsum("eg,egmd->emd", measures, gradients), float)
+    return np.asarray(np.einsum("eg,egmd->emd", measures, gradients))
 
 
 #: Elements with optional incompatible modes.
@@ -184,7 +185,7 @@ def internal_slopes(
     slopes = natural @ np.linalg.pinv(element.gradients) @ gradients
     shares = measures / measures.sum(axis=1, keepdims=True)
     means = np.einsum("eg,egkb->ekb", shares, slopes)
-    return np.asarray(slopes - means[:, None], float)
+    return np.asarray(slopes - means[:, None])
 
 
 def _twisting_gradients(points: Array) -> Array:
@@ -202,8 +203,9 @@ def _allowed_amplitudes(jacobians: Array) -> Array:
     """(ne, d^3, r) amplitudes that internal modes may have; Jacobians (ne, d, d)."""
     d = jacobians.shape[-1]
     dual = np.linalg.inv(jacobians)
-    dual /= np.linalg.norm(dual, axis=2, keepdims=True)
-    amplitudes = np.zeros((len(dual), d**3, d * d + d * (d - 1) ** 2))
+    dual /= analytic_norm(dual, axis=2, keepdims=True)
+    count = d * d + d * (d - 1) ** 2
+    amplitudes = np.zeros((len(dual), d**3, count), dual.dtype)
     amplitudes[:, range(d * d), range(d * d)] = 1
     column = d * d
     for k, (_, j) in enumerate(permutations(range(d), 2), d):

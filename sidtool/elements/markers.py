@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import NodeMarker
@@ -60,12 +61,12 @@ def marker_parameters(
         return locate(exact, marker.position)
     if marker.parameters is not None:
         check_length(marker.parameters, k, "parameters")
-        return np.array(marker.parameters)
+        return numbers(marker.parameters)
     assert marker.edge is not None and not isinstance(marker.at, str | None)
     direction, end = edges[marker.edge]
     at = marker.at if isinstance(marker.at, tuple) else (marker.at,)
     check_length(at, k - 1, "at")
-    return np.insert(np.array(at, float), direction, end)
+    return np.insert(numbers(at), direction, end)
 
 
 def check_length(values: tuple[float, ...], count: int, place: str) -> None:
@@ -93,7 +94,7 @@ def rows_at(name: str, node: int, patch: NurbsPatch, where: Array) -> MarkerRows
 
 def _displacement_rows(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
     d = patch.points.shape[1]
-    rows = np.zeros((3, basis.nodes.size, d))
+    rows = np.zeros((3, basis.nodes.size, d), basis.values.dtype)
     rows[range(d), :, range(d)] = basis.values
     return _sparse_matrix(rows, basis.nodes, patch)
 
@@ -120,7 +121,7 @@ def _span_gradient(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
         )
     gradients = basis.gradients @ np.linalg.inv(jacobian)
     d = nodes.shape[1]
-    rows = np.zeros((3, 3, basis.nodes.size, d))
+    rows = np.zeros((3, 3, basis.nodes.size, d), gradients.dtype)
     for axis in range(d):
         rows[axis, :d, :, axis] = gradients.T
     return _sparse_matrix(rows.reshape(9, -1, d), basis.nodes, patch)

@@ -83,7 +83,7 @@ def stress_from_gradient(gradient: Array, law: Array) -> Array:
     )
     each = law.ndim == 3
     stress = np.einsum("pij,p...j->p...i", law, strain) if each else strain @ law.T
-    tensor = np.empty_like(gradient)
+    tensor = np.empty(gradient.shape, stress.dtype)
     for k, (a, b) in enumerate(pairs):
         tensor[..., a, b] = tensor[..., b, a] = stress[..., k]
     return tensor
@@ -92,7 +92,7 @@ def stress_from_gradient(gradient: Array, law: Array) -> Array:
 def stress_components(stress: Array, transverse: float = 0.0) -> Array:
     """Stress tensors (..., d, d) as (..., 6): xx, yy, zz, xy, yz, xz."""
     d = stress.shape[-1]
-    six = np.zeros((*stress.shape[:-2], 6))
+    six = np.zeros((*stress.shape[:-2], 6), stress.dtype)
     for k, (a, b) in enumerate(VOIGT):
         if max(a, b) < d:
             six[..., k] = stress[..., a, b]

@@ -8,13 +8,19 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from sidtool.formats.base.complex_step import number_type, numbers, without_rounding
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile, NodeMarker
 
 from ..mesh.mesh import ElementBlock, Mesh
 from ..mesh.reference_elements import ReferenceElement, reference_element
-from .finite_element_model import FiniteElementModel, MarkerRows, offset_marker
+from .finite_element_model import (
+    FiniteElementModel,
+    MarkerRows,
+    moving_dofs,
+    offset_marker,
+)
 from .locking_remedies import extrapolation, internal_gradients, internal_values
 from .markers import check_length
 from .material_points import Continuum, half_curl
@@ -68,10 +74,9 @@ class MeshPoints:
         """`continua` are the materials of the blocks, for their internal modes."""
         self.mesh = mesh
         self._continua = continua
-        self._size = float(np.ptp(mesh.positions, axis=0).max())
-        self._boxes = [
-            _bounding_boxes(mesh.positions[block.nodes]) for block in mesh.blocks
-        ]
+        positions = mesh.positions.real
+        self._size = float(np.ptp(positions, axis=0).max())
+        self._boxes = [_bounding_boxes(positions[block.nodes]) for block in mesh.blocks]
 
     def rows(self, name: str, node: int, position: ArrayLike) -> MarkerRows:
         """The rows of a marker: displacement there, and half the curl of the
@@ -85,7 +90,7 @@ class MeshPoints:
         ------
         InputError : no element holds the point.
         """
-        target = np.asarray(position, float)
+        target = numbers(position)
         holders = self._holding_elements(target)
         if not holders:
             raise self._outside(target)
@@ -99,7 +104,7 @@ class MeshPoints:
         Facets cut corners of curved faces. A marker outside the mesh keeps its position
         and moves as a rigid arm of the nearest point of the mesh.
         """
-        target = np.asarray(position, float)
+        target = numbers(position)
         holders = self._holding_elements(target)
         if holders:
             return self._rows(name, node, target, holders)
@@ -180,7 +185,7 @@ class MeshPoints:
         """(3, ndof) displacement by the nodes of one element."""
         block, d = self.mesh.blocks[number], self.mesh.dimension
         values, _ = reference_element(block.kind).at(where[None])
-        rows = np.zeros((3, block.nodes.shape[1], d))
+        rows = np.zeros((3, block.nodes.shape[1], d), values.dtype)
         rows[range(d), :, range(d)] = values[0]
         return _sparse_rows(rows, block.nodes[row], self.mesh.positions.size)
 
@@ -188,7 +193,7 @@ class MeshPoints:
         """(3, ndof) displacement by the internal modes of one element."""
         nodes, d = self.mesh.blocks[number].nodes[row], self.mesh.dimension
         values = internal_values(self.mesh.blocks[number].kind, where[None])[0]
-        rows = np.zeros((3, len(nodes), d))
+        rows = np.zeros((3, len(nodes), d), number_type(self.mesh.positions, where))
         if (
             self._has_incompatible_modes(number)
             and np.abs(values).max() > _PARAMETER_TOLERANCE
@@ -262,7 +267,7 @@ def _gradient_rows(slopes: Array, inside: tuple[Array, Array] | None) -> Array:
     inside : (k, d) slopes of internal modes, and (k, d, m, d) what these are
     """
     m, d = slopes.shape
-    rows = np.zeros((3, 3, m, d))
+    rows = np.zeros((3, 3, m, d), number_type(slopes, *(inside or ())))
     for axis in range(d):
         rows[axis, :d, :, axis] = slopes.T
     if inside is not None:
@@ -297,7 +302,7 @@ def _invert_map(
 def _sparse_rows(rows: Array, nodes: Indices, ndof: int) -> sp.csr_matrix:
     """(k, m, d) coefficients at some nodes as (k, ndof)."""
     k, _, d = rows.shape
-    rows = np.where(np.abs(rows) < 1e-12 * np.abs(rows).max(), 0.0, rows)
+    rows = without_rounding(rows, 1e-12 * np.abs(rows).max())
     columns = (nodes[:, None] * d + np.arange(d)).ravel()
     index = (np.repeat(np.arange(k), columns.size), np.tile(columns, k))
     matrix = sp.csr_matrix((rows.ravel(), index), shape=(k, ndof))
@@ -325,6 +330,6 @@ def markers_as_nodes(body: FiniteElementModel, model: ModelFile) -> FiniteElemen
 
 def _as_nodal_marker(marker: MarkerRows, held: list[NDArray[np.bool_]]) -> MarkerRows:
     nodal = marker.nodal
-    if nodal is None or not any(dofs[nodal.indices].all() for dofs in held):
+    if nodal is None or not any(dofs[moving_dofs(nodal)].all() for dofs in held):
         return marker
     return replace(marker, displacement=nodal, nodal=None)

@@ -87,7 +87,7 @@ def _determinants(matrices: Array) -> Array:
     columns = np.moveaxis(matrices, (-2, -1), (1, 0))
     if matrices.shape[-1] == 2:
         (a, c), (b, d) = columns
-        return np.asarray(a * d - b * c, float)
+        return np.asarray(a * d - b * c)
     first, second, third = columns
     return np.asarray(
         sum(first[i] * x for i, x in enumerate(_cross_product(second, third)))
@@ -135,6 +135,7 @@ def check_orientation(
     ------
     InputError : one is not.
     """
+    determinants, corners = np.real(determinants), np.real(corners)
     scale = np.abs(determinants).max()
     bad = np.flatnonzero((determinants <= floor * scale).any(axis=1))
     if bad.size:
@@ -192,7 +193,7 @@ def strain_matrix(gradients: Array) -> Array:
     """
     *lead, m, d = gradients.shape
     pairs = _strain_axes(d)
-    b = np.zeros((*lead, len(pairs), m, d))
+    b = np.zeros((*lead, len(pairs), m, d), gradients.dtype)
     for row, (i, j) in enumerate(pairs):
         b[..., row, :, i] = gradients[..., j]
         b[..., row, :, j] = gradients[..., i]
@@ -259,7 +260,7 @@ def _elasticity_tensor(law: Array, d: int) -> Array:
     for row, (i, j) in enumerate(_strain_axes(d)):
         numbers[i, j] = numbers[j, i] = row
     tensor = law[numbers[:, :, None, None], numbers]
-    return np.asarray(tensor.transpose(1, 3, 0, 2).reshape(d * d, d * d), float)
+    return np.asarray(tensor.transpose(1, 3, 0, 2).reshape(d * d, d * d))
 
 
 def element_mass(batch: ElementBatch, density: float) -> Array:

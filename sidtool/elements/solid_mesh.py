@@ -221,7 +221,7 @@ class InternalInertia:
 
     def fields(self, vectors: Array, dimension: int) -> Array:
         """(k, d, q) amplitudes of displacements (d n, q)."""
-        return np.asarray(self.amplitudes @ vectors, float).reshape(
+        return np.asarray(self.amplitudes @ vectors).reshape(
             -1, dimension, vectors.shape[1]
         )
 
@@ -307,7 +307,7 @@ class _ElementGroup:
         coupled = (self.mixed @ flat).reshape(ne, m * d, m * d)
         moved = (self.own @ flat).reshape(self.amplitudes.shape)
         square = np.swapaxes(self.amplitudes, 1, 2) @ moved
-        return np.asarray(coupled + np.swapaxes(coupled, 1, 2) + square, float)
+        return np.asarray(coupled + np.swapaxes(coupled, 1, 2) + square)
 
     def entries(self, d: int) -> tuple[_Entries, _Entries, _Entries]:
         """Values, rows and columns of amplitudes, mixed and own."""

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.taylor import Array
 
 Indices = NDArray[np.int64]
@@ -40,16 +41,16 @@ def local_basis(knots: Array, degree: int, points: ArrayLike) -> LocalBasis:
     knots : open knot vector
     points : (npoints,) inside the range of the knots
     """
-    x = np.asarray(points, float)[:, None]
+    x = numbers(points)[:, None]
     last = len(knots) - degree - 2
-    span = np.searchsorted(knots, x[:, 0], side="right") - 1
+    span = np.searchsorted(knots, x[:, 0].real, side="right") - 1
     span = np.clip(span, degree, last)[:, None]
     values = derivatives = np.ones((len(x), 1))
     for p in range(1, degree + 1):
         start = span + np.arange(1 - p, 1)
         left, right = knots[start], knots[start + p]
         share = values / (right - left)
-        values, derivatives = np.zeros((2, len(x), p + 1))
+        values, derivatives = np.zeros((2, len(x), p + 1), x.dtype)
         values[:, 1:] += (x - left) * share
         values[:, :-1] += (right - x) * share
         derivatives[:, 1:] += p * share

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
@@ -195,9 +196,11 @@ def close_gaps(
     patches: Mapping[str, NurbsPatch], topology: Topology, tolerance: float
 ) -> dict[str, NurbsPatch]:
     """The patches with the control points of their seams in the middle of the gap."""
-    numbering = number_control_points(patches, topology, tolerance)
+    real = {name: patch.real for name, patch in patches.items()}
+    numbering = number_control_points(real, topology, tolerance)
     d = next(iter(patches.values())).points.shape[1]
-    total, count = np.zeros((numbering.count, d)), np.zeros(numbering.count)
+    kind = number_type(*(patch.points for patch in patches.values()))
+    total, count = np.zeros((numbering.count, d), kind), np.zeros(numbering.count)
     for name, patch in patches.items():
         np.add.at(total, numbering.numbers[name], patch.points)
         np.add.at(count, numbering.numbers[name], 1)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import splu
 
+from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
@@ -50,10 +51,10 @@ class NurbsPatch:
     weights: Array
 
     def __post_init__(self) -> None:
-        if self.weights.min() <= _MIN_WEIGHT_RATIO * self.weights.max():
+        sizes = self.weights.real
+        if sizes.min() <= _MIN_WEIGHT_RATIO * sizes.max():
             raise InputError(
-                f"weights range from {self.weights.min():.3g} to "
-                f"{self.weights.max():.3g}",
+                f"weights range from {sizes.min():.3g} to {sizes.max():.3g}",
                 place="weights",
                 expected="positive weights of like size",
             )
@@ -64,6 +65,14 @@ class NurbsPatch:
         return self.weights.shape
 
     @property
+    def real(self) -> NurbsPatch:
+        """The patch without imaginary steps, for decisions."""
+        if np.isrealobj(self.control_points) and np.isrealobj(self.weights):
+            return self
+        points, weights = self.control_points.real, self.weights.real
+        return replace(self, control_points=points, weights=weights)
+
+    @property
     def points(self) -> Array:
         """(n, d) control points, the last parametric direction running fastest."""
         return self.control_points.reshape(-1, self.control_points.shape[-1])
@@ -71,7 +80,7 @@ class NurbsPatch:
 
 def patch_from_model(geometry: NurbsGeometry | VolumeGeometry) -> NurbsPatch:
     """The patch of a model file, its parameters scaled to [0, 1]."""
-    points = np.array(geometry.control_points, float)
+    points = numbers(geometry.control_points)
     weights = geometry.weights
     return NurbsPatch(
         degrees=geometry.degrees,

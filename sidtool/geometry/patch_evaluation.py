@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
@@ -28,16 +29,16 @@ def locate(patch: NurbsPatch, position: ArrayLike) -> Array:
     ------
     InputError : the position lies outside the patch; the nearest point is named.
     """
-    target = np.asarray(position, float)
+    target = numbers(position)
     parameters, nearest = nearest_parameters(patch, target[None])
-    size = float(np.ptp(patch.points, axis=0).max())
+    size = float(np.ptp(patch.real.points, axis=0).max())
     if np.linalg.norm(nearest[0] - target) > _TOLERANCE * size:
         place, near = (", ".join(f"{x:.6g}" for x in p) for p in (target, nearest[0]))
         raise InputError(
             f"({place}) lies outside the geometry",
             expected=f"a point of the body; near by is ({near})",
         )
-    return np.asarray(parameters[0], float)
+    return np.asarray(parameters[0])
 
 
 def may_be_inside(patch: NurbsPatch, points: Array) -> NDArray[np.bool_]:

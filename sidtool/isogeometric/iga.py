@@ -66,7 +66,7 @@ def patch_continuum(
         raise InputError(
             "is missing", place="geometry.thickness", expected="that of plane patches"
         )
-    points = quadrature_points(exact, patch)
+    points = quadrature_points(exact.real, patch.real)
     batches = partial(knot_span_batches, patch, points)
     state = settings.state if plane else "solid"
     return make_continuum(batches, material, state, thickness)

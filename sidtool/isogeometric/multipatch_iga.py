@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import diagnose
@@ -194,12 +195,14 @@ class _JoinedPatches:
 def _join_patches(
     model: ModelFile, patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9
 ) -> _JoinedPatches:
-    check_overlaps(patches)
-    topology = find_topology(patches, tolerance)
-    ties = weak_ties(patches, topology, tolerance)
+    real = {name: patch.real for name, patch in patches.items()}
+    check_overlaps(real)
+    topology = find_topology(real, tolerance)
+    ties = weak_ties(real, topology, tolerance)
     exact = close_gaps(patches, topology, tolerance)
     fine = {name: refine_for_model(model, patch) for name, patch in exact.items()}
-    numbering = number_control_points(fine, topology)
+    real = {name: patch.real for name, patch in fine.items()}
+    numbering = number_control_points(real, topology)
     check_connected(numbering, ties)
     return _JoinedPatches(exact, fine, numbering, ties)
 
@@ -219,7 +222,7 @@ def _joined_body(
     d = len(next(iter(fine.values())).degrees)
     n = numbering.count
     mass, stiffness = sp.csr_matrix((n, n)), sp.csr_matrix((d * n, d * n))
-    positions = np.zeros((n, d))
+    positions = np.zeros((n, d), number_type(*(p.points for p in fine.values())))
     for name, patch in fine.items():
         m, k = patch_matrices(model, exact[name], patch)
         once, spread = _gather_matrix(numbering, name, d)

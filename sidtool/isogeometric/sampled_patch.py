@@ -64,9 +64,9 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
     check_volumetric_locking("quad4", material, settings.state, relieved)
     exact = patch_from_model(geometry)
     grid = sampled_patch(exact, settings.elements)
-    numbering = grid_numbers(exact, grid)
+    numbering = grid_numbers(exact.real, grid.real)
     numbers = numbering.numbers["geometry"]
-    positions = np.zeros((numbering.count, 2))
+    positions = np.zeros((numbering.count, 2), grid.points.dtype)
     positions[numbers] = grid.points
     thickness, quads = geometry.thickness, numbers[grid_quadrilaterals(grid.shape)]
     continuum = make_continuum(
@@ -238,7 +238,7 @@ def sampled_volume(
     fine = tuple(2 * n for n in elements) if quadratic else elements
     index = _grid_index(elements, 2 if quadratic else 1)[cells]
     grid = sampled_patch(patch, fine)
-    numbering = grid_numbers(patch, grid, same_sense=simplices)
+    numbering = grid_numbers(patch.real, grid.real, same_sense=simplices)
     numbers = numbering.numbers["geometry"]
     if quadratic:
         pairs = np.array(edge_nodes(kind))
@@ -250,7 +250,7 @@ def sampled_volume(
         corner = np.sort(flat[:, :4], axis=1)
         flat = flat[(np.diff(corner, axis=1) > 0).all(axis=1)]
     used, nodes = np.unique(flat, return_inverse=True)
-    positions = np.zeros((numbering.count, 3))
+    positions = np.zeros((numbering.count, 3), grid.points.dtype)
     positions[numbers] = grid.points
     block = ElementBlock(kind, nodes.reshape(flat.shape), np.arange(1, len(flat) + 1))
     sets = {

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import null_space_with_step
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import NamedStages, count_within, report_stage
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
@@ -24,14 +25,19 @@ from sidtool.formats.toml.files import locate_errors
 from ..conversion.element_accuracy import element_notes
 from ..conversion.geometric_stiffness import add_geometric_stiffening
 from ..conversion.inertia_integrals import body_inertia
-from ..conversion.prestress import add_prestress, check_prestress
+from ..conversion.prestress import InitialStress, add_prestress, check_prestress
 from ..conversion.stress_recovery import add_stress_recovery, check_stress
 from ..discretisation.registry import finite_element_model
 from ..eigensolvers.factorisation import expected_gigabytes
 from ..eigensolvers.slepc import use_engine
-from ..elements.finite_element_model import FiniteElementModel, MarkerRows
+from ..elements.finite_element_model import (
+    FiniteElementModel,
+    MarkerRows,
+    moving_dofs,
+)
 from ..elements.mass_properties import geometry_mass_notes
 from ..field.body_field import body_field
+from ..reduction.admissible_space import AdmissibleSpace
 from ..reduction.basis_error import assess_basis, held_marker_note
 from ..reduction.body_frames import FRAMES, Frame, clamped_dofs
 from ..reduction.methods import REDUCTIONS, ReducedBasis
@@ -170,25 +176,9 @@ def _convert(
         held = clamped_dofs(body, frame, model.reduction.fixed_names)
     found += point_marker_note(body, held)
     basis = replace(basis, space=None)
-    stiffening, initial = model.stiffening, None
-    if stiffening and stiffening.prestress:
-        begin("prestress")
-        initial = add_prestress(
-            body, frame, basis, stiffening.prestress, stiffening, model.frame
-        )
-        basis = initial.basis
-    begin("integrating the inertia")
-    sid = assembled_sid(body, frame, basis, model.damping, title=model.title, held=held)
+    sid, basis, initial = sid_of_basis(model, body, frame, basis, held, begin=begin)
     compliance_shares = None if quality is None else quality.carried
-    sid = replace(sid, carried=compliance_shares, from_matrices=model.comes_as_matrices)
-    if initial is not None:
-        sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
-    if stiffening:
-        begin("geometric stiffening")
-        sid = add_geometric_stiffening(sid, body, frame, basis, stiffening)
-    if model.stress:
-        begin("stress")
-        sid = add_stress_recovery(sid, body, frame, basis, model.stress, initial)
+    sid = replace(sid, carried=compliance_shares)
     found += body_warnings(sid)
     kept = without(found, model.diagnostics.ignore)
     sid = replace(sid, diagnostics=kept)
@@ -196,6 +186,49 @@ def _convert(
         return sid, None
     begin("evaluating the full field")
     return sid, body_field(sid, body, frame, basis, initial)
+
+
+def sid_of_basis(
+    model: ModelFile,
+    body: FiniteElementModel,
+    frame: Frame,
+    basis: ReducedBasis,
+    held: NDArray[np.bool_],
+    *,
+    begin: Callable[[str], None] = lambda _: None,
+    loaded: AdmissibleSpace | None = None,
+) -> tuple[SID, ReducedBasis, InitialStress | None]:
+    """Assemble the SID of a reduced body with prestress, stiffening and stress.
+
+    Parameters
+    ----------
+    held : (ndof,) mask of the degrees of freedom that are clamped in the frame
+    begin : called with the name of every stage at its start
+    loaded : space in which loads deform the body, by default that of its frame
+
+    Returns
+    -------
+    the SID, the shape functions of the prestressed body, and its initial stress
+    """
+    stiffening, initial = model.stiffening, None
+    if stiffening and stiffening.prestress:
+        begin("prestress")
+        initial = add_prestress(
+            body, frame, basis, stiffening.prestress, stiffening, model.frame, loaded
+        )
+        basis = initial.basis
+    begin("integrating the inertia")
+    sid = assembled_sid(body, frame, basis, model.damping, title=model.title, held=held)
+    sid = replace(sid, from_matrices=model.comes_as_matrices)
+    if initial is not None:
+        sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
+    if stiffening:
+        begin("geometric stiffening")
+        sid = add_geometric_stiffening(sid, body, frame, basis, stiffening, loaded)
+    if model.stress:
+        begin("stress")
+        sid = add_stress_recovery(sid, body, frame, basis, model.stress, initial)
+    return sid, basis, initial
 
 
 def _check_requested_outputs(
@@ -278,14 +311,16 @@ def _free_rotations(
     although the edge itself cannot rotate. Markers with rotational degrees of freedom
     (beams, ties) keep all rotations.
     """
-    if marker.gradient is None or not held[marker.displacement.indices].all():
+    moving = moving_dofs(marker.displacement)
+    if marker.gradient is None or not held[moving].all():
         return np.eye(3)
-    dofs = np.union1d(marker.displacement.indices, marker.gradient.indices)
+    dofs = np.union1d(moving, moving_dofs(marker.gradient))
     around = np.isin(body.table, dofs).any(axis=1)
     clamped = (held[body.table] | (body.table < 0)).all(axis=1)
-    arms = np.zeros(((around & clamped).sum(), 3))
+    arms = np.zeros(((around & clamped).sum(), 3), body.positions.dtype)
     arms[:, : body.dimension] = body.positions[around & clamped]
     crossed = skew(arms - marker.position).reshape(-1, 3)
-    sizes, turns = np.linalg.eigh(crossed.T @ crossed)
+    sizes, turns = np.linalg.eigh(crossed.real.T @ crossed.real)
     free = turns[:, sizes <= _ON_A_LINE * sizes[-1]]
-    return free @ free.T
+    free = null_space_with_step(crossed, free)
+    return np.asarray(free @ np.linalg.solve(free.T @ free, free.T))

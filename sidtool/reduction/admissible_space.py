@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
+from sidtool.formats.base.complex_step import null_space_with_step
 from sidtool.formats.base.errors import InputError, TooManyModes
 from sidtool.formats.base.extremes import first_largest
 from sidtool.formats.base.taylor import Array
@@ -251,36 +253,64 @@ def constrained_space(
     ------
     InputError : no displacement is left, or a rigid piece is fixed in part.
     """
-    known = {marker.name for marker in model.markers}
-    held = clamped_dofs(model, frame, fixed)
+    space = space_without_conditions(model, clamped_dofs(model, frame, fixed), frame)
+    rows = support_rows(model, frame, fixed)
+    return space if rows is None else space.with_constraints(rows)
+
+
+def space_without_conditions(
+    model: FiniteElementModel, held: NDArray[np.bool_], frame: Frame
+) -> AdmissibleSpace:
+    """Return the space of displacements with clamped degrees of freedom and ties.
+
+    Raises
+    ------
+    InputError : no displacement is left, or a rigid piece is fixed in part.
+    """
+    parts = reduced_matrices(model, held, frame)
+    places = _coordinate_positions(model, parts["transform"])
+    shift = free_body_shift(
+        model.stiffness, model.mass, model.positions, model.place_table
+    )
+    factors = PinnedFactors(parts["stiffness"], parts["rigid"], places)
+    return AdmissibleSpace(**parts, shift=shift, places=places, factors=factors)
+
+
+def reduced_matrices(
+    model: FiniteElementModel, held: NDArray[np.bool_], frame: Frame
+) -> dict[str, Any]:
+    """Return transformation, matrices and rigid motions of a space without conditions.
+
+    Raises
+    ------
+    InputError : no displacement is left, or a rigid piece is fixed in part.
+    """
     transform = _free_coordinates(model, held)
     stiffness = sp.csr_matrix(transform.T @ model.stiffness @ transform)
-    mass = sp.csr_matrix(transform.T @ model.mass @ transform)
     if stiffness.shape[0] == 0:
         raise InputError("nothing is left that could move", place="reduction.fix")
     whole = model.rigid_body_modes(frame.origin)
-    rigid = _coordinates_of(
-        transform, whole @ _null_and_range(whole[held], np.abs(whole).max(axis=0))[0]
-    )
-    places = _coordinate_positions(model, transform)
-    space = AdmissibleSpace(
-        transform=transform,
-        stiffness=stiffness,
-        mass=mass,
-        constraints=np.zeros((0, stiffness.shape[0])),
-        rigid=rigid,
-        constrained_rigid_motions=np.zeros((stiffness.shape[0], 0)),
-        shift=free_body_shift(
-            model.stiffness, model.mass, model.positions, model.place_table
-        ),
-        places=places,
-        directions=model.directions,
-        factors=PinnedFactors(stiffness, rigid, places),
-    )
+    free, _ = _null_and_range(whole[held], np.abs(whole).max(axis=0))
+    return {
+        "transform": transform,
+        "stiffness": stiffness,
+        "mass": sp.csr_matrix(transform.T @ model.mass @ transform),
+        "constraints": np.zeros((0, stiffness.shape[0])),
+        "rigid": coordinates_of(transform, whole @ free),
+        "constrained_rigid_motions": np.zeros((stiffness.shape[0], 0)),
+        "directions": model.directions,
+    }
+
+
+def support_rows(
+    model: FiniteElementModel, frame: Frame, fixed: tuple[str, ...]
+) -> Array | None:
+    """Return the conditions (k, ndof) of fixed markers and of the frame, if any."""
+    known = {marker.name for marker in model.markers}
     markers = [motion_rows(model, model.marker(n)) for n in fixed if n in known]
     if frame.supports and frame.rows is not None and not fixed:
         markers.append(frame.rows)
-    return space.with_constraints(np.vstack(markers)) if markers else space
+    return np.vstack(markers) if markers else None
 
 
 def _free_coordinates(
@@ -302,9 +332,9 @@ def _free_coordinates(
                 expected="rigid pieces apart from each other and from what is clamped",
             )
         free[dofs] = False
-        motion = np.zeros((model.ndof, 3 if model.dimension == 2 else 6))
-        centre = model.marker(name).position
-        motion[dofs] = model.rigid_body_modes(centre)[dofs]
+        rigid = model.rigid_body_modes(model.marker(name).position)
+        motion = np.zeros_like(rigid)
+        motion[dofs] = rigid[dofs]
         columns.append(sp.csr_matrix(motion))
     numbers = np.flatnonzero(free)
     entries = (np.ones(numbers.size), (numbers, np.arange(numbers.size)))
@@ -327,7 +357,8 @@ def _coordinate_positions(model: FiniteElementModel, transform: sp.csr_matrix) -
     return (moved.T @ model.dof_positions) / (moved.T @ np.ones((model.ndof, 1)))
 
 
-def _coordinates_of(transform: sp.csr_matrix, displacements: Array) -> Array:
+def coordinates_of(transform: sp.csr_matrix, displacements: Array) -> Array:
+    """Return the coordinates y of admissible displacements (ndof, n)."""
     if displacements.shape[1] == 0:
         return np.zeros((transform.shape[1], 0))
     gram = sp.csc_matrix(transform.T @ transform)
@@ -344,6 +375,9 @@ def _null_and_range(rows: Array, largest: Array) -> tuple[Array, Array]:
     largest : (n,) possible size of the columns; values far below are rounding
     """
     n = rows.shape[1]
+    if np.iscomplexobj(rows):
+        null, others = _null_and_range(rows.real, largest)
+        return null_space_with_step(rows, null), others
     sizes = np.abs(rows).max(axis=0, initial=0.0)
     felt = sizes > _NO_MOTION * largest
     rows = np.where(felt, rows, 0.0)
@@ -365,7 +399,7 @@ def independent_rows(rows: Array) -> Array:
         size = np.linalg.norm(row)
         if size == 0:
             continue
-        rest = row / size
+        rest = row.real / size
         for _ in range(2):
             rest = rest - basis.T @ (basis @ rest)
         if np.linalg.norm(rest) > _NO_MOTION:

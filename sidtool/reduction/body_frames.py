@@ -10,12 +10,18 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import analytic_norm
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import first_largest
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.reduction import BuckensFrame, ChordFrame, TangentFrame
 
-from ..elements.finite_element_model import FiniteElementModel, Indices, MarkerRows
+from ..elements.finite_element_model import (
+    FiniteElementModel,
+    Indices,
+    MarkerRows,
+    moving_dofs,
+)
 
 #: Conditions fix a frame if no rigid motion satisfies them: smallest relative singular
 #: value that counts as non-zero.
@@ -62,7 +68,7 @@ def tangent_frame(model: FiniteElementModel, settings: TangentFrame) -> Frame:
     held = held_dofs(model, settings.clamped_edges, "frame.clamp")
     if not settings.clamped_edges:
         return _frame_conditions(model, marker.position, motion_rows(model, marker))
-    if not held[marker.displacement.indices].all():
+    if not held[moving_dofs(marker.displacement)].all():
         edges = " and ".join(settings.clamped_edges)
         raise InputError(
             f"marker {settings.marker} is not on the clamped edge {edges}",
@@ -82,8 +88,8 @@ def chord_frame(model: FiniteElementModel, settings: ChordFrame) -> Frame:
     """
     first, second = (model.marker(name) for name in settings.markers)
     chord = second.position - first.position
-    length = np.linalg.norm(chord)
-    if length <= 1e-9 * np.ptp(model.positions, axis=0).max():
+    length = analytic_norm(chord)
+    if length.real <= 1e-9 * np.ptp(model.positions.real, axis=0).max():
         raise InputError(
             f"{first.name} and {second.name} are at the same place",
             place="frame.markers",
@@ -107,9 +113,9 @@ def perpendicular_directions(direction: Array, dimension: int) -> Array:
     """(1 or 2, 3) orthonormal directions across a unit vector."""
     if dimension == 2:
         return np.array([[-direction[1], direction[0], 0.0]])
-    helper = np.eye(3)[first_largest(1.0 - np.abs(direction))]
+    helper = np.eye(3)[first_largest(1.0 - np.abs(direction.real))]
     first = np.cross(direction, helper)
-    first = first / np.linalg.norm(first)
+    first = first / analytic_norm(first)
     return np.stack([first, np.cross(direction, first)])
 
 
@@ -130,7 +136,7 @@ def mass_and_centre(model: FiniteElementModel) -> tuple[float, Array]:
     rigid = model.rigid_body_modes()
     gram = rigid.T @ (model.mass @ rigid)
     d = model.dimension
-    mass = float(gram[0, 0])
+    mass = gram[0, 0].item()
     if d == 2:
         return mass, np.array([gram[1, 2], -gram[0, 2], 0.0]) / mass
     return mass, np.array([gram[1, 5], gram[2, 3], gram[0, 4]]) / mass
@@ -216,7 +222,7 @@ def clamped_dofs(
 
 
 def _frame_conditions(model: FiniteElementModel, origin: Array, rows: Array) -> Frame:
-    scaled = rows @ model.rigid_body_modes(origin)
+    scaled = (rows @ model.rigid_body_modes(origin)).real
     scaled = scaled / np.maximum(np.abs(scaled).max(axis=0), 1e-300)
     sizes = np.linalg.svd(scaled, compute_uv=False)
     count = 3 if model.dimension == 2 else 6

@@ -22,6 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from sidtool.formats.base.complex_step import without_rounding
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.reduction import (
@@ -34,6 +35,7 @@ from sidtool.formats.model.reduction import (
 )
 from sidtool.formats.storage.hdf5_files import check_own_data, check_size
 
+from ..eigensolvers.eigenpair_derivatives import modal_stiffness
 from ..elements.finite_element_model import FiniteElementModel
 from .admissible_space import AdmissibleSpace, constrained_space
 from .body_frames import Frame, clamped_dofs, motion_names, motion_rows
@@ -188,7 +190,7 @@ def modal_truncation(
         )
     return ReducedBasis(
         shapes=orient_shapes(shapes, model),
-        stiffness=np.diag(values),
+        stiffness=modal_stiffness(model.stiffness, values, shapes),
         labels=tuple(
             f"Eigen Mode{i:5d} :{f:13.3f} Hz" for i, f in enumerate(to_hertz(values), 1)
         ),
@@ -336,8 +338,8 @@ def _without_rounding(model: FiniteElementModel, fields: Array) -> Array:
     thin bar along x has coordinates y of 1e-17 m; responses to them would look like
     others.
     """
-    size = np.ptp(model.positions, axis=0).max()
-    return np.where(np.abs(fields) > _ROUNDING * size, fields, 0.0)
+    size = np.ptp(model.positions.real, axis=0).max()
+    return without_rounding(fields, _ROUNDING * size)
 
 
 def _static_answers(

@@ -7,14 +7,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import EQUAL, first_largest
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
+from ..eigensolvers.eigenpair_derivatives import modal_stiffness, symmetric_eigenpairs
 from ..eigensolvers.eigenpairs import equal_frequencies, rotation_to_axes
 from ..elements.finite_element_model import FiniteElementModel
 from .body_frames import Frame
@@ -103,16 +104,17 @@ def orthonormal_basis(
             expected="shape functions other than rigid motions",
         )
     small = basis.T @ (model.stiffness @ basis)
-    values, mixing = scipy.linalg.eigh((small + small.T) / 2)
+    values, mixing = symmetric_eigenpairs((small + small.T) / 2)
     shapes = basis @ mixing
-    groups = equal_frequencies(values, shapes, model.stiffness)
-    turns = rotation_to_axes(groups, shapes, model.directions)
+    groups = equal_frequencies(values.real, shapes.real, model.stiffness)
+    turns = rotation_to_axes(groups, shapes.real, model.directions)
     mixing, shapes = mixing @ turns, shapes @ turns
     origin = np.array([kinds[i] for i in selected])
-    shares = {kind: (mixing[origin == kind] ** 2).sum(axis=0) for kind in set(kinds)}
+    amounts = mixing.real**2
+    shares = {kind: amounts[origin == kind].sum(axis=0) for kind in set(kinds)}
     return ReducedBasis(
         shapes=orient_shapes(shapes, model),
-        stiffness=np.diag(values),
+        stiffness=modal_stiffness(small, values, mixing),
         labels=tuple(
             f"{title}{i:5d} :{f:13.3f} Hz{_share_text(shares, i - 1)}"
             for i, f in enumerate(to_hertz(values), 1)
@@ -124,7 +126,7 @@ def orthonormal_basis(
 
 def to_hertz(eigenvalues: Array) -> Array:
     """Squared circular frequencies as frequencies [Hz]."""
-    return np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
+    return np.sqrt(np.maximum(eigenvalues.real, 0.0)) / (2 * np.pi)
 
 
 def orient_shapes(shapes: Array, model: FiniteElementModel) -> Array:
@@ -136,7 +138,7 @@ def orient_shapes(shapes: Array, model: FiniteElementModel) -> Array:
     component of all. Of components that are as large but for rounding the first one
     counts, which is the same place on finer meshes.
     """
-    signs = [_shape_sign(shape, model) for shape in shapes.T]
+    signs = [_shape_sign(shape, model) for shape in shapes.real.T]
     return shapes * signs
 
 
@@ -145,7 +147,7 @@ def _shape_sign(shape: Array, model: FiniteElementModel) -> float:
     rows = [marker.displacement for marker in reversed(model.markers)]
     if (model.table[:, 3:] >= 0).any():  # otherwise rotations are gradients of a mesh
         rows += [marker.rotation for marker in model.markers]
-    components = (row @ shape for row in rows)
+    components = ((row @ shape).real for row in rows)
     motion = next((m for m in components if np.abs(m).max() > visible), shape)
     return np.sign(motion[first_largest(np.abs(motion))])
 
@@ -169,7 +171,8 @@ def _orthonormalise(
     sizes : (n,) reference size for the independent part of each column
     """
     count = shapes.shape[1]
-    basis, momenta = np.zeros((len(shapes), count)), np.zeros((len(shapes), count))
+    basis = np.zeros((len(shapes), count), number_type(shapes, model.mass))
+    momenta = np.zeros_like(basis)
     selected: list[int] = []
     for i in range(count):
         rest = shapes[:, i]
@@ -177,8 +180,9 @@ def _orthonormalise(
         for _ in range(2):
             rest = rest - basis[:, :k] @ (momenta[:, :k].T @ rest)
         momentum = model.mass @ rest
-        size = np.sqrt(max(rest @ momentum, 0.0))
-        if size > DEPENDENCE_TOLERANCE * sizes[i]:
+        square = rest @ momentum
+        size = np.sqrt(square if square.real > 0.0 else 0.0)
+        if size.real > DEPENDENCE_TOLERANCE * sizes[i].real:
             basis[:, k], momenta[:, k] = rest / size, momentum / size
             selected.append(i)
     return basis[:, : len(selected)], selected

@@ -1,0 +1,185 @@
+"""Derivatives of the SID of a model by its design variables.
+
+The model is discretised with an imaginary step in the variable, and the functions of a
+conversion then carry the step through frame, reduction and SID. Shape functions keep
+their sign and normalisation, so that SID + e dSID is the SID of the model with the
+variable changed by a small e. Modes of one frequency are differentiated as a subspace,
+in which case Ke + e dKe is not diagonal: it holds the frequencies of the changed model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import NODE_SHAPES, SID, Taylor
+from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.toml.files import locate_errors
+
+from ..discretisation.registry import finite_element_model
+from ..elements.finite_element_model import FiniteElementModel
+from ..pipeline.model_to_sid import sid_of_basis
+from ..reduction.admissible_space import AdmissibleSpace
+from ..reduction.body_frames import FRAMES, Frame, clamped_dofs
+from ..reduction.complex_step_space import NominalSpaces, complex_step_space
+from ..reduction.methods import REDUCTIONS, ReducedBasis
+from .design_variables import DesignVariable, VariableLike, design_variable
+
+#: Geometries that other programs discretise, or whose matrices are all there is.
+_NOT_OWN = "an own discretisation; matrices and CalculiX elements have no derivatives"
+
+
+@dataclass(frozen=True, eq=False)
+class SidDerivatives(Mapping[str, SID]):
+    """The SID of a model, and its derivatives by the names of design variables.
+
+    ``derivatives["thickness"].Ke.m0`` is the derivative of `sid.Ke.m0`; mass, blocks
+    and nodes are all derivatives, labels those of the SID.
+
+    Attributes
+    ----------
+    sid : of the model, as `convert` returns it
+    variables : name -> value in the model
+    """
+
+    sid: SID
+    variables: Mapping[str, float]
+    derivatives: Mapping[str, SID]
+
+    def __getitem__(self, name: str) -> SID:
+        return self.derivatives[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.derivatives)
+
+    def __len__(self) -> int:
+        return len(self.derivatives)
+
+    def neighbour(self, changes: Mapping[str, float]) -> SID:
+        """Return SID + sum of derivatives times changes of the variables."""
+        sid = self.sid
+        for name, amount in changes.items():
+            sid = _combined(sid, self.derivatives[name], amount)
+        return sid
+
+
+def sid_derivatives(
+    model: ModelFile | str | Path, variables: Sequence[VariableLike]
+) -> SidDerivatives:
+    """Return the SID of a model and the derivative of each block by design variables.
+
+    Parameters
+    ----------
+    model : a model, or the path of a model file
+    variables : keys of numbers of the model, as "material.youngs_modulus" or
+        "geometry.control_points[1][0][1]", parameters, and `ShapeVariable`
+
+    Raises
+    ------
+    InputError : there is no such number, it changes the structure of the model, or the
+        model is discretised by another program.
+    """
+    content = model if isinstance(model, ModelFile) else read_model(model)
+    with locate_errors(content):
+        body = DifferentiableBody(content)
+        found = [design_variable(content, variable) for variable in variables]
+        derivatives = {one.name: body.derivative(one) for one in found}
+        values = {one.name: one.value for one in found}
+        return SidDerivatives(body.sid, values, derivatives)
+
+
+class DifferentiableBody:
+    """A model, discretised and reduced once for the derivatives by all variables."""
+
+    def __init__(self, model: ModelFile) -> None:
+        if model.comes_as_matrices:
+            raise InputError("has no derivatives", place="geometry", expected=_NOT_OWN)
+        self.model = model
+        body = finite_element_model(model)
+        frame = FRAMES[model.frame.type](body, model.frame)
+        self._spaces = NominalSpaces(body, frame)
+        self._fixed = getattr(model.reduction, "fixed_names", ())
+        space = self._spaces.constrained(self._fixed)
+        loaded = self._spaces.constrained(()) if model.stiffening else None
+        self.sid, self.basis = _converted(model, body, frame, space, loaded)
+
+    def derivative(self, variable: DesignVariable) -> SID:
+        """Return the derivative of every block by a variable, in the form of a SID."""
+        model = variable.with_imaginary_step(self.model)
+        body = finite_element_model(model)
+        frame = FRAMES[model.frame.type](body, model.frame)
+        space = complex_step_space(body, frame, self._fixed, self._spaces)
+        loaded = None
+        if model.stiffening:
+            loaded = complex_step_space(body, frame, (), self._spaces)
+        sid, _ = _converted(model, body, frame, space, loaded)
+        return _mapped(sid, lambda values: np.imag(values) / variable.step)
+
+
+def _converted(
+    model: ModelFile,
+    body: FiniteElementModel,
+    frame: Frame,
+    space: AdmissibleSpace,
+    loaded: AdmissibleSpace | None,
+) -> tuple[SID, ReducedBasis]:
+    """Return the SID of a discretised body, and its shape functions."""
+    reduce, settings = REDUCTIONS[model.reduction.method], model.reduction
+    if settings.method == "user":
+        basis = reduce(body, frame, settings)
+    else:
+        basis = reduce(body, frame, settings, space)
+    held = frame.held
+    if frame.rows is None:
+        fixed = getattr(settings, "fixed_names", ())
+        held = clamped_dofs(body, frame, fixed)
+    basis = replace(basis, space=None)
+    sid, basis, _ = sid_of_basis(model, body, frame, basis, held, loaded=loaded)
+    return sid, basis
+
+
+def _mapped(sid: SID, change: Callable[[Any], Any]) -> SID:
+    """Return a SID with a function applied to mass, all blocks and all nodes."""
+
+    def block(value: Taylor | None) -> Any:
+        if value is None:
+            return None
+        m1 = None if value.m1 is None else change(value.m1)
+        return Taylor(change(value.m0), m1, order=value.order)
+
+    nodes = [
+        replace(node, **{name: block(getattr(node, name)) for name in NODE_SHAPES})
+        for node in sid.nodes
+    ]
+    blocks = {name: block(value) for name, value in sid.blocks.items()}
+    return replace(sid, mass=float(change(sid.mass)), nodes=tuple(nodes), **blocks)
+
+
+def _combined(sid: SID, other: SID, amount: float) -> SID:
+    """Return sid + amount * other, block by block."""
+
+    def block(a: Taylor | None, b: Taylor | None) -> Any:
+        if a is None or b is None:
+            return a
+        m1 = a.m1
+        if b.m1 is not None:
+            m1 = amount * b.m1 + (0.0 if m1 is None else m1)
+        return Taylor(a.m0 + amount * b.m0, m1, order=a.order)
+
+    nodes = [
+        replace(
+            node,
+            **{n: block(getattr(node, n), getattr(step, n)) for n in NODE_SHAPES},
+        )
+        for node, step in zip(sid.nodes, other.nodes, strict=True)
+    ]
+    blocks = {
+        name: block(value, other.blocks[name]) for name, value in sid.blocks.items()
+    }
+    mass = sid.mass + amount * other.mass
+    return replace(sid, mass=mass, nodes=tuple(nodes), **blocks)

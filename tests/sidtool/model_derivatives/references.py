@@ -1,0 +1,71 @@
+"""Derivatives by central differences, and SIDs as arrays, to compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.base.sid import NODE_SHAPES, SID
+from sidtool.formats.model import ModelFile
+from sidtool.model_derivatives.design_variables import VariableLike, design_variable
+
+#: Coefficients of the central difference of sixth order.
+_WEIGHTS = {1: 0.75, 2: -0.15, 3: 1 / 60}
+
+
+def central_difference(
+    model: ModelFile,
+    variable: VariableLike,
+    quantities: Callable[[ModelFile], dict[str, Any]],
+    relative: float = 1e-2,
+) -> dict[str, Any]:
+    """Return derivatives of quantities of a model by a variable, of sixth order.
+
+    Parameters
+    ----------
+    relative : step relative to the variable; of variables at zero in units of 0.02
+    """
+    found = design_variable(model, variable)
+    step = relative * (abs(found.value) or 0.02)
+    total: dict[str, Any] = {}
+    for distance, weight in _WEIGHTS.items():
+        for sign in (1, -1):
+            moved = found.moved(model, sign * distance * step)
+            for name, value in quantities(moved).items():
+                term = value * (sign * weight / step)
+                total[name] = total[name] + term if name in total else term
+    return total
+
+
+def arrays(sid: SID) -> dict[str, Any]:
+    """Return all numbers of a SID by name: mass, blocks, entries of nodes."""
+    found: dict[str, Any] = {"mass": np.array(sid.mass)}
+    entries = [(name, block) for name, block in sid.blocks.items()]
+    for node in sid.nodes:
+        entries += [(f"{node.id}.{name}", getattr(node, name)) for name in NODE_SHAPES]
+    for name, block in entries:
+        if block is not None:
+            found[name] = block.m0
+            if block.m1 is not None:
+                found[f"{name} m1"] = block.m1
+    return found
+
+
+def largest_difference(
+    found: SID, expected: dict[str, Any], values: SID, unit: float
+) -> tuple[float, str]:
+    """Return the largest error of a derivative of a SID, and the block that has it.
+
+    Errors are relative to the largest entry of a derivative, or to a thousandth of the
+    largest entry of its block per unit of the variable.
+    """
+    sizes = arrays(values)
+    worst = (0.0, "")
+    for name, value in arrays(found).items():
+        size = np.abs(expected[name]).max(initial=0.0)
+        size = max(size, 1e-3 * np.abs(sizes[name]).max(initial=0.0) / unit, 1e-300)
+        error = np.abs(value - expected[name]).max(initial=0.0) / size
+        worst = max(worst, (float(error), name))
+    return worst
