@@ -80,6 +80,7 @@ OUTPUT_KINDS = {
         (".csv", ".txt", ".dat"),
         chooses=True,
     ),
+    "stations": OutputFileKind("stations of a beam (CSV)", (".csv",), chooses=True),
     "modes": OutputFileKind("modes (JSON)", (".json",)),
     "state_space": OutputFileKind(
         "a state space (NPZ, MAT or JSON)", (".npz", ".mat", ".json"), chooses=True

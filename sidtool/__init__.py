@@ -96,7 +96,7 @@ _TABLES = """
     Piece PlanarJoint PointForce PointOnLine PointOnPlane Polynomial Prestress
     Prismatic Q4Discretisation RayleighDamping RectangularSection Revolute RigidBody
     Screw SidBody SidDamping SineRamp SmoothStep SolidDiscretisation Sphere
-    Spherical Spline SpringDamper Start State Stiffening StressRecovery Sum
+    Spherical Spline SpringDamper Start State StationTable Stiffening StressRecovery Sum
     SurfaceMesh TSection TangentFrame Tie Time TubeSection Universal UserReduction
     VolumeGeometry
 """.split()  # noqa: SIM905

@@ -110,6 +110,8 @@ class ModelFile(File):
     named: ClassVar[tuple[str, ...]] = ("markers", PARAMETERS)
     paths: ClassVar[tuple[tuple[str, ...], ...]] = (
         *(("geometry", key) for key in ("file", "stiffness", "mass", "nodes", "dofs")),
+        ("geometry", "sections"),
+        ("geometry", "sections", "file"),
         ("reduction", "file"),
     )
 
@@ -161,9 +163,17 @@ class ModelFile(File):
                 place="discretisation.type",
                 expected=" or ".join(fitting),
             )
-        if self.material is None and self.geometry.type not in ("mesh", "matrices"):
+        by_stations = getattr(self.geometry, "sections", None) is not None
+        needs_none = by_stations or self.geometry.type in ("mesh", "matrices")
+        if self.material is None and not needs_none:
             raise InputError(
                 "is missing", place="material", expected="a table [material]"
+            )
+        if self.material is not None and by_stations:
+            raise InputError(
+                "is not for sections at stations, which hold stiffness and mass",
+                place="material",
+                expected="no table [material]",
             )
         return self
 

@@ -1,11 +1,14 @@
 """Beams that a model file can describe: an axis, its sections, and lumped masses."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from numpy.typing import ArrayLike
+from pydantic import model_validator
 
-from ..toml.constructor_types import Field, Number, Takes
+from ..base.errors import InputError
+from ..toml.constructor_types import Entries, Field, Number, Takes
 from ..toml.tables import Table
+from .stations import StationTable, read_stations
 from .tables import NonNegative, Point3, Positive
 
 Stations = Annotated[tuple[Positive, ...], Field(min_length=1)]
@@ -155,6 +158,11 @@ NamedSection = (
 )
 
 
+ShapedSection = Annotated[
+    RectangularSection | GeneralSection | NamedSection, Field(discriminator="shape")
+]
+
+
 class LumpedMass(Table):
     """A rigid particle fixed to a beam.
 
@@ -182,10 +190,12 @@ class BeamGeometry(Table):
     y_axis : direction of the local y axis at the start, made perpendicular to the
         beam; along a curved one it is carried without a rotation about the tangent
     section : by its shape. The axis of the beam is the line of its centroids
+    sections : instead of `section` and [material], stiffness and mass at stations along
+        the axis: a CSV file or its columns. Centres may lie beside the axis
     twist : pre-twist, the angle [rad] by which cross-sections are turned about the
         tangent from y to z; several numbers belong to stations, at equal steps from
-        start to end
-    interpolation : of sections and twist between their stations: `linear`, a `smooth`
+        start to end. With `sections` one number, which is added to theirs
+    interpolation : of `section` and twist between their stations: `linear`, a `smooth`
         cubic spline, or one `polynomial` through all, which swings beside steps
     """
 
@@ -196,11 +206,49 @@ class BeamGeometry(Table):
     y_axis: Takes[Point3, ArrayLike] = Field(default=(0.0, 1.0, 0.0))
     twist: float | Annotated[tuple[float, ...], Field(min_length=1)] = 0.0
     interpolation: Literal["linear", "smooth", "polynomial"] = "linear"
-    section: Annotated[
-        RectangularSection | GeneralSection | NamedSection,
-        Field(discriminator="shape"),
-    ]
+    section: Takes[ShapedSection | None, ShapedSection | Entries | None] = Field(
+        default=None
+    )
+    sections: Takes[str | StationTable | None, str | StationTable | Entries | None] = (
+        Field(default=None)
+    )
     masses: tuple[LumpedMass, ...] = ()
+
+    @model_validator(mode="after")
+    def _one_kind_of_sections(self) -> Self:
+        if (self.section is None) == (self.sections is None):
+            both = self.section is not None
+            raise InputError(
+                "gives section and sections" if both else "has no section",
+                place="geometry",
+                expected="a section by its shape, or sections at stations",
+            )
+        if self.sections is None:
+            return self
+        for key, given in (
+            ("twist", isinstance(self.twist, tuple)),
+            ("interpolation", "interpolation" in self.model_fields_set),
+        ):
+            if given:
+                raise InputError(
+                    "is not for sections at stations",
+                    place=f"geometry.{key}",
+                    expected="a table that holds the twist, linear between stations",
+                )
+        return self
+
+    def station_table(self) -> StationTable:
+        """Return the table of `sections`, read from its file if it names one.
+
+        Raises
+        ------
+        InputError : the file is not sound.
+        """
+        given = self.sections
+        if isinstance(given, str):
+            return read_stations(given)
+        assert given is not None
+        return given if given.file is None else read_stations(given.file, given.order)
 
     @property
     def edge_names(self) -> dict[str, tuple[int, int]]:

@@ -46,6 +46,7 @@ from sidtool.formats.model.reduction import (
     Tie,
     UserReduction,
 )
+from sidtool.formats.model.stations import StationTable
 from sidtool.formats.scene import (
     Accuracy,
     Actuator,
@@ -185,6 +186,7 @@ __all__ = [
     "SpringDamper",
     "Start",
     "State",
+    "StationTable",
     "Stiffening",
     "StressRecovery",
     "Sum",

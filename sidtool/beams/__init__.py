@@ -2,6 +2,8 @@
 
 axis            straight or curved axis
 cross_section   properties and stiffness of a section, values along the axis
+section_shapes  properties of named cross-sections
+station_section  sections from tables of stations
 element         beam element from the exact static solution, integration points
 beam_model      the discretised body
 """

@@ -70,7 +70,7 @@ class Axis:
         parameters = self.parameters(fractions)
         tangent, change = self.tangents(parameters)
         angle = self.twist(fractions)
-        rate = self.twist.derivative()(fractions) / self.length
+        rate = self.twist.derivative(fractions) / self.length
         y = self.transported_y(parameters)
         if not self.twist.is_zero:
             across = np.sin(angle)[:, None] * np.cross(tangent, y)
@@ -107,7 +107,7 @@ class Axis:
 
 
 def beam_axis(geometry: BeamGeometry) -> Axis:
-    """The axis of a beam.
+    """The axis of a beam, without the twist of `sections`.
 
     Raises
     ------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -25,7 +27,7 @@ from ..elements.finite_element_model import (
 from ..elements.markers import check_length, name_marker_in_errors
 from ..elements.markers import markers_with_position as with_places
 from .axis import Axis, beam_axis
-from .cross_section import Profile, profile, section_at, side_profile
+from .cross_section import Profile, Section, profile, section_at, side_profile
 from .element import (
     BeamElement,
     BeamProperties,
@@ -36,6 +38,7 @@ from .element import (
     rotate_tensor,
     scatter_rows,
 )
+from .station_section import StationSection, station_sections
 
 #: Degree of the area profile up to which mass and moments are exact.
 EXACT_AREA_DEGREE = 6
@@ -43,27 +46,35 @@ EXACT_AREA_DEGREE = 6
 _POINTS, _PANELS = 16, 32
 
 
-def beam_mass(geometry: BeamGeometry, axis: Axis, density: float) -> GeometryMass:
-    """Return mass and first moments of a beam from its area over the length and its
-    lumps.
+def beam_mass(
+    geometry: BeamGeometry,
+    axis: Axis,
+    per_length: Profile,
+    section: Callable[[float], Section | StationSection],
+) -> GeometryMass:
+    """Return mass and first moments of a beam from its mass per length and its lumps.
+
+    Parameters
+    ----------
+    per_length : mass per length over the fraction of the length [kg/m]
+    section : of unit density, by the fraction of the length
     """
-    area, first = _area(geometry), np.zeros(3)
-    mass = density * axis.length * area.integral()
+    mass = axis.length * per_length.integral()
     x, w = np.polynomial.legendre.leggauss(_POINTS)
-    edges = np.union1d(np.linspace(0.0, 1.0, _PANELS + 1), area.edges)
+    edges = np.union1d(np.linspace(0.0, 1.0, _PANELS + 1), per_length.edges)
     sizes = np.diff(edges)[:, None]
     at = (edges[:-1, None] + sizes * (x + 1) / 2).ravel()
-    weights = density * axis.length * (sizes * w / 2).ravel()
+    weights = axis.length * (sizes * w / 2).ravel() * per_length(at)
     frames = axis.at(at)
-    first = (weights * area(at)) @ frames.places
-    for i, fraction in enumerate(at if not axis.straight else ()):
-        section = section_at(geometry, fraction)
-        arm = section.centre(frames.curvatures[i])
-        first += weights[i] * section.area * arm @ frames.axes[i]
+    first = weights @ frames.places
+    eccentric = not axis.straight or geometry.sections is not None
+    for i, fraction in enumerate(at if eccentric else ()):
+        _, arm, _ = section(fraction).inertia(1.0, frames.curvatures[i])
+        first += weights[i] * arm @ frames.axes[i]
     for lump in geometry.masses:
         mass += lump.mass
         first += lump.mass * axis.at(np.array([lump.at])).places[0]
-    sampled = not axis.straight or area.degree > EXACT_AREA_DEGREE
+    sampled = not axis.straight or per_length.degree > EXACT_AREA_DEGREE
     return GeometryMass(mass, first, sampled=sampled)
 
 
@@ -89,16 +100,12 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     ------
     InputError : the axis is degenerate, a section is unsound, or a marker lies outside.
     """
-    geometry, settings, material = model.geometry, model.discretisation, model.material
-    assert isinstance(geometry, BeamGeometry) and material is not None
+    geometry, settings = model.geometry, model.discretisation
+    assert isinstance(geometry, BeamGeometry)
     assert isinstance(settings, BeamDiscretisation)
-    axis = beam_axis(geometry)
-    e, g = material.youngs_modulus, material.youngs_modulus
-    g /= 2 * (1 + material.poissons_ratio)
-    nu = material.poissons_ratio
-    section = partial(section_at, geometry, poissons_ratio=nu)
-    beam = BeamProperties(section, axis, e, g, settings.theory == "timoshenko")
-    ends = _element_ends(geometry, axis, settings.elements)
+    beam, per_length, density = _properties(model, geometry, settings)
+    axis = beam.axis
+    ends = _element_ends([per_length, axis.twist, *_sides(geometry)], settings.elements)
     n, ndof = len(ends), 6 * len(ends)
     particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
     elements = [BeamElement(beam, *pair) for pair in pairwise(ends)]
@@ -109,9 +116,9 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         stiffness[part, part] += matrices[i]
         points.add(element, _element_dofs(i))
         if settings.mass == "lumped":
-            particles.add_half_elements(element, _element_dofs(i), material.density)
+            particles.add_half_elements(element, _element_dofs(i), density)
         else:
-            particles.add_slices(element, _element_dofs(i), material.density)
+            particles.add_slices(element, _element_dofs(i), density)
     for lump in geometry.masses:
         frames = axis.at(np.array([lump.at]))
         tensor = rotate_tensor(np.diag(numbers(lump.inertia)), frames.axes[0])
@@ -144,17 +151,38 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
         outlines=(_outline(beam, elements, ndof),),
-        geometry_mass=lambda: beam_mass(geometry, axis, material.density),
+        geometry_mass=lambda: beam_mass(geometry, axis, per_length, beam.section),
     )
 
 
-def _element_ends(geometry: BeamGeometry, axis: Axis, elements: int) -> Array:
+def _properties(
+    model: ModelFile, geometry: BeamGeometry, settings: BeamDiscretisation
+) -> tuple[BeamProperties, Profile, float]:
+    """Return the beam, its mass per length, and the density of its sections."""
+    axis, shear = beam_axis(geometry), settings.theory == "timoshenko"
+    if geometry.sections is not None:
+        stations = station_sections(geometry, axis.length)
+        axis = replace(axis, twist=stations.twist)
+        return BeamProperties(stations.at, axis, 0.0, 0.0, shear), stations.mass, 1.0
+    material = model.material
+    assert material is not None
+    e, nu = material.youngs_modulus, material.poissons_ratio
+    section = partial(section_at, geometry, poissons_ratio=nu)
+    beam = BeamProperties(section, axis, e, e / (2 * (1 + nu)), shear)
+    per_length = _area(geometry) * profile(material.density, "linear")
+    return beam, per_length, material.density
+
+
+def _sides(geometry: BeamGeometry) -> list[Profile]:
+    if not isinstance(geometry.section, RectangularSection):
+        return []
+    return [side_profile(geometry, name) for name in ("height", "width")]
+
+
+def _element_ends(profiles: list[Profile], elements: int) -> Array:
     """(n + 1,) fractions between elements. Stations are among them, as the section or
     its twist has corners there; between two of them elements have equal lengths."""
-    stations = np.array(axis.twist.edges)
-    if isinstance(geometry.section, RectangularSection):
-        for name in ("height", "width"):
-            stations = np.union1d(stations, side_profile(geometry, name).edges)
+    stations = np.unique(np.concatenate([one.edges for one in profiles]))
     stations = stations[np.append(True, np.diff(stations) > 1e-12)]
     parts = [
         np.linspace(a, b, max(1, round(elements * (b - a))), endpoint=False)

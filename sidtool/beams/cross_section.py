@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from sidtool.formats.model.beams import (
     GeneralSection,
     RectangularSection,
 )
+from sidtool.formats.sid_mass import skew
 
 from .section_shapes import named_properties
 
@@ -59,8 +60,9 @@ class Profile:
     def is_zero(self) -> bool:
         return not any(piece.coef.any() for piece in self.pieces)
 
+    @cached_property
     def derivative(self) -> Profile:
-        """Return the derivative by the fraction."""
+        """The derivative by the fraction."""
         return Profile(self.edges, tuple(piece.deriv() for piece in self.pieces))
 
     def integral(self) -> float:
@@ -81,13 +83,19 @@ def profile(values: float | tuple[float, ...], interpolation: str) -> Profile:
 
 
 def _linear_profile(values: Array) -> Profile:
-    edges = np.linspace(0.0, 1.0, len(values))
-    lines = []
-    for x, y, slope in zip(
-        edges, values, np.diff(values) / np.diff(edges), strict=False
-    ):
-        lines.append(Polynomial([y - slope * x, slope]))
-    return Profile(tuple(edges.tolist()), tuple(lines))
+    return linear_profile(np.linspace(0.0, 1.0, len(values)), values)
+
+
+def linear_profile(fractions: Array, values: Array) -> Profile:
+    """Straight lines through values at ascending fractions; two at one are a step."""
+    apart = np.diff(fractions) > 0
+    starts = fractions[:-1][apart]
+    slopes = np.diff(values)[apart] / np.diff(fractions)[apart]
+    lines = [
+        Polynomial([y - slope * x, slope])
+        for x, y, slope in zip(starts, values[:-1][apart], slopes, strict=True)
+    ]
+    return Profile((*starts.tolist(), float(fractions[-1])), tuple(lines))
 
 
 def _spline_profile(values: Array) -> Profile:
@@ -141,6 +149,33 @@ class Section:
     sides: tuple[float, float] | None = None
     shear_coupling: float = 0.0
     shear_centre: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def gyration(self) -> tuple[float, float]:
+        """Iy / A and Iz / A [m^2]."""
+        return self.iy / self.area, self.iz / self.area
+
+    def inertia(self, density: float, curvatures: Array) -> tuple[float, Array, Array]:
+        """Mass per length [kg/m], its centre (3,) [m] in the axes of the section, and
+        its tensor (3, 3) about the centre [kg m].
+        """
+        arm = self.centre(curvatures)
+        mass = density * self.area
+        tensor = density * np.diag([self.iy + self.iz, self.iy, self.iz])
+        return mass, arm, tensor + mass * skew(arm) @ skew(arm)
+
+    def compliance(self, e: float, g: float, curvatures: Array, shear: bool) -> Array:
+        """(6, 6) strains of resultants about the centroid, see `law`.
+
+        Parameters
+        ----------
+        shear : whether cross-sections shear (Timoshenko)
+
+        Raises
+        ------
+        InputError : the section reaches the centre of curvature of the axis.
+        """
+        return _section_compliance(self, e, g, tuple(curvatures.tolist()), shear)
 
     @property
     def halves(self) -> Array:
@@ -216,6 +251,30 @@ class Section:
         return np.asarray((strains * area / length) @ strains.T)
 
 
+@lru_cache(maxsize=4096)
+def _section_compliance(
+    section: Section, e: float, g: float, curvatures: tuple[float, ...], shear: bool
+) -> Array:
+    bent = np.array(curvatures[1:])
+    halves = np.sqrt(3 * np.array([section.iy, section.iz]) / section.area)
+    if float(halves.real @ np.abs(bent.real)) >= 1:
+        radius = 1 / np.linalg.norm(bent.real)
+        raise InputError(
+            f"is larger than the radius of the axis, {radius:.3g} m",
+            place="geometry.section",
+            expected="a section that does not reach the centre of curvature",
+        )
+    compliance: Array = np.asarray(
+        np.linalg.inv(section.law(e, g, np.array(curvatures)))
+    )
+    if not shear:
+        compliance[[1, 2]] = 0.0
+        compliance[:, [1, 2]] = 0.0
+    compliance = section.about_centroid(compliance)
+    compliance.setflags(write=False)
+    return compliance
+
+
 def _warping_slope(y: Array, z: Array, height: float, width: float) -> Array:
     """z dw/dy - y dw/dz of the warping function w of a rectangle.
 
@@ -249,6 +308,7 @@ def section_at(
     InputError : a size is not positive there, or contradicts another one.
     """
     section = geometry.section
+    assert section is not None
     if isinstance(section, GeneralSection):
         torsion = section.torsion or section.iy + section.iz
         shear = section.shear_y, section.shear_z
@@ -313,6 +373,6 @@ def section_turn(geometry: BeamGeometry) -> float:
     It counts from y towards z [rad].
     """
     section = geometry.section
-    if isinstance(section, GeneralSection | RectangularSection):
+    if section is None or isinstance(section, GeneralSection | RectangularSection):
         return 0.0
     return named_properties(section, 0.0).turn

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,13 +12,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import number_type
-from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
 
 from ..elements.material_points import BeamMaterial, InertiaPoints
 from .axis import Axis, AxisFrames
 from .cross_section import Section
+from .station_section import StationSection
 
 _X, _W = np.polynomial.legendre.leggauss(4)
 #: Gauss points in [0, 1] and their weights.
@@ -33,11 +33,11 @@ class BeamProperties:
     Attributes
     ----------
     section : by the fraction of its length
-    e, g : Young's and the shear modulus [Pa]
+    e, g : Young's and the shear modulus [Pa]; without effect on sections at stations
     shear : whether cross-sections shear (Timoshenko)
     """
 
-    section: Callable[[float], Section]
+    section: Callable[[float], Section | StationSection]
     axis: Axis
     e: float
     g: float
@@ -77,7 +77,7 @@ class BeamElement:
         """Return the frames at fractions (n,) of the element."""
         return self.beam.axis.at(self.first + places * (self.last - self.first))
 
-    def section(self, place: float) -> Section:
+    def section(self, place: float) -> Section | StationSection:
         """Return the section at a fraction of the element."""
         fraction = self.first + place * (self.last - self.first)
         return self.beam.section(fraction)
@@ -165,38 +165,10 @@ class BeamElement:
         """(n, 6, 6) strains of resultants."""
         beam = self.beam
         compliances = [
-            _section_compliance(
-                self.section(place), beam.e, beam.g, tuple(bent), beam.shear
-            )
-            for place, bent in zip(
-                places.tolist(), frames.curvatures.tolist(), strict=True
-            )
+            self.section(place).compliance(beam.e, beam.g, bent, beam.shear)
+            for place, bent in zip(places.tolist(), frames.curvatures, strict=True)
         ]
         return np.stack(compliances)
-
-
-@lru_cache(maxsize=4096)
-def _section_compliance(
-    section: Section, e: float, g: float, curvatures: tuple[float, ...], shear: bool
-) -> Array:
-    bent = np.array(curvatures[1:])
-    halves = np.sqrt(3 * np.array([section.iy, section.iz]) / section.area)
-    if float(halves.real @ np.abs(bent.real)) >= 1:
-        radius = 1 / np.linalg.norm(bent.real)
-        raise InputError(
-            f"is larger than the radius of the axis, {radius:.3g} m",
-            place="geometry.section",
-            expected="a section that does not reach the centre of curvature",
-        )
-    compliance: Array = np.asarray(
-        np.linalg.inv(section.law(e, g, np.array(curvatures)))
-    )
-    if not shear:
-        compliance[[1, 2]] = 0.0
-        compliance[:, [1, 2]] = 0.0
-    compliance = section.about_centroid(compliance)
-    compliance.setflags(write=False)
-    return compliance
 
 
 def translate_motion(arm: Array) -> Array:
@@ -334,14 +306,11 @@ def slice_inertia(
     """
     centres, masses, tensors = [], [], []
     for i, weight in enumerate(weights * element.length):
-        p = element.section(places[i])
-        arm = p.centre(frames.curvatures[i])
-        own = density * weight * np.diag([p.iy + p.iz, p.iy, p.iz])
-        mass = density * weight * p.area
-        own = own + mass * skew(arm) @ skew(arm)
+        section = element.section(places[i])
+        mass, arm, tensor = section.inertia(density, frames.curvatures[i])
         centres.append(frames.places[i] + arm @ frames.axes[i])
-        masses.append(mass)
-        tensors.append(rotate_tensor(own, frames.axes[i]))
+        masses.append(weight * mass)
+        tensors.append(rotate_tensor(weight * tensor, frames.axes[i]))
     return np.array(centres), np.array(masses), np.array(tensors)
 
 
@@ -351,7 +320,7 @@ class MaterialPointCollector:
     def __init__(self, ndof: int) -> None:
         self._rows = [RowCollector(ndof) for _ in range(3)]
         self._weights: list[float] = []
-        self._gyration: list[list[float]] = []
+        self._gyration: list[tuple[float, float]] = []
         self._curvatures: list[Array] = []
 
     def add(self, element: BeamElement, dofs: Indices) -> None:
@@ -360,13 +329,12 @@ class MaterialPointCollector:
         for k, (place, rows) in enumerate(
             zip(GAUSS_POINTS, element.gauss_rows, strict=True)
         ):
-            p = element.section(place)
             turns = frames.axes[k] @ rows.rotation
             for kept, some in zip(
                 self._rows, (rows.strains, turns, rows.resultants), strict=True
             ):
                 kept.add(some, dofs)
-            self._gyration.append([p.iy / p.area, p.iz / p.area])
+            self._gyration.append(element.section(place).gyration)
         self._weights.extend(GAUSS_WEIGHTS * element.length)
         self._curvatures.extend(frames.curvatures)
 

@@ -38,6 +38,7 @@ output_path = click.Path(path_type=Path)
 
 #: Text near the beginning of a file of each kind.
 _FILE_BEGINNINGS = {
+    "stations": (b"# sidtool stations of a beam",),
     "page": (b'name="generator" content="sidtool',),
     "film": (b"GIF8", b"ftyp"),
     "export": (b"VTKHDF", b'<VTKFile type="Collection"'),

@@ -41,6 +41,7 @@ from .plot import plot, report
 from .progress import show_progress
 from .simulate import simulate
 from .small_commands import demo, explain, info, new, schema, warmup
+from .stations import stations
 from .study import study, sweep
 from .validate import trim, validate
 
@@ -76,6 +77,7 @@ def cli(ctx: click.Context) -> None:
 for command in (
     new,
     convert,
+    stations,
     simulate,
     analyse,
     linearise,
@@ -101,6 +103,7 @@ for command in (
 #: Commands with --json and --quiet; validate, outputs and export define their own.
 for command in (
     convert,
+    stations,
     simulate,
     fmu,
     info,
@@ -115,9 +118,9 @@ for command in (
 ANALYSES = linearise, response, *analyse.commands.values()
 for command in (convert, export, simulate, fmu, study, sweep, *ANALYSES):
     count_warnings_if_strict(command)
-for command in (convert, simulate, study, validate, outputs, plot, animate, export):
+for command in (convert, stations, simulate, study, validate, outputs, plot, animate):
     command.params.append(QUIET)
-for command in (sweep, report, trim, fmu, warmup, demo, *ANALYSES):
+for command in (export, sweep, report, trim, fmu, warmup, demo, *ANALYSES):
     command.params.append(QUIET)
 
 

@@ -65,6 +65,7 @@ class RodElement(BarElement):
 
     def _rows(self, place: float, x: Array) -> ElementRows:
         section = self.section(place)
+        assert isinstance(section, Section)
         share, slope = np.array([1 - place, place]), np.array([-1.0, 1.0]) / self.length
         move, turn = np.zeros((2, 3, 12))
         change, twist = np.zeros((3, 12)), np.zeros(12)

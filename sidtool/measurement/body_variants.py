@@ -347,14 +347,22 @@ def _origin_shift(before: SID, after: SID) -> np.ndarray:
 
 def with_absolute_paths(model: ModelFile) -> ModelFile:
     """Return the model with absolute paths of its files, for another process."""
-    changes: dict[str, Any] = {}
-    for table, key in ModelFile.paths:
-        part = changes.get(table, getattr(model, table))
-        path = getattr(part, key, None)
-        if isinstance(path, str):
-            named = part.model_copy(update={key: os.path.abspath(path)})
-            changes[table] = named
-    return model.model_copy(update=changes)
+    for place in ModelFile.paths:
+        model = _with_absolute_path(model, place)
+    return model
+
+
+def _with_absolute_path(table: Any, place: tuple[str, ...]) -> Any:
+    """Return a table with an absolute path at a place, if there is a path."""
+    key, *inner = place
+    value = getattr(table, key, None)
+    if inner:
+        changed = _with_absolute_path(value, tuple(inner))
+    else:
+        changed = os.path.abspath(value) if isinstance(value, str) else value
+    if changed is value:
+        return table
+    return table.model_copy(update={key: changed})
 
 
 def available_outputs(

@@ -23,12 +23,13 @@ EXAMPLE_TITLES = {
     "beam": "one bar on a wall, the smallest start",
     "imported_matrices": "a lattice mast from mass and stiffness matrices",
     "spinning_blade": "a beam that its rotation stiffens",
+    "wind_turbine": "blades and a tower from tables of stations, at rated speed",
     "satellite": "a free body with two panels and a reaction wheel",
     "four_bar": "a linkage with a flexible coupler, and events",
     "controlled_arm": "an arm that a PID controller lifts",
 }
 #: Files of an example that are copied; commands create all others.
-_COPIED_FILES = ("*.toml", "*.py", "*.md", "rod_*.SID_FEM")
+_COPIED_FILES = ("*.toml", "*.py", "*.md", "*_stations.csv", "rod_*.SID_FEM")
 _PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 #: Folders of examples: in an installed package, and in a clone.
 _EXAMPLES = (_PACKAGE_FOLDER / "examples", _PACKAGE_FOLDER.parent / "examples")

@@ -16,6 +16,7 @@ from tests.places import EXAMPLES
 #: Words of each command, and a key of its data.
 COMMANDS = {
     "convert": ("beam.toml -o c.SID_FEM", "modes"),
+    "stations": ("mast.csv --length 2", "mass [kg]"),
     "simulate": ("scene.toml -o s.h5", "outputs"),
     "info": ("r.h5", "outputs"),
     "analyse static": ("scene.toml", "outputs"),
@@ -86,6 +87,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         },
         outputs=sidtool.Outputs(record=["bar.x"]),
     ).save(place / "pushed.toml")
+    table = "position [1],mass_per_length,EA,EI_y,EI_z,GJ\n0,1,1,1,1,1\n1,1,1,1,1,1\n"
+    (place / "mast.csv").write_text(table, encoding="utf-8")
     return place
 
 
