@@ -66,6 +66,8 @@ if TYPE_CHECKING:
     from .api.scene import Model as Model
     from .api.scene import Scene as Scene
     from .api.scene import read as read
+    from .api.sensitivity import gradient as gradient
+    from .api.sensitivity import sensitivity as sensitivity
     from .api.state_space import FrequencyResponse as FrequencyResponse
     from .api.state_space import StateSpace as StateSpace
     from .api.state_space import state_space as state_space
@@ -124,6 +126,7 @@ _HOME = {
     "compare": "sidtool.api.operations",
     "convert": "sidtool.api.operations",
     "export_body": "sidtool.api.bodies",
+    "gradient": "sidtool.api.sensitivity",
     "inverse_dynamics": "sidtool.api.analyses",
     "linearise": "sidtool.api.analyses",
     "outputs": "sidtool.pipeline.extra_outputs",
@@ -133,6 +136,7 @@ _HOME = {
     "sid_derivatives": "sidtool.model_derivatives.sid_derivatives",
     "sid_from_blocks": "sidtool.pipeline.sid_from_arrays",
     "sid_from_shapes": "sidtool.pipeline.sid_from_arrays",
+    "sensitivity": "sidtool.api.sensitivity",
     "simulate": "sidtool.api.operations",
     "state_space": "sidtool.api.state_space",
     "static_equilibrium": "sidtool.api.analyses",

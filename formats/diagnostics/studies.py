@@ -1,6 +1,6 @@
-"""Diagnostics N73x: studies of many runs."""
+"""Diagnostics N73x: studies of many runs, derivatives of a motion."""
 
-from .entry import INFO, WARNING, Entry
+from .entry import ERROR, INFO, WARNING, Entry
 
 ENTRIES = (
     Entry(
@@ -46,5 +46,61 @@ ENTRIES = (
         remedy="Use finer meshes or more modes.",
         units={"change": "%"},
         example={"subject": "arm.q3", "change": 0.9},
+    ),
+    Entry(
+        "N735",
+        ERROR,
+        "no derivative by this variable: {reason}",
+        "Neighbouring scenes are run with the steps of this one. At all distances from "
+        "1e-3 down to 1e-7 of the variable they have other events, friction states in "
+        "another order or other constraints, or cannot be run. The motion has no "
+        "derivative there, or only one on each side.",
+        remedy="Change the variable a little, or separate events that coincide.",
+        example={
+            "subject": "block.mass",
+            "reason": "event hit in another step at t = 0.31 s",
+        },
+    ),
+    Entry(
+        "N736",
+        WARNING,
+        "{of} has another peak, whose derivative differs by {difference}",
+        "A peak away from the largest one is lower by less than 1e-3 of the range of "
+        "the output, and its derivative by this variable differs by more than 1 %. The "
+        "derivative is that of the largest peak. A larger change of the variable may "
+        "let the other peak be the largest one: an optimiser meets a kink.",
+        remedy="Use norm(OUTPUT, p), which is smooth.",
+        units={"difference": "%"},
+        example={
+            "subject": "parameters.n",
+            "of": "max_abs(rod.q1)",
+            "difference": 0.3,
+        },
+    ),
+    Entry(
+        "N737",
+        WARNING,
+        "derivative of {of} is known to {error} only",
+        "Estimated error of a derivative, relative to its size, above 1e-3: the "
+        "truncation error of the differences plus rounding of the runs. Functionals "
+        "that hardly depend on a variable, and motions that are chaotic or not smooth, "
+        "have such derivatives. Derivatives that change a functional by less than 1e-3 "
+        "of its size for a change of the variable by its own size count as that.",
+        remedy="Use a smaller rtol, a shorter time span, or a mean for a final value.",
+        units={"error": "%"},
+        example={
+            "subject": "bodies.block.mass",
+            "of": "final(block.x)",
+            "error": 3e-3,
+        },
+    ),
+    Entry(
+        "N738",
+        WARNING,
+        "the mechanism passes a singular configuration: derivatives may be wrong",
+        "Steps near a singular configuration follow another formula, whose choice "
+        "depends on the numbers of the scene.",
+        remedy="Compare with a sweep, or start beside the singular configuration.",
+        example={"t": 0.25},
     ),
 )

@@ -216,10 +216,12 @@ class CompiledScene:
         settings |= {"step": step, "spectral_radius": spectral_radius}
         return Plant(self.scene, self.system_with, outputs, settings)
 
-    def system_with(self, changes: Mapping[str, Any]) -> System:
+    def system_with(
+        self, changes: Mapping[str, Any], sids: Sids | None = None
+    ) -> System:
         """Return the compiled tables of the scene with other numbers, see `run`."""
         with locate_errors(self.scene):
-            return self._with(changes, {})[0]
+            return self._with(changes, sids or {})[0]
 
     def state_space(
         self,

@@ -39,6 +39,7 @@ from .linearise import linearise, response
 from .outputs import outputs
 from .plot import plot, report
 from .progress import show_progress
+from .sensitivity import sensitivity
 from .simulate import simulate
 from .small_commands import demo, explain, info, new, schema, warmup
 from .stations import stations
@@ -92,6 +93,7 @@ for command in (
     report,
     study,
     sweep,
+    sensitivity,
     trim,
     demo,
     explain,
@@ -111,16 +113,17 @@ for command in (
     response,
     study,
     sweep,
+    sensitivity,
     trim,
     *analyse.commands.values(),
 ):
     command.params.append(JSON)
 ANALYSES = linearise, response, *analyse.commands.values()
-for command in (convert, export, simulate, fmu, study, sweep, *ANALYSES):
+for command in (convert, export, simulate, fmu, study, sweep, sensitivity, *ANALYSES):
     count_warnings_if_strict(command)
 for command in (convert, stations, simulate, study, validate, outputs, plot, animate):
     command.params.append(QUIET)
-for command in (export, sweep, report, trim, fmu, warmup, demo, *ANALYSES):
+for command in (export, sweep, sensitivity, report, trim, fmu, warmup, demo, *ANALYSES):
     command.params.append(QUIET)
 
 

@@ -199,7 +199,7 @@ class Designs:
         of_models: dict[str, dict[str, Any]] = {}
         of_scene: dict[str, Any] = {}
         for key, value in values.items():
-            key_of_model = self._key_of_model(key)
+            key_of_model = self.key_of_model(key)
             if key_of_model is None:
                 of_scene[key] = value
             else:
@@ -208,7 +208,7 @@ class Designs:
             _check_parameter(self.scene, key, key)
         for name, keys in of_models.items():
             for key in keys if name in self.scene.sid_bodies else ():
-                model = self._model(self.scene, name, {})
+                model = self.model(name)
                 _check_parameter(model, key, f"{name}.model.{key}")
         content = self.scene.with_({**of_scene, "outputs.record": list(self.record)})
         if content.accuracy.wanted is not None:
@@ -236,12 +236,21 @@ class Designs:
                 sids[name] = self._file(content.folder / (body.sid or ""), read_sid)
         return Design(content, models, sids)
 
-    def _key_of_model(self, key: str) -> tuple[str, str] | None:
+    def key_of_model(self, key: str) -> tuple[str, str] | None:
         """Return the body and the key of its model, for a key BODY.model.KEY."""
         match = _OF_MODEL.fullmatch(key)
         if match is None or match[1] not in self.scene.bodies:
             return None
         return match[1], match[2]
+
+    def model(self, body: str) -> ModelFile:
+        """Return the model of a body of the scene.
+
+        Raises
+        ------
+        InputError : the body has none, or its file cannot be read.
+        """
+        return self._model(self.scene, body, {})
 
     def _model(
         self, content: SceneFile, name: str, changes: Mapping[str, Any]
@@ -268,17 +277,17 @@ class Designs:
 
     def unit(self, key: str) -> str:
         """Return the unit of a key from its description; parameters have none."""
-        key_of_model = self._key_of_model(key)
+        key_of_model = self.key_of_model(key)
         content: Any = self.scene
         try:
             if key_of_model is not None:
-                content = self._model(content, key_of_model[0], {})
+                content = self.model(key_of_model[0])
                 key = key_of_model[1]
             places = key_path(key, content.file_data(), type(content))
             while isinstance(places[-1], int):  # a component of a vector
                 places.pop()
             for place in places[:-1]:
-                content = _value_at(content, place)
+                content = value_at(content, place)
         except (InputError, LookupError, AttributeError, TypeError):
             return ""
         units = set(_UNIT.findall(_key_description(content, places[-1])))
@@ -312,7 +321,7 @@ def _key_description(content: Any, key: str | int) -> str:
     return ""
 
 
-def _value_at(content: Any, place: str | int) -> Any:
+def value_at(content: Any, place: str | int) -> Any:
     """Return the value at a key of a table or an index of a list."""
     if not isinstance(content, BaseModel):
         return content[place]

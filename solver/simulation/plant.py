@@ -6,7 +6,7 @@ input changes, the motion goes back to that time and a new smooth interval begin
 """
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -26,7 +26,6 @@ from ..diagnostics.run_summary import initialise
 from ..functions.piecewise import N_INPUT_TERMS
 from ..initial_state.integrator_start import run_settings
 from ..integrators import loop_state
-from ..integrators.registry import INTEGRATORS
 from ..integrators.singular_configurations import NEAR_SINGULAR
 from ..output import columns, dense_output
 from ..output.dense_output import StepStates
@@ -463,28 +462,16 @@ class PlantRun(Stepper):
             return self.points.interpolate_state(self._last_steps(), self.time)
         return self.control.z.copy(), self.control.v.copy()
 
-    def _contents(self) -> Iterator[np.ndarray]:
-        """What kernels may change of the motion and of the integrator."""
-        for table in (
-            self.control,
-            self.work,
-            self.memory,
-            self.step_function.storage,
-        ):
-            yield from table.contents()
-        if self.stick_slip_events is not None:
-            yield self.stick_slip_events.friction_state
-
     def save(self) -> PlantState:
         """Return a copy of the state, from which `restore` goes on."""
         parts = [self.stick_slip_events, self.event_detector]
         attributes = {name: getattr(self, name) for name in _ATTRIBUTES}
         return PlantState(
             self.time,
-            tuple(part.copy() for part in self._contents()),
+            tuple(part.copy() for part in self.contents()),
             attributes
             | {
-                "method": self._method_name,
+                "method": self.method_name,
                 "breaks": tuple(self.breaks),
                 "pieces": dict(self.pieces),
                 "goals": dict(self._goals),
@@ -492,10 +479,6 @@ class PlantRun(Stepper):
                 "parts": [None if part is None else part.save() for part in parts],
             },
         )
-
-    @property
-    def _method_name(self) -> str:
-        return next(name for name, m in INTEGRATORS.items() if m is self.method)
 
     def restore(self, state: PlantState) -> None:
         """Go on from a state that `save` of this plant, or of one of the same scene and
@@ -507,11 +490,8 @@ class PlantRun(Stepper):
             It is the state of another scene.
         """
         attributes = dict(state.attributes)
-        method = INTEGRATORS[attributes["method"]]
-        if method is not self.method:
-            self.method = method
-            self.step_function = self._prepare()
-        contents = [*self._contents()]
+        self.use_method(attributes["method"])
+        contents = [*self.contents()]
         if [part.shape for part in contents] != [p.shape for p in state.contents]:
             raise InputError(
                 "is of another scene or of other settings",

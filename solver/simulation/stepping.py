@@ -84,11 +84,31 @@ class Stepper:
 
     def switch_method(self) -> None:
         """Continue with the method for stiff scenes."""
-        self.method, self.switch_time = (
-            INTEGRATORS[self.settings.when_stiff],
-            self.current_time,
-        )
-        self.step_function = self._prepare()
+        self.switch_time = self.current_time
+        self.use_method(self.settings.when_stiff)
+
+    @property
+    def method_name(self) -> str:
+        """Name of the integrator in use."""
+        return next(name for name, m in INTEGRATORS.items() if m is self.method)
+
+    def use_method(self, name: str) -> None:
+        """Continue with an integrator, unless it is in use."""
+        if INTEGRATORS[name] is not self.method:
+            self.method = INTEGRATORS[name]
+            self.step_function = self._prepare()
+
+    def contents(self) -> Iterator[np.ndarray]:
+        """What kernels may change of the motion and of the integrator."""
+        for table in (
+            self.control,
+            self.work,
+            self.memory,
+            self.step_function.storage,
+        ):
+            yield from table.contents()
+        if self.stick_slip_events is not None:
+            yield self.stick_slip_events.friction_state
 
     def enter_interval(self, end: float) -> tuple[Diagnostic, ...]:
         """Start a smooth interval without memory of earlier steps.

@@ -1,0 +1,13 @@
+"""Derivatives of a motion by numbers of its scene, and what is made of them.
+
+functionals         numbers that a motion gives, such as `max_abs(rod.q1)`
+variables           numbers of a scene and of models, by their keys
+differences         central differences with an estimate of their error
+sensitivity_result  values, derivatives and errors, as table, data and file
+"""
+
+from __future__ import annotations
+
+from .sensitivity_result import Sensitivities
+
+__all__ = ["Sensitivities"]

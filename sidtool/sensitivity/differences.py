@@ -1,0 +1,195 @@
+"""Central differences of fourth order with an estimate of their own error.
+
+With D(e) = (J(x + e) - J(x - e)) / 2 e the derivative is (4 D(e) - D(2 e)) / 3. Its
+difference to D(e), relative to it, is r = O(e^2), and its truncation error is O(e^4):
+10 r^2 is the estimate, or r if that is less. The five values of J determine its second
+difference twice; what both differ by is rounding. Steps that balance both parts are
+tried until all derivatives are known well. Where two trials differ by more than they
+estimate, the estimate is their difference.
+
+Reference
+---------
+P. E. Gill, W. Murray, M. A. Saunders, M. H. Wright: Computing forward-difference
+intervals for numerical optimization. SIAM J. Sci. Stat. Comput. 4 (1983).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.solver.simulation.frozen_run import StructureChange
+from sidtool.solver.system.errors import SimulationError
+
+#: First step of a difference, relative to the variable, and where steps end.
+FIRST_STEP, LEAST_STEP, LARGEST_STEP = 1e-3, 1e-7, 3e-2
+#: Error of a derivative, relative to its size, that is small enough.
+GOOD_ERROR = 1e-8
+#: Times that the step is changed at most.
+MAX_CHANGES = 4
+#: A step is changed by this factor at most, and not by less than the other.
+LARGEST_FACTOR, LEAST_FACTOR = 100.0, 2.5
+#: Factor of the squared difference of second and fourth order in the error estimate.
+SAFETY = 10.0
+#: Multiples of the step at which J is evaluated: on both sides, or on one.
+CENTRAL, FORWARD = (1, -1, 2, -2), (1, 2, 4)
+
+#: Values of J at some values of the variable, one after the other.
+Evaluate = Callable[[Sequence[float]], list[Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """A derivative of some functionals by one variable.
+
+    Attributes
+    ----------
+    derivatives, errors : (n,)
+        With the estimate of their errors.
+    runs : evaluations of J
+    step : of the difference that most derivatives come from [unit of the variable]
+    """
+
+    derivatives: Array
+    errors: Array
+    runs: int
+    step: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Differences with one step; `best_steps` balance both parts of the errors."""
+
+    derivatives: Array
+    errors: Array
+    best_steps: Array
+    step: float
+    runs: int
+
+
+def differentiate(
+    evaluate: Evaluate,
+    x: float,
+    size: float,
+    values: Array,
+    least: Array,
+    step: float = 0.0,
+) -> Difference:
+    """Differentiate functionals by one variable.
+
+    Parameters
+    ----------
+    evaluate : functionals at values of the variable
+    x, size : value and size of the variable
+    values : functionals at x, (n,)
+    least : derivatives that are as good as none, (n,)
+    step : of an earlier difference, which is taken as it is; 0 to choose one
+
+    Raises
+    ------
+    StructureChange : neighbours as near as rounding allows have other events.
+    InputError, SimulationError : the scene has no neighbours.
+    """
+    trials: list[_Trial] = []
+    runs, attempts = 0, 1 if step > 0.0 else 1 + MAX_CHANGES
+    next_step = step or FIRST_STEP * size
+    tried: list[float] = []
+    while next_step > 0.0 and len(tried) < attempts:
+        tried.append(next_step)
+        try:
+            trials.append(_trial(evaluate, x, next_step, values))
+        except (StructureChange, SimulationError):
+            runs += len(CENTRAL)
+            if next_step <= LEAST_STEP * size and not trials:
+                raise
+            next_step = max(next_step / LARGEST_FACTOR, LEAST_STEP * size)
+            if next_step in tried:
+                break
+            continue
+        runs += trials[-1].runs
+        next_step = _next_step(trials, tried, size, least)
+    if not trials:
+        return differentiate(evaluate, x, size, values, least)
+    derivatives, errors, chosen = _best(trials)
+    steps = np.array([trial.step for trial in trials])[chosen]
+    kinds, counts = np.unique(steps, return_counts=True)
+    return Difference(derivatives, errors, runs, float(kinds[np.argmax(counts)]))
+
+
+def _best(trials: Sequence[_Trial]) -> tuple[Array, Array, Array]:
+    """Derivatives with the least errors, these errors, the numbers of their trials."""
+    errors = np.array([trial.errors for trial in trials])
+    derivatives = np.array([trial.derivatives for trial in trials])
+    chosen = np.argmin(errors, axis=0)
+    columns = np.arange(errors.shape[1])
+    best, error = derivatives[chosen, columns], errors[chosen, columns]
+    excess = np.abs(derivatives - best) - errors
+    return best, np.maximum(error, excess.max(axis=0)), chosen
+
+
+def _next_step(
+    trials: Sequence[_Trial], tried: Sequence[float], size: float, least: Array
+) -> float:
+    """The step that the worst derivative asks for and that was not tried, or 0."""
+    derivatives, errors, chosen = _best(trials)
+    relative = errors / np.maximum(np.abs(derivatives), least)
+    for k in np.argsort(-relative):
+        if relative[k] <= GOOD_ERROR:
+            break
+        step = trials[chosen[k]].best_steps[k]
+        step = float(np.clip(step, LEAST_STEP * size, LARGEST_STEP * size))
+        if all(max(step / s, s / step) >= LEAST_FACTOR for s in tried):
+            return step
+    return 0.0
+
+
+def _trial(evaluate: Evaluate, x: float, step: float, values: Array) -> _Trial:
+    """A difference with one step, on one side where the other does not exist."""
+    try:
+        return _central(evaluate, x, step, values)
+    except InputError:
+        try:
+            return _one_sided(evaluate, x, step, values)
+        except InputError:
+            return _one_sided(evaluate, x, -step, values)
+
+
+def _central(evaluate: Evaluate, x: float, step: float, values: Array) -> _Trial:
+    plus, minus, plus2, minus2 = evaluate([x + k * step for k in CENTRAL])
+    near, far = (plus - minus) / (2 * step), (plus2 - minus2) / (4 * step)
+    second = (plus - values) - (values - minus), (plus2 - values) - (values - minus2)
+    noise = np.abs(second[1] - 4.0 * second[0]) / 8.0
+    noise = np.maximum(noise, _representation(values, plus))
+    return _extrapolated(near, far, noise, step, len(CENTRAL))
+
+
+def _one_sided(evaluate: Evaluate, x: float, step: float, values: Array) -> _Trial:
+    one, two, four = evaluate([x + k * step for k in FORWARD])
+    near = (4.0 * one - 3.0 * values - two) / (2.0 * step)
+    far = (4.0 * two - 3.0 * values - four) / (4.0 * step)
+    noise = _representation(values, one)
+    return _extrapolated(near, far, noise, abs(step), len(FORWARD))
+
+
+def _representation(values: Array, other: Array) -> Array:
+    """Rounding of numbers, where they change."""
+    size = np.maximum(np.abs(values), np.abs(other))
+    return np.where(values == other, 0.0, 4.0 * np.finfo(float).eps * size)
+
+
+def _extrapolated(
+    near: Array, far: Array, noise: Array, step: float, runs: int
+) -> _Trial:
+    derivatives = (4.0 * near - far) / 3.0
+    change, rounding = np.abs(derivatives - near), noise / step
+    size = np.maximum(np.abs(derivatives), np.finfo(float).tiny)
+    truncation = change * np.minimum(1.0, SAFETY * change / size)
+    order = np.where(truncation < change, 5.0, 3.0)
+    tiny = np.finfo(float).tiny
+    factor = (np.maximum(rounding, tiny) / np.maximum(truncation, tiny)) ** (1 / order)
+    factor = np.clip(factor, 1.0 / LARGEST_FACTOR, LARGEST_FACTOR)
+    return _Trial(derivatives, truncation + rounding, factor * step, step, runs)

@@ -1,0 +1,522 @@
+"""Functionals: numbers that a motion gives, such as `max_abs(rod.q1)`.
+
+A functional is written NAME(OUTPUT) or NAME(OUTPUT, ARGUMENT). Those of a motion are
+evaluated on the dense output of the steps: integrals by the quadrature of each step,
+extrema at their exact instant, where the output is stationary.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.scene import SceneFile, parse_output, unit_of
+from sidtool.formats.toml.expressions import evaluate_number
+from sidtool.solver.simulation.frozen_run import Motion, StructureChange
+from sidtool.solver.system.system import System
+
+#: A peak within this part of the range of an output is a rival of the largest one.
+RIVAL_PEAK = 1e-3
+#: Part of a step about a peak in which it is sought as the vertex of a parabola.
+VERTEX_FRACTION = 0.02
+#: An output jumps between two steps by more than this part of its range.
+JUMP = 1e-6
+
+_FORM = re.compile(r"(\w+)\((.*)\)")
+_EXPECTED = "NAME(OUTPUT), such as max_abs(rod.q1); `sidtool sensitivity -h` lists all"
+
+
+class Peak(NamedTuple):
+    """Where a largest value lies.
+
+    Attributes
+    ----------
+    step : number of the step
+    at_point : point of the step if it is an end of the motion or a jump, or -1
+    sign : 1 for a maximum, -1 for a minimum
+    """
+
+    step: int
+    at_point: int
+    sign: float
+
+
+class History:
+    """A motion with the outputs of the scene at the points of its steps."""
+
+    def __init__(self, motion: Motion) -> None:
+        self.motion = motion
+        self.points, self.t = motion.points, motion.steps.t
+        names = motion.system.scene.outputs.record
+        self.column = {name: k for k, name in enumerate(names)}
+
+    @cached_property
+    def _values(self) -> Array:
+        steps = self.motion.steps
+        blocks = self.points.batches([steps])
+        return np.concatenate([self.motion.outputs(b.t, b.z, b.v) for b in blocks])
+
+    def values(self, output: str) -> Array:
+        """An output at the points of all steps, (nt,)."""
+        return np.asarray(self._values[:, self.column[output]])
+
+    def at(self, times: Array, output: str) -> Array:
+        """An output at times of the motion, (nt,)."""
+        return np.asarray(self.motion.outputs_at(times)[:, self.column[output]])
+
+    def _values_in_steps(self, output: str, first: int, last: int) -> Array:
+        """An output at the points of some steps, (last - first, count)."""
+        rows = slice(first * self.points.count, last * self.points.count)
+        if "_values" in self.__dict__:
+            found = self._values[rows]
+        else:
+            steps = self.motion.steps
+            parts = (steps.t[rows], steps.z[rows], steps.v[rows])
+            found = self.motion.outputs(*parts)
+        return found[:, self.column[output]].reshape(last - first, -1)
+
+    def integral(self, values: Array) -> float:
+        """Integral over the motion of values at the points of all steps."""
+        end = np.array([self.motion.end_time])
+        return float(self.points.integral(self.t, values, end)[0])
+
+    @property
+    def duration(self) -> float:
+        return self.motion.end_time - self.motion.system.scene.time.start
+
+    # Peaks
+
+    def find_peaks(self, output: str, signs: Sequence[float]) -> list[Peak]:
+        """The largest value of an output, and the largest other peak if it is almost
+        as large.
+
+        Parameters
+        ----------
+        signs : 1 for maxima, -1 for minima, both for the absolute value
+        """
+        table = self.values(output).reshape(-1, self.points.count)
+        fractions = self.points.fractions
+        found: list[tuple[float, Peak]] = []
+        for sign in signs:
+            largest = [_polynomial_peak(sign * row, fractions) for row in table]
+            heights = np.array([value for value, _ in largest])
+            for _ in range(2):
+                top = int(np.argmax(heights))
+                end = self._end_point(table, top, largest[top][1])
+                found.append((float(heights[top]), Peak(top, end, sign)))
+                low, high = _hill(heights, top)
+                heights[low : high + 1] = -np.inf
+        found.sort(key=lambda pair: -pair[0])
+        (height, first), (other, rival) = found[:2]
+        is_close = height - other < RIVAL_PEAK * np.ptp(table)
+        return [first, rival] if is_close else [first]
+
+    def _end_point(self, table: Array, step: int, fraction: float) -> int:
+        """Point of a step with its largest value if that is an end of the motion or
+        lies at a jump of the output, else -1.
+        """
+        if 0.0 < fraction < 1.0:
+            return -1
+        point, neighbour = (0, step - 1) if fraction == 0.0 else (-1, step + 1)
+        is_end = not 0 <= neighbour < len(table)
+        if not is_end:
+            jump = abs(table[step, point] - table[neighbour, -1 - point])
+            is_end = bool(jump > JUMP * np.ptp(table))
+        return point % table.shape[1] if is_end else -1
+
+    def peak_value(self, output: str, peak: Peak) -> float:
+        """The output at a peak, sought where it was in another motion."""
+        count = self.points.count
+        n_steps = len(self.t) // count
+        if peak.step >= n_steps:
+            raise StructureChange(f"the peak of {output} lies in another step")
+        first, last = max(0, peak.step - 1), min(n_steps, peak.step + 2)
+        y = self._values_in_steps(output, first, last)
+        if peak.at_point >= 0:
+            return float(y[peak.step - first, peak.at_point])
+        largest = [
+            _polynomial_peak(peak.sign * row, self.points.fractions) for row in y
+        ]
+        k = max(range(len(largest)), key=lambda k: largest[k][0])
+        begin = self.t[(first + k) * count]
+        end = self.t[(first + k + 1) * count - 1]
+        t = begin + largest[k][1] * (end - begin)
+        distance = VERTEX_FRACTION * (end - begin)
+        times = np.array([t - distance, t, t + distance])
+        if times[0] < self.t[0] or times[-1] > self.t[-1]:
+            return float(self.at(np.array([t]), output)[0])
+        low, middle, high = self.at(times, output)
+        curvature = low + high - 2.0 * middle
+        if not peak.sign * curvature < 0.0:
+            return float(middle)
+        shift = 0.5 * (low - high) / curvature
+        if abs(shift) > 1.0:
+            return float(middle)
+        return float(middle - 0.125 * (high - low) ** 2 / curvature)
+
+
+def _hill(heights: Array, top: int) -> tuple[int, int]:
+    """First and last step of the hill with a top, down to the valleys beside it."""
+    low = high = top
+    while low > 0 and heights[low - 1] <= heights[low]:
+        low -= 1
+    while high + 1 < len(heights) and heights[high + 1] <= heights[high]:
+        high += 1
+    return low, high
+
+
+def _polynomial_peak(values: Array, fractions: Array) -> tuple[float, float]:
+    """Largest value of the polynomial through the points of a step, and where."""
+    k = int(np.argmax(values))
+    best = float(values[k]), float(fractions[k])
+    x = 2.0 * fractions - 1.0
+    terms = np.linalg.solve(chebyshev.chebvander(x, len(x) - 1), values)
+    low, high = x[max(k - 1, 0)], x[min(k + 1, len(x) - 1)]
+    at = 2.0 * best[1] - 1.0
+    slope, curvature = chebyshev.chebder(terms), chebyshev.chebder(terms, 2)
+    for _ in range(20):
+        bend = chebyshev.chebval(at, curvature)
+        if not bend < 0.0:
+            return best
+        change = float(-chebyshev.chebval(at, slope) / bend)
+        at += change
+        if not low <= at <= high:
+            return best
+        if abs(change) < 1e-14:
+            break
+    value = float(chebyshev.chebval(at, terms))
+    return (value, 0.5 * (at + 1.0)) if value >= best[0] else best
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measured time history.
+
+    Attributes
+    ----------
+    times, values : (n,)
+    """
+
+    times: Array
+    values: Array
+
+
+def read_measurement(path: Path, output: str) -> Measurement:
+    """Read times and one output from a table (CSV) with the columns `t` and OUTPUT.
+
+    Units in brackets behind a name are ignored. A table of two columns may have any
+    second name.
+
+    Raises
+    ------
+    InputError : the file cannot be read, or has no such columns.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row]
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read: {error}", source=path) from None
+    names = [name.partition("[")[0].strip() for name in rows[0]] if rows else []
+    column = names.index(output) if output in names else 1
+    if names[:1] != ["t"] or (output not in names and len(names) != 2):
+        raise InputError(
+            f"has the columns {', '.join(names) or 'none'}",
+            source=path,
+            expected=f"t and {output}",
+        )
+    try:
+        table = np.array([[float(row[0]), float(row[column])] for row in rows[1:]])
+    except (ValueError, IndexError):
+        raise InputError(
+            "holds a row that is no row of numbers", source=path, expected="numbers"
+        ) from None
+    if (
+        not len(table)
+        or not np.isfinite(table).all()
+        or (np.diff(table[:, 0]) < 0).any()
+    ):
+        raise InputError(
+            "holds no times that increase", source=path, expected="a row per time"
+        )
+    return Measurement(table[:, 0], table[:, 1])
+
+
+class Kind(NamedTuple):
+    """A kind of functional.
+
+    Attributes
+    ----------
+    argument : what stands behind the output: "", "time", "power", "file" or "number"
+    text : one line for `--help`
+    unit : unit of a value, from the unit of the output
+    """
+
+    argument: str
+    text: str
+    unit: Callable[[str], str] = lambda unit: unit
+
+
+def _times_second(unit: str) -> str:
+    return f"{unit} s".strip()
+
+
+#: Functionals of a motion, with an output.
+MOTION_KINDS = {
+    "max": Kind("", "largest value, at its exact instant"),
+    "min": Kind("", "least value"),
+    "max_abs": Kind("", "largest absolute value"),
+    "mean": Kind("", "mean over time"),
+    "rms": Kind("", "root of the mean square over time"),
+    "integral": Kind("", "integral over time", _times_second),
+    "norm": Kind("power", "norm(y, p): (mean of |y|^p)^(1/p), a smooth max_abs"),
+    "final": Kind("", "value at the end of the motion"),
+    "value": Kind("time", "value(y, t): value at the time t"),
+    "error": Kind("file", "error(y, FILE.csv): root mean square distance to a table"),
+}
+#: Functionals of the scene without a motion.
+SCENE_KINDS = {
+    "end_time": Kind(
+        "", "time at which the motion ends, as by an event", lambda _: "s"
+    ),
+    "mass": Kind(
+        "", "mass(BODY): mass of a body; mass(*) of all bodies", lambda _: "kg"
+    ),
+    "frequency": Kind(
+        "", "frequency(k): k-th natural frequency about the start", lambda _: "Hz"
+    ),
+    "damping_ratio": Kind("", "damping_ratio(k): of that mode", lambda _: ""),
+    "static": Kind("", "static(y): value in the static equilibrium"),
+}
+KINDS = MOTION_KINDS | SCENE_KINDS
+
+
+@dataclass(frozen=True)
+class Functional:
+    """A functional of a scene.
+
+    Attributes
+    ----------
+    text : as it was written
+    kind : a key of `KINDS`
+    output : output of the scene; body or number of a mode for some kinds
+    number : time [s] or power; 0 if it has none
+    measurement : of `error`
+    """
+
+    text: str
+    kind: str
+    output: str
+    number: float = 0.0
+    measurement: Measurement | None = None
+
+    @property
+    def needs_motion(self) -> bool:
+        return self.kind in MOTION_KINDS or self.kind == "end_time"
+
+    @property
+    def recorded(self) -> str:
+        """The output that the scene has to evaluate, or empty."""
+        return self.output if self.kind in (*MOTION_KINDS, "static") else ""
+
+    def unit(self, scene: SceneFile) -> str:
+        """Unit of the value."""
+        unit = unit_of(self.recorded, scene) if self.recorded else ""
+        return KINDS[self.kind].unit(unit)
+
+    def peaks(self, history: History) -> list[Peak]:
+        """Where the value lies in a nominal motion, for extrema, then a rival if there
+        is one.
+        """
+        signs = {"max": (1.0,), "min": (-1.0,), "max_abs": (1.0, -1.0)}
+        if self.kind not in signs:
+            return []
+        return history.find_peaks(self.output, signs[self.kind])
+
+    def scale(self, history: History | None, value: float) -> float:
+        """Size of changes of the value that matter."""
+        largest = 0.0
+        if history is not None and self.kind in MOTION_KINDS:
+            largest = float(np.abs(history.values(self.output)).max())
+        return max(abs(value), largest, float(np.finfo(float).tiny))
+
+    def of_motion(self, history: History, peak: Peak | None) -> float:
+        """The value of a motion.
+
+        Parameters
+        ----------
+        peak : of the nominal motion
+
+        Raises
+        ------
+        StructureChange : the motion ends before the time of the value.
+        """
+        if self.kind == "end_time":
+            return history.motion.end_time
+        if peak is not None:
+            value = history.peak_value(self.output, peak)
+            return peak.sign * value if self.kind == "max_abs" else value
+        if self.kind == "final":
+            return float(history.values(self.output)[-1])
+        if self.kind in ("value", "error"):
+            times = np.array([self.number])
+            if self.measurement is not None:
+                times = self.measurement.times
+            values = self._values_at(history, times)
+            if self.measurement is None:
+                return float(values[0])
+            return float(np.sqrt(np.mean((values - self.measurement.values) ** 2)))
+        y = history.values(self.output)
+        if self.kind == "integral":
+            return history.integral(y)
+        if self.kind == "mean":
+            return history.integral(y) / history.duration
+        power = 2.0 if self.kind == "rms" else self.number
+        mean = history.integral(np.abs(y) ** power) / history.duration
+        return float(mean ** (1.0 / power))
+
+    def _values_at(self, history: History, times: Array) -> Array:
+        start, end = history.motion.system.scene.time.start, history.motion.end_time
+        rounding = 1e-9 * (end - start)
+        if times.min() < start - rounding or times.max() > end + rounding:
+            raise InputError(
+                f"the motion lasts from {start:g} to {end:g} s",
+                place=self.text,
+                expected="times inside",
+            )
+        return history.at(np.clip(times, start, end), self.output)
+
+    def residuals(self, history: History) -> Array:
+        """Output minus measurement at the times of the measurement, (n,)."""
+        assert self.measurement is not None
+        values = self._values_at(history, self.measurement.times)
+        return np.asarray(values - self.measurement.values)
+
+    def of_system(self, system: System) -> float:
+        """The value of a scene without a motion.
+
+        Raises
+        ------
+        SimulationError : there is no equilibrium, or there are no modes.
+        """
+        if self.kind == "mass":
+            return self._mass(system)
+        if self.kind == "static":
+            from sidtool.solver.analyses.static_equilibrium import static_equilibrium
+
+            result = static_equilibrium(system).result()
+            return float(result.values[0, result.names.index(self.output)])
+        from sidtool.solver.analyses.linearisation import linearise
+
+        modes = linearise(system, "start", frozen=True)
+        column = modes.frequencies if self.kind == "frequency" else modes.damping_ratios
+        k = int(self.output)
+        if not 1 <= k <= len(column):
+            raise InputError(
+                f"the scene has {len(column)} natural modes",
+                place=self.text,
+                expected="the number of one of them",
+            )
+        return float(column[k - 1])
+
+    def _mass(self, system: System) -> float:
+        masses = {b.name: b.sid.mass for b in system.bodies if b.is_scene_body}
+        if self.output == "*":
+            return float(sum(masses.values()))
+        if self.output not in masses:
+            raise InputError(
+                f"there is no body {self.output!r}",
+                place=self.text,
+                expected=f"one of {', '.join(masses)}",
+            )
+        return float(masses[self.output])
+
+
+def split_at_commas(text: str) -> list[str]:
+    """Split a text at the commas outside of parentheses."""
+    parts, depth, last = [], 0, 0
+    for k, letter in enumerate(text):
+        depth += {"(": 1, ")": -1}.get(letter, 0)
+        if letter == "," and depth == 0:
+            parts.append(text[last:k].strip())
+            last = k + 1
+    return [part for part in [*parts, text[last:].strip()] if part]
+
+
+def parse_functionals(
+    texts: str | Iterable[str], folder: Path = Path(".")
+) -> list[Functional]:
+    """Parse functionals of the option `--of`; one text may hold several, with commas.
+
+    Parameters
+    ----------
+    folder : of relative paths of tables
+
+    Raises
+    ------
+    InputError : a text has another form.
+    """
+    given = [texts] if isinstance(texts, str) else [*texts]
+    listed = dict.fromkeys(part for text in given for part in split_at_commas(text))
+    if not listed:
+        raise InputError("there is no functional", place="--of", expected=_EXPECTED)
+    return [_parse(text, folder) for text in listed]
+
+
+def _parse(text: str, folder: Path) -> Functional:
+    match = _FORM.fullmatch(text)
+    name = match[1] if match else text
+    if name not in KINDS or (match is None and name != "end_time"):
+        expected = _EXPECTED if match is None else f"one of {', '.join(KINDS)}"
+        raise InputError(f"found {text!r}", place="--of", expected=expected)
+    arguments = split_at_commas(match[2]) if match else []
+    kind = KINDS[name]
+    wanted = (1 if name != "end_time" else 0) + bool(kind.argument)
+    if len(arguments) != wanted:
+        raise InputError(
+            f"found {text!r} with {len(arguments)} arguments",
+            place="--of",
+            expected=kind.text if kind.argument else f"{name}(...): {kind.text}",
+        )
+    output = arguments[0] if arguments else ""
+    if name in MOTION_KINDS or name == "static":
+        try:
+            parse_output(output)
+        except InputError as error:
+            raise InputError(
+                error.problem, place=f"--of {text}", expected=error.expected
+            ) from None
+    if name in ("frequency", "damping_ratio") and not output.isdecimal():
+        raise InputError(f"found {text!r}", place="--of", expected=kind.text)
+    if kind.argument == "file":
+        measured = read_measurement(folder / arguments[1].strip("'\""), output)
+        return Functional(text, name, output, measurement=measured)
+    number = _number(arguments[1], text) if kind.argument else 0.0
+    if kind.argument == "power" and not number >= 1.0:
+        raise InputError(
+            f"found {text!r}", place="--of", expected="a power of 1 or more"
+        )
+    return Functional(text, name, output, number)
+
+
+def _number(argument: str, text: str) -> float:
+    try:
+        return float(evaluate_number(argument, {}))
+    except InputError:
+        raise InputError(
+            f"found {argument!r} in {text!r}", place="--of", expected="a number"
+        ) from None
+
+
+def recorded_outputs(functionals: Sequence[Functional]) -> list[str]:
+    """Outputs that the scene has to evaluate, each once."""
+    return list(dict.fromkeys(f.recorded for f in functionals if f.recorded))

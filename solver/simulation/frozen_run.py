@@ -1,0 +1,375 @@
+"""Runs on the grid of another run: what derivatives by differences of runs need.
+
+The error control chooses steps by the numbers of a scene, in jumps. Two runs of nearby
+scenes differ by these jumps more than by the change of the scene. So the steps of a
+nominal run are recorded, and neighbours are integrated with the same steps: the same
+ends, the same method in each, the same friction states in the same order. Newton's
+iteration goes on until rounding ends it. Such a run is a smooth function of its
+numbers.
+
+What moves with the numbers:
+
+- a break of a drive or of a force, and the end of the run: grid points between two
+  breaks keep their fraction of the interval;
+- a change of a friction state and an event that ends the run: the step before it keeps
+  its end and is left at the change, the step after it ends at the next grid point;
+- a corner of a force at which a step ends: that step ends where the neighbour meets the
+  corner.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.base.sid import Array
+
+from ..initial_state.integrator_start import RunSettings
+from ..integrators import loop_state
+from ..integrators.singular_configurations import NEAR_SINGULAR
+from ..integrators.step_limits import CORNER_DISTANCE, RESOLVED_PATH
+from ..output import columns, dense_output
+from ..output.dense_output import StepPoints, StepStates
+from ..output.energies import EnergyIntegrals
+from ..output.samples import StateSampler
+from ..system.errors import SimulationError
+from ..system.system import System
+from ..system.work_arrays import raise_pending
+from .preparation import (
+    RunStart,
+    allocate,
+    compile_kernels,
+    plan_single_steps,
+    prepare_run,
+)
+from .result import stop_causes
+from .stepping import Stepper, Stop
+
+#: Tolerances of Newton's iteration in frozen runs, the first with which it converges.
+TOLERANCES = (1e-12, 1e-11, 1e-10)
+#: Secant steps that search the end of a step at a corner of a force.
+CORNER_ITERATIONS = 12
+
+
+@dataclass(frozen=True)
+class GridStep:
+    """One step of a grid.
+
+    Attributes
+    ----------
+    interval : number of the interval between two breaks in which it lies
+    fraction : of this interval that has passed at its end, before a change cuts it
+    method : integrator
+    begins : True if a smooth interval begins with it
+    decisions : names and kinds of the changes of friction states at its beginning
+    corner : row of the force whose measure meets a corner at its end, or -1
+    feature : number of the corner among the features of all functions
+    """
+
+    interval: int
+    fraction: float
+    method: str
+    begins: bool
+    decisions: tuple[tuple[str, str], ...] = ()
+    corner: int = -1
+    feature: int = 0
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Steps of a nominal run.
+
+    Attributes
+    ----------
+    steps : in sequence
+    settings : of the nominal run
+    stopping_event : name of the event that ended it, or empty
+    singular_time : first time near a singular configuration [s], or NaN
+    structure : equations of the run, see `_structure`
+    """
+
+    steps: tuple[GridStep, ...]
+    settings: RunSettings
+    stopping_event: str
+    singular_time: float
+    structure: tuple[Any, ...]
+
+
+class StructureChange(Exception):
+    """A neighbour of a run has other events, in another order, or other equations.
+
+    Attributes
+    ----------
+    reason : what differs, as a phrase
+    """
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """States of a run at the points of all of its steps.
+
+    Attributes
+    ----------
+    system : with the friction states of the run
+    points : of a step, see `StepPoints`
+    steps : (n_steps * points.count) states
+    end_time : time at which the run ends [s]
+    """
+
+    system: System
+    points: StepPoints
+    steps: StepStates
+    end_time: float
+    sampler: StateSampler
+    energies: EnergyIntegrals | None
+
+    def outputs(self, t: Array, z: Array, v: Array) -> Array:
+        """Outputs of the scene at states, (nt, n_outputs)."""
+        t, z, v = t.copy(), z.copy(), v.copy()
+        found = columns.evaluate_outputs(self.sampler, t, z, v, self.energies)
+        return np.asarray(found.values)
+
+    def outputs_at(self, times: Array) -> Array:
+        """Outputs of the scene at times [s] of the run, (nt, n_outputs)."""
+        times = np.clip(times, self.steps.t[0], self.steps.t[-1])
+        states = [self.points.interpolate_state(self.steps, t) for t in times]
+        z, v = (np.array(part) for part in zip(*states, strict=True))
+        return self.outputs(times, z, v)
+
+
+class _GridRun(Stepper):
+    """A run that makes one step after the other."""
+
+    def __init__(self, start: RunStart) -> None:
+        plan = plan_single_steps(start)
+        arrays = allocate(start, plan, np.zeros(0))
+        super().__init__(start, plan, arrays)
+        arrays.window.fill_next(self.control)
+        self.parts: list[StepStates] = []
+        self.energies = plan.energy_integrals
+
+    @property
+    def edges(self) -> Array:
+        """Start, breaks and end of the scene [s]."""
+        return np.array([self.system.scene.time.start, *self.system.breaks])
+
+    def begin_interval(self, end: float) -> tuple[tuple[str, str], ...]:
+        """Begin a smooth interval; returns the changes of friction states there.
+
+        Raises
+        ------
+        SimulationError : it cannot begin.
+        """
+        count = len(self.breaks)
+        failure = self.enter_interval(end)
+        if failure:
+            raise SimulationError(stop_causes(self, Stop(failure)))
+        return tuple((each.name, each.kind) for each in self.breaks[count:])
+
+    def make_step(self) -> int:
+        """Make one step; returns the code of the step loop.
+
+        Raises
+        ------
+        SimulationError : the step fails.
+        """
+        self.control.fraction_index = 0
+        code = self.step_function.advance(self.control, 1)
+        raise_pending(self.system)
+        if code not in (loop_state.STEPS_DONE, loop_state.INTERVAL_END):
+            raise SimulationError(stop_causes(self, Stop(code=code)))
+        return code
+
+    def take_step(self) -> bool:
+        """Take the states of the last step, to a change of a friction state or to the
+        event that ends the run. Returns True if an event ends it.
+        """
+        steps = dense_output.take_steps(self.control)
+        if self.stick_slip_events is not None and len(steps.t):
+            steps = self.stick_slip_events.steps_until_change(self.control, steps)
+            self.needs_new_interval = self.stick_slip_events.needs_decision
+        detector, ended = self.event_detector, False
+        if detector is not None and detector.find_events(steps):
+            end, ended = detector.events_found[-1].t, True
+            if end > steps.t[0]:
+                steps = self.points.restrict(steps, steps.t[0], end)
+        if len(steps.t):
+            self.parts.append(steps)
+            if self.energies is not None:
+                self.energies.add(steps)
+        return ended
+
+    def motion(self, end_time: float) -> Motion:
+        """Return the states so far."""
+        return Motion(
+            system=self.system,
+            points=self.points,
+            steps=dense_output.join_steps(self.parts),
+            end_time=end_time,
+            sampler=StateSampler(self.system, self.start.tolerances),
+            energies=self.energies,
+        )
+
+    def measures(self) -> Array:
+        """Measures of the forces at the end of the last step, (n_forces,)."""
+        return np.array(self.control.force_measures[:, 0])
+
+
+def record_grid(system: System, settings: RunSettings) -> Grid:
+    """Integrate a scene with its settings, and return the steps.
+
+    Raises
+    ------
+    InputError, SimulationError : as `simulate`.
+    """
+    compile_kernels(system, settings)
+    run = _GridRun(prepare_run(system, settings, (), None))
+    steps: list[GridStep] = []
+    structure = _structure(run.system)
+    singular_time, since_question = np.nan, 0
+    for interval, stop in enumerate(run.edges[1:]):
+        begin = run.edges[interval]
+        decisions, begins = run.begin_interval(stop), True
+        while True:
+            before = run.measures()
+            method = run.method_name
+            if run.make_step() == loop_state.INTERVAL_END:
+                break
+            if run.control.singular_proximity == NEAR_SINGULAR and singular_time != (
+                singular_time
+            ):
+                singular_time = run.current_time
+            corner, feature = _corner_at_end(run, before)
+            fraction = (run.current_time - begin) / (stop - begin)
+            if run.current_time == stop:
+                fraction = 1.0
+            steps.append(
+                GridStep(interval, fraction, method, begins, decisions, corner, feature)
+            )
+            decisions, begins = (), False
+            if run.take_step():
+                event = run.event_detector.stopping_event  # type: ignore[union-attr]
+                return Grid(tuple(steps), settings, event, singular_time, structure)
+            since_question += 1
+            near = run.control.singular_proximity == NEAR_SINGULAR
+            if since_question >= run.plan.step_limit or near:
+                since_question = 0
+                if run.needs_stiff_method(loop_state.STEPS_DONE):
+                    run.switch_method()
+                    run.needs_new_interval = True
+            if run.needs_new_interval:
+                decisions, begins = run.begin_interval(stop), True
+    return Grid(tuple(steps), settings, "", singular_time, structure)
+
+
+def _structure(system: System) -> tuple[Any, ...]:
+    """What neighbours must have in common: coordinates, constraints, breaks."""
+    sizes = system.n_positions, system.n_velocities, system.n_rows
+    rows = system.redundant, system.inactive_rows, tuple(system.eliminated)
+    constraints = system.arrays.constraint.tobytes()
+    return (*sizes, *rows, constraints, len(system.breaks))
+
+
+def _corner_at_end(run: _GridRun, before: Array) -> tuple[int, int]:
+    """Force row and feature of the corner at which the last step ended, or -1 and 0."""
+    control = run.control
+    if control.fixed_step == 1:
+        return -1, 0
+    for k, (x, y) in enumerate(zip(before, run.measures(), strict=True)):
+        size = max(abs(x), abs(y), 1e-3 * control.mechanism_length)
+        tolerance = max(CORNER_DISTANCE * abs(y - x), RESOLVED_PATH * size)
+        first, last = control.feature_offsets[2 * k + 1 : 2 * k + 3]
+        for i in range(first, last):
+            corner = control.feature_starts[i]
+            is_corner = last - first > 1 and control.feature_corners[i] != 0.0
+            if is_corner and abs(y - corner) <= tolerance < abs(x - corner):
+                return k, i
+    return -1, 0
+
+
+def run_on_grid(system: System, grid: Grid) -> Motion:
+    """Integrate a scene with the steps of a grid, to rounding.
+
+    Raises
+    ------
+    InputError : no start position meets the constraints.
+    SimulationError : a step fails.
+    StructureChange : events or friction states change in another order.
+    """
+    for last, tolerance in enumerate(TOLERANCES, 1 - len(TOLERANCES)):
+        settings = replace(grid.settings, rtol=tolerance, step=1.0)
+        try:
+            return _follow(_GridRun(prepare_run(system, settings, (), None)), grid)
+        except SimulationError:
+            if last == 0:
+                raise
+    raise AssertionError("unreachable")
+
+
+def _follow(run: _GridRun, grid: Grid) -> Motion:
+    edges, control = run.edges, run.control
+    if _structure(run.system) != grid.structure:
+        raise StructureChange("other constraints or breaks are active")
+    for index, step in enumerate(grid.steps):
+        begin, stop = edges[step.interval], edges[step.interval + 1]
+        run.use_method(step.method)
+        if run.needs_new_interval and not step.begins:
+            raise StructureChange(_changed("a change of a friction state", run))
+        if step.begins and run.begin_interval(stop) != step.decisions:
+            raise StructureChange(_changed("another change of a friction state", run))
+        end = stop if step.fraction == 1.0 else begin + step.fraction * (stop - begin)
+        if not end > control.time:
+            raise StructureChange(_changed("an event in another step", run))
+        if step.corner >= 0:
+            _step_to_corner(run, step, end)
+        else:
+            _step_to(run, end)
+        if run.take_step():
+            detector = run.event_detector
+            assert detector is not None
+            if index + 1 < len(grid.steps) or (
+                detector.stopping_event != grid.stopping_event
+            ):
+                raise StructureChange(_changed(f"event {detector.stopping_event}", run))
+            return run.motion(detector.events_found[-1].t)
+    if grid.stopping_event:
+        raise StructureChange(f"event {grid.stopping_event} is not reached")
+    return run.motion(run.current_time)
+
+
+def _changed(what: str, run: _GridRun) -> str:
+    return f"{what} at t = {run.current_time:.6g} s"
+
+
+def _step_to(run: _GridRun, end: float) -> None:
+    """Make one step that ends at a time [s]."""
+    control = run.control
+    control.stop, control.step = end, end - control.time
+    run.make_step()
+
+
+def _step_to_corner(run: _GridRun, step: GridStep, end: float) -> None:
+    """Make one step that ends where the measure of a force meets a corner."""
+    saved = [part.copy() for part in run.contents()]
+    begin, position = run.control.time, run.control.feature_starts[step.feature]
+
+    def distance(t: float) -> float:
+        for part, copy in zip(run.contents(), saved, strict=True):
+            part[:] = copy
+        _step_to(run, t)
+        return float(run.measures()[step.corner] - position)
+
+    t0, t1 = end, end - 1e-4 * (end - begin)
+    y1, y0 = distance(t1), distance(t0)
+    for _ in range(CORNER_ITERATIONS):
+        if y1 == y0:
+            break
+        t2 = t0 - y0 * (t0 - t1) / (y0 - y1)
+        if abs(t2 - t0) <= 4e-16 * max(abs(t2), end - begin):
+            break
+        t1, y1 = t0, y0
+        t0, y0 = t2, distance(t2)
