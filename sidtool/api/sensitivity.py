@@ -15,6 +15,7 @@ from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.diagnostics.python_warnings import warn_of_each
 from sidtool.formats.file_names import scene_given
+from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.storage.operating_system import processors
 from sidtool.formats.toml.files import locate_errors
@@ -28,6 +29,7 @@ from sidtool.solver.simulation.frozen_run import (
 from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
 
+from ..model_derivatives.sid_derivatives import SidDerivatives, sid_derivatives
 from ..sensitivity.differences import differentiate
 from ..sensitivity.functionals import (
     Functional,
@@ -37,7 +39,13 @@ from ..sensitivity.functionals import (
     recorded_outputs,
 )
 from ..sensitivity.sensitivity_result import Sensitivities
-from ..sensitivity.variables import Variable, find_variables, scene_changes
+from ..sensitivity.variables import (
+    Variable,
+    find_variables,
+    model_changes,
+    scene_changes,
+)
+from ..sweep.design import Designs
 from .compiled_scene import CompiledScene
 from .parallel_runs import map_in_threads
 
@@ -133,10 +141,14 @@ class Problem:
         with locate_errors(given):
             self.functionals = parse_functionals(functionals, given.folder)
             self.variables = find_variables(variables, given)
+            given_sids = dict(sids or {})
+            self.models = _models(given, self.variables, given_sids)
             record = recorded_outputs(self.functionals)
             self.scene = given.with_({"outputs.record": record})
+            self._bodies = self.bodies(np.array([v.value for v in self.variables]))
+            given_sids |= {name: body.sid for name, body in self._bodies.items()}
             self.compiled = CompiledScene(
-                self.scene, sids=sids, drives=programs[0], forces=programs[1]
+                self.scene, sids=given_sids, drives=programs[0], forces=programs[1]
             )
         if jobs is not None and jobs < 1:
             raise InputError(f"jobs is {jobs}", expected="a positive number")
@@ -149,14 +161,32 @@ class Problem:
     def needs_motion(self) -> bool:
         return any(f.needs_motion for f in self.functionals)
 
-    def system(self, x: Sequence[float] | Array) -> System:
+    def bodies(self, x: Array) -> dict[str, SidDerivatives]:
+        """SIDs of the bodies with variables of their models, and their derivatives.
+
+        Raises
+        ------
+        InputError : a value does not fit, or a model cannot be converted.
+        """
+        found = {}
+        for name, model in self.models.items():
+            changes = model_changes(self.variables, x, name)
+            changed = model.with_(changes)
+            found[name] = sid_derivatives(changed, [*changes])
+        return found
+
+    def system(self, x: Array, sids: Mapping[str, SID]) -> System:
         """The compiled scene with values of the variables.
+
+        Parameters
+        ----------
+        sids : of the bodies with variables of their models
 
         Raises
         ------
         InputError : a value does not fit.
         """
-        return self.compiled.system_with(scene_changes(self.variables, [*x]))
+        return self.compiled.system_with(scene_changes(self.variables, x), sids)
 
     def at(self, x: Array) -> Point:
         """Run the scene with values of the variables.
@@ -166,7 +196,11 @@ class Problem:
         InputError, SimulationError : as `simulate`.
         """
         with locate_errors(self.scene):
-            system, grid, history = self.system(x), None, None
+            bodies = self._bodies
+            if not np.array_equal(x, self.x0):
+                bodies = self.bodies(x)
+            system = self.system(x, {n: body.sid for n, body in bodies.items()})
+            grid, history = None, None
             if self.needs_motion:
                 chosen = run_settings(
                     system,
@@ -181,7 +215,28 @@ class Problem:
             values = np.array([term.value(system, history) for term in terms])
             pairs = zip(terms, values, strict=True)
             scales = np.array([t.functional.scale(history, v) for t, v in pairs])
-        return Point(self, np.asarray(x, float), grid, terms, values, scales)
+        return Point(self, np.asarray(x, float), bodies, grid, terms, values, scales)
+
+
+def _models(
+    scene: SceneFile, variables: Sequence[Variable], sids: Mapping[str, Any]
+) -> dict[str, ModelFile]:
+    """Models of the bodies of which the models have variables.
+
+    Raises
+    ------
+    InputError : a SID replaces that of such a body.
+    """
+    names = dict.fromkeys(v.body for v in variables if v.body)
+    for name in names:
+        if name in sids:
+            raise InputError(
+                "replaces a body whose model is varied",
+                place=f"sids[{name!r}]",
+                expected="variables of other bodies",
+            )
+    designs = Designs(scene, {}, [])
+    return {name: designs.model(name) for name in names}
 
 
 class Term(NamedTuple):
@@ -224,6 +279,7 @@ class Point:
     Attributes
     ----------
     x : (n_variables,) values of the variables
+    bodies : SIDs of models with variables, and their derivatives, by body
     grid : of the run
     terms, all_values : (n_terms,) functionals, then their other peaks
     scales : (n_terms,) sizes of the values
@@ -231,6 +287,7 @@ class Point:
 
     problem: Problem
     x: Array
+    bodies: Mapping[str, SidDerivatives]
     grid: Grid | None
     terms: Sequence[Term]
     all_values: Array
@@ -249,7 +306,12 @@ class Point:
         StructureChange : the run has other events.
         InputError, SimulationError : as `simulate`.
         """
-        system, history = self.problem.system(x), None
+        variables, changes = self.problem.variables, x - self.x
+        sids = {
+            name: body.neighbour(model_changes(variables, changes, name))
+            for name, body in self.bodies.items()
+        }
+        system, history = self.problem.system(x, sids), None
         if self.grid is not None:
             history = History(run_on_grid(system, self.grid))
         return np.array([term.value(system, history) for term in self.terms])
@@ -324,8 +386,8 @@ class Point:
         """Size of a variable: its value, or where that is 0 one by its unit."""
         if value != 0.0:
             return abs(float(value))
-        system = self.problem.system(self.x)
-        time_ = system.scene.time
+        scene, system = self.problem.scene, self.problem.compiled.system_with({})
+        time_ = scene.time
         sizes = {"m": system.length, "s": time_.end - time_.start}
         sizes["m/s"] = sizes["m"] / sizes["s"]
         sizes["rad/s"] = 1.0 / sizes["s"]

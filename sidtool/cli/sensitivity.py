@@ -74,7 +74,8 @@ def sensitivity(
       parameters.h                    a parameter, and all formulas that read it
       forces.*                        all numbers of all forces
       gravity[1]                      a component of a vector
-      arm.initial.angle               an initial value
+      arm.initial.velocity[0]         an initial value
+      rod.model.geometry.thickness    a key of the model of the body rod
 
     --of takes a functional of any output, which the scene need not record:
 

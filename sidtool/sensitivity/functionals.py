@@ -13,17 +13,21 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, parse_output, unit_of
 from sidtool.formats.toml.expressions import evaluate_number
 from sidtool.solver.simulation.frozen_run import Motion, StructureChange
 from sidtool.solver.system.system import System
+
+if TYPE_CHECKING:
+    from sidtool.solver.analyses.linearisation import Linearisation
 
 #: A peak within this part of the range of an output is a rival of the largest one.
 RIVAL_PEAK = 1e-3
@@ -291,9 +295,7 @@ SCENE_KINDS = {
     "mass": Kind(
         "", "mass(BODY): mass of a body; mass(*) of all bodies", lambda _: "kg"
     ),
-    "frequency": Kind(
-        "", "frequency(k): k-th natural frequency about the start", lambda _: "Hz"
-    ),
+    "frequency": Kind("", "frequency(k): k-th natural frequency", lambda _: "Hz"),
     "damping_ratio": Kind("", "damping_ratio(k): of that mode", lambda _: ""),
     "static": Kind("", "static(y): value in the static equilibrium"),
 }
@@ -411,13 +413,9 @@ class Functional:
         if self.kind == "mass":
             return self._mass(system)
         if self.kind == "static":
-            from sidtool.solver.analyses.static_equilibrium import static_equilibrium
-
-            result = static_equilibrium(system).result()
+            result = system.cached(_static_result)
             return float(result.values[0, result.names.index(self.output)])
-        from sidtool.solver.analyses.linearisation import linearise
-
-        modes = linearise(system, "start", frozen=True)
+        modes = system.cached(_natural_modes)
         column = modes.frequencies if self.kind == "frequency" else modes.damping_ratios
         k = int(self.output)
         if not 1 <= k <= len(column):
@@ -439,6 +437,20 @@ class Functional:
                 expected=f"one of {', '.join(masses)}",
             )
         return float(masses[self.output])
+
+
+def _static_result(system: System) -> Result:
+    """Outputs of the static equilibrium."""
+    from sidtool.solver.analyses.static_equilibrium import static_equilibrium
+
+    return static_equilibrium(system.full_joint_system).result()
+
+
+def _natural_modes(system: System) -> Linearisation:
+    """Natural modes about the static equilibrium."""
+    from sidtool.solver.analyses.linearisation import linearise
+
+    return linearise(system.full_joint_system)
 
 
 def split_at_commas(text: str) -> list[str]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.files import File, key_path
 
@@ -136,11 +137,17 @@ def _number_at(content: File, key: str, place: str) -> float:
     return float(value)
 
 
-def scene_changes(
-    variables: Sequence[Variable], values: Sequence[float]
-) -> Mapping[str, float]:
+def scene_changes(variables: Sequence[Variable], values: Array) -> dict[str, float]:
     """Changes of the scene that give its variables other values; those of models are
     left out.
     """
     pairs = zip(variables, values, strict=True)
     return {v.key: float(x) for v, x in pairs if not v.body}
+
+
+def model_changes(
+    variables: Sequence[Variable], values: Array, body: str
+) -> dict[str, float]:
+    """Values of the variables of the model of a body, by keys of the model."""
+    pairs = zip(variables, values, strict=True)
+    return {v.model_key: float(x) for v, x in pairs if v.body == body}
