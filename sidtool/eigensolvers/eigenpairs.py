@@ -15,13 +15,7 @@ from sidtool.formats.base.taylor import Array
 from ..mesh.mesh import Indices
 from ..mesh.quadratic_fields import softest_deformation
 from .factorisation import engine_name, symmetric_factors
-from .lanczos import (
-    BLOCK_SIZE,
-    FREE_BLOCK_SIZE,
-    Pencil,
-    dominant_vectors,
-    expected_blocks,
-)
+from .lanczos import Pencil, dominant_vectors, expected_blocks
 from .slepc import ProgressCounter, notify, slepc_eigenvectors
 
 __all__ = [
@@ -254,13 +248,7 @@ def _invariant_space(
     if static is None:
         return dominant_vectors(counted, pencil.mass, count, pencil.rigid)
     none = pencil.rigid[:, :0]
-    vectors = dominant_vectors(
-        counted,
-        pencil.mass,
-        count - known,
-        none,
-        FREE_BLOCK_SIZE if known else BLOCK_SIZE,
-    )
+    vectors = dominant_vectors(counted, pencil.mass, count - known, none)
     return np.hstack([pencil.rigid, vectors])
 
 

@@ -24,7 +24,7 @@ from ..eigensolvers.eigenpairs import (
     symmetric_factors,
 )
 from ..eigensolvers.factorisation import Factors
-from ..eigensolvers.lanczos import FREE_BLOCK_SIZE
+from ..eigensolvers.lanczos import BLOCK_SIZE
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
 from .body_frames import Frame, clamped_dofs, motion_rows
@@ -127,7 +127,7 @@ class AdmissibleSpace:
         while not self._found or count > self._found[0][2]:
             size = min(size + 1, available)
             self._found[:] = [self._lowest_modes(size, size == available)]
-            size += FREE_BLOCK_SIZE
+            size += BLOCK_SIZE
         values, shapes, _ = self._found[0]
         return values[:count], shapes[:, :count]
 
