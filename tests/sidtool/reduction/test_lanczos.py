@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from scipy.sparse.linalg import splu
+from scipy.spatial import Delaunay
 
 from sidtool.eigensolvers.eigenpairs import lowest_eigenpairs
 from sidtool.eigensolvers.factorisation import nested_dissection, symmetric_factors
@@ -120,6 +123,25 @@ def test_nested_dissection_keeps_factors_small(
     assert found * gain < entries(matrix, "MMD_AT_PLUS_A")
     last = order[-2 * int(np.prod(sizes[1:])) :]
     assert np.ptp(places[last, 0]) == 0
+
+
+def scattered(count: int) -> tuple[sp.csr_matrix, np.ndarray]:
+    """The edges of tetrahedra between random points of a cube."""
+    places = np.random.default_rng(1).uniform(size=(count, 3))
+    corners = Delaunay(places).simplices
+    i, j = corners[:, list(combinations(range(4), 2))].reshape(-1, 2).T
+    edges = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(count, count))
+    near = sp.csr_matrix((edges + edges.T > 0).astype(float))
+    return sp.csr_matrix(near + sp.diags_array(near @ np.ones(count) + 1.0)), places
+
+
+def test_separators_are_small_on_unstructured_meshes() -> None:
+    """All points on one side of a cut gave 1.12 times the entries of minimum degree;
+    the fewest points that touch all connections give 0.86 times."""
+    matrix, places = scattered(4000)
+    order = nested_dissection(matrix, places)
+    found = entries(matrix[order][:, order], "NATURAL")
+    assert found < entries(matrix, "MMD_AT_PLUS_A")
 
 
 def test_any_order_gives_the_same_solution(monkeypatch: pytest.MonkeyPatch) -> None:
