@@ -19,12 +19,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sidtool.accuracy import OutsideTheory, make_accuracy_plan
+from sidtool.accuracy.plan import make_accuracy_plan
 from sidtool.formats.base.sid import SID
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.measurement.cache import METHOD_VERSION as SEARCH
 from sidtool.measurement.candidates import finest_model, scene_of_model
+from sidtool.measurement.validity import OutsideTheory
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.system.system import System
 from tests.metamorphic.generator.case import Case, scene_of

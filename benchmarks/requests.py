@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sidtool.accuracy import make_accuracy_plan
+from sidtool.accuracy.plan import make_accuracy_plan
 from sidtool.formats.base.sid import SID
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene

@@ -15,18 +15,3 @@ error_budget          contribution of each choice
 trimmed_sid           SID with only what a scene needs
 report                decisions, and diagnostics of what errors do not include
 """
-
-from __future__ import annotations
-
-from ..measurement.validity import OutsideTheory
-from .options import parse_accuracy_options, plan_for
-from .plan import Certified, Plan, make_accuracy_plan
-
-__all__ = [
-    "Certified",
-    "OutsideTheory",
-    "Plan",
-    "make_accuracy_plan",
-    "parse_accuracy_options",
-    "plan_for",
-]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import Listener, use_listener
@@ -15,7 +15,9 @@ from sidtool.formats.scene.tables import MAX_RELATIVE_ERROR, MIN_RELATIVE_ERROR
 
 from ..measurement.request import Wanted
 from ..pipeline.model_cache import body_models
-from .plan import Plan, make_accuracy_plan
+
+if TYPE_CHECKING:
+    from .plan import Plan
 
 
 def plan_for(
@@ -63,6 +65,8 @@ def plan_for(
     scene = with_requested_accuracy(scene, wanted)
     from sidtool.solver import compile_scene
     from sidtool.solver.system.body_data import read_sids
+
+    from .plan import make_accuracy_plan
 
     known = read_sids(scene, folder, sids)
 

@@ -81,6 +81,10 @@ class Plan:
         made = *rigid_body_notes(self.scene), *reduced_body_notes(self.scene)
         return [*made, *self.search_diagnostics]
 
+    def certified(self, sink: Sink) -> Sink:
+        """Return a sink that writes the errors of the outputs with the result."""
+        return Certified(sink, self)
+
     def known_result(self, of_run: Iterable[Diagnostic]) -> Result | None:
         """Return the result of the search that a run of this scene would give, or None.
 

@@ -16,7 +16,7 @@ from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_subset import select_shape_functions
 
 from ..pipeline.model_cache import convert_bodies
-from . import plan_for
+from .options import plan_for
 
 #: Accuracy if neither the scene nor the command specifies one.
 DEFAULT_ACCURACY = 1e-3

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.base.sid import SID
 from sidtool.formats.diagnostics import Diagnostic
@@ -18,9 +18,11 @@ from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene
 from sidtool.solver.system.system import System
 
-from ..accuracy import Certified, plan_for
-from ..accuracy.plan import Plan
+from ..accuracy.options import plan_for
 from ..pipeline.scene_changes import apply_changes
+
+if TYPE_CHECKING:  # its imports take as long as all others of a command
+    from ..accuracy.plan import Plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +52,7 @@ class PreparedScene:
 
     def certified(self, sink: Sink) -> Sink:
         """Return a sink that writes the errors of the outputs with the result."""
-        return sink if self.plan is None else Certified(sink, self.plan)
+        return sink if self.plan is None else self.plan.certified(sink)
 
 
 def prepare_scene(

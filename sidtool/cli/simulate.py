@@ -196,7 +196,7 @@ def simulate(
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     _check_numbers(rtol, step, spectral_radius)
-    from ..accuracy import parse_accuracy_options
+    from ..accuracy.options import parse_accuracy_options
     from .result_files import OutputFiles
 
     unfinished = _read_unfinished(output) if goes_on else None

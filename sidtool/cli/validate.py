@@ -161,7 +161,7 @@ def trim(
     from sidtool.formats.sid_files import write_sid
     from sidtool.solver.system.errors import SimulationError
 
-    from ..accuracy import parse_accuracy_options
+    from ..accuracy.options import parse_accuracy_options
     from ..accuracy.trimmed_sid import trim_sid
     from ..pipeline.files import expect_kind
 

@@ -17,8 +17,8 @@ import scipy.sparse as sp
 
 from sidtool.formats.base.taylor import Array
 
-#: Equal eigenvalues come in pairs and triples, by symmetry. Four vectors take 1.1 to 1.5
-#: times as long to solve for as two, and need half the blocks.
+#: Equal eigenvalues come in pairs and triples, by symmetry. A solution for four vectors
+#: takes 1.1 to 1.5 times as long as for two, and half as many are needed.
 BLOCK_SIZE = 4
 #: Residual of a Ritz pair relative to its value.
 _TOLERANCE = 1e-12

@@ -9,10 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import sidtool
-from sidtool.accuracy import OutsideTheory
 from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
 from sidtool.measurement import cache
+from sidtool.measurement.validity import OutsideTheory
 from tests.bodies import Cloud
 
 from .arms import cantilever, spun, swinging

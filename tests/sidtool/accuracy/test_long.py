@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import OutsideTheory, long_run_reference
 from sidtool.accuracy import long_run_part as long
+from sidtool.accuracy import long_run_reference
 from sidtool.api import interrupts
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Taylor
@@ -21,6 +21,7 @@ from sidtool.formats.toml.reading import validate_data
 from sidtool.measurement import cache, candidates
 from sidtool.measurement import runs as runs_
 from sidtool.measurement.request import requested
+from sidtool.measurement.validity import OutsideTheory
 from sidtool.solver import compile_scene
 from tests.codes import only, with_code
 from tests.places import SLIDER_CRANK

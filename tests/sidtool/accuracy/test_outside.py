@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import OutsideTheory
 from sidtool.formats.base.sid import Taylor
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.reading import validate_data
 from sidtool.measurement import cache
+from sidtool.measurement.validity import OutsideTheory
 from sidtool.pipeline.model_to_sid import sid_from_model
 from tests.codes import codes
 
