@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .errors import InputError
+
 #: Arrays of real numbers, or of complex ones that carry a step.
 Numbers = NDArray[Any]
 
@@ -86,3 +88,45 @@ def analytic_arctan2(y: Any, x: Any) -> Any:
     square = np.real(x) ** 2 + np.real(y) ** 2
     turned = np.real(x) * np.imag(y) - np.real(y) * np.imag(x)
     return angle + 1j * turned / square
+
+
+def analytic_pinv(matrices: Numbers, rcond: float = 1e-15) -> Numbers:
+    """Return the pseudo-inverse A of matrices P (..., m, n) of constant rank.
+
+    dA = -A dP A + A A^T dP^T (I - P A) + (I - A P) dP^T A^T A (G. Golub, V. Pereyra,
+    SIAM J. Numer. Anal. 10, 1973).
+    """
+    inverse = np.linalg.pinv(matrices.real, rcond=rcond)
+    if not np.iscomplexobj(matrices):
+        return inverse
+    p, change = matrices.real, matrices.imag
+    transposed, turned = np.swapaxes(inverse, -1, -2), np.swapaxes(change, -1, -2)
+    beside = np.eye(p.shape[-2]) - p @ inverse
+    within = np.eye(p.shape[-1]) - inverse @ p
+    step = (
+        -inverse @ change @ inverse
+        + inverse @ transposed @ turned @ beside
+        + within @ turned @ transposed @ inverse
+    )
+    return np.asarray(inverse + 1j * step)
+
+
+def check_joined_points(joined: Numbers, separate: Numbers) -> None:
+    """Check that points that are one move together.
+
+    Parameters
+    ----------
+    joined : (n, d) positions after points were joined
+    separate : (n, d) those of the same points before
+
+    Raises
+    ------
+    InputError : a step moves them apart.
+    """
+    apart = np.abs((joined - separate).imag).max(initial=0.0)
+    if apart > 1e-9 * np.abs(separate.imag).max(initial=0.0):
+        raise InputError(
+            "the variable moves one of several control points that are one",
+            place="geometry",
+            expected="a shape variable that moves all of them",
+        )

@@ -20,6 +20,6 @@ def first_largest(values: ArrayLike, axis: int | None = None) -> Any:
     values : not negative, at least one
     axis : with an axis, the result is an array of indices, see `numpy.argmax`
     """
-    sizes = np.asarray(values, float)
+    sizes = np.asarray(np.real(values), float)
     largest = sizes.max(axis=axis, keepdims=True)
     return np.argmax(sizes >= (1.0 - EQUAL) * largest, axis=axis)

@@ -242,7 +242,8 @@ def _marker_fraction(marker: NodeMarker, axis: Axis) -> float:
         raise InputError("is for meshes", place="mesh_node", expected="another place")
     check_length(marker.position, 3, "position")
     fraction, distance = axis.nearest(numbers(marker.position))
-    if distance > (_ON_LINE if axis.straight else _ON_CURVE) * axis.length:
+    length = np.real(axis.length)
+    if distance > (_ON_LINE if axis.straight else _ON_CURVE) * length:
         raise InputError(
             "lies off the axis of the beam",
             place="position",

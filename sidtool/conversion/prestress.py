@@ -110,10 +110,12 @@ def add_prestress(
         kind: np.einsum("ij,i->j", mixing.real**2, share)
         for kind, share in basis.shares.items()
     }
+    mixing = mixing * np.sign(
+        np.sum(shapes.real * (basis.shapes @ mixing).real, axis=0)
+    )
     stiffness = modal_stiffness(basis.stiffness + extra, values, mixing)
     new = ReducedBasis(shapes, stiffness, labels, shares, basis.diagnostics)
-    signs = np.sign(np.sum(shapes.real * (basis.shapes @ mixing).real, axis=0))
-    return InitialStress(new, signs * (mixing.T @ generalised), state, uniform)
+    return InitialStress(new, mixing.T @ generalised, state, uniform)
 
 
 def _with_reactions(

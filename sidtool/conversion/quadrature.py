@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import analytic_pinv, number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import report_stage
 from sidtool.formats.base.taylor import Array
@@ -100,7 +101,7 @@ class QuadraturePart:
         assert self.amplitudes is not None
         p, m, d, n = at_nodes.shape
         own = self.amplitudes[self.element] @ at_nodes.reshape(p, m * d, n)
-        return np.asarray(own.reshape(p, -1, d, n), float)
+        return np.asarray(own.reshape(p, -1, d, n))
 
 
 def _gradients_of_functions(slopes: Array, amplitudes: Array) -> Array:
@@ -216,8 +217,8 @@ class NodalAverages:
         ]
         self._used = np.unique(np.concatenate(keys))
         self.nodes = self._used % self._count
-        self._total = np.zeros((len(self._used), width))
-        self._weight = np.zeros(len(self._used))
+        self._total: Array = np.zeros((len(self._used), width))
+        self._weight: Array = np.zeros(len(self._used))
 
     def add(self, part: QuadraturePart, values: Array) -> None:
         """Values (p, width) at the quadrature points of whole elements."""
@@ -225,18 +226,22 @@ class NodalAverages:
         nodes = part.nodes[::g]
         corners = self._positions[nodes]
         centre = corners.mean(axis=1, keepdims=True)
-        size = np.abs(corners - centre).max(axis=(1, 2), keepdims=True)
+        size = np.abs((corners - centre).real).max(axis=(1, 2), keepdims=True)
         points = np.einsum("pm,pmd->pd", part.values, self._positions[part.nodes])
         points = (points.reshape(len(nodes), g, -1) - centre) / size
         terms = _terms(g, self._positions.shape[1])
-        fit = np.linalg.pinv(
-            _polynomial_values(points, terms), rcond=_SINGULAR_VALUE_TOLERANCE
+        fit = analytic_pinv(
+            _polynomial_values(points, terms), _SINGULAR_VALUE_TOLERANCE
         )
         volumes = part.weights.reshape(len(nodes), g).sum(axis=1)
         at_nodes = _polynomial_values((corners - centre) / size, terms) @ fit
         nodal = at_nodes * volumes[:, None, None] @ values.reshape(len(nodes), g, -1)
         keys = nodes + self._count * self._owners[part.continuum]
         rows = np.searchsorted(self._used, keys).ravel()
+        self._total = self._total.astype(number_type(self._total, nodal), copy=False)
+        self._weight = self._weight.astype(
+            number_type(self._weight, volumes), copy=False
+        )
         np.add.at(self._total, rows, nodal.reshape(len(rows), -1))
         np.add.at(self._weight, rows, np.repeat(volumes, nodes.shape[1]))
 

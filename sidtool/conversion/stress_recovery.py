@@ -57,7 +57,7 @@ def add_stress_recovery(
         marker = next(m for m in body.markers if str(m.node) == node.id)
         if _needs_stress(marker, settings):
             rows = _marker_stress_rows(body, marker)
-            fixed = np.zeros(6)
+            fixed: Array = np.zeros(6)
             if initial is not None:
                 fixed = _initial_stress_rows(rows, initial, body.continua[0].transverse)
             sigma = Taylor(fixed[:, None], (rows @ basis.shapes).T[:, :, None])
@@ -186,13 +186,13 @@ def peak_points(
     InputError : the body came without elements.
     """
     nq = basis.shapes.shape[1]
-    energy = np.sqrt(np.maximum(np.diag(basis.stiffness), 1e-300))
+    energy = np.sqrt(np.maximum(np.diag(basis.stiffness).real, 1e-300))
     random = np.random.default_rng(0).standard_normal((nq, _RANDOM_STATES))
     states = np.hstack([np.eye(nq), random]) / energy[:, None]
     peaks, points = _peak_points_of_states(
         _sample_points(body, basis.shapes, initial), states
     )
-    sigma = np.stack([point.sigma.T for point in points])
+    sigma = np.stack([point.sigma.real.T for point in points])
     mises = _von_mises_stress(sigma, states)
     covered = np.zeros(len(peaks))
     chosen: list[int] = []
@@ -312,7 +312,7 @@ def _stress_and_rotation(
     p, k, d, _ = gradients.shape
     six = stress_components(stress_from_gradient(gradients, part.law), part.transverse)
     curl = 0.5 * np.einsum("abc,pkcb->pka", LEVI_CIVITA[:, :d, :d], gradients)
-    uniform = np.zeros((p, 6))
+    uniform = np.zeros((p, 6), gradients.dtype)
     if initial is not None:
         uniform[:] = stress_components(initial.uniform, part.transverse)
     return np.hstack([six.reshape(p, 6 * k), curl.reshape(p, 3 * k), uniform])
@@ -330,7 +330,7 @@ def _peak_points_of_states(
     best = np.full(states.shape[1], -1.0)
     points_by_state: dict[int, tuple[tuple[int, int], StressPoint]] = {}
     for number, sample in enumerate(samples):
-        mises = _von_mises_stress(sample.sigma, states)
+        mises = _von_mises_stress(sample.sigma.real, states)
         rows = first_largest(mises, axis=0)
         improved = np.flatnonzero(mises.max(axis=0) > (1.0 + EQUAL) * best)
         points = {int(row): sample.point(int(row)) for row in set(rows[improved])}
@@ -353,7 +353,7 @@ def _stress_point(place: Array, moved: Array, values: Array, nq: int) -> StressP
     `_stress_and_rotation` of the fields.
     """
     d, k = moved.shape
-    position, phi = np.zeros(3), np.zeros((3, nq))
+    position, phi = np.zeros(3, place.dtype), np.zeros((3, nq), moved.dtype)
     position[:d], phi[:d] = place, moved[:, :nq]
     six, curl = values[: 6 * k].reshape(k, 6), values[6 * k : 9 * k].reshape(k, 3)
     fixed = values[9 * k :] + six[nq:].sum(axis=0)

@@ -45,6 +45,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.sparse as sp
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
@@ -205,15 +206,15 @@ def _tie_notes(
     """Yield the distance of a marker from its nodes, and nodes without load (N136 to
     N138).
     """
-    own = body.positions[held.nodes]
+    own = body.positions.real[held.nodes]
     size, count = float(np.ptp(own, axis=0).max()), len(own)
     mean = np.pad(own.mean(axis=0), (0, 3 - body.dimension))
-    gap = float(np.linalg.norm(place.position - mean))
+    gap = float(np.linalg.norm(place.position.real - mean))
     if gap > _SAME_POSITION_TOLERANCE * size:
         yield diagnose(
             "N136",
             f"marker {name}",
-            position=format_position(place.position, size),
+            position=format_position(place.position.real, size),
             gap=gap,
             count=count,
             reason=place.reason,
@@ -239,7 +240,7 @@ def _cylinder_hint(
         cylinder = _fit_cylinder(body, held)
     except InputError:
         return ""
-    gap = np.linalg.norm(cylinder.centre - place.position[: body.dimension])
+    gap = np.linalg.norm((cylinder.centre - place.position[: body.dimension]).real)
     if cylinder.arc < np.pi or gap < _AXIS_TOLERANCE * cylinder.radius:
         return ""
     return f'The axis of the cylinder is {gap:.3g} m away: at = "axis" puts it there.'
@@ -273,14 +274,15 @@ def _weighted_rows(
     rigid = body.rigid_body_modes(held.centre)[dofs]
     momentum = metric @ rigid
     gram = rigid.T @ momentum
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    if np.linalg.eigvalsh(gram / np.outer(scale, scale))[0] < _ROTATION_TOLERANCE:
+    scale = np.sqrt(np.maximum(np.diag(gram.real), 1e-300))
+    scaled = gram.real / np.outer(scale, scale)
+    if np.linalg.eigvalsh(scaled)[0] < _ROTATION_TOLERANCE:
         raise InputError(
             "these nodes do not determine how the marker turns",
             place="tie.to",
             expected="nodes in more places: not one point, and in space not one line",
         )
-    fit = np.zeros((6, body.ndof))
+    fit = np.zeros((6, body.ndof), gram.dtype)
     which = np.array([0, 1, 5] if d == 2 else range(6))
     fit[which[:, None], dofs] = np.linalg.solve(gram, momentum.T)
     rows = sp.csr_matrix(fit)
@@ -413,7 +415,7 @@ def second_order_work_of_ties(
     (n, nq, nq), symmetric in the shape functions; half of q^T . q is the work [N m]
     """
     nq = shapes.shape[1]
-    total = np.zeros((forces.shape[1], nq, nq))
+    total = np.zeros((forces.shape[1], nq, nq), number_type(forces, shapes))
     for name, nodes in body.rigid_sets.items():
         total += _second_order_work(body, body.marker(name), nodes, shapes, forces)
     return total
@@ -432,7 +434,7 @@ def _second_order_work(
     A force times theta x a is theta times the moment of the force on the arm a.
     """
     shift, turn = marker.displacement @ shapes, marker.rotation @ shapes
-    r = np.zeros((nodes.size, 3))
+    r = np.zeros((nodes.size, 3), number_type(body.positions, marker.position))
     r[:, : body.dimension] = body.positions[nodes]
     r -= marker.position
     half = np.einsum("bca,cl,pa->pbl", LEVI_CIVITA, turn, r) / 2

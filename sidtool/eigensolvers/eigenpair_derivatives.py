@@ -148,8 +148,10 @@ class EigenpairDerivatives:
         changes = np.zeros_like(v)
         for group, solver in zip(self._groups, self._solvers, strict=True):
             own, momenta = v[:, group], self._momenta[:, group]
-            load = -loads[:, group]
-            load = load - momenta @ (own.T @ load)
+            inside = own.T @ loads[:, group]
+            if len(constraints):
+                inside -= self._multipliers[:, group].T @ moved[:, group]
+            load = momenta @ inside - loads[:, group]
             found = solver.solve(load, moved[:, group])
             found = found - own @ (momenta.T @ found)
             if len(group) > 1:  # the members differ a little
@@ -158,8 +160,7 @@ class EigenpairDerivatives:
                 none = np.zeros((len(moved), len(group)))
                 found = found + solver.solve(more - momenta @ (own.T @ more), none)
                 found = found - own @ (momenta.T @ found)
-            inside = own.T @ (mass @ own)
-            changes[:, group] = found - own @ inside / 2
+            changes[:, group] = found - own @ (own.T @ (mass @ own)) / 2
         return slopes, changes
 
 

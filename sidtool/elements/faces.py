@@ -249,7 +249,7 @@ def patch_surface(patch: NurbsPatch, direction: int, end: int) -> Surface:
     shape = (patch.weights.size,) * 2
     index = (nodes[entries.row], nodes[entries.col])
     mass = sp.csr_matrix((entries.data, index), shape=shape)
-    return Surface(mass, position, products_of_normals(t, rule))
+    return Surface(mass, position, products_of_normals(t.real, rule))
 
 
 def _basis_matrix(basis: LocalBasis, entries: Array, count: int) -> sp.csr_matrix:

@@ -200,6 +200,7 @@ class MeshPoints:
         ):
             amplitudes = self._amplitudes(number, self._element(number, row))
             amplitudes = amplitudes[: len(values)]
+            rows = rows.astype(number_type(rows, amplitudes))
             rows[:d] = np.einsum("k,kcmd->cmd", values, amplitudes)
         return _sparse_rows(rows, nodes, self.mesh.positions.size)
 

@@ -140,7 +140,7 @@ def _integrate_surface(mesh: Mesh, pieces: list[_FacePieces]) -> Surface:
         index = (np.repeat(nodes, m, axis=1).ravel(), np.tile(nodes, (1, m)).ravel())
         mass = mass + sp.csr_matrix((entries, index), shape=(n, n))
         flat = tangents.reshape(-1, *tangents.shape[2:])
-        normals += products_of_normals(flat, np.tile(weights, len(nodes)))
+        normals += products_of_normals(flat.real, np.tile(weights, len(nodes)))
     corners = [piece.nodes[:, : piece.corners].ravel() for piece in pieces]
     points = mesh.positions[np.unique(np.concatenate(corners))]
     return Surface(sp.csr_matrix(mass), points, normals)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sidtool.formats.base.complex_step import analytic_norm, analytic_pinv
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
@@ -47,19 +48,24 @@ def fitted_cylinder(points: Array, normals: Array) -> Cylinder:
     ------
     InputError : the points lie on no cylinder, or on too small a part of one.
     """
-    middle, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())
+    middle, size = points.mean(axis=0), float(np.ptp(points.real, axis=0).max())
     if size == 0 or len(points) < 3:
         raise _no_cylinder("they are too few")
     scaled, turn = (points - middle) / size, np.eye(2)
     if points.shape[1] == 2:
         centre, radius = _fit_circle(scaled)
     else:
-        turn, centre, radius = _refine_cylinder(scaled, _initial_axis(scaled, normals))
-    arc, miss = _checked_arc(scaled @ turn[:, :2] - centre, radius, size)
+        plain = scaled.real
+        turn, centre, radius = _refine_cylinder(plain, _initial_axis(plain, normals))
+        if np.iscomplexobj(scaled):
+            turn, centre = _cylinder_with_step(scaled, turn, centre, radius)
+    arms = scaled @ turn[:, :2] - centre
+    arc, miss = _checked_arc(arms.real, np.real(radius), size)
     heights = scaled @ turn[:, 2:]
-    amid = (heights.max(axis=0) + heights.min(axis=0)) / 2
+    ends = [heights[fun(heights.real, axis=0)] for fun in (np.argmax, np.argmin)]
+    amid = np.diagonal(sum(ends)) / 2
     place = turn[:, :2] @ centre + turn[:, 2:] @ amid
-    return Cylinder(middle + size * place, size * radius, arc, miss)
+    return Cylinder(middle + size * place, size * float(np.real(radius)), arc, miss)
 
 
 def _checked_arc(arms: Array, radius: float, size: float) -> tuple[float, float]:
@@ -88,8 +94,9 @@ def _no_cylinder(why: str) -> InputError:
 def _fit_circle(points: Array) -> tuple[Array, float]:
     """Centre and radius: |x|^2 = 2 c . x + r^2 - |c|^2, linear in the unknowns."""
     rows = np.column_stack([2 * points, np.ones(len(points))])
-    a, b, c = np.linalg.lstsq(rows, (points**2).sum(axis=1), rcond=None)[0]
-    return np.array([a, b]), float(np.sqrt(max(c + a * a + b * b, 0.0)))
+    a, b, c = analytic_pinv(rows) @ (points**2).sum(axis=1)
+    square = (c + a * a + b * b).real
+    return np.array([a, b]), float(np.sqrt(max(square, 0.0)))
 
 
 def _initial_axis(points: Array, normals: Array) -> Array:
@@ -132,3 +139,23 @@ def _refine_cylinder(points: Array, turn: Array) -> tuple[Array, Array, float]:
     if np.abs(gaps(start)).max() > 1e-12:
         unknowns = least_squares(gaps, start, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     return turned(unknowns[:2]), unknowns[2:4], float(unknowns[4])
+
+
+def _cylinder_with_step(
+    points: Array, turn: Array, centre: Array, radius: float
+) -> tuple[Array, Array]:
+    """Return axes and centre of a cylinder through points that carry a step.
+
+    One step of Gauss and Newton, which is exact where the points lie on the cylinder.
+    """
+    arms = points @ turn[:, :2] - centre
+    gaps = analytic_norm(arms, axis=1) - radius
+    along = arms.real / np.linalg.norm(arms.real, axis=1, keepdims=True)
+    heights = points.real @ turn[:, 2:]
+    slopes = np.hstack([-heights * along, -along, -np.ones((len(points), 1))])
+    change = -1j * np.linalg.lstsq(slopes, gaps.imag, rcond=None)[0]
+    tilt = change[:2]
+    moved = turn.astype(complex)
+    moved[:, 2] += turn[:, :2] @ tilt
+    moved[:, :2] -= turn[:, 2:] * tilt
+    return moved, centre + change[2:4]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from sidtool.formats.base.complex_step import number_type
+from sidtool.formats.base.complex_step import check_joined_points, number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
@@ -205,6 +205,8 @@ def close_gaps(
         np.add.at(total, numbering.numbers[name], patch.points)
         np.add.at(count, numbering.numbers[name], 1)
     means = total / count[:, None]
+    for name, patch in patches.items():
+        check_joined_points(means[numbering.numbers[name]], patch.points)
     return {
         name: replace(
             patch,

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import check_joined_points
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import Material, ModelFile, Q4Discretisation
 from sidtool.formats.model.discretisation import SolidDiscretisation
@@ -68,6 +69,7 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
     numbers = numbering.numbers["geometry"]
     positions = np.zeros((numbering.count, 2), grid.points.dtype)
     positions[numbers] = grid.points
+    check_joined_points(positions[numbers], grid.points)
     thickness, quads = geometry.thickness, numbers[grid_quadrilaterals(grid.shape)]
     continuum = make_continuum(
         partial(_q4_batches, positions, quads, relieved),
@@ -252,6 +254,7 @@ def sampled_volume(
     used, nodes = np.unique(flat, return_inverse=True)
     positions = np.zeros((numbering.count, 3), grid.points.dtype)
     positions[numbers] = grid.points
+    check_joined_points(positions[numbers], grid.points)
     block = ElementBlock(kind, nodes.reshape(flat.shape), np.arange(1, len(flat) + 1))
     sets = {
         _side_key((i, e)): np.flatnonzero(

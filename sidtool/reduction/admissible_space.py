@@ -361,8 +361,11 @@ def coordinates_of(transform: sp.csr_matrix, displacements: Array) -> Array:
     """Return the coordinates y of admissible displacements (ndof, n)."""
     if displacements.shape[1] == 0:
         return np.zeros((transform.shape[1], 0))
-    gram = sp.csc_matrix(transform.T @ transform)
-    return splu(gram).solve(np.ascontiguousarray(transform.T @ displacements))
+    factors = splu(sp.csc_matrix(transform.T @ transform))
+    right = np.ascontiguousarray(transform.T @ displacements)
+    if np.isrealobj(right) or np.iscomplexobj(transform):
+        return factors.solve(right)
+    return factors.solve(right.real.copy()) + 1j * factors.solve(right.imag.copy())
 
 
 def _null_and_range(rows: Array, largest: Array) -> tuple[Array, Array]:

@@ -188,8 +188,9 @@ def modal_truncation(
         return replace(
             orthonormal_basis(model, frame, [normal], "Eigen Mode"), space=space
         )
+    shapes = orient_shapes(shapes, model)
     return ReducedBasis(
-        shapes=orient_shapes(shapes, model),
+        shapes=shapes,
         stiffness=modal_stiffness(model.stiffness, values, shapes),
         labels=tuple(
             f"Eigen Mode{i:5d} :{f:13.3f} Hz" for i, f in enumerate(to_hertz(values), 1)
@@ -404,7 +405,7 @@ class _DynamicSolver:
 
     def __init__(self, space: AdmissibleSpace, omega: float) -> None:
         k, m = space.stiffness, space.mass
-        rows = sp.csr_matrix(space.constraints * float(k.diagonal().mean()))
+        rows = sp.csr_matrix(space.constraints * float(k.diagonal().real.mean()))
         matrix = k - omega**2 * m
         if rows.shape[0]:
             matrix = sp.block_array([[matrix, rows.T], [rows, None]])

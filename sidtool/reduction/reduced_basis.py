@@ -108,13 +108,13 @@ def orthonormal_basis(
     shapes = basis @ mixing
     groups = equal_frequencies(values.real, shapes.real, model.stiffness)
     turns = rotation_to_axes(groups, shapes.real, model.directions)
-    mixing, shapes = mixing @ turns, shapes @ turns
+    mixing, shapes = mixing @ turns, orient_shapes(shapes @ turns, model)
     origin = np.array([kinds[i] for i in selected])
     amounts = mixing.real**2
     shares = {kind: amounts[origin == kind].sum(axis=0) for kind in set(kinds)}
     return ReducedBasis(
-        shapes=orient_shapes(shapes, model),
-        stiffness=modal_stiffness(small, values, mixing),
+        shapes=shapes,
+        stiffness=modal_stiffness(model.stiffness, values, shapes),
         labels=tuple(
             f"{title}{i:5d} :{f:13.3f} Hz{_share_text(shares, i - 1)}"
             for i, f in enumerate(to_hertz(values), 1)

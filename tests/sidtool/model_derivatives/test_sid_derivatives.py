@@ -15,7 +15,7 @@ from sidtool.formats.toml.reading import validate_data
 from sidtool.model_derivatives.sid_derivatives import DifferentiableBody
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.validate import check
-from tests.sidtool.models import rod
+from tests.sidtool.models import QM6, rod
 from tests.steel_bars import bar_data
 
 from .references import arrays, central_difference, largest_difference
@@ -76,6 +76,110 @@ def test_every_block_of_the_tapered_rod(variable: Any) -> None:
     unit = abs(derivatives.variables[name]) or 0.02
     error = largest_difference(derivatives[name], expected, derivatives.sid, unit)
     assert error < (2e-7, "")
+
+
+TIED = {
+    "crank_pin": {"node": 1, "tie": {"type": "rigid", "to": "left"}},
+    "piston_pin": {"node": 2, "tie": {"type": "distributing", "to": "right"}},
+}
+CHORD = {"type": "chord", "markers": ["crank_pin", "piston_pin"]}
+PINS = {"interfaces": ["crank_pin", "piston_pin"]}
+WAYS = {
+    "supports": {"stiffening": {"prestress": {"forces": {"piston_pin": [2e3, 1e3]}}}},
+    "stress": {"stress": {"peak_points": 1}},
+    "Craig-Bampton": {
+        "frame": {"type": "buckens"},
+        "reduction": {"method": "craig_bampton", "modes": 2, **PINS},
+        "markers": TIED,
+        "stiffening": {},
+    },
+    "attachment": {
+        "frame": CHORD,
+        "reduction": {"method": "attachment", "modes": 2, **PINS, "rotations": False},
+        "markers": TIED,
+    },
+    "Herting": {
+        "frame": {"type": "buckens", "marker": "crank_pin"},
+        "reduction": {"method": "herting", "modes": 1, **PINS, "rotations": False},
+        "markers": TIED,
+    },
+    "Krylov": {
+        "frame": {"type": "tangent", "marker": "crank_pin"},
+        "reduction": {
+            "method": "krylov",
+            "frequencies": [0.0, 900.0],
+            "moments": 1,
+            "interfaces": ["piston_pin"],
+        },
+        "markers": TIED,
+    },
+    "fixed marker": {
+        "frame": {"type": "buckens"},
+        "reduction": {"method": "modal", "modes": 3, "fix": ["piston_pin"]},
+        "markers": TIED,
+    },
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_reductions_frames_ties_and_loads(way: str) -> None:
+    """The variable moves the end that is tied, so that conditions and ties change."""
+    coarse = {**QM6, "elements": [12, 2]}
+    model = rod(coarse, **WAYS[way]).with_({"geometry.control_points[1][0][1]": -0.006})
+    key = "geometry.control_points[2][0][1]"
+    derivatives = sidtool.sid_derivatives(model, [key])
+    expected = central_difference(
+        model, key, lambda m: arrays(DifferentiableBody(m).sid)
+    )
+    error = largest_difference(derivatives[key], expected, derivatives.sid, 0.03)
+    assert error < (1e-6, "")
+
+
+def test_modes_of_one_frequency() -> None:
+    """A square bar bends as easily in y as in z. Its height separates both frequencies:
+    the block of the pair holds what the two modes gain, and Me stays the identity.
+    """
+    model = validate_data(bar_data(elements=4, modes=4), ModelFile)
+    key = "geometry.section.height"
+    derivatives = sidtool.sid_derivatives(model, [key])
+    step = 1e-4
+    near = derivatives.neighbour({key: step})
+    exact = DifferentiableBody(model.with_({key: 0.02 + step})).sid
+    for sid in (near, exact):
+        assert sid.Me.m0 == pytest.approx(np.eye(4), abs=1e-9)
+    change = np.linalg.eigvalsh(near.Ke.m0) / np.diag(derivatives.sid.Ke.m0) - 1
+    expected = np.diag(exact.Ke.m0) / np.diag(derivatives.sid.Ke.m0) - 1
+    assert change == pytest.approx(expected, abs=1e-4)
+    assert change[1] == pytest.approx(2 * step / 0.02, rel=1e-2)
+    gain = np.diag(derivatives[key].Ke.m0) / np.diag(derivatives.sid.Ke.m0) * 0.02 / 2
+    assert sorted(gain) == pytest.approx([0, 0, 1, 1], abs=0.01)
+
+
+def test_a_turned_pair_of_modes() -> None:
+    """The response of the reduced body does not depend on the rotation of a pair.
+
+    The axes of the sections are turned by the twist, so that the stiffness of the pair
+    is a full block. The compliance at the tip is that of the changed bar.
+    """
+    model = validate_data(bar_data(elements=4, modes=2), ModelFile).with_(
+        {"geometry.twist": 0.4}
+    )
+    key = "geometry.section.height"
+    d = sidtool.sid_derivatives(model, [key])
+
+    def compliance(sid: sidtool.SID) -> Any:
+        phi = sid.node(2).phi.m0
+        return phi @ np.linalg.solve(sid.Ke.m0 + 1e4 * sid.Me.m0, phi.T)
+
+    expected = central_difference(
+        model, key, lambda m: {"tip": compliance(DifferentiableBody(m).sid)}, 1e-3
+    )["tip"]
+    step = 1e-7
+    moved = [compliance(d.neighbour({key: s * step})) for s in (1, -1)]
+    found = (moved[0] - moved[1]) / (2 * step)
+    assert found == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+    block = d[key].Ke.m0
+    assert abs(block[0, 1]) > 0.1 * abs(block[0, 0])
 
 
 def test_sid_is_that_of_a_conversion() -> None:
