@@ -22,7 +22,7 @@ from .common import (
     print_result,
     print_warnings,
 )
-from .progress import StageLines
+from .progress import StageLines, StageTimes
 
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
 SIGMAS = ("stress", "section force")
@@ -102,6 +102,9 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 @click.option(
     "-v", "--verbose", is_flag=True, help="Print all notes of the conversion."
 )
+@click.option(
+    "--timing", is_flag=True, help="Print how long each stage of the conversion took."
+)
 @changes_option
 @force_option
 def convert(
@@ -116,6 +119,7 @@ def convert(
     frame: str | None,
     damping: str | None,
     verbose: bool,
+    timing: bool,
     changes: tuple[str, ...],
     force: bool,
 ) -> None:
@@ -133,6 +137,7 @@ def convert(
       sidtool convert rod_q4.toml -o rod.SID_FEM
       sidtool convert rod_q4.toml -o rod.SID_FEM --field rod.field.h5
       sidtool convert rod_q4.toml -o thick.SID_FEM --set geometry.thickness=0.02
+      sidtool convert housing.toml -o housing.h5 --timing
       sidtool convert rod.SID_FEM -o rod.h5
       sidtool convert beam.SID_FEM -o better.SID_FEM --repair
       sidtool convert beam.SID_FEM -o beam_si.SID_FEM --units mm-t-s:SI
@@ -146,9 +151,11 @@ def convert(
         named = [text.partition("=")[2] for text in changes]
         check_targets(targets, [*input_files(source), *named], force)
         _check_field(field, source, units, frame)
+        times = StageTimes() if timing else None
         sid, whole = _read_or_convert(
-            source, changes, engine, processes.rank == 0, field is not None
+            source, changes, engine, processes.rank == 0, field is not None, times
         )
+        seconds = times.seconds() if times else []
         processes.wait_for_all()
         if processes.rank > 0:
             return
@@ -156,7 +163,7 @@ def convert(
         sid = _rescale_sid(sid, units, sigma) if units else sid
         sid = _in_frame(sid, frame) if frame else sid
         sid = _with_damping(sid, damping) if damping else sid
-        _write_sid(output, sid, dialect, verbose)
+        _write_sid(output, sid, dialect, verbose, seconds)
         if field is not None:
             _write_field(field, whole)
 
@@ -198,10 +205,17 @@ def _write_field(path: Path, field: Any) -> None:
     )
 
 
-def _write_sid(output: Path, sid: Any, dialect: str, verbose: bool) -> None:
+def _write_sid(
+    output: Path,
+    sid: Any,
+    dialect: str,
+    verbose: bool,
+    seconds: list[tuple[str, float]],
+) -> None:
     from sidtool.formats.sid_files import write_sid
 
     from ..report.diagnostics import diagnostic_line, severity_counts
+    from ..report.tables import text_table
 
     write_sid(output, sid, dialect)
     lines = [f"{output}: {_print_summary(sid)}"]
@@ -209,13 +223,17 @@ def _write_sid(output: Path, sid: Any, dialect: str, verbose: bool) -> None:
         lines.append(f"diagnostics: {severity_counts(sid.diagnostics)}")
     infos = [each for each in sid.diagnostics if not each.is_warning]
     lines += [diagnostic_line(each) for each in infos if verbose or each.code == "N160"]
-    print_result("\n".join(lines), lambda: _sid_data(sid))
+    if seconds:
+        rows = [[name, f"{duration:.1f} s"] for name, duration in seconds]
+        lines.append(text_table(["stage", "duration"], rows))
+    print_result("\n".join(lines), lambda: _sid_data(sid, seconds))
 
 
-def _sid_data(sid: Any) -> Any:
+def _sid_data(sid: Any, seconds: list[tuple[str, float]]) -> Any:
     from ..report.json_data import sid_data
 
-    return sid_data(sid)
+    stages = [{"stage": name, "seconds": duration} for name, duration in seconds]
+    return sid_data(sid) | ({"timing": stages} if stages else {})
 
 
 class _SingleProcess:
@@ -267,6 +285,7 @@ def _read_or_convert(
     engine: str | None,
     leading: bool,
     with_field: bool,
+    times: StageTimes | None,
 ) -> tuple[Any, Any]:
     """Read or convert the source; return the SID and, on request, the full field."""
     from sidtool.formats.base.errors import InputError
@@ -278,10 +297,11 @@ def _read_or_convert(
     from ..pipeline.files import expect_kind
 
     if expect_kind(source, "model", "sid") == "sid":
-        if changes:
-            raise InputError(
-                "is a SID", source=source, place="--set", expected="it with a model"
-            )
+        for option, given in (("--set", changes), ("--timing", times)):
+            if given:
+                raise InputError(
+                    "is a SID", source=source, place=option, expected="it with a model"
+                )
         return read(source), None
     from ..eigensolvers.factorisation import engine_name
     from ..eigensolvers.slepc import use_engine
@@ -291,7 +311,14 @@ def _read_or_convert(
         engine_name()
     model = read_model(source, parse_settings(changes))
     model = ignoring(model, ignored_codes())
-    progress = StageLines() if leading else None
+    lines = StageLines()
+
+    def progress(text: str) -> None:
+        if times:
+            times(text)
+        if leading:
+            lines(text)
+
     if with_field:
         sid, field = field_from_model(model, progress, engine)
     else:

@@ -124,6 +124,28 @@ def _format_duration(seconds: float | None) -> str:
     return f"{minutes // 60}:{minutes % 60:02}:{rest:02}"
 
 
+class StageTimes:
+    """Durations of the stages of a conversion, in their order."""
+
+    def __init__(self) -> None:
+        self._begins: list[tuple[float, str]] = []
+
+    def __call__(self, text: str) -> None:
+        """Begin a stage, or report the progress of the last one."""
+        name = text.partition(":")[0].partition(",")[0]
+        if not self._begins or self._begins[-1][1] != name:
+            self._begins.append((time.monotonic(), name))
+
+    def seconds(self) -> list[tuple[str, float]]:
+        """Return names and durations [s]; the last stage ends now."""
+        begins = [at for at, _ in self._begins]
+        ends = [*begins[1:], time.monotonic()]
+        return [
+            (name, end - begin)
+            for (begin, name), end in zip(self._begins, ends, strict=True)
+        ]
+
+
 class StageLines:
     """Print one line per stage with its time if no progress bar is shown."""
 

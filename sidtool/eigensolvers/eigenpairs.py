@@ -236,6 +236,7 @@ def _invariant_space(
         return slepc_eigenvectors(pencil, count)
     known = pencil.rigid.shape[1]
     solve = static or symmetric_factors(pencil.shifted, places).solve
+    notify("eigenvectors")
     counter = ProgressCounter(
         "eigenvectors: {} blocks of solutions", expected_blocks(count)
     )

@@ -25,6 +25,7 @@ from ..eigensolvers.eigenpairs import (
 )
 from ..eigensolvers.factorisation import Factors
 from ..eigensolvers.lanczos import BLOCK_SIZE
+from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
 from .body_frames import Frame, clamped_dofs, motion_rows
@@ -169,6 +170,7 @@ class AdmissibleSpace:
         ----------
         motions : (k, n) values of the constraints instead of zero
         """
+        notify(f"static responses: {loads.shape[1]}")
         return self.displacements(self._static.solve(self.loads(loads), motions))
 
     @cached_property

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -52,12 +53,12 @@ def spoiled(folder: Path, file: str, old: str, new: str) -> Path:
     return path
 
 
-def test_help_needs_no_heavy_import() -> None:
-    """Help answers at once because nothing heavy is imported for it."""
-    heavy = ("numpy", "scipy", "numba", "h5py", "pydantic", "rich", "matplotlib")
+def _imported(modules: tuple[str, ...], *arguments: object) -> tuple[str, str]:
+    """The output of a command, and which of some modules it has imported."""
+    words = [str(argument) for argument in arguments]
     code = (
-        "import sys; from sidtool.cli.main import run; run(['--help']);"
-        f"print([m for m in {heavy!r} if m in sys.modules], file=sys.stderr)"
+        f"import sys; from sidtool.cli.main import run; run({words!r});"
+        f"print([m for m in {modules!r} if m in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -66,8 +67,25 @@ def test_help_needs_no_heavy_import() -> None:
         check=True,
         encoding="utf-8",
     )
-    assert done.stderr.strip() == "[]"
-    assert "simulate" in done.stdout
+    return done.stdout, done.stderr.strip()
+
+
+def test_help_needs_no_heavy_import() -> None:
+    """Help answers at once because nothing heavy is imported for it."""
+    heavy = ("numpy", "scipy", "numba", "h5py", "pydantic", "rich", "matplotlib")
+    text, imported = _imported(heavy, "--help")
+    assert imported == "[]"
+    assert "simulate" in text
+
+
+def test_a_simulation_imports_what_it_needs(folder: Path) -> None:
+    """The search for an accuracy needs a quarter of a second of SciPy more."""
+    heavy = ("scipy.interpolate", "scipy.optimize", "scipy.special", "matplotlib")
+    scene, result = folder / "example" / "slider_crank.toml", folder / "out" / "r.h5"
+    changes = ("--quiet", "--set", "time.end=0.01")
+    _, imported = _imported(heavy, "simulate", scene, "-o", result, *changes)
+    assert result.is_file()
+    assert imported == "[]"
 
 
 @pytest.mark.parametrize("command", sorted(cli.commands))
@@ -188,6 +206,7 @@ def test_a_cut_off_sid_is_refused(
     ("arguments", "message"),
     [
         (["convert", "none.toml", "-o", "out/a.h5"], "there is no such file"),
+        (["convert", "example/rod_q4.SID_FEM", "-o", "out/a", "--timing"], "--timing"),
         (["convert", "example", "-o", "out/a.h5"], "is a folder"),
         (["convert", "example/slider_crank.toml", "-o", "out/a.h5"], "is a scene file"),
         (["convert", "example/rod_q4.toml", "-o", "none/a.h5"], str(Path("none/a.h5"))),
@@ -233,6 +252,24 @@ def test_other_wrong_input(
 ) -> None:
     monkeypatch.chdir(folder)
     assert message in refused(arguments, capsys, folder)
+
+
+def test_convert_prints_how_long_each_stage_took(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The durations of all stages are those of the conversion."""
+    model = str(folder / "example/rod_q4.toml")
+    begin = time.monotonic()
+    assert (
+        run(["convert", model, "-o", str(folder / "a.h5"), "--timing", "--json"]) == 0
+    )
+    most = time.monotonic() - begin
+    stages = json.loads(capsys.readouterr().out)["timing"]
+    names = [each["stage"] for each in stages]
+    assert names[0] == "discretising" and names[-1] == "integrating the inertia"
+    assert 0.0 < sum(each["seconds"] for each in stages) <= most
+    assert run(["convert", model, "-o", str(folder / "b.h5"), "--timing"]) == 0
+    assert names[0] in capsys.readouterr().out
 
 
 def test_convert_there_and_back(

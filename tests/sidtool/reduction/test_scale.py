@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from itertools import product
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from sidtool.eigensolvers import slepc
+from sidtool.eigensolvers import factorisation, slepc
 from sidtool.eigensolvers.eigenpairs import lowest_eigenpairs
 from sidtool.eigensolvers.factorisation import (
     ENGINES,
@@ -95,6 +96,21 @@ def test_expected_memory_is_printed_before_the_work() -> None:
     sid_from_model(rod(), heard.append)
     assert any("GB" in text for text in heard)
     assert heard.index(next(t for t in heard if "GB" in t)) == 1
+
+
+def test_the_time_of_a_large_solid_is_printed_before_the_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """And that of the library that pip could install, where it could."""
+    monkeypatch.setenv("SIDTOOL_FACTORS", "superlu")
+    monkeypatch.setattr(factorisation, "_SLOW", 500)
+    monkeypatch.setattr(factorisation, "_LARGE", 500)
+    for machine, there in (("x86_64", True), ("arm64", False)):
+        monkeypatch.setattr(platform, "machine", lambda machine=machine: machine)
+        heard: list[str] = []
+        sid_from_model(volume(SOLIDS["hex20"]), heard.append)
+        text = next(t for t in heard if t.startswith("factorising"))
+        assert " s" in text and ("sidtool[fast]" in text) is there
 
 
 def test_progress_comes_from_inside_the_solution(
