@@ -7,6 +7,8 @@ from pathlib import Path
 
 from .base.errors import InputError
 from .base.sid import SID
+from .diagnostics import diagnose
+from .diagnostics.python_warnings import warn_of
 from .file_names import check_ending
 from .sid_ascii import read_ascii, write_ascii
 from .sid_hdf5 import SIGNATURES, read_hdf5, write_hdf5
@@ -44,10 +46,16 @@ def _write_hdf5(path: str | os.PathLike[str], sid: SID, dialect: str) -> None:
     write_hdf5(path, sid)
 
 
+def _write_ascii(path: str | os.PathLike[str], sid: SID, dialect: str) -> None:
+    write_ascii(path, sid, dialect)
+    if sid.sections:
+        warn_of(diagnose("N173", Path(path).name, count=len(sid.sections)))
+
+
 #: The last one takes what no other does.
 FORMATS = (
     SIDFormat("HDF5", (".h5", ".hdf5"), SIGNATURES, read_hdf5, _write_hdf5),
-    SIDFormat("ASCII", (), (), read_ascii, write_ascii),
+    SIDFormat("ASCII", (), (), read_ascii, _write_ascii),
 )
 
 

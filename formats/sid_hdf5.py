@@ -18,7 +18,16 @@ import numpy as np
 
 from .base.compliance_shares import DIRECTIONS, ComplianceShares
 from .base.errors import InputError
-from .base.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Dialect, Node, Taylor
+from .base.sid import (
+    BLOCK_SHAPES,
+    NODE_SHAPES,
+    SID,
+    Array,
+    Dialect,
+    Node,
+    Section,
+    Taylor,
+)
 from .base.stress import has_peak_nodes, stress_nodes
 from .diagnostics import Diagnostic, plain_text
 from .diagnostics.hdf5 import read_diagnostics, write_diagnostics
@@ -139,6 +148,11 @@ def write_sid_group(file: h5py.Group, sid: SID) -> None:
         write_diagnostics(file, sid.diagnostics)
     if sid.carried is not None:
         _write_compliance_shares(file.create_group("carried"), sid.carried)
+    for index, section in enumerate(sid.sections):
+        group = file.create_group(f"sections/{index:06d}")
+        group.attrs["name"] = section.name
+        put_texts(group, "beyond", section.beyond)
+        write_sid_group(group.create_group("part"), section.part)
 
 
 def _write_compliance_shares(group: h5py.Group, carried: ComplianceShares) -> None:
@@ -233,6 +247,14 @@ class SidReader:
             ),
             from_matrices=bool(file.attrs.get("from_matrices", False)),
             has_peak_nodes=None if peaks is None else bool(peaks),
+            sections=tuple(
+                Section(
+                    _decode_text(group.attrs["name"]),
+                    self.sid(group["part"]),
+                    tuple(self._texts(group["beyond"])),
+                )
+                for _, group in sorted(file.get("sections", {}).items())
+            ),
             **blocks,
         )
 

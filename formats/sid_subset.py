@@ -76,5 +76,11 @@ def select_shape_functions(sid: SID, selected: Sequence[int]) -> SID:
         nodes.append(replace(node, **entries))
     blocks: dict[str, Any] = {name: cut(b, name) for name, b in sid.blocks.items()}
     labels = tuple(sid.labels[k] for k in selected)
-    small = replace(sid, labels=labels, nodes=tuple(nodes), extra={}, **blocks)
+    sections = tuple(
+        replace(section, part=select_shape_functions(section.part, selected))
+        for section in sid.sections
+    )
+    small = replace(
+        sid, labels=labels, nodes=tuple(nodes), extra={}, sections=sections, **blocks
+    )
     return replace(small, carried=remaining_compliance_shares(sid, small))

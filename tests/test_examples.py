@@ -128,6 +128,10 @@ def test_the_turbine_carries_its_weight_and_the_centrifugal_force(ran) -> None:
     pull = blade * 1.2671**2 * (1.5 + 20.521)
     assert -along.mean() == pytest.approx(pull, rel=5e-3)
     assert np.ptp(along) / 2 == pytest.approx(9.81 * blade, rel=0.01)
+    base = np.stack([result[f"tower.s1.{q}"] for q in ("N", "Vy", "Vz", "My", "Mz")])
+    joint = [result[f"foundation.{q}"] for q in ("fz", "fx", "fy", "mx", "my")]
+    size = np.abs(joint).max(axis=1)[:, None]
+    assert (np.abs(base + joint) < 1e-9 * size).all()
 
 
 def test_the_satellite_keeps_its_momenta_and_turns_as_far_as_a_rigid_one(ran) -> None:

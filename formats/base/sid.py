@@ -139,6 +139,31 @@ class Dialect:
     name: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A cross-section of a beam, and the part of the beam beyond it.
+
+    Section forces are those in equilibrium with all that acts on that part.
+
+    Attributes
+    ----------
+    name : of the section
+    part : mass integrals of the part beyond, with the shape functions and the frame of
+        the whole body; its one node is the section, whose axes are the tangent and the
+        axes y and z of the section. It has no stiffness
+    beyond : ids of the nodes of the body that belong to the part
+    """
+
+    name: str
+    part: "SID"
+    beyond: tuple[str, ...]
+
+    @property
+    def node(self) -> Node:
+        """The cross-section as a node."""
+        return self.part.nodes[0]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SID:
     """Standard Input Data of one body; blocks carry Wallrapp's names.
@@ -159,6 +184,7 @@ class SID:
         that there are no elements whose stress could stiffen it
     has_peak_nodes : whether nodes were added where the stress is largest; None if that
         is not known, see `formats.base.stress.has_peak_nodes`
+    sections : of a beam, at which section forces are known
 
     Raises
     ------
@@ -187,6 +213,7 @@ class SID:
     diagnostics: tuple[Diagnostic, ...] = ()
     from_matrices: bool = False
     has_peak_nodes: bool | None = None
+    sections: tuple[Section, ...] = ()
 
     def __post_init__(self) -> None:
         nq = self.nq
@@ -197,6 +224,13 @@ class SID:
                 entry = getattr(node, name)
                 if entry is not None:
                     _check_shape(entry, name, nq, node)
+        for section in self.sections:
+            if section.part.nq != nq:
+                raise InputError(
+                    f"has {section.part.nq} elastic coordinates",
+                    place=f"section {section.name}",
+                    expected=f"{nq}, as the body has",
+                )
         ids = [node.id for node in self.nodes]
         if len(set(ids)) != len(ids):
             repeated = Counter(ids).most_common(1)[0][0]
@@ -240,6 +274,26 @@ class SID:
         """The largest magnitudes of phi m0 and of psi m0."""
         phi, psi = (float(np.abs(shapes).max(initial=0.0)) for shapes in self.shapes)
         return phi, psi
+
+    def section(self, name: str) -> Section:
+        """The section with this name.
+
+        Raises
+        ------
+        InputError : there is none.
+        """
+        for section in self.sections:
+            if section.name == name:
+                return section
+        known = ", ".join(section.name for section in self.sections[:8])
+        more = ", ..." if len(self.sections) > 8 else ""
+        raise InputError(
+            f"there is no section {name!r}",
+            expected=f"one of the sections {known}{more}"
+            if known
+            else "a beam with [section_forces], converted to an .h5 file or named as "
+            "`model`",
+        )
 
     def node(self, node_id: str | int) -> Node:
         """The node with this id.

@@ -3,6 +3,7 @@
 SI units, angles in radians. See ``examples/slider_crank/rod_q4.toml``.
 """
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
@@ -23,7 +24,7 @@ from ..toml.diagnostics_table import Diagnostics
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File, relocate_paths
 from ..toml.tables import Table
-from .beams import BeamGeometry
+from .beams import BeamGeometry, SectionForces
 from .checks import check_name, check_node_numbers
 from .discretisation import FITTING, Discretisation, IgaDiscretisation, Q4Discretisation
 from .geometry import SIDES, Geometry, NurbsGeometry, Point2
@@ -40,6 +41,8 @@ from .reduction import (
     check_reduction,
 )
 from .tables import Fraction, Point3, Positive, RayleighDamping
+
+_SECTION_NAME = re.compile(r"[^\W\d][\w-]*")
 
 __all__ = [
     "BuckensFrame",
@@ -135,6 +138,9 @@ class ModelFile(File):
     stiffening: Takes[Stiffening | None, Stiffening | Entries | None] = Field(
         default=None
     )
+    section_forces: Takes[SectionForces | None, SectionForces | Entries | None] = Field(
+        default=None
+    )
     stress: Takes[StressRecovery | None, StressRecovery | Entries | None] = Field(
         default=None
     )
@@ -202,6 +208,25 @@ class ModelFile(File):
                     "there is no stress in beams and in bodies that came as matrices",
                     place=place,
                     expected=f"a body of solid elements, or nothing under {place}",
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _sections_are_those_of_a_beam(self) -> Self:
+        if self.section_forces is None:
+            return self
+        if self.geometry.type != "beam":
+            raise InputError(
+                "is not for this geometry",
+                place="section_forces",
+                expected='a geometry of type "beam"',
+            )
+        for name in self.section_forces.fractions:
+            if not _SECTION_NAME.fullmatch(name):
+                raise InputError(
+                    f"found the name {name!r}",
+                    place="section_forces.stations",
+                    expected="letters, digits, _ and -, a letter first",
                 )
         return self
 

@@ -13,6 +13,10 @@ and, of a SID with stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sig
 and von_mises [Pa]. The largest von_mises over all nodes with stress is peak_von_mises
 of the body.
 
+A beam whose SID has sections has the section forces N Vy Vz [N], T My Mz [N m] at
+BODY.SECTION, in the axes of the deformed section, on the part before it: a positive N
+pulls.
+
 Orientations of bodies and of markers: quaternion_0 (scalar, not negative) to
 quaternion_3, and rotation_x rotation_y rotation_z, the rotation vector of at most half
 a turn [rad]. Momenta of bodies: momentum_x to _z [kg m/s] and, about the inertial
@@ -49,6 +53,8 @@ POINT_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"]
 #: Stresses at a marker of a flexible body, and the largest one of the whole body.
 STRESSES = (*(f"sigma_{pair}" for pair in STRESS_COMPONENTS), "von_mises")
 PEAK_STRESS = "peak_von_mises"
+#: At a section of a beam.
+SECTION_FORCES = ("N", "Vy", "Vz", "T", "My", "Mz")
 #: Of bodies and markers.
 ORIENTATIONS = (
     *(f"quaternion_{k}" for k in range(4)),
@@ -147,7 +153,7 @@ def _check_word(name: str, quantity: str, marker: str) -> None:
     if not is_quantity(quantity, of_marker=bool(marker)):
         known = sorted(MARKER_QUANTITIES if marker else BODY_QUANTITIES)
         more = (
-            ""
+            ", or N, Vy, Vz, T, My, Mz of a section"
             if marker
             else ", qN, vqN, q*, vq*, bending_y1 or another kind, or fN, fx to mz,"
             " force, torque, power, angle, displacement"
@@ -173,7 +179,7 @@ def is_rate(quantity: str) -> bool:
 def is_quantity(text: str, *, of_marker: bool = False) -> bool:
     """True for the word of a quantity, which no marker may have as its name."""
     if of_marker:
-        return text in MARKER_QUANTITIES
+        return text in MARKER_QUANTITIES or text in SECTION_FORCES
     pattern = is_elastic(text) or MULTIPLIER.fullmatch(text)
     quantities = BODY_QUANTITIES | JOINT_QUANTITIES | FRICTION_QUANTITIES
     return text in quantities or bool(pattern)
@@ -194,6 +200,11 @@ def is_along_coordinate(quantity: str) -> bool:
 def is_elastic(quantity: str) -> bool:
     """True for an elastic coordinate, its velocity, or all of them."""
     return bool(ELASTIC.fullmatch(quantity) or KIND.fullmatch(quantity))
+
+
+def is_section_force(name: OutputName) -> bool:
+    """True for a force or moment at a section of a beam."""
+    return name.marker not in ("", STATE) and name.quantity in SECTION_FORCES
 
 
 def is_stress(quantity: str) -> bool:

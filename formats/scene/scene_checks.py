@@ -30,6 +30,7 @@ from .outputs import (
     is_elastic,
     is_joint_output,
     is_quantity,
+    is_section_force,
     is_stress,
     parse_output,
 )
@@ -209,6 +210,10 @@ def _check_output(text: str, place: str, scene: SceneTables) -> None:
     body = scene.bodies[name.owner]
     if is_stress(name.quantity) and isinstance(body, RigidBody):
         raise_failure(place, f"{name.owner} is rigid", "the stress of a SID body")
+    if is_section_force(name):
+        if isinstance(body, RigidBody):
+            raise_failure(place, f"{name.owner} is rigid", "a SID body with sections")
+        return
     if name.marker:
         check_reference(f"{name.owner}.{name.marker}", place, scene)
     elif is_elastic(name.quantity) and isinstance(body, RigidBody):

@@ -21,6 +21,7 @@ from .outputs import (
     coordinate_of,
     is_elastic,
     is_rate,
+    is_section_force,
     is_stress,
     parse_output,
 )
@@ -63,6 +64,8 @@ def unit_of(name: str, scene: SceneTables | None = None) -> str:
         return _friction_unit(parsed, scene)
     if is_stress(quantity):
         return "Pa"
+    if is_section_force(parsed):
+        return "N" if quantity[0] in "NV" else "N m"
     if is_elastic(quantity):
         return ""
     if MULTIPLIER.fullmatch(quantity):

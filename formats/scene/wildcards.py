@@ -33,6 +33,7 @@ from .outputs import (
     PEAK_STRESS,
     RATE,
     SCENE_QUANTITIES,
+    SECTION_FORCES,
     STATE,
     STRESSES,
     TURNING,
@@ -202,6 +203,8 @@ def _flexible_outputs(
     nodes_with_stress = set(stress_nodes(sid)) if sid is not None and elastic else set()
     if nodes_with_stress:
         yield f"{name}.{PEAK_STRESS}"
+    for section in sid.sections if sid is not None and elastic else ():
+        yield from _qualified_names(f"{name}.{section.name}", SECTION_FORCES)
     for marker, node in body.markers.items():
         yield from _qualified_names(f"{name}.{marker}", _POINT[dimension])
         if elastic:

@@ -21,6 +21,9 @@ def numbers_by_entry(sid: SID) -> Iterator[tuple[str, Array]]:
             entry = getattr(node, name)
             if entry is not None:
                 yield from _expansion_parts(f"node {node.id} {name}", entry)
+    for section in sid.sections:
+        for place, values in numbers_by_entry(section.part):
+            yield f"section {section.name} {place}", values
 
 
 def content_digest(sid: SID) -> str:

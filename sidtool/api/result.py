@@ -108,7 +108,8 @@ class Result(stored.Result):
     ) -> Any:
         """Return a matplotlib figure of outputs over time, default the recorded ones.
 
-        kind : "outputs", "spectrum", "energy" or "drift", as of `sidtool plot`
+        kind : "outputs", "spectrum", "energy", "drift" or "sections", as of `sidtool
+            plot`
         path : file to which the figure is written as well (.png, .svg, .pdf)
 
         Raises

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -19,6 +19,7 @@ from sidtool.formats.model.beams import BeamGeometry, RectangularSection
 from sidtool.formats.model.discretisation import BeamDiscretisation
 
 from ..elements.finite_element_model import (
+    BeamCut,
     BeamOutline,
     FiniteElementModel,
     GeometryMass,
@@ -89,6 +90,8 @@ Indices = NDArray[np.int64]
 #: Positions of markers this near to the axis, relative to its length, are on it: a
 #: spline follows a curve only so well.
 _ON_LINE, _ON_CURVE = 1e-9, 1e-4
+#: Fractions of the length as near as this are the same.
+_SAME_PLACE = 1e-9
 #: Least number of pieces that pictures draw a beam in.
 _SECTIONS = 48
 
@@ -105,7 +108,9 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     assert isinstance(settings, BeamDiscretisation)
     beam, per_length, density = _properties(model, geometry, settings)
     axis = beam.axis
-    ends = _element_ends([per_length, axis.twist, *_sides(geometry)], settings.elements)
+    cuts = model.section_forces.fractions if model.section_forces else {}
+    profiles = [per_length, axis.twist, *_sides(geometry)]
+    ends = _element_ends(profiles, settings.elements, list(cuts.values()))
     n, ndof = len(ends), 6 * len(ends)
     particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
     elements = [BeamElement(beam, *pair) for pair in pairwise(ends)]
@@ -119,6 +124,8 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
             particles.add_half_elements(element, _element_dofs(i), density)
         else:
             particles.add_slices(element, _element_dofs(i), density)
+    middles = np.repeat((ends[1:] + ends[:-1]) / 2, particles.count // len(elements))
+    along = np.append(middles, [lump.at for lump in geometry.masses])
     for lump in geometry.masses:
         frames = axis.at(np.array([lump.at]))
         tensor = rotate_tensor(np.diag(numbers(lump.inertia)), frames.axes[0])
@@ -141,6 +148,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
                     tangent=frames.axes[0, 0],
                 )
             )
+    places = {name: _marker_fraction(m, axis) for name, m in model.markers.items()}
     return FiniteElementModel(
         positions=axis.at(ends).places,
         scalar_mass=None,
@@ -151,6 +159,9 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
         outlines=(_outline(beam, elements, ndof),),
+        cuts=tuple(
+            _cut(beam, ends, name, at, along, places) for name, at in cuts.items()
+        ),
         geometry_mass=lambda: beam_mass(geometry, axis, per_length, beam.section),
     )
 
@@ -179,10 +190,11 @@ def _sides(geometry: BeamGeometry) -> list[Profile]:
     return [side_profile(geometry, name) for name in ("height", "width")]
 
 
-def _element_ends(profiles: list[Profile], elements: int) -> Array:
+def _element_ends(profiles: list[Profile], elements: int, cuts: list[float]) -> Array:
     """(n + 1,) fractions between elements. Stations are among them, as the section or
-    its twist has corners there; between two of them elements have equal lengths."""
-    stations = np.unique(np.concatenate([one.edges for one in profiles]))
+    its twist has corners there, and cuts for section forces; between two of them
+    elements have equal lengths."""
+    stations = np.unique(np.concatenate([*(one.edges for one in profiles), cuts]))
     stations = stations[np.append(True, np.diff(stations) > 1e-12)]
     parts = [
         np.linspace(a, b, max(1, round(elements * (b - a))), endpoint=False)
@@ -209,6 +221,39 @@ def _outline(
                 np.concatenate([rows.displacement, rows.rotation]), _element_dofs(i)
             )
     return BeamOutline(frames.places, frames.axes[:, 1:], halves, motion.matrix())
+
+
+def _cut(
+    beam: BeamProperties,
+    ends: Array,
+    name: str,
+    at: float,
+    along: Array,
+    places: Mapping[str, float],
+) -> BeamCut:
+    """The cross-section at a fraction of the length.
+
+    What is at the section belongs to the part beyond it, except for the start of the
+    beam.
+
+    Parameters
+    ----------
+    along : (p,) fractions of the inertia points
+    places : fractions of the markers
+    """
+    least = at - _SAME_PLACE if at > 0 else _SAME_PLACE
+    rows, dofs = _marker_rows(beam, ends, at)
+    frames, ndof = beam.axis.at(np.array([at])), 6 * len(ends)
+    section = MarkerRows(
+        name=name,
+        node=0,
+        position=frames.places[0],
+        displacement=_without_zeros(rows.displacement, dofs, ndof),
+        rotation=_without_zeros(rows.rotation, dofs, ndof),
+        tangent=frames.axes[0, 0],
+    )
+    beyond = tuple(marker for marker, place in places.items() if place.real > least)
+    return BeamCut(name, section, frames.axes[0], along.real > least, beyond)
 
 
 def _marker_rows(

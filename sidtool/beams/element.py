@@ -281,6 +281,11 @@ class ParticleCollector:
         moved = rows.displacement - arm @ rows.rotation
         self.add(centre, mass, tensor, moved, rows.rotation, dofs)
 
+    @property
+    def count(self) -> int:
+        """How many points there are so far."""
+        return len(self._masses)
+
     def points(self) -> InertiaPoints:
         return InertiaPoints(
             positions=np.array(self._where),

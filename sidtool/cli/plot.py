@@ -40,9 +40,10 @@ from .common import (
 )
 @click.option(
     "--kind",
-    type=click.Choice(["outputs", "spectrum", "energy", "drift"]),
+    type=click.Choice(["outputs", "spectrum", "energy", "drift", "sections"]),
     help="Of a result: outputs over time (default), their amplitudes over frequency, "
-    "energies, or residuals of the constraints.",
+    "energies, residuals of the constraints, or section forces along beams with their "
+    "envelopes (--outputs then names bodies).",
 )
 @click.option(
     "--field",
@@ -81,6 +82,7 @@ def plot(
       sidtool plot rod_q4.toml -o mesh.svg
       sidtool plot result.h5 -o motion.pdf --outputs "rod.q*,*.vx"
       sidtool plot result.h5 -o spectrum.png --kind spectrum
+      sidtool plot result.h5 -o forces.png --kind sections --outputs "blade*"
     """
     from ..api.scene import read
     from ..pipeline.files import expect_kind

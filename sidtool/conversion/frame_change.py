@@ -237,7 +237,8 @@ def apply_frame_change(sid: SID, change: FrameChange) -> SID:
     blocks = _changed_blocks(sid, d_phi, d_phi_c, d_pairs, d_second, d_rigid)
     blocks["Me"] = _add_terms(sid.Me, _modal_mass_difference(sid, change))
     nodes = tuple(_changed_node(node, change, second) for node in sid.nodes)
-    moved = replace(sid, nodes=nodes, carried=_remaining_compliance(sid), **blocks)
+    carried = _remaining_compliance(sid)
+    moved = replace(sid, nodes=nodes, carried=carried, sections=(), **blocks)
     return relabel_frequencies(equalise_blocks(moved, sid))
 
 

@@ -46,6 +46,7 @@ from ..elements.material_points import BeamMaterial, stress_from_gradient
 from ..reduction.admissible_space import AdmissibleSpace, constrained_space
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
+from .beam_sections import part_of_body
 from .inertia_integrals import CENTRIFUGAL_PRODUCTS, centrifugal_loads
 from .quadrature import quadrature_parts
 
@@ -70,11 +71,13 @@ def add_geometric_stiffening(
     """
     loads = _InertiaLoads(body, frame)
     marked = stiffening_markers(body, settings)
-    acceleration = loads.acceleration() if settings.acceleration else None
-    angular = loads.angular_acceleration() if settings.angular_acceleration else None
     centrifugal = loads.centrifugal() if settings.centrifugal else None
-    rows = [part for m in marked for part in (m.displacement, m.rotation)]
-    parts = [acceleration, angular, centrifugal, *(part.T.toarray() for part in rows)]
+    parts = [*_frame_loads(loads, settings), centrifugal]
+    for marker in marked:
+        parts += _marker_loads(marker)
+    for cut in body.cuts:
+        parts += _frame_loads(_InertiaLoads(part_of_body(body, cut), frame), settings)
+        parts += _marker_loads(cut.section)
     results = iter(geometric_stiffness(body, frame, basis.shapes, parts, loaded))
     blocks: dict[str, Taylor] = {}
     for name in ("Ct", "Cr", "Oe"):
@@ -84,8 +87,32 @@ def add_geometric_stiffening(
         excess = second_order_rows(body, marker, basis.shapes)
         by_node[marker.node] = (next(results), next(results)), excess
     nodes = tuple(_loaded_node(node, by_node.get(int(node.id))) for node in sid.nodes)
-    changes: dict[str, Any] = {**blocks, "nodes": nodes}
+    sections = []
+    for cut, section in zip(body.cuts, sid.sections, strict=True):
+        part = section.part
+        Ct, Cr = (_add_stiffness(block, next(results)) for block in (part.Ct, part.Cr))
+        excess = second_order_rows(body, cut.section, basis.shapes)
+        stiffness = (next(results), next(results)), excess
+        node = _loaded_node(
+            section.node, stiffness if settings.markers is None else None
+        )
+        part = replace(part, Ct=Ct, Cr=Cr, nodes=(node,))
+        sections.append(replace(section, part=part))
+    changes: dict[str, Any] = {**blocks, "nodes": nodes, "sections": tuple(sections)}
     return replace(sid, **changes)
+
+
+def _frame_loads(loads: _InertiaLoads, settings: Stiffening) -> list[Array | None]:
+    """Loads of the acceleration and of the angular acceleration of the frame."""
+    return [
+        loads.acceleration() if settings.acceleration else None,
+        loads.angular_acceleration() if settings.angular_acceleration else None,
+    ]
+
+
+def _marker_loads(marker: MarkerRows) -> list[Array | None]:
+    """Unit forces and unit moments at a marker, (ndof, 3) each."""
+    return [part.T.toarray() for part in (marker.displacement, marker.rotation)]
 
 
 def stiffening_markers(

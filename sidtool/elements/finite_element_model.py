@@ -111,6 +111,26 @@ class BeamOutline:
     motion: sp.csr_matrix
 
 
+@dataclass(frozen=True, eq=False)
+class BeamCut:
+    """A cross-section of a beam and what lies beyond it.
+
+    Attributes
+    ----------
+    name : of the section
+    section : its motion; the node number is that of no marker
+    axes : (3, 3) rows: the tangent and the axes y, z of the section
+    points : (p,) mask of the inertia points beyond
+    markers : names of the markers beyond
+    """
+
+    name: str
+    section: MarkerRows
+    axes: Array
+    points: NDArray[np.bool_]
+    markers: tuple[str, ...]
+
+
 def _no_alternative(_: tuple[str, ...]) -> Surface | None:
     return None
 
@@ -178,6 +198,7 @@ class FiniteElementModel:
         if they need one besides `solids`
     patches : NURBS patches with the nodes that their control points are
     outlines : of a beam, or of bars
+    cuts : sections of a beam, for section forces
     diagnostics : properties of the body that are not in the model file
     """
 
@@ -205,6 +226,7 @@ class FiniteElementModel:
     drawing_mesh: Mesh | None = None
     patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
     outlines: tuple[BeamOutline, ...] = ()
+    cuts: tuple[BeamCut, ...] = ()
     diagnostics: tuple[Diagnostic, ...] = ()
 
     @property

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from sidtool.formats.base.taylor import Array
 
@@ -147,6 +148,17 @@ class InertiaPoints:
     inertias: Array
     displacement: sp.csr_matrix
     rotation: sp.csr_matrix
+
+    def selected(self, mask: NDArray[np.bool_]) -> InertiaPoints:
+        """Return the particles of a mask (p,)."""
+        rows = np.repeat(mask, 3)
+        return InertiaPoints(
+            self.positions[mask],
+            self.masses[mask],
+            self.inertias[mask],
+            self.displacement[rows],
+            self.rotation[rows],
+        )
 
     def mass_matrix(self) -> sp.csr_matrix:
         """(ndof, ndof) their share of the mass matrix."""

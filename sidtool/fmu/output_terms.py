@@ -24,7 +24,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.formats.scene import INPUTS, parse_output
+from sidtool.formats.scene import INPUTS, is_section_force, parse_output
 from sidtool.formats.scene.outputs import (
     INSTANTANEOUS,
     ORIENTATIONS,
@@ -202,7 +202,14 @@ def output_terms(tables: PlantTables, names: Iterable[str]) -> tuple[OutputTerms
 
 
 def _refuse_by_name(name: str) -> None:
-    owner, _, quantity = parse_output(name)
+    owner, _, quantity = parsed = parse_output(name)
+    if is_section_force(parsed):
+        raise InputError(
+            f"{name} follows from the equilibrium of a part of the beam, which a unit "
+            "does not evaluate",
+            place="outputs",
+            expected="outputs without it (--outputs)",
+        )
     if owner in SCENE_QUANTITIES and quantity not in INSTANTANEOUS:
         if owner == "energy":
             why = "is an integral along the steps, which a unit does not compute"

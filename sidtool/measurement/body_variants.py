@@ -30,6 +30,7 @@ from sidtool.formats.scene import (
     SidBody,
     as_3d,
     is_elastic,
+    is_section_force,
     is_stress,
     orientation_matrix,
     parse_output,
@@ -376,7 +377,7 @@ def available_outputs(
         retained = numbers.get(parsed.owner)
         if retained is None:
             return True
-        if is_stress(parsed.quantity):
+        if is_stress(parsed.quantity) or is_section_force(parsed):
             return bool(retained)
         if parsed.marker or not is_elastic(parsed.quantity):
             return True

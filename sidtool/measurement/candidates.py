@@ -17,7 +17,13 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.formats.geometric_stiffening import has_stiffening
-from sidtool.formats.scene import SceneFile, SidBody, is_elastic, is_stress
+from sidtool.formats.scene import (
+    SceneFile,
+    SidBody,
+    is_elastic,
+    is_section_force,
+    is_stress,
+)
 from sidtool.formats.scene import parse_output as parsed
 from sidtool.formats.scene.base import Placement, as_3d, orientation_matrix
 from sidtool.formats.scene.outputs import MULTIPLIER
@@ -109,7 +115,7 @@ class Choice:
         name, numbers_by_body = parsed(output), dict(self.kept)
         if name.owner not in numbers_by_body:
             return True
-        if is_stress(name.quantity):
+        if is_stress(name.quantity) or is_section_force(name):
             return bool(numbers_by_body[name.owner])
         if name.marker or not is_elastic(name.quantity):
             return True

@@ -177,7 +177,11 @@ def rescale(
         for name, block in sid.blocks.items()
     }
     nodes = tuple(_scale_node(node, units, sigma) for node in sid.nodes)
-    return replace(sid, mass=sid.mass * mass, nodes=nodes, **blocks)
+    sections = tuple(
+        replace(section, part=rescale(section.part, length, mass, time))
+        for section in sid.sections
+    )
+    return replace(sid, mass=sid.mass * mass, nodes=nodes, sections=sections, **blocks)
 
 
 def _unit_factor(units: Array, exponents: tuple[int, int, int]) -> float:

@@ -157,7 +157,8 @@ def _mapped(sid: SID, change: Callable[[Any], Any]) -> SID:
         for node in sid.nodes
     ]
     blocks = {name: block(value) for name, value in sid.blocks.items()}
-    return replace(sid, mass=float(change(sid.mass)), nodes=tuple(nodes), **blocks)
+    mass = float(change(sid.mass))
+    return replace(sid, mass=mass, nodes=tuple(nodes), sections=(), **blocks)
 
 
 def _combined(sid: SID, other: SID, amount: float) -> SID:
@@ -182,4 +183,4 @@ def _combined(sid: SID, other: SID, amount: float) -> SID:
         name: block(value, other.blocks[name]) for name, value in sid.blocks.items()
     }
     mass = sid.mass + amount * other.mass
-    return replace(sid, mass=mass, nodes=tuple(nodes), **blocks)
+    return replace(sid, mass=mass, nodes=tuple(nodes), sections=(), **blocks)

@@ -22,6 +22,7 @@ from sidtool.formats.plausibility import body_warnings, material_warnings
 from sidtool.formats.sid_mass import skew
 from sidtool.formats.toml.files import locate_errors
 
+from ..conversion.beam_sections import add_sections
 from ..conversion.element_accuracy import element_notes
 from ..conversion.geometric_stiffness import add_geometric_stiffening
 from ..conversion.inertia_integrals import body_inertia
@@ -222,6 +223,7 @@ def sid_of_basis(
     sid = replace(sid, from_matrices=model.comes_as_matrices)
     if initial is not None:
         sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
+    sid = add_sections(sid, body, frame, basis)
     if stiffening:
         begin("geometric stiffening")
         sid = add_geometric_stiffening(sid, body, frame, basis, stiffening, loaded)

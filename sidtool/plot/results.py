@@ -28,6 +28,7 @@ from .curves import (
     output_errors,
 )
 from .figure import draw_legend, figure_style, save_figure, use_log_scale, wrap_label
+from .sections import draw_sections
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +47,7 @@ _NOTED_UNCERTAINTY = 0.005
 _UNRESOLVED_CHANGE, _MAX_NAMED_OUTPUTS = 0.3, 4
 ENERGIES = ("energy.kinetic", "energy.elastic", "energy.potential")
 RESIDUALS = ("constraint.position", "constraint.velocity")
-KINDS = ("outputs", "spectrum", "energy", "drift")
+KINDS = ("outputs", "spectrum", "energy", "drift", "sections")
 
 
 def plot_result(
@@ -63,7 +64,8 @@ def plot_result(
     Parameters
     ----------
     kind : one of `KINDS`
-    names : outputs to draw, with wildcards; default those that were recorded
+    names : outputs to draw, with wildcards; default those that were recorded. Bodies
+        for sections
 
     Returns
     -------
@@ -84,6 +86,8 @@ def draw_result(
     result: Result, kind: str = "outputs", names: str | Iterable[str] | None = None
 ) -> tuple[Figure, list[Diagnostic]]:
     """Return the figure, and diagnostics of omissions and uncertainties."""
+    if kind == "sections":
+        return draw_sections(result, names)
     if len(result.t) < 2:
         raise InputError(
             f"holds {len(result.t)} output times", expected="at least two for a curve"

@@ -59,6 +59,10 @@ def change_basis(
         sid,
         labels=_new_labels(sid, T) if labels is None else labels,
         nodes=tuple(_transform_node(node, T, sid.nq) for node in sid.nodes),
+        sections=tuple(
+            replace(section, part=change_basis(section.part, T, labels))
+            for section in sid.sections
+        ),
         **blocks,
     )
 

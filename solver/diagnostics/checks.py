@@ -19,6 +19,7 @@ from sidtool.formats.scene import (
     coordinate_of,
     is_along_coordinate,
     is_elastic,
+    is_section_force,
     is_stress,
     marker_names,
     marker_reference,
@@ -32,6 +33,7 @@ from ..initial_state.given_state import prescribed_rows
 from ..output.body_outputs import check_stress
 from ..output.columns import state_row
 from ..output.reactions import COMPONENTS, is_constraint, multiplier_row, second_marker
+from ..output.section_forces import check_section_force
 from ..spatial import system_arrays as at
 from ..system.system import System
 
@@ -105,6 +107,9 @@ def check_outputs(system: System) -> None:
             continue
         if is_stress(name.quantity):
             check_stress(system, name)
+            continue
+        if is_section_force(name):
+            check_section_force(system, name)
             continue
         if name.marker or name.owner in (INPUTS, *SCENE_QUANTITIES):
             continue

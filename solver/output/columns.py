@@ -21,6 +21,7 @@ from sidtool.formats.scene import (
     is_along_coordinate,
     is_elastic,
     is_rate,
+    is_section_force,
     is_stress,
     parse_output,
 )
@@ -51,6 +52,7 @@ from .reactions import (
 )
 from .samples import Samples, StateSampler, with_minimum_norm_multipliers
 from .scene_outputs import SceneOutputs
+from .section_forces import section_force_column
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +132,8 @@ def _column(evaluated: EvaluatedForces, text: str) -> Array:
     if name.marker == STATE and name.owner not in system.scene.bodies:
         row = system.arrays.body[state_row(system, name)]
         return np.asarray(samples.v[:, row[at.VEL]])
+    if is_section_force(name):
+        return section_force_column(evaluated, name)
     if name.quantity in MOMENTA:
         return momentum_column(evaluated, name.owner, name.quantity)
     if name.marker:

@@ -47,6 +47,8 @@ class EvaluatedForces:
     ) -> None:
         self.system, self.samples, self.times = system, samples, times
         self._given_work = work
+        #: Section forces (nt, 6) by body and section, as far as they were evaluated.
+        self.section_forces: dict[tuple[str, str], Array] = {}
 
     def wrench(self, marker: int, owner: str = "") -> Array:
         """Force and torque on a marker in inertial axes, (nt, 6).

@@ -15,7 +15,7 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Event
 from sidtool.formats.scene import Event as Wanted
 from sidtool.formats.scene import Outputs, parse_output
-from sidtool.formats.scene.outputs import is_joint_output
+from sidtool.formats.scene.outputs import is_joint_output, is_section_force
 
 from ..system.body_frames import needs_reactions
 from ..system.system import System
@@ -63,7 +63,8 @@ class EventDetector:
         self._sampler = StateSampler(system, closed)
         #: whether any multipliers do that hold the mechanism
         self._any_multipliers = not any(
-            is_joint_output(parse_output(q).quantity) for q in record
+            is_joint_output(name.quantity) or is_section_force(name)
+            for name in map(parse_output, record)
         )
         self.levels = np.array([event.value for event in self.wanted.values()])
         self.sides = np.zeros(len(self.levels))

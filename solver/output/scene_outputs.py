@@ -13,6 +13,7 @@ from sidtool.formats.scene import (
     Given,
     OutputName,
     SceneFile,
+    is_section_force,
     parse_output,
 )
 from sidtool.formats.scene.outputs import is_joint_output
@@ -176,4 +177,5 @@ def _depends_on(name: OutputName, scene: SceneFile, forces: tuple[str, ...]) -> 
     quantity = name.quantity
     own = name.owner in scene.forces and name.owner not in scene.joints
     of_joint = is_joint_output(quantity) or quantity in FRICTION_QUANTITIES
+    of_joint = of_joint or is_section_force(name)
     return name.owner in forces or quantity in _ACCELERATIONS or (of_joint and not own)

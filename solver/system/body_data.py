@@ -31,6 +31,7 @@ from sidtool.formats.scene import (
     as_3d,
     has_wildcard,
     is_elastic,
+    is_section_force,
     is_stress,
     orientation_matrix,
     parse_output,
@@ -99,6 +100,7 @@ def elastic_outputs(scene: SceneFile) -> list[str]:
             continue
         name = parse_output(text)
         elastic = is_elastic(name.quantity) or is_stress(name.quantity)
+        elastic = elastic or is_section_force(name)
         if elastic and is_taken_as_rigid(scene, name.owner):
             names.append(text)
     return names

@@ -13,6 +13,7 @@ from sidtool.formats.scene import (
     Joint,
     SceneFile,
     coordinate_of,
+    is_section_force,
     marker_names,
     marker_reference,
     observed_outputs,
@@ -115,7 +116,10 @@ def needs_reactions(scene: SceneFile, names: Mapping[str, str]) -> bool:
     """True if an output or event needs forces of some joints and drives."""
     outputs = [parse_output(text) for text in observed_outputs(scene)]
     forces = [o.owner for o in outputs if not coordinate_of(o.quantity)]
-    every = any(output.quantity in _NEED_ALL_JOINTS for output in outputs)
+    every = any(
+        output.quantity in _NEED_ALL_JOINTS or is_section_force(output)
+        for output in outputs
+    )
     return bool(names) and (every or any(owner in names for owner in forces))
 
 

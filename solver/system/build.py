@@ -23,6 +23,7 @@ from sidtool.formats.scene import (
     as_3d,
     coordinate_of,
     expand_names,
+    is_section_force,
     observed_outputs,
     parse_output,
 )
@@ -406,7 +407,9 @@ def _used_markers(
     used |= {
         (name.owner, name.marker)
         for name in outputs
-        if name.marker and not (name.owner in laws and name.marker == STATE)
+        if name.marker
+        and not is_section_force(name)
+        and not (name.owner in laws and name.marker == STATE)
     }
     for reference in used:
         parts.node(reference)

@@ -23,6 +23,7 @@ from sidtool.formats.scene import (
     is_elastic,
     is_joint_output,
     is_rate,
+    is_section_force,
     parse_output,
 )
 from sidtool.formats.scene.connections import owner_table
@@ -113,7 +114,11 @@ def _force_signal(name: str, scene: SceneFile) -> SensorSignal | None:
 def _refuse_accelerations(name: str, place: str) -> None:
     """Raises accelerations and forces, which a law would change by reading them."""
     quantity = name.rpartition(".")[2]
-    if is_joint_output(quantity) or quantity in FRICTION_QUANTITIES:
+    if (
+        is_joint_output(quantity)
+        or quantity in FRICTION_QUANTITIES
+        or is_section_force(parse_output(name))
+    ):
         raise InputError(
             f"a law cannot read {name!r}: it is a force, which follows from all forces "
             "at the same instant, that of the law among them",

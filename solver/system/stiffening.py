@@ -11,7 +11,15 @@ from itertools import product
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import OE_INDICES, SID, Array, Node, Taylor, symmetric_3x3
+from sidtool.formats.base.sid import (
+    OE_INDICES,
+    SID,
+    Array,
+    Node,
+    Section,
+    Taylor,
+    symmetric_3x3,
+)
 from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, coupled_mass_matrix, skew
 
@@ -225,7 +233,21 @@ def without_stiffening(sid: SID, planar: bool, place: str) -> SID:
             sid.Oe.m0, _planar_oe1(sid) if planar else _spatial_oe1(sid, antisymmetric)
         ),
         nodes=tuple(map(_without_first_order, sid.nodes)),
+        sections=tuple(map(_unstiffened_section, sid.sections)),
     )
+
+
+def _unstiffened_section(section: Section) -> Section:
+    """The section without terms of second order; Oe of parts holds none."""
+    part = section.part
+    cr1_term = part.Cr.first_order(part.nq)
+    part = replace(
+        part,
+        Ct=Taylor(part.Ct.m0),
+        Cr=Taylor(part.Cr.m0, 0.5 * (cr1_term - np.swapaxes(cr1_term, 0, 1))),
+        nodes=tuple(map(_without_first_order, part.nodes)),
+    )
+    return replace(section, part=part)
 
 
 def _planar_oe1(sid: SID) -> Array:
