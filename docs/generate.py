@@ -25,6 +25,7 @@ from pydantic_core import PydanticUndefined
 
 import sidtool
 from sidtool.cli.main import cli
+from sidtool.formats.design import DesignFile, read_design
 from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS
 from sidtool.formats.diagnostics.record import example_of
 from sidtool.formats.model import ModelFile, read_model
@@ -37,6 +38,7 @@ ROOTS = {
     "scene": (SceneFile, read_scene, "Scene files"),
     "model": (ModelFile, read_model, "Model files"),
     "reference": (ReferenceFile, read_reference, "Reference files"),
+    "design": (DesignFile, read_design, "Design files"),
 }
 Key = tuple[type[BaseModel], str]
 

@@ -91,6 +91,9 @@ OUTPUT_KINDS = {
         chooses=True,
     ),
     "study": OutputFileKind("a study (JSON)", (".json",)),
+    "optimisation": OutputFileKind(
+        "a history (JSON) or its picture (PNG, SVG or PDF)", (".json",), chooses=True
+    ),
     "unit": OutputFileKind("a functional mock-up unit (FMU)", (".fmu",), chooses=True),
     "folder": OutputFileKind("a folder", ()),
     "page": OutputFileKind("a page (HTML)", (".html",), chooses=True),

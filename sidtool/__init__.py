@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from .api.operations import repair as repair
     from .api.operations import simulate as simulate
     from .api.operations import validate as validate
+    from .api.optimise import optimise as optimise
     from .api.plant import Plant as Plant
     from .api.plant import PlantEvent as PlantEvent
     from .api.result import Result as Result
@@ -129,6 +130,7 @@ _HOME = {
     "gradient": "sidtool.api.sensitivity",
     "inverse_dynamics": "sidtool.api.analyses",
     "linearise": "sidtool.api.analyses",
+    "optimise": "sidtool.api.optimise",
     "outputs": "sidtool.pipeline.extra_outputs",
     "peak_stresses": "sidtool.view.body_fields",
     "read": "sidtool.api.scene",

@@ -265,7 +265,7 @@ class Scene(SceneFile):
 
 
 def read(path: Path_) -> Any:
-    """Read a file and return a SID, Model, Scene, StudyFile, Result or Field.
+    """Read a file and return a SID, Model, Scene, Result, Field, StudyFile or design.
 
     Raises
     ------
@@ -307,6 +307,12 @@ def _read_field(path: Path_) -> Any:
     return read_field(path)
 
 
+def _read_design(path: Path_) -> Any:
+    from sidtool.formats.design import read_design
+
+    return read_design(path)
+
+
 def _read_study(path: Path_) -> Any:
     from sidtool.formats.study import read_study
 
@@ -320,4 +326,5 @@ READERS: dict[str, Callable[[Path_], Any]] = {
     "result": _read_result,
     "field": _read_field,
     "study": _read_study,
+    "design": _read_design,
 }

@@ -52,6 +52,7 @@ _FILE_BEGINNINGS = {
     "picture": (b"\x89PNG", b"<svg", b"%PDF"),
     "unit": (b"modelDescription.xml",),
     "state_space": (b"state_names.npy", b"MATLAB 5.0", b'"sidtool state space"'),
+    "optimisation": (b'"sidtool optimisation"',),
     "response": (b"frequency [Hz]", b'"sidtool frequency response"'),
 }
 force_option = click.option(

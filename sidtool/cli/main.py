@@ -36,6 +36,7 @@ from .convert import convert
 from .export import export
 from .fmu import fmu
 from .linearise import linearise, response
+from .optimise import optimise
 from .outputs import outputs
 from .plot import plot, report
 from .progress import show_progress
@@ -94,6 +95,7 @@ for command in (
     study,
     sweep,
     sensitivity,
+    optimise,
     trim,
     demo,
     explain,
@@ -114,16 +116,38 @@ for command in (
     study,
     sweep,
     sensitivity,
+    optimise,
     trim,
     *analyse.commands.values(),
 ):
     command.params.append(JSON)
 ANALYSES = linearise, response, *analyse.commands.values()
-for command in (convert, export, simulate, fmu, study, sweep, sensitivity, *ANALYSES):
+for command in (
+    convert,
+    export,
+    simulate,
+    fmu,
+    study,
+    sweep,
+    sensitivity,
+    optimise,
+    *ANALYSES,
+):
     count_warnings_if_strict(command)
 for command in (convert, stations, simulate, study, validate, outputs, plot, animate):
     command.params.append(QUIET)
-for command in (export, sweep, sensitivity, report, trim, fmu, warmup, demo, *ANALYSES):
+for command in (
+    export,
+    sweep,
+    sensitivity,
+    optimise,
+    report,
+    trim,
+    fmu,
+    warmup,
+    demo,
+    *ANALYSES,
+):
     command.params.append(QUIET)
 
 

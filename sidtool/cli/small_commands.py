@@ -163,13 +163,14 @@ KINDS = {
     "model": ("sidtool.formats.model", "ModelFile"),
     "scene": ("sidtool.formats.scene", "SceneFile"),
     "reference": ("sidtool.formats.reference", "ReferenceFile"),
+    "design": ("sidtool.formats.design", "DesignFile"),
 }
 
 
 @click.command()
 @click.argument("kind", type=click.Choice(list(KINDS)))
 def schema(kind: str) -> None:
-    """Print the JSON Schema of a model, scene or reference file, for editors.
+    """Print the JSON Schema of a kind of file, for editors.
 
     \b
     Example:

@@ -26,13 +26,15 @@ TEXT_FORMATS = {
     "sidtool scene": "scene",
     "sidtool reference": "reference",
     "sidtool study": "study",
+    "sidtool design": "design",
+    "sidtool optimisation": "optimisation",
 }
 #: Kind of an HDF5 file by its format; all others are read as SIDs.
 _HDF5_FORMATS = {"sidtool result": "result", "sidtool field": "field"}
 
 
 def kind_of(path: Path_) -> str:
-    """Return "model", "scene", "reference", "study", "result", "field" or "sid".
+    """Return "model", "scene", "design", "result", "sid" or another kind of file.
 
     Raises
     ------

@@ -78,6 +78,7 @@ def differentiate(
     values: Array,
     least: Array,
     step: float = 0.0,
+    good: float = GOOD_ERROR,
 ) -> Difference:
     """Differentiate functionals by one variable.
 
@@ -88,6 +89,7 @@ def differentiate(
     values : functionals at x, (n,)
     least : derivatives that are as good as none, (n,)
     step : of an earlier difference, which is taken as it is; 0 to choose one
+    good : error of a derivative, relative to its size, that is small enough
 
     Raises
     ------
@@ -111,9 +113,9 @@ def differentiate(
                 break
             continue
         runs += trials[-1].runs
-        next_step = _next_step(trials, tried, size, least)
+        next_step = _next_step(trials, tried, size, least, good)
     if not trials:
-        return differentiate(evaluate, x, size, values, least)
+        return differentiate(evaluate, x, size, values, least, good=good)
     derivatives, errors, chosen = _best(trials)
     steps = np.array([trial.step for trial in trials])[chosen]
     kinds, counts = np.unique(steps, return_counts=True)
@@ -132,13 +134,17 @@ def _best(trials: Sequence[_Trial]) -> tuple[Array, Array, Array]:
 
 
 def _next_step(
-    trials: Sequence[_Trial], tried: Sequence[float], size: float, least: Array
+    trials: Sequence[_Trial],
+    tried: Sequence[float],
+    size: float,
+    least: Array,
+    good: float,
 ) -> float:
     """The step that the worst derivative asks for and that was not tried, or 0."""
     derivatives, errors, chosen = _best(trials)
     relative = errors / np.maximum(np.abs(derivatives), least)
     for k in np.argsort(-relative):
-        if relative[k] <= GOOD_ERROR:
+        if relative[k] <= good:
             break
         step = trials[chosen[k]].best_steps[k]
         step = float(np.clip(step, LEAST_STEP * size, LARGEST_STEP * size))

@@ -344,12 +344,12 @@ class Functional:
             return []
         return history.find_peaks(self.output, signs[self.kind])
 
-    def scale(self, history: History | None, value: float) -> float:
-        """Size of changes of the value that matter."""
+    def scale(self, history: History | None, values: Array) -> Array:
+        """Sizes of changes of the values that matter."""
         largest = 0.0
         if history is not None and self.kind in MOTION_KINDS:
             largest = float(np.abs(history.values(self.output)).max())
-        return max(abs(value), largest, float(np.finfo(float).tiny))
+        return np.maximum(np.abs(values), max(largest, float(np.finfo(float).tiny)))
 
     def of_motion(self, history: History, peak: Peak | None) -> float:
         """The value of a motion.

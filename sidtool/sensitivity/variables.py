@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, NamedTuple
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
@@ -18,26 +18,44 @@ from ..sweep.design import Designs, value_at
 _TABLES = ("parameters", "gravity", "bodies", "joints", "drives", "forces", "inputs")
 #: Keys that are numbers, but no quantities.
 _COUNTS = frozenset(["version", "count", "samples"])
+_GROUP = "NAME=KEY:FACTOR,KEY:FACTOR"
 
 
-@dataclass(frozen=True)
-class Variable:
-    """A number of a scene that is varied.
+class Entry(NamedTuple):
+    """A number that a variable changes.
 
     Attributes
     ----------
     key : as in `Scene.with_`
-    value : in the scene
-    unit : "" if there is none, or it is not known
     body, model_key : of a number of a model: its body, and the key in the model; else
         empty
+    value : in the file
+    factor : of changes of the variable
     """
 
     key: str
+    body: str
+    model_key: str
+    value: float
+    factor: float
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A number of a scene that is varied, or several that change together.
+
+    Attributes
+    ----------
+    name : its key, or the name of a group
+    value : in the scene; 0 for a group
+    unit : "" if there is none, or it is not known
+    entries : numbers that it changes
+    """
+
+    name: str
     value: float
     unit: str
-    body: str = ""
-    model_key: str = ""
+    entries: tuple[Entry, ...]
 
 
 def find_variables(keys: str | Iterable[str], scene: SceneFile) -> list[Variable]:
@@ -46,42 +64,90 @@ def find_variables(keys: str | Iterable[str], scene: SceneFile) -> list[Variable
     Parameters
     ----------
     keys : of numbers, also several in one text with commas; `*` stands for any letters
-        of the keys in the file
+        of the keys in the file; a text NAME=KEY:FACTOR,KEY:FACTOR is a group
 
     Raises
     ------
     InputError : there is no such key, or it is no number.
     """
     given = [keys] if isinstance(keys, str) else [*keys]
-    listed = [part.strip() for text in given for part in text.split(",")]
-    known = [*_numbers_in(scene)]
-    wanted: list[str] = []
-    for key in filter(None, listed):
-        if "*" not in key:
-            wanted.append(key)
-            continue
-        found = [k for k in known if fnmatchcase(k, key.replace("[", "[[]"))]
-        if not found:
-            raise InputError(
-                f"no number of the scene is {key!r}",
-                place="--with",
-                expected="a key such as forces.spring.stiffness",
-            )
-        wanted += found
-    if not wanted:
-        raise InputError(
-            "nothing is varied",
-            place="--with",
-            expected="a key such as bodies.rod.mass",
-        )
     designs = Designs(scene, {}, [])
-    variables = []
-    for key in dict.fromkeys(wanted):
-        body, model_key = designs.key_of_model(key) or ("", "")
-        content: File = designs.model(body) if body else scene
-        value = _number_at(content, model_key or key, key)
-        variables.append(Variable(key, value, designs.unit(key), body, model_key))
-    return variables
+    known = [*_numbers_in(scene)]
+    variables: dict[str, Variable] = {}
+    for text in given:
+        if "=" in text:
+            name, factors = _parse_group(text)
+            variables[name] = group_variable(name, factors, designs)
+            continue
+        for key in filter(None, (part.strip() for part in text.split(","))):
+            for each in _matching(key, known):
+                variables[each] = single_variable(each, designs)
+    if not variables:
+        raise InputError(
+            "nothing is varied", place="--with", expected="a key such as rod.mass"
+        )
+    return [*variables.values()]
+
+
+def single_variable(key: str, designs: Designs, name: str = "") -> Variable:
+    """The variable of a key.
+
+    Raises
+    ------
+    InputError : there is no such key, or it is no number.
+    """
+    entry = _entry(key, 1.0, designs)
+    return Variable(name or key, entry.value, designs.unit(key), (entry,))
+
+
+def group_variable(
+    name: str, factors: Mapping[str, float], designs: Designs
+) -> Variable:
+    """The variable that changes several numbers by factors.
+
+    Raises
+    ------
+    InputError : there is no such key, or it is no number.
+    """
+    entries = tuple(_entry(key, factor, designs) for key, factor in factors.items())
+    units = {designs.unit(key) for key in factors}
+    return Variable(name, 0.0, units.pop() if len(units) == 1 else "", entries)
+
+
+def _entry(key: str, factor: float, designs: Designs) -> Entry:
+    body, model_key = designs.key_of_model(key) or ("", "")
+    content: File = designs.model(body) if body else designs.scene
+    value = _number_at(content, model_key or key, key)
+    return Entry(key, body, model_key, value, factor)
+
+
+def _parse_group(text: str) -> tuple[str, dict[str, float]]:
+    """Name and factors of NAME=KEY:FACTOR,KEY:FACTOR."""
+    name, _, rest = text.partition("=")
+    factors = {}
+    for part in rest.split(","):
+        key, colon, factor = part.rpartition(":")
+        try:
+            factors[key.strip()] = float(factor)
+        except ValueError:
+            colon = ""
+        if not (colon and key.strip() and name.strip()):
+            raise InputError(f"found {text!r}", place="--with", expected=_GROUP)
+    return name.strip(), factors
+
+
+def _matching(key: str, known: Sequence[str]) -> list[str]:
+    """Keys that a key with wildcards means."""
+    if "*" not in key:
+        return [key]
+    found = [k for k in known if fnmatchcase(k, key.replace("[", "[[]"))]
+    if not found:
+        raise InputError(
+            f"no number of the scene is {key!r}",
+            place="--with",
+            expected="a key such as forces.spring.stiffness",
+        )
+    return found
 
 
 def _numbers_in(scene: SceneFile) -> Iterator[str]:
@@ -138,16 +204,43 @@ def _number_at(content: File, key: str, place: str) -> float:
 
 
 def scene_changes(variables: Sequence[Variable], values: Array) -> dict[str, float]:
-    """Changes of the scene that give its variables other values; those of models are
-    left out.
-    """
-    pairs = zip(variables, values, strict=True)
-    return {v.key: float(x) for v, x in pairs if not v.body}
+    """Values of the variables by keys of the scene; those of models are left out."""
+    found: dict[str, float] = {}
+    for entry, change in _changes(variables, values):
+        if not entry.body:
+            found[entry.key] = found.get(entry.key, entry.value) + change
+    return found
 
 
 def model_changes(
     variables: Sequence[Variable], values: Array, body: str
 ) -> dict[str, float]:
     """Values of the variables of the model of a body, by keys of the model."""
-    pairs = zip(variables, values, strict=True)
-    return {v.model_key: float(x) for v, x in pairs if v.body == body}
+    found: dict[str, float] = {}
+    for entry, change in _changes(variables, values):
+        if entry.body == body:
+            key = entry.model_key
+            found[key] = found.get(key, entry.value) + change
+    return found
+
+
+def model_offsets(
+    variables: Sequence[Variable], offsets: Array, body: str
+) -> dict[str, float]:
+    """Changes of the numbers of a model by changes of the variables."""
+    found: dict[str, float] = {}
+    for variable, offset in zip(variables, offsets, strict=True):
+        for entry in variable.entries:
+            if entry.body == body:
+                change = entry.factor * float(offset)
+                found[entry.model_key] = found.get(entry.model_key, 0.0) + change
+    return found
+
+
+def _changes(
+    variables: Sequence[Variable], values: Array
+) -> Iterator[tuple[Entry, float]]:
+    """Entries of variables with their changes from the file."""
+    for variable, value in zip(variables, values, strict=True):
+        for entry in variable.entries:
+            yield entry, entry.factor * (float(value) - variable.value)

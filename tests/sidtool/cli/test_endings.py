@@ -127,6 +127,11 @@ COMMANDS = {
         ["{scene}", "--over", "time.end=1", "--of", "stone.x.max", "-o"],
         (".json", ".h5", ""),
     ),
+    "sensitivity": (
+        ["{scene}", "--with", "stone.mass", "--of", "max(stone.x)", "-o"],
+        (".json", ".h5", ".png"),
+    ),
+    "optimise": (["{scene}", "-o"], (".csv", ".h5", "")),
     "linearise": (["{scene}", "-o"], (".h5", ".csv", "")),
     "response": (["{scene}", "-o"], (".h5", ".npz", "")),
     "fmu": (["{scene}", "-o"], (".zip", ".dll", "")),

@@ -29,6 +29,8 @@ COMMANDS = {
     "trim": ("beam.SID_FEM scene.toml -o t.SID_FEM --accuracy bar.tip.y=1e-2", "nodes"),
     "study": ("rigid.toml --integrator radau9 --rtol 1e-2 --jobs 1", "points"),
     "sweep": ("rigid.toml --over time.end=0.01,0.02 --of bar.x.max --jobs 1", "points"),
+    "sensitivity": ("rigid.toml --with bar.mass --of max(bar.x)", "sensitivities"),
+    "optimise": ("design.toml", "history"),
 }
 #: Commands that say where files are, and no numbers.
 FILES = {
@@ -89,6 +91,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ).save(place / "pushed.toml")
     table = "position [1],mass_per_length,EA,EI_y,EI_z,GJ\n0,1,1,1,1,1\n1,1,1,1,1,1\n"
     (place / "mast.csv").write_text(table, encoding="utf-8")
+    design = """
+        format = "sidtool design"
+        version = 1
+        scene = "rigid.toml"
+        variables.J = { key = "bar.inertia", min = 0.05, max = 0.2 }
+        objective.minimise = "max(motor.mz)"
+    """
+    (place / "design.toml").write_text(design, encoding="utf-8")
     return place
 
 

@@ -13,7 +13,8 @@ from scipy.optimize import minimize
 from scipy.special import ellipk
 
 import sidtool
-from sidtool.api.sensitivity import Problem
+from sidtool.api.motion_problem import RunOptions
+from sidtool.api.sensitivity import parse_problem
 from tests.codes import codes, only
 
 from . import scenes
@@ -158,15 +159,11 @@ CRANK = "examples/slider_crank/slider_crank.toml"
 @pytest.mark.parametrize("integrator", ["radau9", "trapezoidal", "generalised_alpha"])
 def test_taylor_remainders_fall_fourfold(integrator: str) -> None:
     """J(x + h) - J(x) - h J'(x) is of second order in h, on the grid of the run."""
-    settings = {"integrator": integrator, "rtol": None, "step": 0.01}
-    problem = Problem(
+    problem = parse_problem(
         sidtool.Scene.load(CRANK).with_({"time.end": 0.5}),
         ["crank.markers.pin.position[0]", "piston.mass"],
         ["max_abs(rod.q1)", "rms(rod.q1)", "max_abs(crank_pin.fx)"],
-        None,
-        settings,
-        1,
-        (None, None),
+        RunOptions(integrator=integrator, step=0.01),
     )
     point = problem.at(problem.x0)
     found = point.sensitivities()

@@ -1,0 +1,422 @@
+"""A scene with variables and functionals, run at values of the variables and beside.
+
+`sidtool.sensitivity`, `sidtool.gradient`, `sidtool.optimise` and `sidtool.identify` are
+made of it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.storage.operating_system import processors
+from sidtool.formats.toml.files import locate_errors
+from sidtool.solver.initial_state.integrator_start import run_settings
+from sidtool.solver.simulation.frozen_run import (
+    Grid,
+    StructureChange,
+    record_grid,
+    run_on_grid,
+)
+from sidtool.solver.system.errors import SimulationError
+from sidtool.solver.system.system import System
+
+from ..model_derivatives.design_variables import design_variable
+from ..model_derivatives.sid_derivatives import DifferentiableBody, SidDerivatives
+from ..sensitivity.differences import GOOD_ERROR, Difference, differentiate
+from ..sensitivity.functionals import Functional, History, Peak, recorded_outputs
+from ..sensitivity.sensitivity_result import Sensitivities
+from ..sensitivity.variables import (
+    Variable,
+    model_changes,
+    model_offsets,
+    scene_changes,
+)
+from ..sweep.design import Designs
+from .compiled_scene import CompiledScene, Sids
+from .parallel_runs import map_in_threads
+
+Programs = Mapping[str, Any]
+
+#: Estimated error of a derivative, relative to its size, above which it is reported.
+LARGE_ERROR = 1e-3
+#: Changes of a functional that matter not, relative to its size, for a change of a
+#: variable of its own size.
+NEGLIGIBLE = 1e-3
+#: Derivatives of two peaks differ by more than this part of them.
+DIFFERENT = 0.01
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How runs are made, as of `sidtool.simulate`.
+
+    Attributes
+    ----------
+    sids : SIDs that replace those of the scene, by body
+    integrator, rtol, step : replace those of the scene
+    jobs : number of threads, default the processors of this process
+    programs : callables for drives and for forces, by name
+    """
+
+    sids: Sids | None = None
+    integrator: str | None = None
+    rtol: float | None = None
+    step: float | None = None
+    jobs: int | None = None
+    programs: tuple[Programs | None, Programs | None] = (None, None)
+
+
+class Problem:
+    """A scene with variables and functionals, compiled once.
+
+    Attributes
+    ----------
+    scene : with the outputs that the functionals need
+    variables, functionals : parsed
+    x0 : (n,) values of the variables in the scene
+    steps : steps of differences that were found, by variable
+    """
+
+    def __init__(
+        self,
+        scene: SceneFile,
+        variables: Sequence[Variable],
+        functionals: Sequence[Functional],
+        settings: RunOptions,
+    ) -> None:
+        self.settings = settings
+        self.functionals, self.variables = [*functionals], [*variables]
+        sids, programs, jobs = settings.sids, settings.programs, settings.jobs
+        with locate_errors(scene):
+            given_sids = dict(sids or {})
+            self.models = _models(scene, self.variables, given_sids)
+            record = recorded_outputs(self.functionals)
+            self.scene = scene.with_({"outputs.record": record})
+            self._bodies = self.bodies(np.array([v.value for v in self.variables]))
+            given_sids |= {name: body.sid for name, body in self._bodies.items()}
+            self.compiled = CompiledScene(
+                self.scene, sids=given_sids, drives=programs[0], forces=programs[1]
+            )
+        if jobs is not None and jobs < 1:
+            raise InputError(f"jobs is {jobs}", expected="a positive number")
+        sequential = bool(self.compiled.system_with({}).natives)
+        self.jobs = 1 if sequential else jobs or processors()
+        self.x0 = np.array([v.value for v in self.variables])
+        self.steps: dict[str, float] = {}
+
+    @property
+    def needs_motion(self) -> bool:
+        return any(f.needs_motion for f in self.functionals)
+
+    def bodies(self, x: Array) -> dict[str, VariedBody]:
+        """Bodies with variables of their models, by name.
+
+        Raises
+        ------
+        InputError : a value does not fit, or a model cannot be converted.
+        """
+        found = {}
+        for name, model in self.models.items():
+            changes = model_changes(self.variables, x, name)
+            found[name] = VariedBody(model.with_(changes), [*changes])
+        return found
+
+    def system(self, x: Array, sids: Mapping[str, SID]) -> System:
+        """The compiled scene with values of the variables.
+
+        Parameters
+        ----------
+        sids : of the bodies with variables of their models
+
+        Raises
+        ------
+        InputError : a value does not fit.
+        """
+        return self.compiled.system_with(scene_changes(self.variables, x), sids)
+
+    def at(self, x: Array) -> Point:
+        """Run the scene with values of the variables.
+
+        Raises
+        ------
+        InputError, SimulationError : as `simulate`.
+        """
+        with locate_errors(self.scene):
+            bodies = self._bodies
+            if not np.array_equal(x, self.x0):
+                bodies = self.bodies(x)
+            system = self.system(x, {n: body.sid for n, body in bodies.items()})
+            grid, history = None, None
+            if self.needs_motion:
+                given = self.settings
+                chosen = run_settings(
+                    system, given.integrator, given.rtol, given.step, None
+                )
+                grid = record_grid(system, chosen)
+                history = History(run_on_grid(system, grid))
+            terms = _terms(self.functionals, history)
+            values = [term.value(system, history) for term in terms]
+            pairs = zip(terms, values, strict=True)
+            scales = [t.functional.scale(history, v) for t, v in pairs]
+        n_values = sum(len(v) for v in values[: len(self.functionals)])
+        joined = np.concatenate(values), np.concatenate(scales)
+        x = np.asarray(x, float)
+        return Point(self, x, bodies, grid, terms, *joined, n_values)
+
+
+def _models(
+    scene: SceneFile, variables: Sequence[Variable], sids: Mapping[str, Any]
+) -> dict[str, ModelFile]:
+    """Models of the bodies of which the models have variables.
+
+    Raises
+    ------
+    InputError : a SID replaces that of such a body.
+    """
+    names = dict.fromkeys(e.body for v in variables for e in v.entries if e.body)
+    for name in names:
+        if name in sids:
+            raise InputError(
+                "replaces a body whose model is varied",
+                place=f"sids[{name!r}]",
+                expected="variables of other bodies",
+            )
+    designs = Designs(scene, {}, [])
+    return {name: designs.model(name) for name in names}
+
+
+class VariedBody:
+    """A body whose model has variables.
+
+    Attributes
+    ----------
+    sid : its SID
+    """
+
+    def __init__(self, model: ModelFile, keys: Sequence[str]) -> None:
+        self._model, self._keys = model, keys
+        self._body = DifferentiableBody(model)
+        self.sid = self._body.sid
+
+    @cached_property
+    def _derivatives(self) -> SidDerivatives:
+        variables = [design_variable(self._model, key) for key in self._keys]
+        values = {one.name: one.value for one in variables}
+        derivatives = {one.name: self._body.derivative(one) for one in variables}
+        return SidDerivatives(self.sid, values, derivatives)
+
+    def neighbour(self, offsets: Mapping[str, float]) -> SID:
+        """The SID changed along its derivatives by numbers of the model."""
+        return self._derivatives.neighbour(offsets)
+
+
+class Term(NamedTuple):
+    """A functional, at one of its peaks if it is an extremum.
+
+    Attributes
+    ----------
+    functional : the functional
+    peak : where it lies in the nominal motion
+    rival_of : number of the functional of which this is another peak, or -1
+    """
+
+    functional: Functional
+    peak: Peak | None = None
+    rival_of: int = -1
+
+    def value(self, system: System, history: History | None) -> Array:
+        """The value of a scene and its motion, (1,), or several values."""
+        if self.functional.needs_motion and history is not None:
+            return np.atleast_1d(self.functional.of_motion(history, self.peak))
+        return np.atleast_1d(self.functional.of_system(system))
+
+
+def _terms(functionals: Sequence[Functional], history: History | None) -> list[Term]:
+    """A term for each functional, then their other peaks."""
+    peaks = [[] if history is None else f.peaks(history) for f in functionals]
+    terms = [
+        Term(f, found[0] if found else None)
+        for f, found in zip(functionals, peaks, strict=True)
+    ]
+    for k, found in enumerate(peaks):
+        terms += [Term(functionals[k], rival, k) for rival in found[1:]]
+    return terms
+
+
+@dataclass(eq=False)
+class Point:
+    """Values of the functionals at values of the variables, and their neighbours.
+
+    Attributes
+    ----------
+    x : (n_variables,) values of the variables
+    bodies : bodies with variables of their models, by name
+    grid : of the run
+    terms : functionals, then their other peaks
+    all_values, scales : (n,) values of all terms, and their sizes
+    n_values : number of values of the functionals
+    """
+
+    problem: Problem
+    x: Array
+    bodies: Mapping[str, VariedBody]
+    grid: Grid | None
+    terms: Sequence[Term]
+    all_values: Array
+    scales: Array
+    n_values: int
+
+    @property
+    def values(self) -> Array:
+        """Values of the functionals, (n_values,)."""
+        return self.all_values[: self.n_values]
+
+    def neighbour(self, x: Array) -> Array:
+        """Values of the terms at neighbouring values of the variables.
+
+        Raises
+        ------
+        StructureChange : the run has other events.
+        InputError, SimulationError : as `simulate`.
+        """
+        variables, changes = self.problem.variables, x - self.x
+        sids = {
+            name: body.neighbour(model_offsets(variables, changes, name))
+            for name, body in self.bodies.items()
+        }
+        system, history = self.problem.system(x, sids), None
+        if self.grid is not None:
+            history = History(run_on_grid(system, self.grid))
+        return np.concatenate([term.value(system, history) for term in self.terms])
+
+    def difference(self, k: int, good: float = GOOD_ERROR) -> Difference:
+        """Derivatives of all terms by one variable.
+
+        Parameters
+        ----------
+        good : error of a derivative, relative to its size, that is small enough
+
+        Raises
+        ------
+        StructureChange, InputError, SimulationError : there are none.
+        """
+        problem, variable = self.problem, self.problem.variables[k]
+        size = self._size(variable, self.x[k])
+        found = differentiate(
+            self._along(k),
+            self.x[k],
+            size,
+            self.all_values,
+            NEGLIGIBLE * self.scales / size,
+            problem.steps.get(variable.name, 0.0),
+            good,
+        )
+        problem.steps[variable.name] = found.step
+        return found
+
+    def sensitivities(
+        self, progress: Callable[[str, int, int], None] | None = None
+    ) -> Sensitivities:
+        """Derivatives by all variables."""
+        problem, started = self.problem, time.perf_counter()
+        shape = len(self.values), len(problem.variables)
+        derivatives, errors = np.full(shape, np.nan), np.full(shape, np.nan)
+        diagnostics, runs = list[Diagnostic](), 2
+        if self.grid is not None and not np.isnan(self.grid.singular_time):
+            diagnostics.append(diagnose("N738", t=self.grid.singular_time))
+        for k, variable in enumerate(problem.variables):
+            if progress is not None:
+                progress(variable.name, k, len(problem.variables))
+            try:
+                found = self.difference(k)
+            except (StructureChange, InputError, SimulationError) as why:
+                diagnostics.append(diagnose("N735", variable.name, reason=str(why)))
+                continue
+            runs += found.runs
+            count = len(self.values)
+            derivatives[:, k] = found.derivatives[:count]
+            errors[:, k] = found.errors[:count]
+            least = NEGLIGIBLE * self.scales / self._size(variable, self.x[k])
+            sizes = np.maximum(np.abs(found.derivatives), least)
+            diagnostics += self._large_errors(variable, found.errors / sizes)
+            diagnostics += self._rivals(variable, found.derivatives, sizes)
+        scene = problem.scene
+        units = {f.text: f.unit(scene) for f in problem.functionals}
+        return Sensitivities(
+            functionals=tuple(f.text for f in problem.functionals),
+            variables=tuple(v.name for v in problem.variables),
+            values=self.values,
+            point=self.x,
+            derivatives=derivatives,
+            errors=errors,
+            units=units | {v.name: v.unit for v in problem.variables},
+            runs=runs,
+            seconds=time.perf_counter() - started,
+            diagnostics=tuple(diagnostics),
+            title=scene.title,
+        )
+
+    def _along(self, k: int) -> Callable[[Sequence[float]], list[Array]]:
+        """Values of the terms where one variable is varied."""
+
+        def evaluate(values: Sequence[float]) -> list[Array]:
+            points = []
+            for value in values:
+                point = self.x.copy()
+                point[k] = value
+                points.append(point)
+            jobs = self.problem.jobs
+            return [*map_in_threads(lambda x, _: self.neighbour(x), points, jobs)]
+
+        with locate_errors(self.problem.scene):
+            return evaluate
+
+    def _size(self, variable: Variable, value: float) -> float:
+        """Size of a variable: its value, or where that is 0 one by its unit."""
+        if value != 0.0:
+            return abs(float(value))
+        scene, system = self.problem.scene, self.problem.compiled.system_with({})
+        time_ = scene.time
+        sizes = {"m": system.length, "s": time_.end - time_.start}
+        sizes["m/s"] = sizes["m"] / sizes["s"]
+        sizes["rad/s"] = 1.0 / sizes["s"]
+        return float(sizes.get(variable.unit, 1.0))
+
+    def _rivals(
+        self, variable: Variable, derivatives: Array, sizes: Array
+    ) -> list[Diagnostic]:
+        """Extrema with another peak that has another derivative (N736)."""
+        found = []
+        for k, term in enumerate(self.terms):
+            own = term.rival_of
+            if own < 0:
+                continue
+            size = max(sizes[k], sizes[own])
+            difference = float(abs(derivatives[k] - derivatives[own]) / size)
+            if difference > DIFFERENT:
+                of = term.functional.text
+                found.append(
+                    diagnose("N736", variable.name, of=of, difference=difference)
+                )
+        return found
+
+    def _large_errors(self, variable: Variable, errors: Array) -> list[Diagnostic]:
+        """Derivatives by a variable whose relative errors are large (N737)."""
+        functionals = self.problem.functionals
+        rows = zip(functionals, errors[: len(functionals)], strict=True)
+        return [
+            diagnose("N737", variable.name, of=f.text, error=float(error))
+            for f, error in rows
+            if error > LARGE_ERROR
+        ]

@@ -1,0 +1,189 @@
+"""Optimisation of a design by gradients of its motion."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.formats.design import DesignFile, VariableRange, read_design
+from sidtool.formats.diagnostics import Diagnostic, each_once
+from sidtool.formats.diagnostics.python_warnings import warn_of_each
+from sidtool.formats.file_names import path_of
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.toml.files import locate_errors
+
+from ..sensitivity.design_result import Optimum
+from ..sensitivity.functionals import parse_functionals
+from ..sensitivity.optimisation import Iteration, Search, bounds
+from ..sensitivity.variables import (
+    Variable,
+    group_variable,
+    model_changes,
+    scene_changes,
+    single_variable,
+)
+from ..sweep.design import Designs
+from .compiled_scene import Sids
+from .motion_problem import Point, Problem, RunOptions
+
+Path_ = str | os.PathLike[str]
+#: Tolerance of runs: the objective must not jump with the steps by more than an
+#: optimiser resolves.
+RTOL = 1e-8
+
+
+def optimise(
+    design: DesignFile | Path_,
+    *,
+    scene: SceneFile | None = None,
+    start: Mapping[str, float] | None = None,
+    sids: Sids | None = None,
+    jobs: int | None = None,
+    progress: Callable[[Iteration, int], None] | None = None,
+) -> Optimum:
+    """Find the best design within limits, as `sidtool optimise` does.
+
+        found = sidtool.optimise("design.toml")
+        print(found.report())
+
+    Parameters
+    ----------
+    design : a design file, or its content
+    scene : in place of that which the design names
+    start : first values of variables by their names, default those of the design
+    sids : SIDs, or SID files, that replace those of the scene, by body
+    jobs : number of threads, default the processors of this process
+    progress : called with each point and its number
+
+    Raises
+    ------
+    InputError : the design is wrong, or a derivative does not exist.
+    sidtool.SimulationError : the start cannot be run.
+    """
+    content = (
+        design
+        if isinstance(design, DesignFile)
+        else read_design(path_of(design, "design"))
+    )
+    began = time.perf_counter()
+    with locate_errors(content):
+        base = scene or read_scene(content.folder / content.scene)
+        base = base.with_(content.changes)
+        variables = _variables(content, base)
+        texts = dict.fromkeys([content.objective.of, *(v.of for v in content.limits)])
+        functionals = parse_functionals(texts, base.folder)
+        if len(functionals) != len(texts):
+            raise InputError("holds several functionals", place="objective")
+        rtol = min(base.accuracy.rtol, RTOL)
+        options = RunOptions(sids=sids, rtol=rtol, jobs=jobs)
+        problem = Problem(base, variables, functionals, options)
+        evaluation = _Evaluation(problem)
+        count = 0
+
+        def report(point: Iteration) -> None:
+            nonlocal count
+            if progress is not None:
+                progress(point, count)
+            count += 1
+
+        search = Search(
+            content, [f.text for f in functionals], evaluation, problem.x0, report
+        )
+        search.start = _start(content, problem, start or {})
+        search.run()
+    best = search.best
+    x, units = np.array(best.x), {f.text: f.unit(problem.scene) for f in functionals}
+    found = Optimum(
+        design=content,
+        best=best,
+        history=tuple(search.history),
+        functionals=tuple(search.functionals),
+        changes=scene_changes(variables, x),
+        model_changes={n: model_changes(variables, x, n) for n in problem.models},
+        converged=search.converged,
+        message=search.message,
+        units=units | {v.name: v.unit for v in variables},
+        runs=evaluation.runs,
+        seconds=time.perf_counter() - began,
+        diagnostics=each_once(evaluation.diagnostics),
+    )
+    warn_of_each(found.diagnostics)
+    return found
+
+
+def _variables(design: DesignFile, scene: SceneFile) -> list[Variable]:
+    designs = Designs(scene, {}, [])
+    return [_variable(name, given, designs) for name, given in design.variables.items()]
+
+
+def _variable(name: str, given: VariableRange, designs: Designs) -> Variable:
+    if given.key is not None:
+        return single_variable(given.key, designs, name)
+    return group_variable(name, given.keys or {}, designs)
+
+
+def _start(design: DesignFile, problem: Problem, given: Mapping[str, float]) -> Array:
+    """First values of the variables.
+
+    Raises
+    ------
+    InputError : there is no such variable, or a value lies outside of its range.
+    """
+    unknown = [name for name in given if name not in design.variables]
+    if unknown:
+        known = ", ".join(design.variables)
+        raise InputError(f"there is no {unknown[0]!r}", place="start", expected=known)
+    x = [
+        given.get(name, value if limits.start is None else limits.start)
+        for (name, limits), value in zip(
+            design.variables.items(), problem.x0, strict=True
+        )
+    ]
+    low, high = bounds([*design.variables.values()])
+    for name, value, least, most in zip(design.variables, x, low, high, strict=True):
+        if not least <= value <= most:
+            raise InputError(
+                f"starts at {value:g}",
+                place=f"variables.{name}",
+                expected=f"{least:g} to {most:g}",
+            )
+    return np.array(x, float)
+
+
+class _Evaluation:
+    """Values and derivatives of a problem; the last points are kept."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._points: dict[bytes, Point] = {}
+        self._derivatives: dict[bytes, Array] = {}
+        self.runs, self.diagnostics = 0, list[Diagnostic]()
+
+    def _point(self, x: Array) -> Point:
+        key = x.tobytes()
+        if key not in self._points:
+            if len(self._points) > 20:
+                self._points.pop(next(iter(self._points)))
+            self._points[key] = self._problem.at(x)
+            self.runs += 2
+        return self._points[key]
+
+    def value(self, x: Array) -> Array:
+        return self._point(x).values
+
+    def derivative(self, x: Array) -> Array:
+        key = x.tobytes()
+        if key not in self._derivatives:
+            found = self._point(x).sensitivities()
+            self.runs += found.runs - 2
+            self.diagnostics += found.diagnostics
+            missing = [d for d in found.diagnostics if d.code == "N735"]
+            if missing:
+                raise InputError(missing[0].message, place=missing[0].subject)
+            self._derivatives = {key: found.derivatives}
+        return self._derivatives[key]
