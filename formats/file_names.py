@@ -90,6 +90,7 @@ OUTPUT_KINDS = {
         (".csv", ".json"),
         chooses=True,
     ),
+    "derivatives": OutputFileKind("a SID with derivatives (HDF5)", _HDF5, chooses=True),
     "study": OutputFileKind("a study (JSON)", (".json",)),
     "optimisation": OutputFileKind(
         "a history (JSON) or its picture (PNG, SVG or PDF)", (".json",), chooses=True

@@ -11,11 +11,14 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics.python_warnings import warn_of_each
-from sidtool.formats.file_names import scene_given
+from sidtool.formats.file_names import path_of, scene_given
+from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.files import locate_errors
 
+from ..pipeline.files import kind_of
 from ..sensitivity.functionals import parse_functionals
+from ..sensitivity.model_sensitivity import model_sensitivities
 from ..sensitivity.sensitivity_result import Sensitivities
 from ..sensitivity.variables import find_variables
 from .compiled_scene import Sids
@@ -50,9 +53,13 @@ def sensitivity(
     Neighbouring scenes are run with the steps of this one, and differences of fourth
     order are taken. `errors` estimates the error of each derivative.
 
+    Of a model, quantities of the body are differentiated by its numbers, such as
+    "frequency(1)" by "material.youngs_modulus", see `sidtool.sid_derivatives`; no
+    further argument applies.
+
     Parameters
     ----------
-    scene : a scene file, or its content
+    scene : a scene or a model file, or its content
     variables : keys of numbers, as in `Scene.with_`; `*` stands for any letters
     functionals : such as "max_abs(rod.q1)" or "mean(piston.x)"; see
         `sidtool sensitivity --help` for all
@@ -69,11 +76,24 @@ def sensitivity(
     sidtool.SimulationError : the run of the scene itself stops. A derivative that does
         not exist is NaN, and `diagnostics` says why.
     """
+    model = _model_given(scene)
+    if model is not None:
+        return model_sensitivities(model, variables, functionals)[0]
     options = RunOptions(sids, integrator, rtol, step, jobs, (drives, forces))
     problem = parse_problem(scene, variables, functionals, options)
     found = problem.at(problem.x0).sensitivities(progress)
     warn_of_each(found.diagnostics)
     return found
+
+
+def _model_given(value: Any) -> ModelFile | None:
+    """The model that an argument is, or that its file holds; None for others."""
+    if isinstance(value, ModelFile):
+        return value
+    if isinstance(value, SceneFile):
+        return None
+    path = path_of(value, "scene", "a sidtool.Scene or a sidtool.Model")
+    return read_model(path) if kind_of(path) == "model" else None
 
 
 def parse_problem(

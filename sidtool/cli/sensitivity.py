@@ -1,4 +1,4 @@
-"""``sidtool sensitivity``: derivatives of functionals by numbers of a scene."""
+"""``sidtool sensitivity``: derivatives by numbers of a scene or of a model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .study import print_progress
 
 
 @click.command()
-@click.argument("scene", metavar="SCENE", type=existing_file)
+@click.argument("file", metavar="SCENE_OR_MODEL", type=existing_file)
 @click.option(
     "--with",
     "variables",
@@ -30,7 +30,8 @@ from .study import print_progress
     required=True,
     help=(
         "Key of a number, as for --set; `*` for any letters of the keys in the file;"
-        " several separated by commas, or given several times."
+        " several separated by commas, or given several times. Of a model also"
+        " NAME=KEY:FACTOR,KEY:FACTOR for numbers that change together."
     ),
 )
 @click.option(
@@ -38,13 +39,17 @@ from .study import print_progress
     "functionals",
     metavar="FUNCTIONAL",
     multiple=True,
-    required=True,
     help=(
         "Functional such as max_abs(rod.q1), see above; several separated by commas,"
-        " or given several times."
+        " or given several times. Of a model by default mass and frequencies."
     ),
 )
-@click.option("-o", "--output", type=output_path, help="Table to write (.csv).")
+@click.option(
+    "-o",
+    "--output",
+    type=output_path,
+    help="Table to write (.csv), or of a model the SID with its derivatives (.h5).",
+)
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
@@ -53,7 +58,7 @@ from .study import print_progress
 @changes_option
 @force_option
 def sensitivity(
-    scene: Path,
+    file: Path,
     variables: tuple[str, ...],
     functionals: tuple[str, ...],
     output: Path | None,
@@ -61,7 +66,7 @@ def sensitivity(
     changes: tuple[str, ...],
     force: bool,
 ) -> None:
-    """Differentiate functionals of the motion of a SCENE by its numbers.
+    """Differentiate a motion by numbers of its SCENE, or a body by those of its MODEL.
 
     Prints for each functional its value, the derivatives by all variables, their
     estimated errors, and how many per cent of the functional one per cent of the
@@ -90,6 +95,21 @@ def sensitivity(
       static(y)                    value in the static equilibrium
       frequency(k), damping_ratio(k)   of the k-th natural mode
 
+    Of a model, --with takes a number by its key, and --of a quantity of the body:
+
+    \b
+      thickness, material.density              a key, alone where that is clear
+      geometry.control_points[1][0][1]         a coordinate of a control point
+      section.height, geometry.end[0]          of a beam
+      waist=geometry.control_points[1][0][1]:-1,geometry.control_points[1][1][1]:1
+                                               numbers that change together
+      mass, centre(x), inertia(xx)             mass [kg], centre [m], inertia [kg m^2]
+      frequency(k), frequency(*)               frequencies in the frame [Hz]
+      compliance(tip.y)                        displacement by a unit force [m/N]
+      entry(Ke[0,0]), entry(2.phi[1,0])        an entry of the SID
+
+    These are exact to rounding, and take no further conversions.
+
     Neighbouring scenes are run with the steps of this one, four to eight runs for a
     variable. Where they have other events there is no derivative, and a message with a
     code says why.
@@ -99,14 +119,23 @@ def sensitivity(
       sidtool sensitivity slider_crank.toml --with piston.mass --of "max_abs(rod.q1)"
       sidtool sensitivity arm.toml --with "forces.*,parameters.h" --of "rms(arm.tip.y)"
       sidtool sensitivity arm.toml --with gravity[1] --of "static(arm.tip.y)" -o s.csv
+      sidtool sensitivity rod_q4.toml --with thickness,material.youngs_modulus
+      sidtool sensitivity rod_q4.toml --with thickness -o rod_derivatives.h5
 
     Exit status: 0 done; 1 a derivative does not exist, or the run stops; 2 the input is
     wrong.
     """
+    from ..pipeline.files import expect_kind
+
+    if expect_kind(file, "scene", "model") == "model":
+        _model_sensitivity(file, variables, functionals, output, changes, force)
+        return
     from ..api.sensitivity import sensitivity as differentiate
 
-    check_targets([Target("-o", output, "table")], input_files(scene), force)
-    content = read_scene_with_changes(scene, changes)
+    if not functionals:
+        raise click.UsageError("Missing option '--of', such as --of 'rms(rod.q1)'.")
+    check_targets([Target("-o", output, "table")], input_files(file), force)
+    content = read_scene_with_changes(file, changes)
     with print_progress() as say:
         found = differentiate(
             content,
@@ -121,3 +150,33 @@ def sensitivity(
         click.echo(f"{output} written")
     if any(each.code == "N735" for each in found.diagnostics):
         raise click.exceptions.Exit(1)
+
+
+def _model_sensitivity(
+    file: Path,
+    variables: tuple[str, ...],
+    quantities: tuple[str, ...],
+    output: Path | None,
+    changes: tuple[str, ...],
+    force: bool,
+) -> None:
+    """Differentiate a body by numbers of its model."""
+    from sidtool.formats.file_names import kind_by_ending
+    from sidtool.formats.model import read_model
+    from sidtool.formats.toml.files import parse_settings
+
+    from ..sensitivity.model_sensitivity import (
+        DEFAULT_QUANTITIES,
+        model_sensitivities,
+    )
+
+    kind = kind_by_ending(output, "table", "derivatives")
+    check_targets([Target("-o", output, kind)], input_files(file), force)
+    model = read_model(file, parse_settings(changes))
+    found, derivatives = model_sensitivities(
+        model, variables, quantities or DEFAULT_QUANTITIES
+    )
+    print_result(found.report(), found.data)
+    if output is not None:
+        (derivatives if kind == "derivatives" else found).save(output)
+        click.echo(f"{output} written")

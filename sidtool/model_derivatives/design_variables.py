@@ -7,7 +7,8 @@ of them by the variable.
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -132,15 +133,8 @@ def design_variable(model: ModelFile, given: VariableLike) -> DesignVariable:
 
 
 def _place_of(model: ModelFile, key: str) -> Place:
-    names = {
-        "markers": model.markers,
-        PARAMETERS: model.parameters,
-    }
-    if key.partition(".")[0] in ("thickness", "youngs_modulus", "density"):
-        for table in ("geometry", "material"):
-            if hasattr(getattr(model, table), key):
-                key = f"{table}.{key}"
-                break
+    key = full_key(model, key)
+    names = {"markers": model.markers, PARAMETERS: model.parameters}
     place = tuple(key_path(key, names, ModelFile))
     fixed = place[0] not in _TABLES or any(part in _SETTINGS for part in place[1:])
     if fixed:
@@ -151,6 +145,25 @@ def _place_of(model: ModelFile, key: str) -> Place:
             "material.youngs_modulus",
         )
     return place
+
+
+def full_key(model: ModelFile, key: str) -> str:
+    """Return a key with its table: geometry.thickness for thickness."""
+    first = re.split(r"[.\[]", key, maxsplit=1)[0]
+    known = (ModelFile.model_fields, model.markers, model.parameters)
+    if any(first in names for names in known):
+        return key
+    homes = [home for home, table in _short_homes(model) if first in table]
+    return f"{homes[0]}.{key}" if len(homes) == 1 else key
+
+
+def _short_homes(model: ModelFile) -> Iterator[tuple[str, Container[str]]]:
+    """Yield tables whose keys may be named alone, with their fields."""
+    tables = {"geometry": model.geometry, "material": model.material}
+    tables["geometry.section"] = getattr(model.geometry, "section", None)
+    for home, table in tables.items():
+        if table is not None:
+            yield home, type(table).model_fields
 
 
 def _number_at(model: ModelFile, place: Place, key: str) -> float:

@@ -9,8 +9,8 @@ in which case Ke + e dKe is not diagonal: it holds the frequencies of the change
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,43 +29,12 @@ from ..reduction.body_frames import FRAMES, Frame, clamped_dofs
 from ..reduction.complex_step_space import NominalSpaces, complex_step_space
 from ..reduction.methods import REDUCTIONS, ReducedBasis
 from .design_variables import DesignVariable, VariableLike, design_variable
+from .sid_with_derivatives import SidDerivatives
+
+__all__ = ["DifferentiableBody", "SidDerivatives", "sid_derivatives"]
 
 #: Geometries that other programs discretise, or whose matrices are all there is.
 _NOT_OWN = "an own discretisation; matrices and CalculiX elements have no derivatives"
-
-
-@dataclass(frozen=True, eq=False)
-class SidDerivatives(Mapping[str, SID]):
-    """The SID of a model, and its derivatives by the names of design variables.
-
-    ``derivatives["thickness"].Ke.m0`` is the derivative of `sid.Ke.m0`; mass, blocks
-    and nodes are all derivatives, labels those of the SID.
-
-    Attributes
-    ----------
-    sid : of the model, as `convert` returns it
-    variables : name -> value in the model
-    """
-
-    sid: SID
-    variables: Mapping[str, float]
-    derivatives: Mapping[str, SID]
-
-    def __getitem__(self, name: str) -> SID:
-        return self.derivatives[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.derivatives)
-
-    def __len__(self) -> int:
-        return len(self.derivatives)
-
-    def neighbour(self, changes: Mapping[str, float]) -> SID:
-        """Return SID + sum of derivatives times changes of the variables."""
-        sid = self.sid
-        for name, amount in changes.items():
-            sid = _combined(sid, self.derivatives[name], amount)
-        return sid
 
 
 def sid_derivatives(
@@ -90,7 +59,8 @@ def sid_derivatives(
         found = [design_variable(content, variable) for variable in variables]
         derivatives = {one.name: body.derivative(one) for one in found}
         values = {one.name: one.value for one in found}
-        return SidDerivatives(body.sid, values, derivatives)
+        markers = {name: str(m.node) for name, m in content.markers.items()}
+        return SidDerivatives(body.sid, values, derivatives, markers)
 
 
 class DifferentiableBody:
@@ -158,29 +128,4 @@ def _mapped(sid: SID, change: Callable[[Any], Any]) -> SID:
     ]
     blocks = {name: block(value) for name, value in sid.blocks.items()}
     mass = float(change(sid.mass))
-    return replace(sid, mass=mass, nodes=tuple(nodes), sections=(), **blocks)
-
-
-def _combined(sid: SID, other: SID, amount: float) -> SID:
-    """Return sid + amount * other, block by block."""
-
-    def block(a: Taylor | None, b: Taylor | None) -> Any:
-        if a is None or b is None:
-            return a
-        m1 = a.m1
-        if b.m1 is not None:
-            m1 = amount * b.m1 + (0.0 if m1 is None else m1)
-        return Taylor(a.m0 + amount * b.m0, m1, order=a.order)
-
-    nodes = [
-        replace(
-            node,
-            **{n: block(getattr(node, n), getattr(step, n)) for n in NODE_SHAPES},
-        )
-        for node, step in zip(sid.nodes, other.nodes, strict=True)
-    ]
-    blocks = {
-        name: block(value, other.blocks[name]) for name, value in sid.blocks.items()
-    }
-    mass = sid.mass + amount * other.mass
     return replace(sid, mass=mass, nodes=tuple(nodes), sections=(), **blocks)

@@ -2,6 +2,7 @@
 
 functionals         numbers that a motion gives, such as `max_abs(rod.q1)`
 variables           numbers of a scene and of models, by their keys
+model_sensitivity   derivatives of a body by numbers of its model, without a motion
 differences         central differences with an estimate of their error
 sensitivity_result  values, derivatives and errors, as table, data and file
 """

@@ -34,7 +34,8 @@ class Sensitivities:
     values : (n_functionals,) values of the functionals
     point : (n_variables,) values of the variables
     derivatives, errors : (n_functionals, n_variables)
-        NaN where a derivative does not exist; estimates of their errors
+        NaN where a derivative does not exist; estimates of their errors, NaN where
+        derivatives are exact to rounding
     relative : (n_functionals, n_variables)
         per cent of a functional for one per cent of a variable
     units : of functionals and variables, "" if there is none or it is not known
@@ -129,8 +130,10 @@ class Sensitivities:
             parts.append(f"{of} = {self.values[i]:.9g} {unit}".rstrip())
             parts.append(text_table(self._header, self._lines(i)))
             parts.append("")
-        cost = f"{self.runs} runs, {self.runs_per_variable:.1f} per variable"
-        return "\n".join([*parts, f"{cost}, {self.seconds:.2g} s"])
+        cost = ""
+        if self.runs:
+            cost = f"{self.runs} runs, {self.runs_per_variable:.1f} per variable, "
+        return "\n".join([*parts, f"{cost}{self.seconds:.2g} s"])
 
     @property
     def _header(self) -> tuple[str, ...]:

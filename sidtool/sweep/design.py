@@ -146,7 +146,9 @@ def _parse_value(text: str) -> Any:
 #: `rod.model.geometry.height`: a key of the model of a body.
 _OF_MODEL = re.compile(r"(?:bodies\.)?([^.\[\]]+)\.model\.(.+)")
 #: Pattern of a unit in the description of a key.
-_UNIT = re.compile(r"\[((?:kg|m|N|Pa|s|rad|J|W|Hz|1/)[^\[\],]*)\]")
+_UNIT = re.compile(
+    r"\[((?:kg|m|N|Pa|s|rad|J|W|Hz|1/)[^\[\],]*)\]|\bin (kg/m\^3|Pa|m)(?=;|$)"
+)
 #: Pattern of attributes and their first line in the docstring of a table.
 _ATTRIBUTE = re.compile(r"^ *(\w+(?:, \w+)*) : (.*)$", re.MULTILINE)
 
@@ -278,20 +280,27 @@ class Designs:
     def unit(self, key: str) -> str:
         """Return the unit of a key from its description; parameters have none."""
         key_of_model = self.key_of_model(key)
-        content: Any = self.scene
+        if key_of_model is None:
+            return unit_of_key(self.scene, key)
         try:
-            if key_of_model is not None:
-                content = self.model(key_of_model[0])
-                key = key_of_model[1]
-            places = key_path(key, content.file_data(), type(content))
-            while isinstance(places[-1], int):  # a component of a vector
-                places.pop()
-            for place in places[:-1]:
-                content = value_at(content, place)
-        except (InputError, LookupError, AttributeError, TypeError):
+            return unit_of_key(self.model(key_of_model[0]), key_of_model[1])
+        except InputError:
             return ""
-        units = set(_UNIT.findall(_key_description(content, places[-1])))
-        return units.pop() if len(units) == 1 else ""
+
+
+def unit_of_key(content: Any, key: str) -> str:
+    """Return the unit of a key of a file from its description, "" if there is none."""
+    try:
+        places = key_path(key, content.file_data(), type(content))
+        while isinstance(places[-1], int):  # a component of a vector
+            places.pop()
+        for place in places[:-1]:
+            content = value_at(content, place)
+    except (InputError, LookupError, AttributeError, TypeError):
+        return ""
+    pairs = _UNIT.findall(_key_description(content, places[-1]))
+    units = {bracketed or named for bracketed, named in pairs}
+    return units.pop() if len(units) == 1 else ""
 
 
 def _check_parameter(content: File, key: str, place: str) -> None:
