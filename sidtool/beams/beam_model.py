@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -148,6 +148,9 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
                     tangent=frames.axes[0, 0],
                 )
             )
+    outlines: tuple[BeamOutline, ...] = ()
+    if np.isrealobj(stiffness):  # a body with an imaginary step has no pictures
+        outlines = (_outline(beam, elements, ndof),)
     places = {name: _marker_fraction(m, axis) for name, m in model.markers.items()}
     return FiniteElementModel(
         positions=axis.at(ends).places,
@@ -158,7 +161,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         inertia_points=particles.points(),
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
-        outlines=(_outline(beam, elements, ndof),),
+        outlines=outlines,
         cuts=tuple(
             _cut(beam, ends, name, at, along, places) for name, at in cuts.items()
         ),
@@ -178,7 +181,7 @@ def _properties(
     material = model.material
     assert material is not None
     e, nu = material.youngs_modulus, material.poissons_ratio
-    section = partial(section_at, geometry, poissons_ratio=nu)
+    section = cache(partial(section_at, geometry, poissons_ratio=nu))
     beam = BeamProperties(section, axis, e, e / (2 * (1 + nu)), shear)
     per_length = _area(geometry) * profile(material.density, "linear")
     return beam, per_length, material.density

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,11 +46,16 @@ def add_stress_recovery(
     basis: ReducedBasis,
     settings: StressRecovery,
     initial: InitialStress | None = None,
+    choose: PointChoice | None = None,
 ) -> SID:
     """Return the SID with sigma rows at its markers and nodes for the peak stress.
 
     sigma holds xx, yy, zz, xy, yz, xz: m0 the prestress, m1 per elastic coordinate.
     The settings have passed `check_stress`.
+
+    Parameters
+    ----------
+    choose : function that returns the points of peak stress, default `peak_points`
     """
     nodes = []
     for node in sid.nodes:
@@ -64,7 +69,7 @@ def add_stress_recovery(
             node = replace(node, sigma=sigma)
         nodes.append(node)
     if settings.peak_points != 0:
-        points = peak_points(body, basis, settings.peak_points, initial)
+        points = (choose or peak_points)(body, basis, settings.peak_points, initial)
         for number, point in enumerate(points, settings.first_node):
             nodes.append(_stress_node(number, point, frame))
     return replace(sid, nodes=tuple(nodes), has_peak_nodes=settings.peak_points != 0)
@@ -156,6 +161,7 @@ class StressPoint:
     phi, psi : (3, nq)
     sigma : (6, nq) stress per elastic coordinate
     initial : (6,) prestress [Pa]
+    place : number of its group of points and its row there, see `peak_points`
     """
 
     position: Array
@@ -163,6 +169,39 @@ class StressPoint:
     psi: Array
     sigma: Array
     initial: Array
+    place: tuple[int, int] = (0, 0)
+
+
+#: Body, basis, number of points and prestress to points.
+PointChoice = Callable[
+    [FiniteElementModel, ReducedBasis, int | None, "InitialStress | None"],
+    list[StressPoint],
+]
+
+
+def points_at(places: Sequence[tuple[int, int]]) -> PointChoice:
+    """Return a choice of the points that `peak_points` has found on another body.
+
+    Parameters
+    ----------
+    places : of the points on a body with the same mesh
+    """
+
+    def choose(
+        body: FiniteElementModel,
+        basis: ReducedBasis,
+        count: int | None,
+        initial: InitialStress | None,
+    ) -> list[StressPoint]:
+        found = {}
+        samples = _sample_points(body, basis.shapes, initial)
+        for number, sample in enumerate(samples):
+            for place in places:
+                if place[0] == number:
+                    found[place] = replace(sample.point(place[1]), place=place)
+        return [found[place] for place in places]
+
+    return choose
 
 
 def peak_points(
@@ -328,18 +367,21 @@ def _peak_points_of_states(
 ) -> tuple[Array, list[StressPoint]]:
     """The peak of every state, and the points that have one of these, each once."""
     best = np.full(states.shape[1], -1.0)
-    points_by_state: dict[int, tuple[tuple[int, int], StressPoint]] = {}
+    points_by_state: dict[int, StressPoint] = {}
     for number, sample in enumerate(samples):
         mises = _von_mises_stress(sample.sigma.real, states)
         rows = first_largest(mises, axis=0)
         improved = np.flatnonzero(mises.max(axis=0) > (1.0 + EQUAL) * best)
-        points = {int(row): sample.point(int(row)) for row in set(rows[improved])}
+        points = {
+            int(row): replace(sample.point(int(row)), place=(number, int(row)))
+            for row in set(rows[improved])
+        }
         for state in improved:
             row = int(rows[state])
             best[state] = mises[row, state]
-            points_by_state[int(state)] = ((number, row), points[row])
-    places = dict(points_by_state[state] for state in sorted(points_by_state))
-    return best, list(places.values())
+            points_by_state[int(state)] = points[row]
+    ordered = [points_by_state[state] for state in sorted(points_by_state)]
+    return best, list({point.place: point for point in ordered}.values())
 
 
 def _von_mises_stress(sigma: Array, states: Array) -> Array:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,6 +78,24 @@ class NurbsPatch:
     def points(self) -> Array:
         """(n, d) control points, the last parametric direction running fastest."""
         return self.control_points.reshape(-1, self.control_points.shape[-1])
+
+
+@dataclass(frozen=True)
+class PatchContent:
+    """Patches by name as a key of a cache: equal where all their numbers are."""
+
+    digest: bytes
+    patches: Mapping[str, NurbsPatch] = field(compare=False)
+
+    @classmethod
+    def of(cls, patches: Mapping[str, NurbsPatch]) -> PatchContent:
+        """Return the content of patches."""
+        sha = hashlib.sha256()
+        for name, patch in patches.items():
+            sha.update(repr((name, patch.degrees, patch.shape)).encode())
+            for part in (*patch.knots, patch.control_points, patch.weights):
+                sha.update(np.ascontiguousarray(part).tobytes())
+        return cls(sha.digest(), patches)
 
 
 def patch_from_model(geometry: NurbsGeometry | VolumeGeometry) -> NurbsPatch:

@@ -29,6 +29,7 @@ from .multipatch import (
 )
 from .nurbs_patch import (
     NurbsPatch,
+    PatchContent,
     evaluate_grid,
     evaluate_points,
     scattered_basis,
@@ -171,6 +172,12 @@ def check_overlaps(patches: Mapping[str, NurbsPatch]) -> None:
     ------
     InputError : points of one patch lie inside another.
     """
+    _check_overlaps(PatchContent.of(patches))
+
+
+@lru_cache(maxsize=16)
+def _check_overlaps(content: PatchContent) -> None:
+    patches = content.patches
     size = largest_extent(patches)
     slack = _CONTACT_TOLERANCE * size
     every = {

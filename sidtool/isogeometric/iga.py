@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator
-from functools import partial
+from functools import lru_cache, partial
 from itertools import product
 
 import numpy as np
@@ -27,6 +27,7 @@ from ..elements.solid_elements import ElementBatch, assemble_body, mapped_batch
 from ..geometry.bspline import LocalBasis, breakpoints, gauss_points, local_basis
 from ..geometry.nurbs_patch import (
     NurbsPatch,
+    PatchContent,
     check_degree,
     k_refined_knots,
     rational_functions,
@@ -189,16 +190,24 @@ def quadrature_points(exact: NurbsPatch, patch: NurbsPatch) -> tuple[int, ...]:
     ]
     if np.ptp(exact.weights) > 1e-12 * exact.weights.max():
         for i, p in enumerate(patch.degrees):
-            counts[i] = max(counts[i], _rational_points(exact, patch.knots[i], i) + p)
+            content, knots = (
+                PatchContent.of({"": exact}),
+                tuple(patch.knots[i].tolist()),
+            )
+            counts[i] = max(counts[i], _rational_points(content, knots, i) + p)
     return tuple(counts)
 
 
-def _rational_points(exact: NurbsPatch, knots: Array, direction: int) -> int:
+@lru_cache(maxsize=256)
+def _rational_points(
+    content: PatchContent, knots: tuple[float, ...], direction: int
+) -> int:
     """Gauss points with which det J / W^2 is integrated along one direction."""
+    exact = content.patches[""]
     axes = [np.linspace(0, 1, _CHECKED_LINES) for _ in exact.degrees]
 
     def spans(count: int) -> Array:
-        x, w = gauss_points(knots, count)
+        x, w = gauss_points(np.array(knots), count)
         axes[direction] = x.ravel()
         _, slopes, weights = map_grid(exact, tuple(axes))
         values = np.moveaxis(np.linalg.det(slopes) / weights**2, direction, -1)

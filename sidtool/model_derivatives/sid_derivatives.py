@@ -21,6 +21,12 @@ from sidtool.formats.base.sid import NODE_SHAPES, SID, Taylor
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.toml.files import locate_errors
 
+from ..conversion.stress_recovery import (
+    PointChoice,
+    StressPoint,
+    peak_points,
+    points_at,
+)
 from ..discretisation.registry import finite_element_model
 from ..elements.finite_element_model import FiniteElementModel
 from ..pipeline.model_to_sid import sid_of_basis
@@ -76,7 +82,16 @@ class DifferentiableBody:
         self._fixed = getattr(model.reduction, "fixed_names", ())
         space = self._spaces.constrained(self._fixed)
         loaded = self._spaces.constrained(()) if model.stiffening else None
-        self.sid, self.basis = _converted(model, body, frame, space, loaded)
+        places: list[tuple[int, int]] = []
+
+        def choose(*arguments: Any) -> list[StressPoint]:
+            points = peak_points(*arguments)
+            places.extend(point.place for point in points)
+            return points
+
+        converted = _converted(model, body, frame, space, loaded, choose)
+        self.sid, self.basis = converted
+        self._points = points_at(places)
 
     def derivative(self, variable: DesignVariable) -> SID:
         """Return the derivative of every block by a variable, in the form of a SID."""
@@ -87,7 +102,7 @@ class DifferentiableBody:
         loaded = None
         if model.stiffening:
             loaded = complex_step_space(body, frame, (), self._spaces)
-        sid, _ = _converted(model, body, frame, space, loaded)
+        sid, _ = _converted(model, body, frame, space, loaded, self._points)
         return _mapped(sid, lambda values: np.imag(values) / variable.step)
 
 
@@ -97,6 +112,7 @@ def _converted(
     frame: Frame,
     space: AdmissibleSpace,
     loaded: AdmissibleSpace | None,
+    choose: PointChoice,
 ) -> tuple[SID, ReducedBasis]:
     """Return the SID of a discretised body, and its shape functions."""
     reduce, settings = REDUCTIONS[model.reduction.method], model.reduction
@@ -109,7 +125,8 @@ def _converted(
         fixed = getattr(settings, "fixed_names", ())
         held = clamped_dofs(body, frame, fixed)
     basis = replace(basis, space=None)
-    sid, basis, _ = sid_of_basis(model, body, frame, basis, held, loaded=loaded)
+    parts = (model, body, frame, basis, held)
+    sid, basis, _ = sid_of_basis(*parts, loaded=loaded, choose=choose)
     return sid, basis
 
 

@@ -27,7 +27,11 @@ from ..conversion.element_accuracy import element_notes
 from ..conversion.geometric_stiffness import add_geometric_stiffening
 from ..conversion.inertia_integrals import body_inertia
 from ..conversion.prestress import InitialStress, add_prestress, check_prestress
-from ..conversion.stress_recovery import add_stress_recovery, check_stress
+from ..conversion.stress_recovery import (
+    PointChoice,
+    add_stress_recovery,
+    check_stress,
+)
 from ..discretisation.registry import finite_element_model
 from ..eigensolvers.factorisation import expected_gigabytes
 from ..eigensolvers.slepc import use_engine
@@ -198,6 +202,7 @@ def sid_of_basis(
     *,
     begin: Callable[[str], None] = lambda _: None,
     loaded: AdmissibleSpace | None = None,
+    choose: PointChoice | None = None,
 ) -> tuple[SID, ReducedBasis, InitialStress | None]:
     """Assemble the SID of a reduced body with prestress, stiffening and stress.
 
@@ -206,6 +211,7 @@ def sid_of_basis(
     held : (ndof,) mask of the degrees of freedom that are clamped in the frame
     begin : called with the name of every stage at its start
     loaded : space in which loads deform the body, by default that of its frame
+    choose : function that returns the points of peak stress, see `add_stress_recovery`
 
     Returns
     -------
@@ -229,7 +235,8 @@ def sid_of_basis(
         sid = add_geometric_stiffening(sid, body, frame, basis, stiffening, loaded)
     if model.stress:
         begin("stress")
-        sid = add_stress_recovery(sid, body, frame, basis, model.stress, initial)
+        settings = model.stress
+        sid = add_stress_recovery(sid, body, frame, basis, settings, initial, choose)
     return sid, basis, initial
 
 
