@@ -352,21 +352,22 @@ def _is_above_median(part: Indices, places: Array) -> NDArray[np.bool_]:
     return along >= threshold[part]
 
 
-#: Bytes per unknown of the matrices and vectors, and of the factors: in the plane times
-#: log2(n), in space times n^(1/3). Fitted to benchmarks/scale.py.
-_MATRICES = {2: 1100.0, 3: 1900.0}
-_FACTORS = {
-    "superlu": {2: 100.0, 3: 500.0},
-    "cholmod": {2: 50.0, 3: 180.0},
-    "pardiso": {2: 75.0, 3: 380.0},
-    "slepc": {2: 70.0, 3: 180.0},
+#: Bytes per unknown of the matrices and vectors, and of the factors, which grow in the
+#: plane as log2(n), in space as n^(1/3). Fitted to hexahedra (benchmarks/scale.py); the
+#: factors of tetrahedra are smaller. PARDISO keeps copies of the matrix.
+_BYTES = {
+    "superlu": {2: (1100.0, 100.0), 3: (1900.0, 500.0)},
+    "cholmod": {2: (1100.0, 50.0), 3: (1900.0, 180.0)},
+    "pardiso": {2: (1100.0, 75.0), 3: (6300.0, 240.0)},
+    "slepc": {2: (1100.0, 70.0), 3: (1900.0, 180.0)},
 }
 #: Interpreter and libraries.
 _BASE = 0.15e9
 
 
 def expected_gigabytes(positions: Array, ndof: int) -> float:
-    """Peak memory of a reduction, to about a tenth for SuperLU and solids.
+    """Peak memory of a reduction: to about a tenth for hexahedra, and at most twice as
+    much as tetrahedra need.
 
     Separators of slender and flat parts are small: the factors grow with the cube root
     of what a cube would have times that of its thickness. Herting's method on hex8 by
@@ -381,8 +382,8 @@ def expected_gigabytes(positions: Array, ndof: int) -> float:
     growth = np.log2(ndof)
     if dimension == 3:
         growth = (ndof * _relative_thickness(positions)) ** (1 / 3)
-    per_unknown = _MATRICES[dimension] + _FACTORS[engine_name()][dimension] * growth
-    return float(_BASE + ndof * per_unknown) / 1e9
+    matrices, factors = _BYTES[engine_name()][dimension]
+    return float(_BASE + ndof * (matrices + factors * growth)) / 1e9
 
 
 def _relative_thickness(positions: Array) -> float:
