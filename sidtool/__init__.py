@@ -93,7 +93,7 @@ _TABLES = """
     Cylindrical Distance Drive ElasticInitial Event Expression Fixed
     FrequencyDamping Friction Gear GeneralSection Given Ground Harmonic
     HertingReduction ISection IgaDiscretisation Initial Input InputFunction
-    JointFriction KrylovReduction LSection LumpedMass Marker Material
+    JointFriction KrylovReduction LSection LookupTable LumpedMass Marker Material
     MatricesDiscretisation MatricesGeometry MeshDiscretisation MeshGeometry
     ModalDamping ModalReduction NodeMarker NurbsGeometry Outputs PatchesGeometry Pid
     Piece PlanarJoint PointForce PointOnLine PointOnPlane Polynomial Prestress

@@ -64,6 +64,7 @@ from .joints import (
     marker_names,
 )
 from .laws import Expression, ForceFunction, Pid
+from .lookup import LookupTable
 from .outputs import (
     FRICTION_QUANTITIES,
     IN_BODY,
@@ -141,6 +142,7 @@ __all__ = [
     "Instruction",
     "Joint",
     "JointFriction",
+    "LookupTable",
     "Marker",
     "ModalDamping",
     "OutputName",

@@ -23,6 +23,7 @@ from .base import Table, as_tuples
 from .inputs import without_tables
 from .laws import Expression
 from .scene_checks import check_scene
+from .signal_files import relocate_signal_files
 from .tables import SceneTables
 from .values import expected_names
 
@@ -48,6 +49,12 @@ class SceneFile(SceneTables):
 
     with_.__doc__ = File.with_.__doc__
 
+    @classmethod
+    def _read(cls, data: dict[str, Any], path: Path) -> Self:
+        """The content; files of signals are found from the folder of the file."""
+        relocate_signal_files(data, path.parent)
+        return super()._read(data, path)
+
     @model_validator(mode="after")
     def _consistent(self) -> SceneFile:
         return self._with_consistent_parts()
@@ -57,7 +64,7 @@ class SceneFile(SceneTables):
         for owner in (*self.forces.values(), *self.drives.values()):
             function = getattr(owner, "function", None)
             if isinstance(function, Expression):
-                function.share(self.parameters)
+                function.share(self.parameters, self.tables)
         check_scene(self, fitting)
         return self
 

@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 from ..base.errors import InputError
-from ..toml.expressions import FUNCTIONS, parse_expression
+from ..toml.expressions import FUNCTIONS, lookups, parse_expression
 from .base import Time
 from .bodies import SidBody
 from .forces import Bushing, Characteristic, Force, Friction, PointForce, SpringDamper
@@ -149,6 +149,8 @@ def check_function(function: ForceFunction, place: str, scene: SceneTables) -> N
         if isinstance(function, SineRamp):
             _check_offset(function, place)
     elif isinstance(function, Spline):
+        if not function.times:
+            raise_failure(f"{place}.times", "is missing", "times and values, or a file")
         _check_points(function.times, function.values, place)
         _check_span(function.times, place, time)
     elif isinstance(function, Given):
@@ -374,6 +376,15 @@ def _check_limits(limits: tuple[float, float] | None, place: str) -> None:
 
 def _check_formula(text: str, law: Expression, place: str) -> None:
     try:
-        parse_expression(text, law.known)
+        postfix = parse_expression(text, law.known)
     except InputError as error:
         raise_failure(place, error.problem, error.expected)
+        return
+    for name, count in lookups(postfix):
+        table = law.tables.get(name)
+        if table is None:
+            expected = expected_names(name, law.tables, "table")
+            raise_failure(place, f"there is no table {name!r}", expected)
+        elif table.variables != count:
+            problem = f"lookup({name}, ...) has {count} variables"
+            raise_failure(place, problem, f"{table.variables}, as the table has")

@@ -3,10 +3,11 @@
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
 
 from ..toml.constructor_types import (
     Entries,
@@ -17,7 +18,14 @@ from ..toml.constructor_types import (
     Takes,
 )
 from .base import Table
+from .signal_files import with_signal
 
+SIGNAL_FILE = (
+    "CSV file, HDF5 file or result of sidtool with the times and values, relative to "
+    "the scene; a scene that is read keeps their numbers"
+)
+TIME_COLUMN = "its column or dataset of times, by name or number; default the first"
+VALUE_COLUMN = "its column or dataset of values, by name or number; default the second"
 Values = tuple[float, ...]
 
 
@@ -104,25 +112,38 @@ class Spline(Table):
 
     `interpolation = "linear"`, the default of forces and of prescribed accelerations:
     straight lines; beyond its ends the first and the last value hold.
-    `interpolation = "smooth"`, the default of prescribed positions and rates, whose
-    derivatives are in the equations of motion: a cubic spline with two continuous
+    `interpolation = "hold"`: each value until the next time; only where a jump is
+    possible. `interpolation = "smooth"`, the default of prescribed positions and rates,
+    whose derivatives are in the equations of motion: a cubic spline with two continuous
     derivatives; beyond its ends it goes on in a straight line. `ends` is what holds at
     both ends of the spline: `not-a-knot` (the outer two pieces are one polynomial),
     `clamped` (no slope) or `natural` (no curvature).
     """
 
     type: Literal["table"] = "table"
-    times: Takes[Values, ArrayLike] = Field(min_length=2, description="[s], growing")
-    values: Takes[Values, ArrayLike] = Field(
-        min_length=2, description="as many as there are times"
+    file: str | None = Field(default=None, description=SIGNAL_FILE)
+    time: str | int | None = Field(default=None, description=TIME_COLUMN)
+    value: str | int | None = Field(default=None, description=VALUE_COLUMN)
+    scale: float = Field(default=1.0, description="factor of the values of a file")
+    times: Takes[Values, ArrayLike] = Field(
+        default=(), min_length=2, description="[s], growing; or a file"
     )
-    interpolation: Literal["linear", "smooth"] | None = Field(
+    values: Takes[Values, ArrayLike] = Field(
+        default=(), min_length=2, description="as many as there are times"
+    )
+    interpolation: Literal["hold", "linear", "smooth"] | None = Field(
         default=None,
-        description="between the points; default linear, of positions and rates smooth",
+        description="between the points: hold the last value, straight lines, or a "
+        "cubic spline; default linear, of positions and rates smooth",
     )
     ends: Literal["not-a-knot", "clamped", "natural"] = Field(
         default="not-a-knot", description="what holds at both ends of a smooth curve"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_file(cls, data: Any) -> Any:
+        return with_signal(data, {"time": "times", "value": "values"}, ())
 
 
 class Given(Table):

@@ -1,10 +1,14 @@
 """Inputs of a scene: signals from outside, for forces, drives and control laws."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
+
+from pydantic import model_validator
 
 from ..toml.constructor_types import Field, Number, OptionalNumbers
 from .base import Table
+from .functions import SIGNAL_FILE, TIME_COLUMN, VALUE_COLUMN
+from .signal_files import with_signal
 
 #: How an input goes on between its values, by the number of continuous derivatives
 #: plus one.
@@ -33,12 +37,21 @@ class Input(Table):
         description="between values: hold the last one, straight lines, or a cubic "
         "spline; of a plant the way through the next communication step",
     )
+    file: str | None = Field(default=None, description=SIGNAL_FILE)
+    time: str | int | None = Field(default=None, description=TIME_COLUMN)
+    value: str | int | None = Field(default=None, description=VALUE_COLUMN)
+    scale: float = Field(default=1.0, description="factor of the values of a file")
     times: OptionalNumbers = Field(
         default=None, min_length=1, description="of a table for runs [s], growing"
     )
     values: OptionalNumbers = Field(
         default=None, min_length=1, description="as many as there are times"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_file(cls, data: Any) -> Any:
+        return with_signal(data, {"time": "times", "value": "values"}, ())
 
     @property
     def continuity(self) -> int:

@@ -26,6 +26,7 @@ from .functions import (
     Spline,
     Sum,
 )
+from .lookup import LookupTable
 
 _LIMITS = "lower and upper bound of the value"
 _SAMPLE = (
@@ -55,7 +56,8 @@ class Expression(Table):
     bodies, elastic coordinates; states of other laws as FORCE.state.NAME or
     DRIVE.state.NAME. Names with a hyphen are quoted. Operators are + - * / and **;
     functions are sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt abs sign
-    min max and clip(x, lower, upper).
+    min max, clip(x, lower, upper), and lookup(TABLE, x) or lookup(TABLE, x, y) of the
+    tables of the scene.
     """
 
     type: Literal["expression"] = "expression"
@@ -72,6 +74,7 @@ class Expression(Table):
     limits: OptionalTwoNumbers = Field(default=None, description=_LIMITS)
     sample_time: OptionalNumber = Field(default=None, gt=0, description=_SAMPLE)
     _shared: dict[str, float] = PrivateAttr(default_factory=dict)
+    _tables: dict[str, LookupTable] = PrivateAttr(default_factory=dict)
 
     @property
     def known(self) -> dict[str, float]:
@@ -79,9 +82,16 @@ class Expression(Table):
         shared = {k: v for k, v in self._shared.items() if k not in self.states}
         return shared | self.parameters
 
-    def share(self, parameters: dict[str, float]) -> None:
-        """Makes the parameters of its scene known."""
-        self._shared = parameters
+    @property
+    def tables(self) -> dict[str, LookupTable]:
+        """The tables of its scene."""
+        return self._tables
+
+    def share(
+        self, parameters: dict[str, float], tables: dict[str, LookupTable]
+    ) -> None:
+        """Makes the parameters and the tables of its scene known."""
+        self._shared, self._tables = parameters, tables
 
 
 class Pid(Table):

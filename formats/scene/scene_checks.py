@@ -14,6 +14,7 @@ from .force_checks import check_force, check_input, check_reference
 from .functions import Given
 from .joint_checks import check_drives, check_joint
 from .laws import states_of
+from .lookup import check_table
 from .outputs import (
     FRICTION_QUANTITIES,
     INPUTS,
@@ -58,6 +59,10 @@ def check_scene(scene: SceneTables, fitting: SceneTables | None = None) -> None:
     if fitting is None or fitting.time is not scene.time:
         _check_names(scene)
         check_time(scene.time)
+        fitting = None
+    if fitting is None or fitting.tables is not scene.tables:
+        for name, table in scene.tables.items():
+            check_table(table, f"tables.{name}")
         fitting = None
     check_length(scene.gravity, "gravity", scene.dimension)
     check_markers(scene.ground.markers, "ground.markers", scene.dimension)

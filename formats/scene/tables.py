@@ -27,6 +27,7 @@ from .events import Event
 from .forces import Force
 from .inputs import Input
 from .joints import Joint
+from .lookup import LookupTable
 
 #: Limits of the requested relative error; what is feasible is measured.
 MIN_RELATIVE_ERROR, MAX_RELATIVE_ERROR = 1e-10, 0.5
@@ -162,6 +163,7 @@ class SceneTables(File):
         "drives",
         "forces",
         "inputs",
+        "tables",
         "events",
         PARAMETERS,
     )
@@ -204,6 +206,9 @@ class SceneTables(File):
         default_factory=dict
     )
     inputs: Takes[dict[str, Input], Mapping[str, Input | Entries]] = Field(
+        default_factory=dict
+    )
+    tables: Takes[dict[str, LookupTable], Mapping[str, LookupTable | Entries]] = Field(
         default_factory=dict
     )
     events: Takes[dict[str, Event], Mapping[str, Event | Entries]] = Field(

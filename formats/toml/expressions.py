@@ -29,8 +29,11 @@ FUNCTIONS: Mapping[str, int] = {
     **dict.fromkeys(["exp", "log", "sqrt", "abs", "sign"], 1),
     **dict.fromkeys(["atan2", "min", "max"], 2),
     "clip": 3,
+    "lookup": 2,
 }
 _MANY = ("min", "max")
+#: Instructions that look up the table of their value, by the number of variables.
+LOOKUPS = ("lookup1", "lookup2")
 #: Each part takes all it can and gives nothing back: the time is linear in the text.
 _TOKEN = re.compile(
     r"\s*+(?:(?P<number>(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+)(?![\w.])"
@@ -100,6 +103,11 @@ def output_names(postfix: Postfix) -> tuple[str, ...]:
     return tuple(dict.fromkeys(str(i.value) for i in postfix if i.kind == "name"))
 
 
+def lookups(postfix: Postfix) -> list[tuple[str, int]]:
+    """Tables that a formula looks up, with the number of variables."""
+    return [(str(i.value), int(i.kind[-1])) for i in postfix if i.kind in LOOKUPS]
+
+
 def evaluate_number(text: str, parameters: Mapping[str, float]) -> float:
     """The value of a formula of numbers and parameters alone.
 
@@ -121,6 +129,11 @@ def evaluate_number(text: str, parameters: Mapping[str, float]) -> float:
         if kind == "number":
             stack.append(float(value))
             continue
+        if kind in LOOKUPS:
+            raise InputError(
+                f"{quoted_formula(text)} looks up the table {value}",
+                expected="numbers, pi and parameters; tables are for laws",
+            )
         operation = _OPERATIONS.get(kind) or getattr(math, kind)
         count = 2 if kind in _OF_TWO else 1
         operands = [stack.pop() for _ in range(count)][::-1]
@@ -233,6 +246,9 @@ class _Parser:
             self.next -= 1
             self._fail(f"one of the functions {', '.join(FUNCTIONS)}")
         self._take()
+        if name == "lookup":
+            self._lookup()
+            return
         self._sum()
         count = 1
         while self._peek() == ",":
@@ -249,6 +265,22 @@ class _Parser:
         self._expect(")")
         if name not in (*_MANY, "clip"):
             self.instructions.append(Instruction(name))
+
+    def _lookup(self) -> None:
+        """The table and its variables, behind the parenthesis."""
+        kind, table, _ = (*self.tokens, ("", "", 0))[self.next]
+        if kind not in ("name", "quoted"):
+            self._fail("the name of a table")
+        self.next += 1
+        count = 0
+        while self._peek() == "," and count < len(LOOKUPS):
+            self._take()
+            self._sum()
+            count += 1
+        if not count:
+            self._fail("a variable behind the table of lookup")
+        self._expect(")")
+        self.instructions.append(Instruction(LOOKUPS[count - 1], table))
 
     def _peek(self) -> str:
         if self.next == len(self.tokens):

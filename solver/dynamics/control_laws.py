@@ -26,6 +26,8 @@ FUNCTION = 3  # row of a function of time, 1 for its rate
 CALL = 4  # address of `double f(double t, double *y, long i)`, n: takes n entries y;
 # the value is that of i = -1
 CALL_GIVEN = 5  # the same, which yields for i >= 0 its derivative by y[i]
+LOOKUP = 7  # row of a function, order of its derivative: of the entry on top
+LOOKUP_GRID = 8  # where the numbers of a grid begin: of the two entries on top
 PASSIVE_FORCE = 6  # number of the measure: spring, damper and friction of its own law
 ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, MINIMUM, MAXIMUM, ATAN2 = range(10, 18)
 (
@@ -161,6 +163,42 @@ def _call_function(stack, top, columns, has_derivatives, pointer, n, t):
 
 
 @inner()
+def _interval(real_data, start, count, x):
+    """The interval of growing numbers that holds x, the share of it, 1 over its length;
+    x beyond them is held at their ends, where the last one is zero.
+    """
+    k, end = 0, count - 1
+    while end - k > 1:
+        middle = (k + end) // 2
+        if real_data[start + middle] <= x:
+            k = middle
+        else:
+            end = middle
+    first, last = real_data[start + k], real_data[start + k + 1]
+    slope = 1.0 / (last - first)
+    share = (x - first) * slope
+    if share < 0.0:
+        return k, 0.0, 0.0
+    if share > 1.0:
+        return k, 1.0, 0.0
+    return k, share, slope
+
+
+@inner()
+def _grid_value(real_data, start, x, y):
+    """Bilinear value of a grid, see `lookup_tables`, and its slopes by x and y."""
+    nx, ny = int(real_data[start]), int(real_data[start + 1])
+    i, p, by_x = _interval(real_data, start + 2, nx, x)
+    j, q, by_y = _interval(real_data, start + 2 + nx, ny, y)
+    at = start + 2 + nx + ny + i * ny + j
+    a, b = real_data[at], real_data[at + 1]
+    c, d = real_data[at + ny], real_data[at + ny + 1]
+    low, high = a + q * (b - a), c + q * (d - c)
+    slope_y = ((1.0 - p) * (b - a) + p * (d - c)) * by_y
+    return low + p * (high - low), (high - low) * by_x, slope_y
+
+
+@inner()
 def law_value(system, work, k, t, with_derivatives):
     """What the law of row k yields; with `with_derivatives` also its derivatives, into
     the rows of its measures in WorkArrays.slope.
@@ -181,6 +219,24 @@ def law_value(system, work, k, t, with_derivatives):
             top -= b
             _call_function(stack, top, columns, op == CALL_GIVEN, int(a), b, t)
             top += 1
+        elif op == LOOKUP:
+            x = stack[top - 1]
+            value, slope, curvature = function_value(system, int(a), x, x)
+            if b > 0:
+                value, slope, curvature = slope, curvature, 0.0
+            if b > 1:
+                value, slope = slope, curvature
+            stack[top - 1] = value
+            for j in range(STACK_DEPTH, columns * STACK_DEPTH, STACK_DEPTH):
+                stack[j + top - 1] *= slope
+        elif op == LOOKUP_GRID:
+            top -= 1
+            value, left, right = _grid_value(
+                real_data, int(a), stack[top - 1], stack[top]
+            )
+            stack[top - 1] = value
+            for j in range(STACK_DEPTH, columns * STACK_DEPTH, STACK_DEPTH):
+                stack[j + top - 1] = left * stack[j + top - 1] + right * stack[j + top]
         elif op < ADD:
             value = a
             if op == TIME:

@@ -1,5 +1,6 @@
 """Functions of time and control laws, in reading order.
 
+- `lookup_tables`: tables of formulas
 - `features`: shortest features that a step must not skip
 - `smoothness`: order of continuity at a time
 - `chebyshev`: piecewise Chebyshev series of a function

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -12,12 +13,15 @@ from sidtool.formats.scene import (
     Expression,
     Function,
     Instruction,
+    LookupTable,
     Pid,
-    Postfix,
     parse_expression,
 )
+from sidtool.formats.toml.expressions import LOOKUPS
 
 from .callables import NativeCallable
+from .lookup_tables import bilinear_value, curve_of_table, curve_value
+from .piecewise import PiecewisePolynomial
 from .returned_values import real_number
 
 #: A function of the time and of what a law reads.
@@ -78,6 +82,32 @@ class TimeLaw:
 
 
 @dataclass(frozen=True, eq=False)
+class TableLookup:
+    """A table among the instructions, which takes its variables from the stack.
+
+    Attributes
+    ----------
+    order
+        Derivative by the one variable.
+    """
+
+    name: str
+    table: LookupTable
+    order: int = 0
+
+    @cached_property
+    def curve(self) -> PiecewisePolynomial:
+        """Of a table of one variable."""
+        return curve_of_table(self.table)
+
+    def value(self, *point: float) -> float:
+        """The value at a point."""
+        if self.table.variables == 2:
+            return bilinear_value(self.table, point[0], point[1])
+        return curve_value(self.curve, point[0], self.order)
+
+
+@dataclass(frozen=True, eq=False)
 class OutputRate:
     """The rate of an output among the instructions."""
 
@@ -87,7 +117,7 @@ class OutputRate:
 #: State of a sampled law: what it holds. No name in a scene has a space.
 HELD_VALUE = "held value"
 #: What a program is made of.
-LawInstruction = Instruction | CallableInstruction | TimeLaw | OutputRate
+LawInstruction = Instruction | CallableInstruction | TimeLaw | OutputRate | TableLookup
 LawInstructions = tuple[LawInstruction, ...]
 
 
@@ -187,9 +217,14 @@ def _apply_limits(
 
 
 def _compile_expression(law: Expression) -> CompiledLaw:
-    def parsed(text: str | None) -> Postfix:
+    def parsed(text: str | None) -> LawInstructions:
         assert text is not None
-        return parse_expression(text, law.known)
+        return tuple(
+            TableLookup(str(part.value), law.tables[str(part.value)])
+            if part.kind in LOOKUPS
+            else part
+            for part in parse_expression(text, law.known)
+        )
 
     key = "rate" if law.sample_time is None else "next"
     states = {

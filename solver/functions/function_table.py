@@ -111,6 +111,7 @@ class FunctionTable:
         self._features: dict[str, list[Features]] = {}
         self._inputs = inputs or {}
         self._input_rows: dict[str, tuple[int, int, int, int]] = {}
+        self._lookups: dict[str, int] = {}
         self.required_continuity = dict.fromkeys(self._inputs, 0)
         self.shortest_features: dict[str, float] = {}
         self.given_functions: dict[str, Given] = {}
@@ -213,6 +214,19 @@ class FunctionTable:
                 entry.kind,
             )
         return self._input_rows[name]
+
+    def add_lookup(self, name: str, curve: PiecewisePolynomial) -> int:
+        """Row of a table of one variable, which is no function of time."""
+        if name not in self._lookups:
+            self._rows.append((*curve.shape, self._pool.add(curve.data()), curve.kind))
+            self._lookups[name] = len(self._rows) - 1
+        return self._lookups[name]
+
+    def add_grid(self, name: str, data: Array) -> int:
+        """Where the numbers of a table of two variables begin."""
+        if name not in self._lookups:
+            self._lookups[name] = self._pool.add(data)
+        return self._lookups[name]
 
     def add_law_features(self, program: Callable[[float], float], name: str) -> None:
         """Has steps look at what a law makes of time; what jumps is left to them."""
@@ -386,10 +400,18 @@ def _compile_smooth_step(
 def _compile_spline(
     function: Spline, place: str, continuity: int
 ) -> PiecewisePolynomial:
+    if function.interpolation == "hold":
+        return _held_values(function)
     smooth = (
         function.interpolation == "smooth" if function.interpolation else continuity > 0
     )
     return _cubic_spline(function) if smooth else _linear_interpolation(function)
+
+
+def _held_values(function: Spline) -> PiecewisePolynomial:
+    """Each value until the next time, the first one also before."""
+    values = np.array(function.values)
+    return PiecewisePolynomial(np.array(function.times), values[:, None])
 
 
 def _linear_interpolation(function: Spline) -> PiecewisePolynomial:

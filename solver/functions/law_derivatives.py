@@ -26,6 +26,7 @@ from .control_laws import (
     LawInstructions,
     LawState,
     OutputRate,
+    TableLookup,
     TimeLaw,
 )
 from .returned_values import real_number
@@ -62,6 +63,8 @@ def time_derivative(
             stack.append(_binary_rate(part, stack.pop(), right, place, smooth))
         elif isinstance(part, Instruction) and part.kind in _UNARY_DERIVATIVES:
             stack.append(_unary_rate(part, stack.pop(), place, smooth))
+        elif isinstance(part, TableLookup):
+            stack.append(_lookup_rate(part, stack, place, smooth))
         else:
             stack.append(((part,), _leaf_rate(part, states, place)))
     return stack[0][1] or _number(0.0)
@@ -87,6 +90,7 @@ def _leaf_rate(
             expected="what follows with a lag, such as the state x with x' = v and "
             f"v' = w**2*({name} - x) - 2*w*v of the law; or a gear, a coupling",
         )
+    assert isinstance(part, Instruction)
     if part.kind == "time":
         return _number(1.0)
     if part.kind == "number":
@@ -117,6 +121,32 @@ def _unary_rate(
     if part.kind == "sign" or (smooth and part.kind in NONSMOOTH):
         raise _nonsmooth_error(part.kind, place)
     return value, _product(_UNARY_DERIVATIVES[part.kind](a), da)
+
+
+def _lookup_rate(
+    part: TableLookup, stack: list[StackEntry], place: str, smooth: bool
+) -> StackEntry:
+    """Of a table of one variable; takes it from the stack.
+
+    Raises
+    ------
+    InputError
+        Its rate jumps, or it has two variables.
+    """
+    table, (a, da) = part.table, stack.pop()
+    if table.variables == 2:
+        raise InputError(
+            f"what is prescribed looks up {part.name}, a table of two variables, whose "
+            "slopes jump",
+            place=place,
+            expected='a table of one variable; or of = "acceleration" of the drive',
+        )
+    value = (*a, part)
+    if da is None:
+        return value, None
+    if table.interpolation == "hold" or (smooth and table.interpolation == "linear"):
+        raise _nonsmooth_error(f"the table {part.name}", place)
+    return value, _product((*a, replace(part, order=part.order + 1)), da)
 
 
 def _nonsmooth_error(kind: str, place: str) -> InputError:
@@ -290,6 +320,11 @@ def _execute(part: Any, stack: list[Any], t: float, known: Mapping[str, float]) 
             stack.append(real_number(native.function(t, values)))
         except Exception as error:
             raise ValueError(str(error)) from None
+    elif isinstance(part, TableLookup):
+        first = len(stack) - part.table.variables
+        point = [float(value) for value in stack[first:]]
+        del stack[first:]
+        stack.append(part.value(*point))
     elif not isinstance(part, Instruction):
         stack.append(1.0)
     elif part.kind == "name":

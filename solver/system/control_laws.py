@@ -38,9 +38,11 @@ from ..functions.control_laws import (
     HELD_VALUE,
     CallableInstruction,
     CompiledLaw,
+    LawInstruction,
     LawInstructions,
     LawState,
     OutputRate,
+    TableLookup,
     TimeLaw,
     compile_law,
     continuous_law,
@@ -48,6 +50,7 @@ from ..functions.control_laws import (
 from ..functions.control_laws import Law as GivenLaw
 from ..functions.function_table import FunctionTable
 from ..functions.law_derivatives import function_of_time, prescribed_law
+from ..functions.lookup_tables import grid_data
 from ..spatial import system_arrays as at
 from .body_data import BodyData
 from .force_rows import ControlledForce, ForceLaw, ForceRow
@@ -218,7 +221,7 @@ class LawTable:
         laws: Mapping[str, CompiledLaw],
         programs: Container[str] = (),
     ) -> None:
-        self.scene, self._data, self._functions = scene, data, functions
+        self.scene, self._data, self.functions = scene, data, functions
         self.laws, self.programs = laws, programs
         self._inputs = {name: InputFunction(name=name) for name in scene.inputs}
 
@@ -277,7 +280,7 @@ class LawTable:
         for parts in (law.value, *(state.change for state in law.states.values())):
             program = function_of_time(parts)
             if program is not None:
-                self._functions.add_law_features(program, force)
+                self.functions.add_law_features(program, force)
 
     def _rows(
         self,
@@ -320,7 +323,7 @@ class LawTable:
         place, joined = self.place(force), int(is_speed)
         if isinstance(timing.function, InputFunction):
             joined = continuity
-        return self._functions.add(timing.function, place, None, joined)
+        return self.functions.add(timing.function, place, None, joined)
 
     def input_function(self, name: str) -> InputFunction | None:
         """The function that an input is, by its name or that of its output."""
@@ -360,9 +363,7 @@ class _LawCompiler:
         numbers = [number for numbers in self.instructions for number in numbers]
         return (float(len(self.sensors)), float(len(self.instructions)), *numbers)
 
-    def _add_instruction(
-        self, part: Instruction | CallableInstruction | TimeLaw | OutputRate
-    ) -> None:
+    def _add_instruction(self, part: LawInstruction) -> None:
         if isinstance(part, CallableInstruction):
             native = part.native
             self.natives.append(native)
@@ -374,6 +375,8 @@ class _LawCompiler:
                 row = self.table.function(part, self.force, self.continuity)
                 self.rows[id(part.function)] = row
             self._emit(op.FUNCTION, row, part.order, 1)
+        elif isinstance(part, TableLookup):
+            self._emit_lookup(part)
         elif isinstance(part, OutputRate) and self._emit_input(part.name, 1):
             pass
         elif isinstance(part, OutputRate):
@@ -396,6 +399,15 @@ class _LawCompiler:
         else:
             kind = _OPERATORS[part.kind]
             self._emit(kind, 0.0, 0.0, 0 if kind >= op.NEGATIVE else -1)
+
+    def _emit_lookup(self, part: TableLookup) -> None:
+        functions = self.table.functions
+        if part.table.variables == 1:
+            row = functions.add_lookup(part.name, part.curve)
+            self._emit(op.LOOKUP, row, part.order, 0)
+        else:
+            data = functions.add_grid(part.name, grid_data(part.table))
+            self._emit(op.LOOKUP_GRID, data, 0.0, -1)
 
     def _emit_name(self, name: str) -> None:
         """Pushes what stands behind a name."""

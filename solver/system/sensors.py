@@ -15,6 +15,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import (
     FRICTION_QUANTITIES,
+    OutputName,
     OutputTimes,
     RigidBody,
     SceneFile,
@@ -113,11 +114,12 @@ def _force_signal(name: str, scene: SceneFile) -> SensorSignal | None:
 
 def _refuse_accelerations(name: str, place: str) -> None:
     """Raises accelerations and forces, which a law would change by reading them."""
-    quantity = name.rpartition(".")[2]
+    place_of_output, _, quantity = name.rpartition(".")
+    owner, _, marker = place_of_output.partition(".")
     if (
         is_joint_output(quantity)
         or quantity in FRICTION_QUANTITIES
-        or is_section_force(parse_output(name))
+        or is_section_force(OutputName(owner, marker, quantity))
     ):
         raise InputError(
             f"a law cannot read {name!r}: it is a force, which follows from all forces "

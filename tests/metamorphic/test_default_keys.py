@@ -33,6 +33,7 @@ NOTHING = {
     "Revolute": {"friction"},
     "RigidBody": {"inertia", "shape"},
     "SidBody": {"sid", "model"},
+    "Spline": {"file", "time", "value", "times", "values"},
     "Start": {"file", "time", "bodies", "rotations", "sids", "states"},
     "SpringDamper": {"markers", "joint", "stiffness", "table"},
     "State": {"rate", "next"},
@@ -51,7 +52,7 @@ ELSEWHERE = {
     "State": {"initial"},
 }
 #: Classes that random scenes do not have, or that are seen in pictures only.
-OTHERS = {"Event", "Given", "Input", "Wanted", "RayleighDamping"}
+OTHERS = {"Event", "Given", "Input", "LookupTable", "Wanted", "RayleighDamping"}
 OTHERS |= {"Box", "Cylinder", "Sphere", "SurfaceMesh"}
 NAME = "optional keys left out"
 RTOL = 1e-7

@@ -149,6 +149,7 @@ PAIR: dict[str, Default] = {"coordinate": _coordinate}
 #: By class of `formats.scene` and key.
 DEFAULTS: dict[str, dict[str, Default]] = {
     "SceneFile": {
+        "tables": _is({}),
         "gravity": _zeros(2, 3),
         "title": _is(""),
         "parameters": _is({}),
@@ -216,7 +217,11 @@ DEFAULTS: dict[str, dict[str, Default]] = {
     "Friction": PAIR | {"viscous": _is(0.0)},
     "Harmonic": {"offset": _is(0.0), "phase": _is(0.0)},
     "SmoothStep": {"start": _is(0.0), "continuity": _is(2)},
-    "Spline": {"interpolation": _interpolation, "ends": _is("not-a-knot")},
+    "Spline": {
+        "interpolation": _interpolation,
+        "ends": _is("not-a-knot"),
+        "scale": _is(1.0),
+    },
     "Expression": {"parameters": _is({}), "states": _is({})},
     "Pid": {
         "reference": _is(0.0),

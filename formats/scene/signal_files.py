@@ -1,0 +1,204 @@
+"""Columns of numbers from CSV and HDF5 files, for signals and tables of a scene."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..base.errors import InputError
+from ..storage.unreadable import unreadable_error
+from ..toml.messages import nearest_key
+from .base import as_tuples
+
+#: A column by its name in the header or by its number from 1; None: the default one.
+Column = str | int | None
+Values = tuple[float, ...]
+
+_HDF5 = (".h5", ".hdf5")
+#: Name of a column before its unit in brackets.
+_WITHOUT_UNIT = re.compile(r"\s*[\[(].*[\])]\s*$")
+#: Tables of a scene whose entries may name files of signals.
+SIGNAL_TABLES = ("drives", "forces", "inputs", "tables")
+
+
+def read_columns(path: str | Path, columns: Sequence[Column]) -> list[Values]:
+    """Read columns of a table: CSV, or HDF5 by its ending.
+
+    Of a CSV file the separator is a comma, a semicolon, a tab or spaces. A header is
+    optional, lines with # are comments. Of an HDF5 file columns are datasets, of a
+    result of sidtool times `t` and outputs.
+
+    Parameters
+    ----------
+    columns : by name, with or without the unit behind it, or by number from 1; None is
+        the column at the same place of the file
+
+    Raises
+    ------
+    InputError : the file cannot be read, lacks a column, or holds other rows.
+    """
+    path = Path(path)
+    try:
+        if path.suffix.lower() in _HDF5:
+            return _read_hdf5(path, columns)
+        return _read_text(path, columns)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def with_signal(data: Any, keys: Mapping[str, str], required: tuple[str, ...]) -> Any:
+    """Return data of a table with the columns of its `file` in place of their names.
+
+    Lists become tuples, which validation expects behind a validator.
+
+    Parameters
+    ----------
+    keys : key that names a column -> key that takes its numbers
+    required : keys without which there is no column; others take the default column
+
+    Raises
+    ------
+    InputError : see `read_columns`; or numbers are given as well.
+    """
+    if not isinstance(data, Mapping):
+        return data
+    content = {key: as_tuples(value) for key, value in data.items()}
+    if content.get("file") is None:
+        return content
+    path, scale = str(content.pop("file")), content.pop("scale", 1.0)
+    named = [key for key in keys if key in content or key not in required]
+    for key, target in keys.items():
+        if target != key and target in content:
+            raise InputError(
+                f"gives {target} beside a file", source=path, expected="one of them"
+            )
+    columns = read_columns(path, [content.pop(key, None) for key in named])
+    numbers = {keys[key]: values for key, values in zip(named, columns, strict=True)}
+    if "values" in numbers and scale != 1.0:
+        numbers["values"] = tuple(scale * value for value in numbers["values"])
+    return content | numbers
+
+
+def relocate_signal_files(data: Mapping[str, Any], folder: Path) -> None:
+    """Make paths of signals in data of a scene relative to the working folder."""
+    waiting = [data.get(table) for table in SIGNAL_TABLES]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, dict):
+            waiting += part.values()
+            if isinstance(part.get("file"), str):
+                part["file"] = str(folder / part["file"])
+        elif isinstance(part, list):
+            waiting += [each for each in part if isinstance(each, dict)]
+
+
+def _read_text(path: Path, columns: Sequence[Column]) -> list[Values]:
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise unreadable_error(path, "a table (CSV)", error) from None
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"byte {error.start} is not text", expected="a UTF-8 text file"
+        ) from None
+    numbered = [(k, line) for k, line in enumerate(lines, 1) if line.strip()]
+    numbered = [(k, line) for k, line in numbered if not line.lstrip().startswith("#")]
+    if not numbered:
+        raise InputError("holds no values", expected="columns of numbers")
+    separator = next((c for c in ";\t," if c in numbered[0][1]), None)
+    rows = [(k, _cells(line, separator)) for k, line in numbered]
+    header: list[str] = []
+    if not all(map(_is_number, rows[0][1])):
+        header = rows[0][1]
+        rows = rows[1:]
+    width = len(header or rows[0][1])
+    indices = [_index(c, k, header, width) for k, c in enumerate(columns)]
+    result: list[list[float]] = [[] for _ in indices]
+    for line, row in rows:
+        for values, index in zip(result, indices, strict=True):
+            if index >= len(row) or not _is_number(row[index]):
+                raise InputError(
+                    f"found {' '.join(row)[:40]!r}",
+                    place=f"line {line}",
+                    expected=f"a number in column {index + 1}",
+                )
+            values.append(float(row[index]))
+    return [tuple(values) for values in result]
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+
+
+def _index(column: Column, default: int, header: list[str], width: int) -> int:
+    if column is None and default < width:
+        return default
+    if isinstance(column, int) and 1 <= column <= width:
+        return column - 1
+    if isinstance(column, str):
+        names = [_WITHOUT_UNIT.sub("", name).strip() for name in header]
+        for known in (header, names):
+            if column in known:
+                return known.index(column)
+    asked = "a further column" if column is None else f"column {column!r}"
+    known_names = header or [f"1 to {width}"]
+    expected = nearest_key(str(column), known_names) if header else known_names[0]
+    raise InputError(f"has not {asked}", expected=expected)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _read_hdf5(path: Path, columns: Sequence[Column]) -> list[Values]:
+    import h5py
+    import numpy as np
+
+    try:
+        with h5py.File(path, "r") as file:
+            is_result = file.attrs.get("format") == "sidtool result"
+            found = []
+            for name in columns:
+                if is_result:
+                    content = _result_column(file, name)
+                elif isinstance(name, str) and name in file:
+                    content = file[name][()]
+                else:
+                    raise InputError(
+                        f"has no dataset {name!r}",
+                        expected=", ".join(list(file)[:8]) or "a dataset",
+                    )
+                values = np.asarray(content, float)
+                if values.ndim != 1 or not np.isfinite(values).all():
+                    raise InputError(
+                        f"has the shape {values.shape}",
+                        place=str(name),
+                        expected="a row of finite numbers",
+                    )
+                found.append(tuple(values.tolist()))
+            return found
+    except (OSError, TypeError, ValueError) as error:
+        raise InputError(
+            f"cannot be read ({error})", expected="an HDF5 file with datasets"
+        ) from None
+
+
+def _result_column(file: Any, name: Column) -> Any:
+    """Times or an output of a result of sidtool, (nt,)."""
+    if name in (None, "t"):
+        return file["t"][()]
+    names = [str(text) for text in file["names/values"].asstr()[:]]
+    if name not in names:
+        raise InputError(
+            f"records no output {name!r}", expected=nearest_key(str(name), names)
+        )
+    return file["values"][:, names.index(str(name))]

@@ -1,0 +1,271 @@
+"""Signals from files, and tables that formulas look up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import sidtool
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.scene.signal_files import read_columns
+from sidtool.formats.toml.reading import validate_data
+from sidtool.formats.toml.tables import toml_text
+
+T = np.linspace(0.0, 1.0, 41)
+Z = 0.1 * np.sin(6.0 * T)
+
+
+def cart(function: Any = None, **tables: Any) -> dict[str, Any]:
+    """A cart on a rail, driven or pushed, with a second one behind a force."""
+    data: dict[str, Any] = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "planar",
+        "time": {"end": 1.0, "output_step": 0.05},
+        "accuracy": {"rtol": 1e-8},
+        "bodies": {
+            "a": {"mass": 2.0, "inertia": 0.1},
+            "b": {
+                "mass": 1.0,
+                "inertia": 0.1,
+                "initial": {"position": [0.3, 0.0], "velocity": [1.5, 0.0]},
+            },
+        },
+        "joints": {
+            "ra": {"type": "prismatic", "markers": ["ground", "a"]},
+            "rb": {"type": "prismatic", "markers": ["ground", "b"]},
+        },
+        "outputs": {"record": ["ra.displacement", "rb.displacement"]},
+    }
+    if function is not None:
+        data["drives"] = {"road": {"joint": "ra", "function": function}}
+    return data | tables
+
+
+def simulated(data: dict[str, Any]) -> Result:
+    return sidtool.simulate(validate_data(data, SceneFile))
+
+
+def formula(value: str, **tables: Any) -> dict[str, Any]:
+    force = {
+        "type": "actuator",
+        "joint": "rb",
+        "function": {"type": "expression", "value": value},
+    }
+    record = ["rb.displacement", "pull.value"]
+    forces = {"pull": force}
+    return cart(forces=forces, outputs={"record": record}, tables=tables)
+
+
+def test_a_file_is_the_table_of_its_numbers(tmp_path: Path) -> None:
+    """Beside the scene, and the result needs it no more."""
+    table = np.column_stack([T, Z * 1000, T])
+    np.savetxt(
+        tmp_path / "road.csv", table, "%.17g", ",", header="t [s],z [mm],w", comments=""
+    )
+    function = {"type": "table", "file": "road.csv", "time": "t", "value": "z"}
+    path = tmp_path / "scene.toml"
+    path.write_text(toml_text(cart(function | {"scale": 1e-3})), encoding="utf-8")
+    scene = read_scene(path)
+    (tmp_path / "road.csv").unlink()
+    result = sidtool.simulate(scene)
+    inline = {
+        "type": "table",
+        "times": T.tolist(),
+        "values": (Z * 1000 * 1e-3).tolist(),
+    }
+    assert_allclose(result.values, simulated(cart(inline)).values, atol=1e-15)
+    assert_allclose(result["ra.displacement"], 0.1 * np.sin(6 * result.t), atol=1e-6)
+    later = sidtool.outputs(result, "a.vx")["a.vx"]
+    assert_allclose(later, 0.6 * np.cos(6 * result.t), atol=1e-3)
+
+
+def test_held_linear_and_smooth(tmp_path: Path) -> None:
+    """A force over time; held values are those of the last time before."""
+    np.savetxt(tmp_path / "f.csv", np.column_stack([T, Z]), "%.17g", ",")
+    for interpolation, expected in (
+        ("hold", lambda t: Z[np.searchsorted(T, t, side="right") - 1]),
+        ("linear", lambda t: np.interp(t, T, Z)),
+        ("smooth", lambda t: 0.1 * np.sin(6 * t)),
+    ):
+        function = {"type": "table", "file": str(tmp_path / "f.csv")}
+        function["interpolation"] = interpolation
+        pull = {"type": "actuator", "joint": "rb", "function": function}
+        data = cart(forces={"pull": pull}, outputs={"record": ["pull.value"]})
+        data["time"]["output_step"] = 0.0125
+        result = simulated(data)
+        between = slice(1, -1, 2)  # a jump itself belongs to both sides
+        found, t = result["pull.value"][between], result.t[between]
+        assert_allclose(found, expected(t), atol=1e-6)
+    with pytest.raises(InputError, match="jumps"):
+        simulated(
+            cart(
+                {
+                    "type": "table",
+                    "file": str(tmp_path / "f.csv"),
+                    "interpolation": "hold",
+                }
+            )
+        )
+
+
+def test_inputs_take_files(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "f.csv", np.column_stack([T, Z]), "%.17g", ",")
+    signal = {"file": str(tmp_path / "f.csv"), "interpolation": "linear"}
+    pull = {
+        "type": "actuator",
+        "joint": "rb",
+        "function": {"type": "input", "name": "u"},
+    }
+    result = simulated(
+        cart(
+            inputs={"u": signal},
+            forces={"pull": pull},
+            outputs={"record": ["inputs.u"]},
+        )
+    )
+    assert_allclose(result["inputs.u"], np.interp(result.t, T, Z), atol=1e-12)
+
+
+def test_columns_of_files(tmp_path: Path) -> None:
+    """Separators, headers with units, numbers, HDF5, and results of sidtool."""
+    file = tmp_path / "a.csv"
+    for text in ("t;z [m]\n0;1\n1;2\n", "# comment\nt\tz (m)\n0\t1\n\n1\t2\n"):
+        file.write_text(text, encoding="utf-8")
+        assert read_columns(file, ["t", "z"]) == [(0.0, 1.0), (1.0, 2.0)]
+    file.write_text("0 5 1\n1 5 2\n", encoding="utf-8")
+    assert read_columns(file, [None, 3]) == [(0.0, 1.0), (1.0, 2.0)]
+    with h5py.File(tmp_path / "a.h5", "w") as stored:
+        stored["run/t"], stored["run/z"] = [0.0, 1.0], [1.0, 2.0]
+    assert read_columns(tmp_path / "a.h5", ["run/t", "run/z"])[1] == (1.0, 2.0)
+    result = simulated(cart())
+    sidtool.write(tmp_path / "r.h5", result)
+    t, x = read_columns(tmp_path / "r.h5", [None, "rb.displacement"])
+    assert t == tuple(result.t) and x == tuple(result["rb.displacement"])
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "expected"),
+    [
+        ("t,z\n0,1\n1,2\n", "zz", "has not column 'zz'; expected z"),
+        ("t,z\n0,1\n1,x\n", "z", "line 3: found '1 x'; expected a number in column 2"),
+        ("t,z\n0,1\n1\n", "z", "line 3: found '1'; expected a number in column 2"),
+        ("0,1\n1,2\n", 3, "has not column 3; expected 1 to 2"),
+        ("# nothing\n", "z", "holds no values"),
+    ],
+)
+def test_files_without_the_column(
+    tmp_path: Path, text: str, value: Any, expected: str
+) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text(text, encoding="utf-8")
+    function = {"type": "table", "file": str(file), "value": value}
+    with pytest.raises(InputError) as caught:
+        validate_data(cart(function), SceneFile)
+    assert str(caught.value).startswith(f"{file}: {expected}")
+
+
+def test_a_table_of_one_variable_is_its_formula() -> None:
+    """A spring that stiffens in steps of slope; beyond the table its end holds."""
+    table = {"x": [-1.0, 0.0, 0.2, 0.5], "values": [4.0, 10.0, 30.0, 35.0]}
+    looked_up = simulated(
+        formula("-lookup(k, rb.displacement)*rb.displacement", k=table)
+    )
+    x = "clip(rb.displacement, -1, 0.5)"
+    pieces = f"10 + 6*min({x}, 0) + 100*clip({x}, 0, 0.2) + 50/3*max({x} - 0.2, 0)"
+    written = simulated(formula(f"-({pieces})*rb.displacement"))
+    assert np.ptp(looked_up["rb.displacement"]) > 0.5
+    assert_allclose(looked_up.values, written.values, atol=1e-6)
+
+
+def test_a_table_of_two_variables_is_bilinear(tmp_path: Path) -> None:
+    """From a file with one row for each point, in any order."""
+    rows = [
+        (x, v, 20 + 8 * x + 3 * v + 2 * x * v)
+        for v in (-9.0, 0.0, 9.0)
+        for x in (4.0, -4.0)
+    ]
+    np.savetxt(tmp_path / "k.csv", rows, "%.17g", ",", header="x,v,k", comments="")
+    table = {"file": str(tmp_path / "k.csv"), "x": "x", "y": "v", "values": "k"}
+    x, v = "rb.displacement", "rb.displacement_rate"
+    looked_up = simulated(formula(f"-lookup(k, {x}, {v})*{x}", k=table))
+    written = simulated(formula(f"-(20 + 8*{x} + 3*{v} + 2*{x}*{v})*{x}"))
+    assert_allclose(looked_up.values, written.values, atol=1e-7)
+
+
+def test_equations_linearised_with_tables() -> None:
+    """Slopes of tables are in the state matrix."""
+    pulled = {
+        "one": ("-lookup(k, rb.displacement)", "-(2 + 7*rb.displacement)"),
+        "two": (
+            "-lookup(g, rb.displacement, rb.displacement_rate)",
+            "-(2 + 7*rb.displacement + 3*rb.displacement_rate)",
+        ),
+    }
+    k = {"x": [-1.0, 1.0], "values": [-5.0, 9.0]}
+    g = {"x": [-2.0, 2.0], "y": [-9.0, 9.0], "values": [[-39.0, 15.0], [-11.0, 43.0]]}
+    for table, written in pulled.values():
+        matrices = []
+        for text in (table, written):
+            data = formula(text, k=k, g=g)
+            data["bodies"]["b"]["initial"] = {"position": [-2.0 / 7.0, 0.0]}
+            scene = validate_data(data, SceneFile)
+            matrices.append(sidtool.linearise(scene, about="start").eigenvalues)
+        assert_allclose(matrices[0], matrices[1], atol=1e-6)
+
+
+def test_drives_follow_smooth_tables() -> None:
+    """A cam: the lift over an angle that grows with time, by value and derivatives."""
+    angle = np.linspace(-1.0, 7.0, 81)
+    cam = {"x": angle.tolist(), "values": (0.1 * np.sin(angle)).tolist()}
+    law = {"type": "expression", "value": "lookup(cam, 6*t)"}
+    smooth = cam | {"interpolation": "smooth"}
+    data = cart(law, tables={"cam": smooth})
+    data["outputs"]["record"] += ["a.vx", "a.ax"]
+    result = simulated(data)
+    t = result.t
+    assert_allclose(result["ra.displacement"], 0.1 * np.sin(6 * t), atol=1e-6)
+    assert_allclose(result["a.vx"], 0.6 * np.cos(6 * t), atol=1e-4)
+    assert_allclose(result["a.ax"], -3.6 * np.sin(6 * t), atol=1e-2)
+    for wrong in ({"cam": cam}, {"cam": cam | {"interpolation": "hold"}}):
+        with pytest.raises(InputError, match="the table cam"):
+            simulated(cart(law, tables=wrong))
+
+
+@pytest.mark.parametrize(
+    ("value", "table", "expected"),
+    [
+        ("lookup(kk, t)", {}, "there is no table 'kk'; expected an existing table"),
+        ("lookup(k, t, t)", {}, "lookup(k, ...) has 2 variables; expected 1"),
+        ("lookup(k)", {}, "expected a variable behind the table of lookup"),
+        ("lookup(3, t)", {}, "expected the name of a table"),
+        ("lookup(k, t)", {"x": [0.0, 0.0]}, "tables.k.x: does not grow"),
+        (
+            "lookup(k, t)",
+            {"values": [1.0]},
+            "tables.k.values: has 1 numbers; expected 2",
+        ),
+        ("lookup(k, t)", {"x": "speed"}, "tables.k.x: names a column without a file"),
+    ],
+)
+def test_lookups_that_are_not_sound(
+    value: str, table: dict[str, Any], expected: str
+) -> None:
+    k = {"x": [0.0, 1.0], "values": [1.0, 2.0]} | table
+    with pytest.raises(InputError) as caught:
+        validate_data(formula(value, k=k), SceneFile)
+    assert expected in str(caught.value)
+
+
+def test_numbers_of_a_scene_look_up_no_tables() -> None:
+    data = formula("t", k={"x": [0.0, 1.0], "values": [1.0, 2.0]})
+    data["bodies"]["a"]["mass"] = "lookup(k, 0.5)"
+    with pytest.raises(InputError, match="looks up the table k"):
+        validate_data(data, SceneFile)
