@@ -195,8 +195,17 @@ class ModelFile(File):
         beam, stiffening = self.geometry.type == "beam", self.stiffening
         matrices = self.comes_as_matrices
         prestress = stiffening.prestress if stiffening else None
+        section = getattr(self.geometry, "section", None)
+        unshaped = beam and (section is None or section.shape == "general")
+        if unshaped and self.stress is not None:
+            raise InputError(
+                "there is no stress in sections without a shape",
+                place="stress",
+                expected="a section by its shape, such as a box; of others the section "
+                "forces, [section_forces]",
+            )
         unknown = {
-            "stress": (beam or matrices) and self.stress is not None,
+            "stress": matrices and self.stress is not None,
             "stiffening": matrices and stiffening is not None,
             "stiffening.prestress.stress": beam
             and prestress is not None
@@ -205,7 +214,9 @@ class ModelFile(File):
         for place, requested in unknown.items():
             if requested:
                 raise InputError(
-                    "there is no stress in beams and in bodies that came as matrices",
+                    "there is no uniform stress in beams"
+                    if beam
+                    else "there is no stress in bodies that came as matrices",
                     place=place,
                     expected=f"a body of solid elements, or nothing under {place}",
                 )

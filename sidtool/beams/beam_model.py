@@ -40,6 +40,7 @@ from .element import (
     scatter_rows,
 )
 from .station_section import StationSection, station_sections
+from .stress_points import StressCollector
 
 #: Degree of the area profile up to which mass and moments are exact.
 EXACT_AREA_DEGREE = 6
@@ -116,7 +117,10 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     elements = [BeamElement(beam, *pair) for pair in pairwise(ends)]
     matrices = [element.stiffness() for element in elements]
     stiffness = sp.lil_matrix((ndof, ndof), dtype=number_type(*matrices))
+    stress = StressCollector(geometry, ndof) if model.stress else None
     for i, element in enumerate(elements):
+        if stress is not None:
+            stress.add(element, _element_dofs(i))
         part = slice(6 * i, 6 * i + 12)
         stiffness[part, part] += matrices[i]
         points.add(element, _element_dofs(i))
@@ -162,6 +166,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
         outlines=outlines,
+        beam_stress=None if stress is None else stress.stress(),
         cuts=tuple(
             _cut(beam, ends, name, at, along, places) for name, at in cuts.items()
         ),

@@ -147,6 +147,11 @@ def named_properties(section: NamedSection, poissons_ratio: float) -> NamedPrope
     )
 
 
+def shape_of_section(section: NamedSection) -> _Shape:
+    """Return the plates and walls of a section of walls."""
+    return _SHAPES[type(section)](section)
+
+
 def _round_section(
     section: CircularSection | TubeSection, nu: float
 ) -> NamedProperties:

@@ -16,7 +16,11 @@ from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model.reduction import StressRecovery
 from sidtool.formats.sid_mass import skew
 
-from ..elements.finite_element_model import FiniteElementModel, MarkerRows
+from ..elements.finite_element_model import (
+    BeamStress,
+    FiniteElementModel,
+    MarkerRows,
+)
 from ..elements.material_points import (
     stress_components,
     stress_from_gradient,
@@ -87,11 +91,13 @@ def check_stress(
     _check_numbers(body, settings)
     for marker in body.markers:
         if marker.name in (settings.markers or ()) and marker.gradient is None:
+            expected = "a marker at a point of the material, not one tied to node sets"
+            if body.beam_stress is not None:
+                expected = "none: the stress of a beam is that of its peak points"
             raise InputError(
                 f"there is no stress at marker {marker.name}",
                 place="stress.markers",
-                expected="a marker at a point of the material, not one tied to node "
-                "sets",
+                expected=expected,
             )
     markers = [marker for marker in body.markers if _needs_stress(marker, settings)]
     laws = {
@@ -106,12 +112,12 @@ def check_stress(
         )
     if settings.peak_points == 0 and not markers:
         raise InputError(
-            "has no stress: all markers are tied to node sets",
+            "has no stress: markers are on the axis of a beam or tied to node sets",
             place="stress",
             expected="a marker at a point of the material, or peak_points",
         )
     found = [diagnose("N170")] if settings.peak_points == 0 else []
-    if settings.markers is not None:
+    if settings.markers is not None or body.beam_stress is not None:
         return found
     silent = [marker.name for marker in body.markers if marker.gradient is None]
     return [*found, *([diagnose("N171", markers=silent)] if silent else [])]
@@ -260,6 +266,9 @@ def _sample_points(
     """Yield the quadrature points, then the nodes of a mesh or the borders of knot
     spans.
     """
+    if body.beam_stress is not None:
+        yield _samples_of_beam(body.beam_stress, shapes, initial)
+        return
     mesh = None
     if not body.patches:
         mesh = body.drawing_mesh if body.solids is None else body.solids.mesh
@@ -278,6 +287,24 @@ def _sample_points(
         yield from _samples_at_nodes(body, means, fields, nq)
     for part in _knot_span_points(body):
         yield _samples_of_part(body, part, part.gradients(fields), fields, nq, initial)
+
+
+def _samples_of_beam(
+    points: BeamStress, shapes: Array, initial: InitialStress | None
+) -> _SamplePoints:
+    count, nq = len(points.positions), shapes.shape[1]
+    sigma = (points.stress @ shapes).reshape(count, 6, nq)
+    phi = (points.displacement @ shapes).reshape(count, 3, nq)
+    psi = (points.rotation @ shapes).reshape(count, 3, nq)
+    fixed: Array = np.zeros((count, 6))
+    if initial is not None:
+        fixed = (points.stress @ initial.displacement).reshape(count, 6)
+
+    def point(row: int) -> StressPoint:
+        parts = phi[row], psi[row], sigma[row], fixed[row]
+        return StressPoint(points.positions[row], *parts)
+
+    return _SamplePoints(np.swapaxes(sigma, 1, 2), point)
 
 
 def _samples_of_part(

@@ -131,6 +131,23 @@ class BeamCut:
     markers: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class BeamStress:
+    """Points of a beam at which its stress can be largest.
+
+    Attributes
+    ----------
+    positions : (p, 3) [m]
+    displacement, rotation : (3 p, ndof) sparse; their motion = rows @ u
+    stress : (6 p, ndof) sparse; xx, yy, zz, xy, yz, xz = rows @ u [Pa]
+    """
+
+    positions: Array
+    displacement: sp.csr_matrix
+    rotation: sp.csr_matrix
+    stress: sp.csr_matrix
+
+
 def _no_alternative(_: tuple[str, ...]) -> Surface | None:
     return None
 
@@ -199,6 +216,7 @@ class FiniteElementModel:
     patches : NURBS patches with the nodes that their control points are
     outlines : of a beam, or of bars
     cuts : sections of a beam, for section forces
+    beam_stress : points of a beam whose stress is requested
     diagnostics : properties of the body that are not in the model file
     """
 
@@ -227,6 +245,7 @@ class FiniteElementModel:
     patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
     outlines: tuple[BeamOutline, ...] = ()
     cuts: tuple[BeamCut, ...] = ()
+    beam_stress: BeamStress | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
