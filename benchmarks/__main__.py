@@ -33,6 +33,7 @@ BENCHMARKS = (
     "economy",
     "latency",
     "repeated",
+    "derivatives",
     "fmu",
     "faults",
 )

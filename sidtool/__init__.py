@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from .api.bodies import export_body as export_body
     from .api.bodies import superelement as superelement
     from .api.compiled_scene import CompiledScene as CompiledScene
+    from .api.identify import identify as identify
     from .api.interrupts import Interrupted as Interrupted
     from .api.operations import compare as compare
     from .api.operations import convert as convert
@@ -128,6 +129,7 @@ _HOME = {
     "convert": "sidtool.api.operations",
     "export_body": "sidtool.api.bodies",
     "gradient": "sidtool.api.sensitivity",
+    "identify": "sidtool.api.identify",
     "inverse_dynamics": "sidtool.api.analyses",
     "linearise": "sidtool.api.analyses",
     "optimise": "sidtool.api.optimise",

@@ -103,4 +103,29 @@ ENTRIES = (
         remedy="Compare with a sweep, or start beside the singular configuration.",
         example={"t": 0.25},
     ),
+    Entry(
+        "N739",
+        WARNING,
+        "residuals of neighbouring values are correlated ({correlation:.2f})",
+        "Correlation of the residuals of a fit with their neighbours in time, above "
+        "0.2 and above 4 / sqrt(n). Independent noise has none: the scene does not "
+        "describe the measurement, or the noise was filtered. Intervals are too narrow "
+        "then.",
+        remedy="Identify more numbers, or take fewer values of a filtered signal.",
+        example={"subject": "arm.tip.y", "correlation": 0.8},
+    ),
+    Entry(
+        "N740",
+        WARNING,
+        "its effect is that of {other}: correlation {correlation:.5f}",
+        "Correlation of two identified numbers, from the derivatives of the measured "
+        "values, with a magnitude above 0.999. The measurement determines a "
+        "combination of both.",
+        remedy="Measure another output, or give one of both numbers.",
+        example={
+            "subject": "spring.stiffness",
+            "other": "block.mass",
+            "correlation": 0.99999,
+        },
+    ),
 )

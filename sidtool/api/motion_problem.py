@@ -53,6 +53,11 @@ LARGE_ERROR = 1e-3
 #: Changes of a functional that matter not, relative to its size, for a change of a
 #: variable of its own size.
 NEGLIGIBLE = 1e-3
+#: Tolerance of runs of optimisations and fits: values must not jump with the steps by
+#: more than these resolve.
+RTOL = 1e-8
+#: Points of which runs are kept.
+KEPT_POINTS = 20
 #: Derivatives of two peaks differ by more than this part of them.
 DIFFERENT = 0.01
 
@@ -347,10 +352,7 @@ class Point:
             count = len(self.values)
             derivatives[:, k] = found.derivatives[:count]
             errors[:, k] = found.errors[:count]
-            least = NEGLIGIBLE * self.scales / self._size(variable, self.x[k])
-            sizes = np.maximum(np.abs(found.derivatives), least)
-            diagnostics += self._large_errors(variable, found.errors / sizes)
-            diagnostics += self._rivals(variable, found.derivatives, sizes)
+            diagnostics += self.warnings(k, found)
         scene = problem.scene
         units = {f.text: f.unit(scene) for f in problem.functionals}
         return Sensitivities(
@@ -393,6 +395,16 @@ class Point:
         sizes["rad/s"] = 1.0 / sizes["s"]
         return float(sizes.get(variable.unit, 1.0))
 
+    def warnings(self, k: int, found: Difference) -> list[Diagnostic]:
+        """What is doubtful of the derivatives by a variable (N736, N737)."""
+        variable = self.problem.variables[k]
+        least = NEGLIGIBLE * self.scales / self._size(variable, self.x[k])
+        sizes = np.maximum(np.abs(found.derivatives), least)
+        if self.n_values > len(self.problem.functionals):
+            return []  # single values of a history
+        warnings = self._large_errors(variable, found.errors / sizes)
+        return warnings + self._rivals(variable, found.derivatives, sizes)
+
     def _rivals(
         self, variable: Variable, derivatives: Array, sizes: Array
     ) -> list[Diagnostic]:
@@ -420,3 +432,72 @@ class Point:
             for f, error in rows
             if error > LARGE_ERROR
         ]
+
+
+class CachedProblem:
+    """Values and derivatives of a problem; the last points are kept.
+
+    Attributes
+    ----------
+    runs : runs made so far
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        good: float = GOOD_ERROR,
+        progress: Callable[[Array, Array], None] | None = None,
+    ) -> None:
+        """Parameters
+        ----------
+        good : error of a derivative, relative to its size, that is small enough
+        progress : called with variables and values of each new point
+        """
+        self._problem, self._good, self._progress = problem, good, progress
+        self._points: dict[bytes, Point] = {}
+        self._derivatives: dict[bytes, Array] = {}
+        self.runs = 0
+        self._warnings: dict[tuple[str, str], Diagnostic] = {}
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """The last one of each code for each variable."""
+        return tuple(self._warnings.values())
+
+    def _point(self, x: Array) -> Point:
+        key = x.tobytes()
+        if key not in self._points:
+            if len(self._points) >= KEPT_POINTS:
+                self._points.pop(next(iter(self._points)))
+            point = self._points[key] = self._problem.at(x)
+            self.runs += 2
+            if self._progress is not None:
+                self._progress(x, point.values)
+        return self._points[key]
+
+    def value(self, x: Array) -> Array:
+        """Values of the functionals, (m,)."""
+        return self._point(x).values
+
+    def derivative(self, x: Array) -> Array:
+        """Derivatives of the functionals by the variables, (m, n).
+
+        Raises
+        ------
+        InputError : a derivative does not exist.
+        """
+        key = x.tobytes()
+        if key not in self._derivatives:
+            point, columns = self._point(x), []
+            for k, variable in enumerate(self._problem.variables):
+                try:
+                    found = point.difference(k, self._good)
+                except (StructureChange, SimulationError) as why:
+                    problem = diagnose("N735", variable.name, reason=str(why))
+                    raise InputError(problem.message, place=variable.name) from None
+                self.runs += found.runs
+                for each in point.warnings(k, found):
+                    self._warnings[each.code, each.subject] = each
+                columns.append(found.derivatives[: point.n_values])
+            self._derivatives = {key: np.column_stack(columns)}
+        return self._derivatives[key]

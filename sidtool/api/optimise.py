@@ -11,7 +11,6 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.design import DesignFile, VariableRange, read_design
-from sidtool.formats.diagnostics import Diagnostic, each_once
 from sidtool.formats.diagnostics.python_warnings import warn_of_each
 from sidtool.formats.file_names import path_of
 from sidtool.formats.scene import SceneFile, read_scene
@@ -29,12 +28,9 @@ from ..sensitivity.variables import (
 )
 from ..sweep.design import Designs
 from .compiled_scene import Sids
-from .motion_problem import Point, Problem, RunOptions
+from .motion_problem import RTOL, CachedProblem, Problem, RunOptions
 
 Path_ = str | os.PathLike[str]
-#: Tolerance of runs: the objective must not jump with the steps by more than an
-#: optimiser resolves.
-RTOL = 1e-8
 
 
 def optimise(
@@ -82,7 +78,7 @@ def optimise(
         rtol = min(base.accuracy.rtol, RTOL)
         options = RunOptions(sids=sids, rtol=rtol, jobs=jobs)
         problem = Problem(base, variables, functionals, options)
-        evaluation = _Evaluation(problem)
+        evaluation = CachedProblem(problem)
         count = 0
 
         def report(point: Iteration) -> None:
@@ -110,7 +106,7 @@ def optimise(
         units=units | {v.name: v.unit for v in variables},
         runs=evaluation.runs,
         seconds=time.perf_counter() - began,
-        diagnostics=each_once(evaluation.diagnostics),
+        diagnostics=evaluation.diagnostics,
     )
     warn_of_each(found.diagnostics)
     return found
@@ -153,37 +149,3 @@ def _start(design: DesignFile, problem: Problem, given: Mapping[str, float]) -> 
                 expected=f"{least:g} to {most:g}",
             )
     return np.array(x, float)
-
-
-class _Evaluation:
-    """Values and derivatives of a problem; the last points are kept."""
-
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-        self._points: dict[bytes, Point] = {}
-        self._derivatives: dict[bytes, Array] = {}
-        self.runs, self.diagnostics = 0, list[Diagnostic]()
-
-    def _point(self, x: Array) -> Point:
-        key = x.tobytes()
-        if key not in self._points:
-            if len(self._points) > 20:
-                self._points.pop(next(iter(self._points)))
-            self._points[key] = self._problem.at(x)
-            self.runs += 2
-        return self._points[key]
-
-    def value(self, x: Array) -> Array:
-        return self._point(x).values
-
-    def derivative(self, x: Array) -> Array:
-        key = x.tobytes()
-        if key not in self._derivatives:
-            found = self._point(x).sensitivities()
-            self.runs += found.runs - 2
-            self.diagnostics += found.diagnostics
-            missing = [d for d in found.diagnostics if d.code == "N735"]
-            if missing:
-                raise InputError(missing[0].message, place=missing[0].subject)
-            self._derivatives = {key: found.derivatives}
-        return self._derivatives[key]

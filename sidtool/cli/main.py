@@ -35,6 +35,7 @@ from .common import JSON, QUIET, count_warnings_if_strict, print_warnings
 from .convert import convert
 from .export import export
 from .fmu import fmu
+from .identify import identify
 from .linearise import linearise, response
 from .optimise import optimise
 from .outputs import outputs
@@ -96,6 +97,7 @@ for command in (
     sweep,
     sensitivity,
     optimise,
+    identify,
     trim,
     demo,
     explain,
@@ -117,6 +119,7 @@ for command in (
     sweep,
     sensitivity,
     optimise,
+    identify,
     trim,
     *analyse.commands.values(),
 ):
@@ -131,6 +134,7 @@ for command in (
     sweep,
     sensitivity,
     optimise,
+    identify,
     *ANALYSES,
 ):
     count_warnings_if_strict(command)
@@ -141,6 +145,7 @@ for command in (
     sweep,
     sensitivity,
     optimise,
+    identify,
     report,
     trim,
     fmu,

@@ -38,3 +38,27 @@ def plot_history(
         all_axes[-1].set_xlabel("iteration")
         all_axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return all_axes[0].figure
+
+
+def plot_fit(
+    path: Path | None, panels: Sequence[tuple[str, Array, Array, Array]]
+) -> Any:
+    """Draw measured and fitted values of outputs over time.
+
+    Parameters
+    ----------
+    path : file to write (.png, .svg, .pdf)
+    panels : label, times, measured and fitted values
+    """
+    size = _WIDTH, _AXIS + 2.0 * _PANEL * max(1, len(panels))
+    with saved_figure(path, max(1, len(panels)), size=size) as drawn:
+        all_axes = np.atleast_1d(drawn)
+        for axes, (label, times, measured, fitted) in zip(
+            all_axes, panels, strict=False
+        ):
+            axes.plot(times, measured, ".", markersize=3, label="measured")
+            axes.plot(times, fitted, linewidth=1.0, label="fitted")
+            axes.set_ylabel(wrap_label(label, _PANEL))
+        all_axes[0].legend(loc="upper right")
+        all_axes[-1].set_xlabel("t [s]")
+    return all_axes[0].figure

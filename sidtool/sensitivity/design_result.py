@@ -73,7 +73,7 @@ class Optimum:
     @property
     def keeps_limits(self) -> bool:
         """True if the best design keeps all limits."""
-        return not any(state == "exceeded" for *_, state in self._functional_rows())
+        return not any(row[-1] == "exceeded" for row in self._functional_rows())
 
     def report(self) -> str:
         """Return the result as text, as `sidtool optimise` prints it."""
@@ -224,7 +224,7 @@ class Optimum:
 
 def _is_at(value: float, low: float, high: float, room: float) -> bool:
     room = room if np.isfinite(room) else 0.0
-    return value <= low + room or value >= high - room
+    return bool(value <= low + room or value >= high - room)
 
 
 def read_history(path: Path, names: Sequence[str]) -> Array:

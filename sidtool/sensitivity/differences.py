@@ -4,8 +4,8 @@ With D(e) = (J(x + e) - J(x - e)) / 2 e the derivative is (4 D(e) - D(2 e)) / 3.
 difference to D(e), relative to it, is r = O(e^2), and its truncation error is O(e^4):
 10 r^2 is the estimate, or r if that is less. The five values of J determine its second
 difference twice; what both differ by is rounding. Steps that balance both parts are
-tried until all derivatives are known well. Where two trials differ by more than they
-estimate, the estimate is their difference.
+tried until all derivatives are known well. Where a trial differs from one with a
+smaller step by more than that one estimates, its error is the difference.
 
 Reference
 ---------
@@ -104,7 +104,7 @@ def differentiate(
         tried.append(next_step)
         try:
             trials.append(_trial(evaluate, x, next_step, values))
-        except (StructureChange, SimulationError):
+        except (StructureChange, SimulationError, InputError):
             runs += len(CENTRAL)
             if next_step <= LEAST_STEP * size and not trials:
                 raise
@@ -124,13 +124,17 @@ def differentiate(
 
 def _best(trials: Sequence[_Trial]) -> tuple[Array, Array, Array]:
     """Derivatives with the least errors, these errors, the numbers of their trials."""
-    errors = np.array([trial.errors for trial in trials])
+    steps = np.array([trial.step for trial in trials])
+    own = np.array([trial.errors for trial in trials])
     derivatives = np.array([trial.derivatives for trial in trials])
+    errors = own.copy()
+    for k, step in enumerate(steps):
+        for smaller in np.flatnonzero(steps < step):
+            difference = np.abs(derivatives[k] - derivatives[smaller])
+            errors[k] = np.maximum(errors[k], difference - own[smaller])
     chosen = np.argmin(errors, axis=0)
     columns = np.arange(errors.shape[1])
-    best, error = derivatives[chosen, columns], errors[chosen, columns]
-    excess = np.abs(derivatives - best) - errors
-    return best, np.maximum(error, excess.max(axis=0)), chosen
+    return derivatives[chosen, columns], errors[chosen, columns], chosen
 
 
 def _next_step(

@@ -7,7 +7,6 @@ extrema at their exact instant, where the output is stationary.
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -26,11 +25,16 @@ from sidtool.formats.toml.expressions import evaluate_number
 from sidtool.solver.simulation.frozen_run import Motion, StructureChange
 from sidtool.solver.system.system import System
 
+from .measurements import Measurement, read_measurements
+
 if TYPE_CHECKING:
     from sidtool.solver.analyses.linearisation import Linearisation
 
 #: A peak within this part of the range of an output is a rival of the largest one.
 RIVAL_PEAK = 1e-3
+#: Steps whose points come within this part of the range of the largest value are
+#: searched for a peak between the points.
+NEAR_PEAK = 0.1
 #: Part of a step about a peak in which it is sought as the vertex of a parabola.
 VERTEX_FRACTION = 0.02
 #: An output jumps between two steps by more than this part of its range.
@@ -78,6 +82,27 @@ class History:
         """An output at times of the motion, (nt,)."""
         return np.asarray(self.motion.outputs_at(times)[:, self.column[output]])
 
+    def _climb(
+        self, output: str, peak: Peak, n_steps: int
+    ) -> tuple[float, float, float]:
+        """Time of a peak, sought uphill from a step, and the ends of its step [s]."""
+        count, fractions = self.points.count, self.points.fractions
+        known: dict[int, tuple[float, float]] = {}
+        step = peak.step
+        while True:
+            around = range(max(0, step - 1), min(n_steps, step + 2))
+            missing = [k for k in around if k not in known]
+            if missing:
+                y = self._values_in_steps(output, missing[0], missing[-1] + 1)
+                for k, row in zip(range(missing[0], missing[-1] + 1), y, strict=True):
+                    known[k] = _polynomial_peak(peak.sign * row, fractions)
+            best = max(around, key=lambda k: known[k][0])
+            if known[best][0] <= known[step][0]:
+                break
+            step = best
+        begin, end = self.t[step * count], self.t[(step + 1) * count - 1]
+        return begin + known[step][1] * (end - begin), begin, end
+
     def _values_in_steps(self, output: str, first: int, last: int) -> Array:
         """An output at the points of some steps, (last - first, count)."""
         rows = slice(first * self.points.count, last * self.points.count)
@@ -112,18 +137,24 @@ class History:
         fractions = self.points.fractions
         found: list[tuple[float, Peak]] = []
         for sign in signs:
-            largest = [_polynomial_peak(sign * row, fractions) for row in table]
-            heights = np.array([value for value, _ in largest])
+            heights = (sign * table).max(axis=1)
+            near = np.flatnonzero(heights >= heights.max() - NEAR_PEAK * np.ptp(table))
+            largest = {
+                int(k): _polynomial_peak(sign * table[k], fractions) for k in near
+            }
+            heights[near] = [value for value, _ in largest.values()]
             for _ in range(2):
                 top = int(np.argmax(heights))
+                if top not in largest:
+                    break
                 end = self._end_point(table, top, largest[top][1])
                 found.append((float(heights[top]), Peak(top, end, sign)))
                 low, high = _hill(heights, top)
                 heights[low : high + 1] = -np.inf
         found.sort(key=lambda pair: -pair[0])
-        (height, first), (other, rival) = found[:2]
-        is_close = height - other < RIVAL_PEAK * np.ptp(table)
-        return [first, rival] if is_close else [first]
+        height, first = found[0]
+        close = height - RIVAL_PEAK * np.ptp(table)
+        return [first, *(peak for other, peak in found[1:2] if other > close)]
 
     def _end_point(self, table: Array, step: int, fraction: float) -> int:
         """Point of a step with its largest value if that is an end of the motion or
@@ -144,17 +175,10 @@ class History:
         n_steps = len(self.t) // count
         if peak.step >= n_steps:
             raise StructureChange(f"the peak of {output} lies in another step")
-        first, last = max(0, peak.step - 1), min(n_steps, peak.step + 2)
-        y = self._values_in_steps(output, first, last)
         if peak.at_point >= 0:
-            return float(y[peak.step - first, peak.at_point])
-        largest = [
-            _polynomial_peak(peak.sign * row, self.points.fractions) for row in y
-        ]
-        k = max(range(len(largest)), key=lambda k: largest[k][0])
-        begin = self.t[(first + k) * count]
-        end = self.t[(first + k + 1) * count - 1]
-        t = begin + largest[k][1] * (end - begin)
+            y = self._values_in_steps(output, peak.step, peak.step + 1)
+            return float(y[0, peak.at_point])
+        t, begin, end = self._climb(output, peak, n_steps)
         distance = VERTEX_FRACTION * (end - begin)
         times = np.array([t - distance, t, t + distance])
         if times[0] < self.t[0] or times[-1] > self.t[-1]:
@@ -200,59 +224,6 @@ def _polynomial_peak(values: Array, fractions: Array) -> tuple[float, float]:
             break
     value = float(chebyshev.chebval(at, terms))
     return (value, 0.5 * (at + 1.0)) if value >= best[0] else best
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """A measured time history.
-
-    Attributes
-    ----------
-    times, values : (n,)
-    """
-
-    times: Array
-    values: Array
-
-
-def read_measurement(path: Path, output: str) -> Measurement:
-    """Read times and one output from a table (CSV) with the columns `t` and OUTPUT.
-
-    Units in brackets behind a name are ignored. A table of two columns may have any
-    second name.
-
-    Raises
-    ------
-    InputError : the file cannot be read, or has no such columns.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row]
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {error}", source=path) from None
-    names = [name.partition("[")[0].strip() for name in rows[0]] if rows else []
-    column = names.index(output) if output in names else 1
-    if names[:1] != ["t"] or (output not in names and len(names) != 2):
-        raise InputError(
-            f"has the columns {', '.join(names) or 'none'}",
-            source=path,
-            expected=f"t and {output}",
-        )
-    try:
-        table = np.array([[float(row[0]), float(row[column])] for row in rows[1:]])
-    except (ValueError, IndexError):
-        raise InputError(
-            "holds a row that is no row of numbers", source=path, expected="numbers"
-        ) from None
-    if (
-        not len(table)
-        or not np.isfinite(table).all()
-        or (np.diff(table[:, 0]) < 0).any()
-    ):
-        raise InputError(
-            "holds no times that increase", source=path, expected="a row per time"
-        )
-    return Measurement(table[:, 0], table[:, 1])
 
 
 class Kind(NamedTuple):
@@ -397,12 +368,6 @@ class Functional:
             )
         return history.at(np.clip(times, start, end), self.output)
 
-    def residuals(self, history: History) -> Array:
-        """Output minus measurement at the times of the measurement, (n,)."""
-        assert self.measurement is not None
-        values = self._values_at(history, self.measurement.times)
-        return np.asarray(values - self.measurement.values)
-
     def of_system(self, system: System) -> float:
         """The value of a scene without a motion.
 
@@ -510,14 +475,24 @@ def _parse(text: str, folder: Path) -> Functional:
     if name in ("frequency", "damping_ratio") and not output.isdecimal():
         raise InputError(f"found {text!r}", place="--of", expected=kind.text)
     if kind.argument == "file":
-        measured = read_measurement(folder / arguments[1].strip("'\""), output)
-        return Functional(text, name, output, measurement=measured)
+        path = folder / arguments[1].strip("'\"")
+        return Functional(text, name, output, measurement=_measured(path, output))
     number = _number(arguments[1], text) if kind.argument else 0.0
     if kind.argument == "power" and not number >= 1.0:
         raise InputError(
             f"found {text!r}", place="--of", expected="a power of 1 or more"
         )
     return Functional(text, name, output, number)
+
+
+def _measured(path: Path, output: str) -> Measurement:
+    """The column of an output in a table; the only column may have any name."""
+    columns = read_measurements(path)
+    if output not in columns and len(columns) > 1:
+        raise InputError(
+            f"has the columns {', '.join(columns)}", source=path, expected=output
+        )
+    return columns.get(output) or next(iter(columns.values()))
 
 
 def _number(argument: str, text: str) -> float:

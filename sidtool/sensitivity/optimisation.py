@@ -7,6 +7,7 @@ limit by its size, so that tolerances are relative.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -19,7 +20,7 @@ from sidtool.formats.design import DesignFile, VariableRange
 from sidtool.solver.system.errors import SimulationError
 
 #: A limit is kept, or reached, within this part of its size.
-LIMIT_TOLERANCE = 1e-5
+LIMIT_TOLERANCE = 1e-4
 #: Value of the scaled objective, and of scaled limits, where a run fails.
 FAILED = 1e3
 #: Message of SLSQP where the objective does not fall along its gradient.
@@ -190,20 +191,24 @@ class Search:
         constraint = NonlinearConstraint(
             self._margins, 0.0, np.inf, jac=self._margin_slopes, hess=BFGS()
         )
-        found = minimize(
-            self._objective,
-            method="trust-constr",
-            constraints=[constraint] if self.limits else [],
-            callback=lambda u, _: self._add(u),
-            options={
-                "gtol": tolerance,
-                "xtol": tolerance,
-                "maxiter": iterations,
-                "initial_barrier_parameter": tolerance,
-                "initial_barrier_tolerance": tolerance,
-            },
-            **common,
-        )
+        options = {
+            "gtol": tolerance,
+            "xtol": tolerance,
+            "maxiter": iterations,
+            "initial_barrier_parameter": tolerance,
+            "initial_barrier_tolerance": tolerance,
+        }
+        with warnings.catch_warnings():
+            # SciPy warns that functions look linear.
+            warnings.filterwarnings("ignore", "delta_grad == 0.0", UserWarning)
+            found = minimize(
+                self._objective,
+                method="trust-constr",
+                constraints=[constraint] if self.limits else [],
+                callback=lambda u, _: self._add(u),
+                options=options,
+                **common,
+            )
         self.message, self.converged = str(found.message), found.status in (1, 2)
         self._add(found.x)
 
@@ -212,7 +217,7 @@ class Search:
         if len(self.history) < 2:
             return False
         last, before = (point.values[0] for point in self.history[-1:-3:-1])
-        return abs(last - before) * abs(self.scale) < tolerance
+        return bool(abs(last - before) * abs(self.scale) < tolerance)
 
     def _add(self, u: Array) -> None:
         x = self._unscaled(np.asarray(u))

@@ -132,6 +132,7 @@ COMMANDS = {
         (".json", ".h5", ".png"),
     ),
     "optimise": (["{scene}", "-o"], (".csv", ".h5", "")),
+    "identify": (["{scene}", "--with", "stone.mass", "-o"], (".csv", ".h5", "")),
     "linearise": (["{scene}", "-o"], (".h5", ".csv", "")),
     "response": (["{scene}", "-o"], (".h5", ".npz", "")),
     "fmu": (["{scene}", "-o"], (".zip", ".dll", "")),

@@ -31,6 +31,10 @@ COMMANDS = {
     "sweep": ("rigid.toml --over time.end=0.01,0.02 --of bar.x.max --jobs 1", "points"),
     "sensitivity": ("rigid.toml --with bar.mass --of max(bar.x)", "sensitivities"),
     "optimise": ("design.toml", "history"),
+    "identify": (
+        "rigid.toml --with bar.mass --target mass(bar)=1.1+-0.1",
+        "variables",
+    ),
 }
 #: Commands that say where files are, and no numbers.
 FILES = {

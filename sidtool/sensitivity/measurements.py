@@ -1,0 +1,89 @@
+"""Measured outputs: tables of times and values."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measured time history.
+
+    Attributes
+    ----------
+    times, values : (n,)
+    """
+
+    times: Array
+    values: Array
+
+
+def read_measurements(path: Path) -> dict[str, Measurement]:
+    """Read measured outputs from a table (CSV): `t` and a column for each output.
+
+    Units in brackets behind a name are ignored, empty cells are left out.
+
+    Raises
+    ------
+    InputError : the file cannot be read, or holds something else.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row]
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read: {error}", source=path) from None
+    names = [name.partition("[")[0].strip() for name in rows[0]] if rows else []
+    if names[:1] != ["t"] or len(names) < 2:
+        raise InputError(
+            f"has the columns {', '.join(names) or 'none'}",
+            source=path,
+            expected="t, then outputs of the scene",
+        )
+    try:
+        numbers = [[float(cell.strip() or "nan") for cell in row] for row in rows[1:]]
+        table = np.array(numbers, float).reshape(-1, len(names))
+    except ValueError:
+        raise InputError(
+            "holds a row that is no row of numbers",
+            source=path,
+            expected=f"{len(names)} numbers in each row",
+        ) from None
+    columns = dict(zip(names[1:], table[:, 1:].T, strict=True))
+    try:
+        return as_measurements(table[:, 0], columns)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def as_measurements(
+    times: Array, outputs: Mapping[str, Array]
+) -> dict[str, Measurement]:
+    """Measurements of some outputs at common times; values that are NaN are left out.
+
+    Raises
+    ------
+    InputError : times do not increase, or an output has no values.
+    """
+    found = {}
+    for name, values in outputs.items():
+        if values.shape != times.shape:
+            raise InputError(
+                f"{name} has {values.size} values",
+                expected=f"{times.size}, one for each time",
+            )
+        known = np.isfinite(values) & np.isfinite(times)
+        if not known.any() or (np.diff(times[known]) < 0.0).any():
+            raise InputError(
+                f"{name} has no values at times that increase",
+                expected="a row per time",
+            )
+        found[name] = Measurement(times[known], values[known])
+    return found
