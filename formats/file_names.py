@@ -85,6 +85,11 @@ OUTPUT_KINDS = {
     "state_space": OutputFileKind(
         "a state space (NPZ, MAT or JSON)", (".npz", ".mat", ".json"), chooses=True
     ),
+    "campbell": OutputFileKind(
+        "a Campbell diagram (CSV or JSON) or its picture (PNG, SVG or PDF)",
+        (".csv", ".json"),
+        chooses=True,
+    ),
     "response": OutputFileKind(
         "a frequency response (CSV or JSON) or its picture (PNG, SVG or PDF)",
         (".csv", ".json"),
@@ -141,7 +146,7 @@ def check_ending(path: str | os.PathLike[str], kind: str, place: str = "") -> No
     )
     expected = f"an ending such as {written.endings[0]}"
     if written.chooses:
-        has_picture = kind in ("sweep", "response")
+        has_picture = kind in ("sweep", "response", "campbell")
         pictures = OUTPUT_KINDS["picture"].endings if has_picture else ()
         expected = f"an ending out of {', '.join((*written.endings, *pictures))}"
     raise InputError(

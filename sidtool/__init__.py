@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from .api.analyses import static_equilibrium as static_equilibrium
     from .api.bodies import export_body as export_body
     from .api.bodies import superelement as superelement
+    from .api.campbell import CampbellDiagram as CampbellDiagram
+    from .api.campbell import campbell as campbell
     from .api.compiled_scene import CompiledScene as CompiledScene
     from .api.identify import identify as identify
     from .api.interrupts import Interrupted as Interrupted
@@ -109,6 +111,7 @@ _HOME = {
     "CompiledScene": "sidtool.api.compiled_scene",
     "InputError": "sidtool.formats.base.errors",
     "Diagnostic": "sidtool.formats.diagnostics",
+    "CampbellDiagram": "sidtool.api.campbell",
     "FrequencyResponse": "sidtool.api.state_space",
     "StateSpace": "sidtool.api.state_space",
     "DiagnosticWarning": "sidtool.formats.diagnostics.python_warnings",
@@ -131,6 +134,7 @@ _HOME = {
     "gradient": "sidtool.api.sensitivity",
     "identify": "sidtool.api.identify",
     "inverse_dynamics": "sidtool.api.analyses",
+    "campbell": "sidtool.api.campbell",
     "linearise": "sidtool.api.analyses",
     "optimise": "sidtool.api.optimise",
     "outputs": "sidtool.pipeline.extra_outputs",

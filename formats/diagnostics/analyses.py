@@ -153,6 +153,23 @@ ENTRIES = (
         example={"joints": ("crank", "slider"), "rates": "velocities", "t": 0.2},
     ),
     Entry(
+        "N724",
+        WARNING,
+        "mode {mode} is followed from {key} = {before:.6g} to {after:.6g} with little "
+        "certainty",
+        "Largest agreement of mode shapes at neighbouring values (modal assurance "
+        "criterion in the metric of the kinetic energy, {agreement:.2g}); below 0.5 "
+        "another mode may be taken for it.",
+        remedy="Take more values.",
+        example={
+            "mode": 3,
+            "key": "parameters.speed",
+            "before": 100.0,
+            "after": 200.0,
+            "agreement": 0.31,
+        },
+    ),
+    Entry(
         "N725",
         INFO,
         "the state space has the {derivative} as its input",
@@ -191,6 +208,15 @@ ENTRIES = (
         "Outputs of a state space follow from the state and the inputs. Energies that "
         "are dissipated or supplied follow from all of the run before.",
         example={"names": "energy.supplied"},
+    ),
+    Entry(
+        "N729",
+        ERROR,
+        "no modes at {key} = {value:.6g}",
+        "The analysis at this value of the parameter failed for the reason behind it; "
+        "a diagram needs modes at all values.",
+        remedy="Leave the value out, or analyse the modes at it alone.",
+        example={"key": "parameters.speed", "value": 100.0},
     ),
     Entry(
         "N714",

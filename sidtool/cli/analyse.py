@@ -14,6 +14,7 @@ from .common import (
     existing_file,
     force_option,
     input_files,
+    listed_names,
     output_path,
     print_data,
     print_failure,
@@ -111,10 +112,31 @@ def static(
     ),
 )
 @click.option(
+    "--over",
+    metavar="KEY=FROM:TO:COUNT",
+    help=(
+        "Follow the modes over a key of the scene, such as"
+        " parameters.speed=0:400:41 (Campbell diagram)."
+    ),
+)
+@click.option(
+    "--orders",
+    metavar="NUMBERS",
+    default="1",
+    show_default=True,
+    help=(
+        "With --over: times per revolution that an excitation acts, separated by"
+        " commas; critical speeds are listed for each."
+    ),
+)
+@click.option(
     "-o",
     "--output",
     type=output_path,
-    help="File to write: modes with their shapes (JSON).",
+    help=(
+        "File to write: modes with their shapes (.json); with --over a picture (.png,"
+        " .svg, .pdf), .csv or .json."
+    ),
 )
 @changes_option
 @force_option
@@ -123,6 +145,8 @@ def modes(
     scene: Path,
     about: str,
     frozen: bool,
+    over: str | None,
+    orders: str,
     output: Path | None,
     changes: tuple[str, ...],
     force: bool,
@@ -136,10 +160,17 @@ def modes(
     diagrams show it, with the direction of the whirl, and in the axes of the body, as a
     strain gauge on it shows it. Each rigid motion is printed once, at 0 Hz.
 
+    --over follows the modes over a parameter, by the agreement of their shapes. Over
+    the speed of a rotor that gives its Campbell diagram and its critical speeds.
+
     \b
     Examples:
       sidtool analyse modes crane.toml
       sidtool analyse modes rotor.toml --about start -o modes.json
+      sidtool analyse modes rotor.toml --about start \\
+          --over parameters.speed=0:400:41 -o campbell.png
+      sidtool analyse modes rotor.toml --about start --over parameters.speed=1:400:80 \\
+          --orders 1,3 -o campbell.csv
 
     Exit status: 0 modes were found; 1 there is no equilibrium, or the state has no
     modes (a singular configuration, no inertia, no steady motion, equations that change
@@ -148,6 +179,10 @@ def modes(
     from ..api.analyses import linearise
     from ..report.result import describe_modes, modes_as_data
 
+    if over is not None:
+        settings = {"about": about, "frozen": frozen, "accept_defects": accept_defects}
+        _analyse_over(scene, over, orders, output, changes, force, settings)
+        return
     check_targets([Target("-o", output, "modes")], input_files(scene), force)
     natural_modes = run_analysis(
         linearise,
@@ -163,6 +198,50 @@ def modes(
         write_json(output, modes_as_data(natural_modes))
         click.echo(f"{output} written")
     print_result(describe_modes(natural_modes), lambda: modes_as_data(natural_modes))
+
+
+def _analyse_over(
+    scene: Path,
+    over: str,
+    orders: str,
+    output: Path | None,
+    changes: tuple[str, ...],
+    force: bool,
+    settings: dict[str, Any],
+) -> None:
+    """Follow the modes over a key; print and write their diagram."""
+    from sidtool.formats.file_names import kind_by_ending
+
+    from ..api.campbell import campbell
+    from ..report.campbell import campbell_data, describe_campbell
+
+    kind = kind_by_ending(output, "campbell", "picture")
+    check_targets([Target("-o", output, kind)], input_files(scene), force)
+    numbers = [_order(text) for text in listed_names(orders)]
+    found = run_analysis(
+        campbell, scene, changes, over=over, orders=numbers, **settings
+    )
+    if output is not None:
+        found.save(output)
+        click.echo(f"{output} written")
+    print_result(describe_campbell(found), lambda: campbell_data(found))
+
+
+def _order(text: str) -> float:
+    """Return a number of times per revolution.
+
+    Raises
+    ------
+    click.BadParameter : it is not positive.
+    """
+    try:
+        order = float(text)
+    except ValueError:
+        order = 0.0
+    if not 0.0 < order < float("inf"):
+        message = f"found {text!r}, expected numbers above 0 such as 1,3"
+        raise click.BadParameter(message, param_hint="--orders")
+    return order
 
 
 @analyse.command()

@@ -53,6 +53,7 @@ _FILE_BEGINNINGS = {
     "unit": (b"modelDescription.xml",),
     "state_space": (b"state_names.npy", b"MATLAB 5.0", b'"sidtool state space"'),
     "optimisation": (b'"sidtool optimisation"',),
+    "campbell": (b"speed [rad/s],mode1.", b'"sidtool Campbell diagram"'),
     "response": (b"frequency [Hz]", b'"sidtool frequency response"'),
 }
 force_option = click.option(

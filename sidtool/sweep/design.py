@@ -207,11 +207,11 @@ class Designs:
             else:
                 of_models.setdefault(key_of_model[0], {})[key_of_model[1]] = value
         for key in of_scene:
-            _check_parameter(self.scene, key, key)
+            check_parameter(self.scene, key, key)
         for name, keys in of_models.items():
             for key in keys if name in self.scene.sid_bodies else ():
                 model = self.model(name)
-                _check_parameter(model, key, f"{name}.model.{key}")
+                check_parameter(model, key, f"{name}.model.{key}")
         content = self.scene.with_({**of_scene, "outputs.record": list(self.record)})
         if content.accuracy.wanted is not None:
             raise InputError(
@@ -303,7 +303,7 @@ def unit_of_key(content: Any, key: str) -> str:
     return units.pop() if len(units) == 1 else ""
 
 
-def _check_parameter(content: File, key: str, place: str) -> None:
+def check_parameter(content: File, key: str, place: str) -> None:
     """Refuse a parameter that no formula of a file reads.
 
     Raises

@@ -83,6 +83,11 @@ class Linearisation(WithDiagnostics):
         Each mode "forward", "backward", or "" for none.
     rigid : (n,)
         True for rigid motions, whose eigenvalues are known exactly.
+    speed
+        Of the body that rotates fastest [rad/s].
+    scales : (velocity coordinates,)
+        Sizes of the coordinates of equal kinetic energy; shapes divided by them can be
+        compared.
     """
 
     eigenvalues: np.ndarray
@@ -98,6 +103,8 @@ class Linearisation(WithDiagnostics):
     rotating_frequencies: Array = field(default_factory=lambda: np.zeros(0))
     whirl: tuple[str, ...] = ()
     rigid: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    speed: float = 0.0
+    scales: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def linearise(
@@ -264,7 +271,8 @@ def _natural_modes(
         shape /= largest if largest != 0.0 else 1.0
     size = np.abs(values)
     mechanics.evaluate(z, v)
-    is_rotating = bool(axis_angular_velocities(mechanics).any())
+    velocities = axis_angular_velocities(mechanics)
+    is_rotating = bool(velocities.any())
     whirls = [
         mode_whirl(mechanics, spins, float(abs(value.imag)), shape)
         if is_rotating and value
@@ -286,4 +294,6 @@ def _natural_modes(
         / (2.0 * np.pi),
         whirl=tuple(w.direction for w in whirls),
         rigid=rigid,
+        speed=float(np.linalg.norm(velocities, axis=1).max(initial=0.0)),
+        scales=mechanics.scale.copy(),
     )

@@ -1,0 +1,170 @@
+"""Campbell diagrams for scripts and notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.html import html_table
+from sidtool.formats.base.progress import report_stage
+from sidtool.formats.diagnostics import diagnose
+from sidtool.formats.file_names import (
+    check_ending,
+    kind_by_ending,
+    path_of,
+    scene_given,
+)
+from sidtool.formats.scene import SceneFile
+from sidtool.solver.analyses.campbell import CampbellDiagram as SolverCampbellDiagram
+from sidtool.solver.analyses.campbell import campbell_diagram
+from sidtool.solver.analyses.linearisation import Linearisation
+from sidtool.solver.system.errors import SimulationError
+
+from ..pipeline.files import expect_kind
+from ..pipeline.scene_changes import compiled_scene
+from ..report.tables import import_optional
+from ..sweep.design import check_parameter, parse_axes
+from .analyses import Path_, Programs, Sids, to_user_class
+from .result import emit_warnings
+
+if TYPE_CHECKING:
+    import pandas
+
+
+def campbell(
+    scene: SceneFile | Path_,
+    over: str | Mapping[str, Iterable[float]],
+    *,
+    about: str = "start",
+    orders: Sequence[float] = (1.0,),
+    frozen: bool = False,
+    sids: Sids | None = None,
+    base_folder: Path_ | None = None,
+    accept_defects: bool = False,
+    drives: Programs | None = None,
+    forces: Programs | None = None,
+) -> CampbellDiagram:
+    """Follow the natural modes of a scene over a parameter, such as its speed.
+
+    Parameters
+    ----------
+    over : a key of the scene and its values: "parameters.speed=0:400:41", or
+        {"parameters.speed": [0.0, 10.0, 20.0]}
+    about, frozen : of the states, see `linearise`
+    orders : times per revolution that an excitation acts; critical speeds are those at
+        which one of them meets a frequency in inertial axes
+
+    The other arguments are those of `simulate`, including callables.
+
+    Raises
+    ------
+    InputError : the scene, one of its SIDs or the key cannot be used.
+    sidtool.SimulationError : a value has no modes (N729).
+    """
+    if not isinstance(scene, SceneFile):
+        expect_kind(path_of(scene, "scene", "a sidtool.Scene"), "scene")
+    content = scene_given(scene)
+    key, values = _one_axis(over)
+    check_parameter(content, key, key)
+    programs = drives, forces
+
+    def modes_at(value: float) -> Linearisation:
+        from sidtool.solver.analyses.linearisation import linearise
+
+        report_stage(f"modes at {key} = {value:.6g}")
+        changed = content.with_({key: value})
+        folder = base_folder or content.folder
+        with compiled_scene(changed, sids, folder, accept_defects, programs) as system:
+            try:
+                return linearise(system, about, frozen=frozen)
+            except SimulationError as error:
+                first = diagnose("N729", key=key, value=value)
+                raise SimulationError((first, *error.diagnostics)) from None
+
+    diagram = campbell_diagram(key, values, modes_at, orders)
+    return emit_warnings(to_user_class(diagram, CampbellDiagram))
+
+
+def _one_axis(over: str | Mapping[str, Iterable[float]]) -> tuple[str, list[float]]:
+    """Return the key and its rising numbers.
+
+    Raises
+    ------
+    InputError : there are several keys, fewer than two values, or no numbers.
+    """
+    axes = parse_axes(over)
+    if len(axes) != 1:
+        raise InputError(
+            f"{len(axes)} keys are varied", place="--over", expected="one key"
+        )
+    ((key, values),) = axes.items()
+    if not all(isinstance(x, int | float) and np.isfinite(x) for x in values):
+        raise InputError(
+            f"{key} has values that are no numbers", place="--over", expected="numbers"
+        )
+    numbers = sorted({float(x) for x in values})
+    if len(numbers) < 2:
+        raise InputError(
+            f"{key} has one value", place="--over", expected="two or more values"
+        )
+    return key, numbers
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CampbellDiagram(SolverCampbellDiagram):
+    __doc__ = SolverCampbellDiagram.__doc__
+
+    def save(self, path: Path_) -> None:
+        """Write it: ``.csv``, ``.json``, or a picture (``.png``, ``.svg``, ``.pdf``).
+
+        Raises
+        ------
+        InputError : the file cannot be written, or has another ending.
+        """
+        path = path_of(path, "path")
+        if kind_by_ending(path, "campbell", "picture") == "picture":
+            self.plot(path=path)
+            return
+        from ..report.campbell import write_campbell
+
+        check_ending(path, "campbell")
+        write_campbell(path, self)
+
+    def plot(self, *, path: Path_ | None = None) -> Any:
+        """Return a matplotlib figure, and write it to a path."""
+        from ..plot.campbell import plot_campbell
+
+        orders = tuple(sorted({1.0, *(each.order for each in self.critical_speeds)}))
+        return plot_campbell(
+            None if path is None else path_of(path, "path"), self, orders
+        )
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a pandas table: index the parameter, a column per mode with its
+        frequency in inertial axes [Hz].
+
+        Raises
+        ------
+        InputError : pandas is not installed.
+        """
+        pandas = import_optional("pandas")
+        names = [f"mode {k + 1}" for k in range(self.inertial_frequencies.shape[1])]
+        index = pandas.Index(self.values, name=self.key)
+        return pandas.DataFrame(self.inertial_frequencies, index, names)
+
+    def __repr__(self) -> str:
+        count = self.inertial_frequencies.shape[1]
+        return (
+            f"<CampbellDiagram over {self.key}: {len(self.values)} values, {count} "
+            f"modes, {len(self.critical_speeds)} critical speeds>"
+        )
+
+    def _repr_html_(self) -> str:
+        from ..report.campbell import CRITICAL_COLUMNS, critical_rows
+
+        notes = html_table([("note", text) for text in self.notes])
+        return html_table(critical_rows(self), CRITICAL_COLUMNS) + notes

@@ -1,0 +1,199 @@
+"""Campbell diagrams: modes followed over a parameter, and critical speeds."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import sidtool
+from sidtool.cli.main import run
+from tests.codes import codes, only
+
+from .state_space_scenes import pendulum
+
+#: A disc at the end of a massless shaft, which a hub turns (Stodola and Green): mass
+#: [kg], inertia across and along the axis [kg m^2], bending stiffness and length of the
+#: shaft.
+MASS, ACROSS, ALONG = 10.0, 0.06, 0.1
+EI, LENGTH = 1.2e4, 0.6
+K11, K12, K22 = 12 * EI / LENGTH**3, -6 * EI / LENGTH**2, 4 * EI / LENGTH
+
+
+def overhung(speed: float = 0.0) -> sidtool.Scene:
+    spin = {"initial": {"angular_velocity": [0.0, 0.0, "speed"]}}
+    K = np.diag([K11, K11, 1e9, K22, K22, 1e6])
+    K[0, 4] = K[4, 0] = K12
+    K[1, 3] = K[3, 1] = -K12
+    shaft: dict[str, Any] = {"type": "bushing", "markers": ["hub", "disc"]}
+    shaft |= {"stiffness": K.tolist(), "damping": [0.0] * 6}
+    return sidtool.Scene(
+        dimension="spatial",
+        parameters={"speed": speed},
+        time={"end": 1.0, "output_step": 0.1},
+        bodies={
+            "hub": {"mass": 1.0, "inertia": [1.0, 1.0, 1.0]} | spin,
+            "disc": {"mass": MASS, "inertia": [ACROSS, ACROSS, ALONG]} | spin,
+        },
+        joints={"axle": {"type": "revolute", "markers": ["ground", "hub"]}},
+        drives={
+            "motor": {
+                "joint": "axle",
+                "of": "rate",
+                "function": {"type": "constant", "value": "speed"},
+            }
+        },
+        forces={"shaft": shaft},
+    )
+
+
+def whirl_frequencies(speed: float) -> np.ndarray:
+    """Roots of (K11 - m w^2) (K22 - A w^2 + C W w) = K12^2, backward whirl negative."""
+    product = np.polymul([-MASS, 0.0, K11], [-ACROSS, ALONG * speed, K22])
+    return np.sort(np.roots(np.polysub(product, [K12**2])).real)
+
+
+def critical(order: float, direction: int) -> list[float]:
+    """Speeds W at which the roots above are order W, forward or backward."""
+    gyroscopic = direction * ALONG * order - ACROSS * order**2
+    product = np.polymul([-MASS * order**2, K11], [gyroscopic, K22])
+    squares = np.roots(np.polysub(product, [K12**2]))
+    return [math.sqrt(x) for x in squares.real if x > 0.0]
+
+
+def test_whirl_and_critical_speeds_of_an_overhung_rotor() -> None:
+    """Roots at all speeds, by continuous branches; critical speeds of two orders."""
+    speeds = np.linspace(0.0, 900.0, 7)
+    found = sidtool.campbell(
+        overhung(), {"parameters.speed": speeds}, orders=(1.0, 2.0)
+    )
+    assert_allclose(found.speeds, speeds)
+    omega = 2.0 * np.pi * found.inertial_frequencies
+    sign = np.where(found.whirl == "backward", -1.0, 1.0)
+    for n, speed in enumerate(speeds):
+        whirls = found.whirl[n] != ""
+        expected = whirl_frequencies(speed)
+        if speed:
+            assert_allclose(np.sort((sign * omega)[n, whirls]), expected, rtol=1e-8)
+        else:
+            assert_allclose(np.sort(omega[n])[:4], np.sort(np.abs(expected)), rtol=1e-8)
+    for k in np.flatnonzero((found.whirl[1:] != "").all(axis=0)):
+        assert len({*found.whirl[1:, k]}) == 1
+        assert np.all(np.diff(omega[1:, k]) * sign[1, k] > 0.0)
+    for order in (1.0, 2.0):
+        for direction, name in ((1, "forward"), (-1, "backward")):
+            own = [
+                each.speed
+                for each in found.critical_speeds
+                if each.order == order and each.whirl == name
+            ]
+            expected = [x for x in critical(order, direction) if x < speeds[-1]]
+            assert_allclose(sorted(own), sorted(expected), rtol=1e-8)
+    assert codes(found) == []
+
+
+def masses_on_springs(
+    stiffness: Sequence[Any], coupling: Any, k: float
+) -> sidtool.Scene:
+    """Bodies of 1 kg that move along x on springs, neighbours coupled."""
+    names = [f"b{i}" for i in range(len(stiffness))]
+    pairs = [
+        ("ground", name, value) for name, value in zip(names, stiffness, strict=True)
+    ]
+    pairs += [(*pair, coupling) for pair in zip(names, names[1:], strict=False)]
+    return sidtool.Scene(
+        dimension="planar",
+        parameters={"k": k},
+        time={"end": 1.0, "output_step": 0.1},
+        bodies={name: {"mass": 1.0, "inertia": 1.0} for name in names},
+        joints={
+            f"j{name}": {"type": "prismatic", "markers": ["ground", name]}
+            for name in names
+        },
+        forces={
+            f"s{i}": {
+                "type": "bushing",
+                "markers": [a, b],
+                "stiffness": [value, 0.0, 0.0],
+                "damping": [0.0] * 3,
+            }
+            for i, (a, b, value) in enumerate(pairs)
+        },
+    )
+
+
+def test_modes_whose_frequencies_cross_are_followed() -> None:
+    scene = masses_on_springs(["k", 200.0], 0.0, 100.0)
+    k = np.linspace(100.0, 400.0, 7)
+    found = sidtool.campbell(scene, {"parameters.k": k}, about="static")
+    expected = np.column_stack([np.sqrt(k), np.full(7, math.sqrt(200.0))])
+    assert_allclose(2.0 * np.pi * found.inertial_frequencies, expected, rtol=1e-9)
+    assert_allclose(found.agreement, 1.0)
+    assert found.critical_speeds == ()
+    assert list(found.to_dataframe().columns) == ["mode 1", "mode 2"]
+
+
+def test_modes_that_mix_between_values_are_noted() -> None:
+    """Three masses apart, and a chain, whose first mode has a third of each."""
+    scene = masses_on_springs([99.0, 100.0, 101.0], "k", 1e-9)
+    found = sidtool.campbell(scene, {"parameters.k": [1e-9, 1e6]}, about="static")
+    data = only(found, "N724").data
+    assert data["agreement"] == pytest.approx(1 / 3, rel=1e-4)
+    fine = {"parameters.k": np.concatenate([[1e-9], np.geomspace(0.1, 1e6, 12)])}
+    assert codes(sidtool.campbell(scene, fine, about="static")) == []
+
+
+def test_a_value_without_modes_is_named() -> None:
+    scene = masses_on_springs(["k"], 0.0, 1.0).with_({"gravity": [9.81, 0.0]})
+    with pytest.raises(sidtool.SimulationError) as error:
+        sidtool.campbell(scene, {"parameters.k": [0.0, 100.0]}, about="static")
+    assert error.value.code == "N729"
+    assert error.value.data["value"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("over", "place"),
+    [
+        ("parameters.k=1:2", "--over"),
+        ("parameters.k=3", "--over"),
+        ({"parameters.k": [1.0, 2.0], "time.end": [1.0, 2.0]}, "--over"),
+        ({"parameters.k": [1.0, "a"]}, "--over"),
+        ({"parameters.none": [1.0, 2.0]}, "parameters"),
+    ],
+)
+def test_a_key_that_cannot_be_varied_is_refused(over: Any, place: str) -> None:
+    with pytest.raises(sidtool.InputError) as error:
+        sidtool.campbell(masses_on_springs(["k"], 0.0, 1.0), over)
+    assert place in str(error.value.place)
+
+
+def test_the_command_writes_tables_data_and_pictures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    overhung().save(tmp_path / "rotor.toml")
+    words = ["analyse", "modes", str(tmp_path / "rotor.toml"), "--about", "start"]
+    words += ["--over", "parameters.speed=100:200:3"]
+    assert run([*words, "-o", str(tmp_path / "c.json")]) == 0
+    assert f"{critical(1.0, 1)[0]:.6g}" in capsys.readouterr().out
+    data = json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))
+    first = data["modes"][0]["inertial_frequency"]
+    found = sidtool.campbell(tmp_path / "rotor.toml", "parameters.speed=100:200:2")
+    for name in ("c.csv", "c.png"):
+        found.save(tmp_path / name)
+    rows = (tmp_path / "c.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0].startswith("parameters.speed,speed [rad/s],mode1.inertial")
+    assert [float(row.split(",")[2]) for row in rows[1:]] == [first[0], first[-1]]
+    assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
+    assert run([*words, "--orders", "1,x"]) == 2
+    assert "--orders" in capsys.readouterr().err
+
+
+def test_a_scene_without_rotation_has_no_critical_speeds() -> None:
+    found = sidtool.campbell(pendulum(), "bodies.arm.mass=1:2:3", about="static")
+    assert found.critical_speeds == () and not found.speeds.any()
