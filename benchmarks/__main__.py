@@ -34,6 +34,7 @@ BENCHMARKS = (
     "latency",
     "repeated",
     "derivatives",
+    "body_derivatives",
     "fmu",
     "faults",
 )

@@ -130,3 +130,34 @@ def check_joined_points(joined: Numbers, separate: Numbers) -> None:
             place="geometry",
             expected="a shape variable that moves all of them",
         )
+
+
+def weighted_squares(columns: Numbers, weights: Numbers) -> Numbers:
+    """Return F^T diag(w) F of stacks F (..., g, n) with weights w (..., g).
+
+    With a step, two products of real parts: of F = A + i B and w = r + i s, the step is
+    the symmetric part of A^T diag(s) A + 2 A^T diag(r) B.
+    """
+    if np.isrealobj(columns) and np.isrealobj(weights):
+        return np.swapaxes(columns, -1, -2) @ (columns * weights[..., None])
+    real = np.ascontiguousarray(columns.real)  # BLAS takes no parts of pairs
+    turned = np.swapaxes(real, -1, -2)
+    value = turned @ (real * weights.real[..., None])
+    change = real * weights.imag[..., None]
+    if np.iscomplexobj(columns):
+        change += 2 * columns.imag * weights.real[..., None]
+    step = turned @ change
+    return np.asarray(value + 0.5j * (step + np.swapaxes(step, -1, -2)))
+
+
+def product_with_step(a: Numbers, b: Numbers) -> Numbers:
+    """Return a @ b by products of real parts, without those of two steps."""
+    if np.isrealobj(a) and np.isrealobj(b):
+        return np.asarray(a @ b)
+    first, second = np.ascontiguousarray(a.real), np.ascontiguousarray(b.real)
+    step: Any = 0.0
+    if np.iscomplexobj(a):
+        step = step + np.ascontiguousarray(a.imag) @ second
+    if np.iscomplexobj(b):
+        step = step + first @ np.ascontiguousarray(b.imag)
+    return np.asarray(first @ second + 1j * step)

@@ -27,15 +27,19 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.complex_step import Numbers
 from sidtool.formats.base.taylor import Array
+
+from .factorisation import indefinite_factors
 
 Indices = NDArray[np.int64]
 
 #: Eigenvalues that differ by less, relative to their size, are differentiated together.
 CLUSTER_GAP = 1e-6
+#: Residual from which on a solution is refined: factors have no other pivots than those
+#: on the diagonal.
+_RESIDUAL = 1e-12
 
 
 def clusters(values: Array) -> list[Indices]:
@@ -90,6 +94,7 @@ class EigenpairDerivatives:
     constraints : (k, n) conditions
     values : (m,) ascending
     vectors : (n, m) mass-normalised
+    places : (n, d) position of each unknown, for the order of elimination
     """
 
     def __init__(
@@ -99,7 +104,9 @@ class EigenpairDerivatives:
         constraints: Array,
         values: Array,
         vectors: Array,
+        places: Array | None = None,
     ) -> None:
+        self._places = places
         self._stiffness, self._mass = stiffness, mass
         self._constraints = constraints
         self.values, self.vectors = values, vectors
@@ -109,9 +116,10 @@ class EigenpairDerivatives:
     def _solvers(self) -> list[_PinnedSolver]:
         return [
             _PinnedSolver(
-                sp.csc_matrix(self._stiffness - self.values[g].mean() * self._mass),
+                sp.csr_matrix(self._stiffness - self.values[g].mean() * self._mass),
                 self._constraints,
                 self.vectors[:, g],
+                self._places,
             )
             for g in self._groups
         ]
@@ -170,7 +178,9 @@ class _PinnedSolver:
     There are as many of them as eigenvectors of lambda; the loads do no work on these.
     """
 
-    def __init__(self, matrix: sp.csc_matrix, rows: Array, vectors: Array) -> None:
+    def __init__(
+        self, matrix: sp.csr_matrix, rows: Array, vectors: Array, places: Array | None
+    ) -> None:
         n, count = vectors.shape
         _, _, order = scipy.linalg.qr(vectors.T, mode="economic", pivoting=True)
         self._pins = np.asarray(order[:count])
@@ -179,16 +189,28 @@ class _PinnedSolver:
         keep = sp.diags_array(free)
         size = float(np.abs(matrix.diagonal()).mean())
         pinned = keep @ matrix @ keep + size * sp.diags_array(1.0 - free)
-        self._scale = size
-        if len(rows):
-            border = sp.csr_matrix(rows * free * size)
-            pinned = sp.block_array([[pinned, border.T], [border, None]])
-        self._n, self._count = n, len(rows)
-        self._factors = splu(sp.csc_matrix(pinned))
+        self._matrix = sp.csr_matrix(pinned)
+        self._factors = indefinite_factors(self._matrix, places)
+        self._rows = rows * free
+        self._answers = self._without_conditions(self._rows.T)
+        self._flexibility = self._rows @ self._answers
 
     def solve(self, loads: Array, moved: Array) -> Array:
         """Return u (n, m) for f (n, m) and c (k, m)."""
         loads = loads.copy()
         loads[self._pins] = 0.0
-        both = np.vstack([loads, moved * self._scale]) if self._count else loads
-        return np.asarray(self._factors.solve(np.ascontiguousarray(both))[: self._n])
+        found = self._without_conditions(loads)
+        if not len(self._rows):
+            return found
+        gap = self._rows @ found - moved
+        return found - self._answers @ np.linalg.solve(self._flexibility, gap)
+
+    def _without_conditions(self, loads: Array) -> Array:
+        """Return the solution for loads alone, refined."""
+        if not loads.shape[1]:
+            return np.zeros(loads.shape)
+        found = self._factors.solve(np.ascontiguousarray(loads))
+        rest = loads - self._matrix @ found
+        if np.abs(rest).max() > _RESIDUAL * np.abs(loads).max():
+            found = found + self._factors.solve(np.ascontiguousarray(rest))
+        return np.asarray(found)

@@ -78,6 +78,22 @@ def symmetric_factors(matrix: sp.csr_matrix, places: Array | None = None) -> Fac
     return ENGINES[name][1](matrix)
 
 
+def indefinite_factors(matrix: sp.csr_matrix, places: Array | None = None) -> Factors:
+    """Factorise a symmetric matrix that need not be definite, by SuperLU.
+
+    Pivots are those on the diagonal, so that solutions should be refined.
+
+    Parameters
+    ----------
+    places : (n, d) position of each unknown
+
+    Raises
+    ------
+    RuntimeError : the matrix is singular.
+    """
+    return _Superlu(matrix, places)
+
+
 def _expected_durations(name: str, places: Array, count: int) -> str:
     """How long SuperLU takes for a solid, and PARDISO if pip could install it.
 

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import product_with_step, weighted_squares
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
@@ -69,13 +70,13 @@ def mapped_batch(
     InputError : the map folds somewhere.
     """
     corners = positions[nodes]
-    jacobians = np.swapaxes(corners, 1, 2)[:, None] @ gradients
+    jacobians = product_with_step(np.swapaxes(corners, 1, 2)[:, None], gradients)
     determinants = _determinants(jacobians)
     check_orientation(determinants, corners)
     return ElementBatch(
         nodes=nodes,
         values=values,
-        gradients=gradients @ _inverses(jacobians, determinants),
+        gradients=product_with_step(gradients, _inverses(jacobians, determinants)),
         measures=determinants * weights,
     )
 
@@ -248,9 +249,10 @@ def _stiffness(batch: ElementBatch, gradients: Array, law: Array) -> Array:
         return np.asarray((np.swapaxes(strains, 2, 3) @ stresses).sum(axis=1))
     ne, ng, m, d = gradients.shape
     flat = gradients.reshape(ne, ng, m * d)
-    sums = np.swapaxes(flat, 1, 2) @ (flat * batch.measures[..., None])
+    sums = weighted_squares(flat, batch.measures)
     by_pair = sums.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
-    blocks = (by_pair @ _elasticity_tensor(law, d)).reshape(ne, m, m, d, d)
+    products = product_with_step(by_pair, _elasticity_tensor(law, d))
+    blocks = products.reshape(ne, m, m, d, d)
     return np.ascontiguousarray(blocks.swapaxes(2, 3)).reshape(ne, m * d, m * d)
 
 
@@ -266,8 +268,7 @@ def _elasticity_tensor(law: Array, d: int) -> Array:
 def element_mass(batch: ElementBatch, density: float) -> Array:
     """(ne, m, m) integral of density N_i N_j."""
     values = np.ascontiguousarray(batch.values)  # BLAS needs contiguous arrays
-    weighted = values * (batch.measures * density)[..., None]
-    return np.asarray(np.swapaxes(values, 1, 2) @ weighted)
+    return weighted_squares(values, batch.measures * density)
 
 
 def assemble_body(

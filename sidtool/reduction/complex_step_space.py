@@ -59,6 +59,7 @@ class NominalSpace:
                 self.space.constraints,
                 values,
                 vectors,
+                self.space.places,
             )
         return self._derivatives[count]
 
