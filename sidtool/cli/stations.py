@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,6 +15,9 @@ from .common import (
     piped_path,
     print_result,
 )
+
+if TYPE_CHECKING:
+    from ..importers.openfast import ImportedStations
 
 
 @click.command()
@@ -57,17 +60,15 @@ def stations(
       sidtool stations NREL5MW_Blade.dat -o blade.csv --length 61.5
       sidtool stations NREL5MW_BeamDyn.dat -o blade.csv
     """
-    from sidtool.formats.model.stations import read_stations, write_stations
+    from sidtool.formats.model.stations import write_stations
     from sidtool.formats.toml.tables import toml_text
 
-    from ..importers.openfast import ImportedStations, read_openfast
+    from ..importers.openfast import read_openfast
 
     check_targets([Target("-o", output, "stations")], [source], force)
-    if source.suffix.lower() == ".csv":
-        found = ImportedStations(read_stations(source, order))
-    else:
-        found = read_openfast(source, length)
-    data = _summary(found, length)
+    own = source.suffix.lower() == ".csv"
+    found = _own_table(source, order, length) if own else read_openfast(source, length)
+    data = _summary(found)
     lines = [
         f"{source}: {len(found.table.position or found.table.fraction or ())} stations"
     ]
@@ -76,26 +77,44 @@ def stations(
     if output is not None:
         write_stations(output, found.table, [f"from {source.name}", *found.notes])
         lines.append(f"{output}: written")
-    if found.geometry and output is not None:
-        geometry = found.geometry | {"sections": output.name}
+    if found.geometry and (own or output is not None):
+        sections: Any = (output or source).name
+        if output is None and found.table.stiffness and order != "sidtool":
+            sections = {"file": sections, "order": order}
+        geometry = found.geometry | {"sections": sections}
         lines += ["", toml_text({"geometry": geometry}).rstrip()]
     print_result("\n".join(lines), lambda: data | {"notes": list(found.notes)})
 
 
-def _summary(found: Any, length: float | None) -> dict[str, float]:
+def _own_table(source: Path, order: str, length: float | None) -> ImportedStations:
+    """Read a CSV file, and say what it leaves open."""
+    from sidtool.formats.model.stations import read_stations
+
+    from ..importers.openfast import ImportedStations, straight_geometry
+
+    table = read_stations(source, order)
+    length = table.position[-1] if table.position else length
+    notes = []
+    if length is None:
+        notes.append("the positions are fractions: the mass needs --length")
+    if table.EA and not table.GA_y:
+        notes.append('no GA_y and GA_z: theory = "timoshenko" needs them')
+    if table.EA and not table.inertia_y:
+        notes.append("no inertia_y and inertia_z: they are mass_per_length EI / EA")
+    geometry = {} if length is None else straight_geometry(length)
+    return ImportedStations(table, geometry, tuple(notes))
+
+
+def _summary(found: ImportedStations) -> dict[str, float]:
     """Mass properties along the axis, if the length is known."""
     from sidtool.formats.model.beams import BeamGeometry
 
     from ..beams.axis import beam_axis
     from ..beams.station_section import mass_moments, station_sections
 
-    given = found.geometry
-    if not given:
-        length = found.table.position[-1] if found.table.position else length
-        if length is None:
-            return {}
-        given = {"start": [0, 0, 0], "end": [length, 0, 0]}
-    geometry = BeamGeometry(**given, sections=found.table)
+    if not found.geometry:
+        return {}
+    geometry = BeamGeometry(**found.geometry, sections=found.table)
     whole = beam_axis(geometry).length
     mass, first, second = mass_moments(station_sections(geometry, whole), whole)
     return {

@@ -131,7 +131,7 @@ def _read_elastodyn(
         notes.append(f"columns without effect: {', '.join(unused)}")
     content: dict[str, Any] = {name: v.tolist() for name, v in columns.items()}
     table = StationTable(**content)
-    return ImportedStations(table, _straight_geometry(length), tuple(notes))
+    return ImportedStations(table, straight_geometry(length), tuple(notes))
 
 
 def _complete(columns: dict[str, Array], length: float | None) -> list[str]:
@@ -214,7 +214,7 @@ def _read_beamdyn_blade(lines: Sequence[str], length: float | None) -> ImportedS
         stiffness=matrices[:, 0].tolist(),
         mass=matrices[:, 1].tolist(),
     )
-    return ImportedStations(table, _straight_geometry(length))
+    return ImportedStations(table, straight_geometry(length))
 
 
 def _rows(lines: Sequence[str], start: int, count: int) -> Array:
@@ -251,7 +251,7 @@ def _value(lines: Sequence[str], name: str, default: float) -> float:
     return default
 
 
-def _straight_geometry(length: float | None) -> dict[str, Any]:
+def straight_geometry(length: float | None) -> dict[str, Any]:
     """A beam along z of OpenFAST, y axis of the section along its x."""
     if length is None:
         return {}

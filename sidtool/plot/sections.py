@@ -16,7 +16,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import SECTION_FORCES, matching_names
 
 from ..pipeline.extra_outputs import outputs
-from .figure import COLOURS, draw_legend, new_figure
+from .figure import COLOURS, legend_columns, new_figure, order_by_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -116,7 +116,10 @@ def draw_sections(
         place.set_ylabel(f"{name} [{'N' if name[0] in 'NV' else 'N m'}]")
     for place in axes[-1]:
         place.set_xlabel("along the beam [m]")
-    draw_legend(axes[0, 0])
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    columns = legend_columns(labels, _SIZE[0])
+    entries = order_by_rows(handles, labels, columns)
+    page.legend(*entries, loc="outside lower center", ncols=columns)
     if result.title:
         page.suptitle(result.title, fontsize="medium")
     return page, notes

@@ -86,7 +86,14 @@ def _capability_text(sid: SID) -> list[tuple[str, str]]:
             "stress",
             f"at {counted_noun(len(stressed), 'node')}" if stressed else "not given",
         ),
+        *([("section forces", _section_text(sid))] if sid.sections else []),
     ]
+
+
+def _section_text(sid: SID) -> str:
+    names = [section.name for section in sid.sections]
+    listed = names if len(names) < 6 else [*names[:2], "...", names[-1]]
+    return f"N, Vy, Vz, T, My, Mz at {', '.join(listed)}"
 
 
 def _writer_text(sid: SID) -> str:

@@ -437,6 +437,8 @@ def test_elastodyn_files_become_tables(
     assert run(["stations", str(source), "-o", str(target), "--length", "20"]) == 0
     printed = capsys.readouterr().out
     assert "PitchAxis" in printed and 'sections = "blade.csv"' in printed
+    assert run(["stations", str(target), "--length", "20"]) == 0
+    assert 'sections = "blade.csv"' in capsys.readouterr().out
     table = read_stations(target)
     assert_allclose(table.mass_per_length, [110.0, 88.0, 55.0])
     assert_allclose(table.EI_z, [2e8, 1e8, 4e7])
