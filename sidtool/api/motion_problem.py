@@ -107,7 +107,7 @@ class Problem:
             given_sids = dict(sids or {})
             self.models = _models(scene, self.variables, given_sids)
             record = recorded_outputs(self.functionals)
-            self.scene = scene.with_({"outputs.record": record})
+            self.scene = _with_outputs(scene, record)
             self._bodies = self.bodies(np.array([v.value for v in self.variables]))
             given_sids |= {name: body.sid for name, body in self._bodies.items()}
             self.compiled = CompiledScene(
@@ -178,6 +178,24 @@ class Problem:
         joined = np.concatenate(values), np.concatenate(scales)
         x = np.asarray(x, float)
         return Point(self, x, bodies, grid, terms, *joined, n_values)
+
+
+def _with_outputs(scene: SceneFile, record: Sequence[str]) -> SceneFile:
+    """The scene with other outputs.
+
+    Raises
+    ------
+    InputError : there is no such output.
+    """
+    try:
+        return scene.with_({"outputs.record": list(record)})
+    except InputError as error:
+        if not (error.place or "").startswith("outputs."):
+            raise
+        # Requested by a functional: not a mistake of the scene.
+        raise InputError(
+            error.problem, place="functionals", expected=error.expected
+        ) from None
 
 
 def _models(

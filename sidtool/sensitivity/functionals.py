@@ -49,7 +49,7 @@ class Peak(NamedTuple):
 
     Attributes
     ----------
-    step : number of the step
+    step : number of the step of the grid
     at_point : point of the step if it is an end of the motion or a jump, or -1
     sign : 1 for a maximum, -1 for a minimum
     """
@@ -82,20 +82,18 @@ class History:
         """An output at times of the motion, (nt,)."""
         return np.asarray(self.motion.outputs_at(times)[:, self.column[output]])
 
-    def _climb(
-        self, output: str, peak: Peak, n_steps: int
-    ) -> tuple[float, float, float]:
+    def _climb(self, output: str, step: int, sign: float) -> tuple[float, float, float]:
         """Time of a peak, sought uphill from a step, and the ends of its step [s]."""
         count, fractions = self.points.count, self.points.fractions
+        n_steps = len(self.t) // count
         known: dict[int, tuple[float, float]] = {}
-        step = peak.step
         while True:
             around = range(max(0, step - 1), min(n_steps, step + 2))
             missing = [k for k in around if k not in known]
             if missing:
                 y = self._values_in_steps(output, missing[0], missing[-1] + 1)
                 for k, row in zip(range(missing[0], missing[-1] + 1), y, strict=True):
-                    known[k] = _polynomial_peak(peak.sign * row, fractions)
+                    known[k] = _polynomial_peak(sign * row, fractions)
             best = max(around, key=lambda k: known[k][0])
             if known[best][0] <= known[step][0]:
                 break
@@ -148,7 +146,8 @@ class History:
                 if top not in largest:
                     break
                 end = self._end_point(table, top, largest[top][1])
-                found.append((float(heights[top]), Peak(top, end, sign)))
+                place = int(np.searchsorted(self.motion.places, top))
+                found.append((float(heights[top]), Peak(place, end, sign)))
                 low, high = _hill(heights, top)
                 heights[low : high + 1] = -np.inf
         found.sort(key=lambda pair: -pair[0])
@@ -173,12 +172,13 @@ class History:
         """The output at a peak, sought where it was in another motion."""
         count = self.points.count
         n_steps = len(self.t) // count
-        if peak.step >= n_steps:
+        step = int(self.motion.places[min(peak.step, len(self.motion.places) - 1)])
+        if step >= n_steps:
             raise StructureChange(f"the peak of {output} lies in another step")
         if peak.at_point >= 0:
-            y = self._values_in_steps(output, peak.step, peak.step + 1)
+            y = self._values_in_steps(output, step, step + 1)
             return float(y[0, peak.at_point])
-        t, begin, end = self._climb(output, peak, n_steps)
+        t, begin, end = self._climb(output, step, peak.sign)
         distance = VERTEX_FRACTION * (end - begin)
         times = np.array([t - distance, t, t + distance])
         if times[0] < self.t[0] or times[-1] > self.t[-1]:

@@ -10,13 +10,14 @@ numbers.
 What moves with the numbers:
 
 - a break of a drive or of a force, and the end of the run: grid points between two
-  breaks keep their fraction of the interval;
+  breaks keep their fraction of the interval; breaks that coincide may come apart;
 - a change of a friction state and an event that ends the run: the step before it keeps
   its end and is left at the change, the step after it ends at the next grid point;
 - a corner of a force at which a step ends: that step ends where the neighbour meets the
   corner.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,6 +33,8 @@ from ..output import columns, dense_output
 from ..output.dense_output import StepPoints, StepStates
 from ..output.energies import EnergyIntegrals
 from ..output.samples import StateSampler
+from ..spatial import system_arrays as at
+from ..spatial.system_arrays import IntTable
 from ..system.errors import SimulationError
 from ..system.system import System
 from ..system.work_arrays import raise_pending
@@ -61,7 +64,7 @@ class GridStep:
     fraction : of this interval that has passed at its end, before a change cuts it
     method : integrator
     begins : True if a smooth interval begins with it
-    decisions : names and kinds of the changes of friction states at its beginning
+    decisions : slip directions and contact sides, if a smooth interval begins with it
     corner : row of the force whose measure meets a corner at its end, or -1
     feature : number of the corner among the features of all functions
     """
@@ -70,7 +73,7 @@ class GridStep:
     fraction: float
     method: str
     begins: bool
-    decisions: tuple[tuple[str, str], ...] = ()
+    decisions: tuple[float, ...] = ()
     corner: int = -1
     feature: int = 0
 
@@ -86,6 +89,7 @@ class Grid:
     stopping_event : name of the event that ended it, or empty
     singular_time : first time near a singular configuration [s], or NaN
     structure : equations of the run, see `_structure`
+    break_causes : drives and forces that are not smooth at each break
     """
 
     steps: tuple[GridStep, ...]
@@ -93,6 +97,7 @@ class Grid:
     stopping_event: str
     singular_time: float
     structure: tuple[Any, ...]
+    break_causes: tuple[frozenset[str], ...]
 
 
 class StructureChange(Exception):
@@ -118,6 +123,7 @@ class Motion:
     points : of a step, see `StepPoints`
     steps : (n_steps * points.count) states
     end_time : time at which the run ends [s]
+    places : number of the step of each step of the grid
     """
 
     system: System
@@ -126,6 +132,7 @@ class Motion:
     end_time: float
     sampler: StateSampler
     energies: EnergyIntegrals | None
+    places: IntTable
 
     def outputs(self, t: Array, z: Array, v: Array) -> Array:
         """Outputs of the scene at states, (nt, n_outputs)."""
@@ -150,6 +157,7 @@ class _GridRun(Stepper):
         super().__init__(start, plan, arrays)
         arrays.window.fill_next(self.control)
         self.parts: list[StepStates] = []
+        self.places: list[int] = []
         self.energies = plan.energy_integrals
 
     @property
@@ -157,18 +165,21 @@ class _GridRun(Stepper):
         """Start, breaks and end of the scene [s]."""
         return np.array([self.system.scene.time.start, *self.system.breaks])
 
-    def begin_interval(self, end: float) -> tuple[tuple[str, str], ...]:
-        """Begin a smooth interval; returns the changes of friction states there.
+    def begin_interval(self, end: float) -> tuple[float, ...]:
+        """Begin a smooth interval; returns slip directions and contact sides in it.
 
         Raises
         ------
         SimulationError : it cannot begin.
         """
-        count = len(self.breaks)
         failure = self.enter_interval(end)
         if failure:
             raise SimulationError(stop_causes(self, Stop(failure)))
-        return tuple((each.name, each.kind) for each in self.breaks[count:])
+        if self.stick_slip_events is None:
+            return ()
+        state = self.stick_slip_events.friction_state
+        sides = state[:, [at.SLIP_DIRECTION, *range(at.CONTACT_SIDE, state.shape[1])]]
+        return tuple(np.sign(sides).ravel().tolist())
 
     def make_step(self) -> int:
         """Make one step; returns the code of the step loop.
@@ -212,6 +223,7 @@ class _GridRun(Stepper):
             end_time=end_time,
             sampler=StateSampler(self.system, self.start.tolerances),
             energies=self.energies,
+            places=np.array(self.places, int),
         )
 
     def measures(self) -> Array:
@@ -229,7 +241,7 @@ def record_grid(system: System, settings: RunSettings) -> Grid:
     compile_kernels(system, settings)
     run = _GridRun(prepare_run(system, settings, (), None))
     steps: list[GridStep] = []
-    structure = _structure(run.system)
+    structure, causes = _structure(run.system), _break_causes(run.system)
     singular_time, since_question = np.nan, 0
     for interval, stop in enumerate(run.edges[1:]):
         begin = run.edges[interval]
@@ -253,7 +265,9 @@ def record_grid(system: System, settings: RunSettings) -> Grid:
             decisions, begins = (), False
             if run.take_step():
                 event = run.event_detector.stopping_event  # type: ignore[union-attr]
-                return Grid(tuple(steps), settings, event, singular_time, structure)
+                return Grid(
+                    tuple(steps), settings, event, singular_time, structure, causes
+                )
             since_question += 1
             near = run.control.singular_proximity == NEAR_SINGULAR
             if since_question >= run.plan.step_limit or near:
@@ -263,15 +277,46 @@ def record_grid(system: System, settings: RunSettings) -> Grid:
                     run.needs_new_interval = True
             if run.needs_new_interval:
                 decisions, begins = run.begin_interval(stop), True
-    return Grid(tuple(steps), settings, "", singular_time, structure)
+    return Grid(tuple(steps), settings, "", singular_time, structure, causes)
 
 
 def _structure(system: System) -> tuple[Any, ...]:
-    """What neighbours must have in common: coordinates, constraints, breaks."""
+    """What neighbours must have in common: coordinates and constraints."""
     sizes = system.n_positions, system.n_velocities, system.n_rows
     rows = system.redundant, system.inactive_rows, tuple(system.eliminated)
     constraints = system.arrays.constraint.tobytes()
-    return (*sizes, *rows, constraints, len(system.breaks))
+    return (*sizes, *rows, constraints)
+
+
+def _break_causes(system: System) -> tuple[frozenset[str], ...]:
+    """Drives and forces that are not smooth at each break."""
+    return tuple(frozenset(system.break_causes.get(t, ())) for t in system.breaks)
+
+
+def _match_breaks(system: System, grid: Grid) -> list[list[float]]:
+    """Times of each break of a grid [s]: several where breaks that coincide in the
+    nominal scene are apart in this one.
+
+    Raises
+    ------
+    StructureChange : the scene has other breaks, or another order of these.
+    """
+    groups: list[list[float]] = []
+    found = [*zip(system.breaks, _break_causes(system), strict=True)]
+    for causes in grid.break_causes:
+        group, missing = list[float](), set(causes)
+        while found and (missing or not group):
+            time, own = found.pop(0)
+            if not own <= causes:
+                raise StructureChange(f"another break at t = {time:.6g} s")
+            group.append(time)
+            missing -= own
+        if missing or not group:
+            raise StructureChange("breaks in another order")
+        groups.append(group)
+    if found:
+        raise StructureChange(f"another break at t = {found[0][0]:.6g} s")
+    return groups
 
 
 def _corner_at_end(run: _GridRun, before: Array) -> tuple[int, int]:
@@ -311,16 +356,20 @@ def run_on_grid(system: System, grid: Grid) -> Motion:
 
 
 def _follow(run: _GridRun, grid: Grid) -> Motion:
-    edges, control = run.edges, run.control
     if _structure(run.system) != grid.structure:
-        raise StructureChange("other constraints or breaks are active")
+        raise StructureChange("other constraints are active")
+    groups = [[run.system.scene.time.start], *_match_breaks(run.system, grid)]
+    interval, control = 0, run.control
     for index, step in enumerate(grid.steps):
-        begin, stop = edges[step.interval], edges[step.interval + 1]
+        if step.interval != interval:
+            interval = step.interval
+            _pass_breaks(run, groups[interval])
+        begin, stop = groups[interval][-1], groups[interval + 1][0]
         run.use_method(step.method)
         if run.needs_new_interval and not step.begins:
             raise StructureChange(_changed("a change of a friction state", run))
         if step.begins and run.begin_interval(stop) != step.decisions:
-            raise StructureChange(_changed("another change of a friction state", run))
+            raise StructureChange(_changed("other friction states", run))
         end = stop if step.fraction == 1.0 else begin + step.fraction * (stop - begin)
         if not end > control.time:
             raise StructureChange(_changed("an event in another step", run))
@@ -328,6 +377,7 @@ def _follow(run: _GridRun, grid: Grid) -> Motion:
             _step_to_corner(run, step, end)
         else:
             _step_to(run, end)
+        run.places.append(len(run.parts))
         if run.take_step():
             detector = run.event_detector
             assert detector is not None
@@ -339,6 +389,15 @@ def _follow(run: _GridRun, grid: Grid) -> Motion:
     if grid.stopping_event:
         raise StructureChange(f"event {grid.stopping_event} is not reached")
     return run.motion(run.current_time)
+
+
+def _pass_breaks(run: _GridRun, times: Sequence[float]) -> None:
+    """Make a step between two breaks each that coincide in the nominal scene."""
+    for end in times[1:]:
+        run.begin_interval(end)
+        _step_to(run, end)
+        if run.take_step() or run.needs_new_interval:
+            raise StructureChange(_changed("an event between two breaks", run))
 
 
 def _changed(what: str, run: _GridRun) -> str:

@@ -214,6 +214,39 @@ def test_a_large_error_is_reported() -> None:
     assert "N737" in codes(found)
 
 
+def test_breaks_that_coincide() -> None:
+    """Two forces begin to grow at once: x(2) = sum a_i (2 - t_i)^3 / 6 m."""
+
+    def growing(rate: float, start: str) -> dict[str, Any]:
+        before = {"from": 0.0, "to": start, "coefficients": [0.0]}
+        after = {"from": start, "coefficients": [0.0, rate]}
+        pieces = {"type": "polynomial", "pieces": [before, after]}
+        force = {"type": "force", "marker": "block", "force": [1.0, 0.0]}
+        return force | {"function": pieces}
+
+    scene = scenes.scene(
+        parameters={"first": 1.0, "second": 1.0},
+        bodies={"block": scenes.block(0.0, 0.0)},
+        joints={"guide": scenes.GUIDE},
+        forces={"a": growing(3.0, "first"), "b": growing(5.0, "second")},
+    )
+    found = sidtool.sensitivity(scene, "parameters.*", "final(block.x)")
+    assert found.values[0] == pytest.approx(8.0 / 12.0)
+    assert found.derivatives[0] == pytest.approx([-3.0 / 4.0, -5.0 / 4.0], rel=1e-6)
+
+
+def test_no_derivative_where_a_block_just_sticks() -> None:
+    """With less friction it slides, with more it stays: only one side moves."""
+    push = {"type": "force", "marker": "block", "force": [0.3 * 2.0 * G, 0.0]}
+    scene = scenes.sliding_block().with_(
+        {"forces": {"push": push}, "block.initial.velocity[0]": 0.0}
+    )
+    key = "guide.friction.coefficient"
+    found = sidtool.sensitivity(scene, key, "final(block.x)")
+    assert only(found, "N735").subject == key
+    assert np.isnan(found.derivatives).all()
+
+
 def test_no_derivative_by_a_number_that_must_not_change_alone() -> None:
     """Where the velocity of a drive would jump, a scene is refused."""
     first = {"from": 0.0, "to": 1.0, "coefficients": [0.0, 1.0]}
