@@ -37,6 +37,8 @@ Indices = NDArray[np.int64]
 
 #: Eigenvalues that differ by less, relative to their size, are differentiated together.
 CLUSTER_GAP = 1e-6
+#: Entries beside the diagonal below this share of it are rounding.
+_MIXED = 1e-6
 #: Residual from which on a solution is refined: factors have no other pivots than those
 #: on the diagonal.
 _RESIDUAL = 1e-12
@@ -170,6 +172,25 @@ class EigenpairDerivatives:
                 found = found - own @ (momenta.T @ found)
             changes[:, group] = found - own @ (own.T @ (mass @ own)) / 2
         return slopes, changes
+
+    def is_mixed(
+        self, count: int, stiffness: sp.csr_matrix, mass: sp.csr_matrix
+    ) -> bool:
+        """Return whether changes mix the first eigenvectors with others of a cluster.
+
+        The space of the first ones has no derivative then.
+
+        Parameters
+        ----------
+        count : number of the first eigenvectors
+        """
+        kept, others = self.vectors[:, :count], self.vectors[:, count:]
+        values = self.values[:count]
+        loads = stiffness @ kept - (mass @ kept) * values
+        block = np.abs(others.T @ loads).max(initial=0.0)
+        parts = np.abs(np.einsum("ij,ij->j", kept, stiffness @ kept))
+        parts += values * np.abs(np.einsum("ij,ij->j", kept, mass @ kept))
+        return bool(block > _MIXED * parts.max(initial=0.0))
 
 
 class _PinnedSolver:

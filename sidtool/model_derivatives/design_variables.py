@@ -176,7 +176,7 @@ def _number_at(model: ModelFile, place: Place, key: str) -> float:
     content: Any = model
     try:
         for part in place:
-            content = _part_of(content, part)
+            content = None if content is None else _part_of(content, part)
     except (LookupError, TypeError):
         raise InputError(
             "is not there", place=key, expected="a key of the model"

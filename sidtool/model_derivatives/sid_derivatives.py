@@ -39,6 +39,8 @@ from .sid_with_derivatives import SidDerivatives
 
 __all__ = ["DifferentiableBody", "SidDerivatives", "sid_derivatives"]
 
+#: Shape functions agree to this share of the largest displacement.
+_SAME = 1e-6
 #: Geometries that other programs discretise, or whose matrices are all there is.
 _NOT_OWN = "an own discretisation; matrices and CalculiX elements have no derivatives"
 
@@ -80,8 +82,7 @@ class DifferentiableBody:
         frame = FRAMES[model.frame.type](body, model.frame)
         self._spaces = NominalSpaces(body, frame)
         self._fixed = getattr(model.reduction, "fixed_names", ())
-        space = self._spaces.constrained(self._fixed)
-        loaded = self._spaces.constrained(()) if model.stiffening else None
+        space, loaded = self._reduced_spaces(body, frame)
         places: list[tuple[int, int]] = []
 
         def choose(*arguments: Any) -> list[StressPoint]:
@@ -98,12 +99,30 @@ class DifferentiableBody:
         model = variable.with_imaginary_step(self.model)
         body = finite_element_model(model)
         frame = FRAMES[model.frame.type](body, model.frame)
-        space = complex_step_space(body, frame, self._fixed, self._spaces)
-        loaded = None
-        if model.stiffening:
-            loaded = complex_step_space(body, frame, (), self._spaces)
-        sid, _ = _converted(model, body, frame, space, loaded, self._points)
+        space, loaded = self._reduced_spaces(body, frame)
+        sid, basis = _converted(model, body, frame, space, loaded, self._points)
+        self._check_shapes(basis)
         return _mapped(sid, lambda values: np.imag(values) / variable.step)
+
+    def _reduced_spaces(
+        self, body: FiniteElementModel, frame: Frame
+    ) -> tuple[AdmissibleSpace, AdmissibleSpace | None]:
+        """Return the spaces of the reduction and of loads on the body."""
+        space = complex_step_space(body, frame, self._fixed, self._spaces)
+        if not self.model.stiffening:
+            return space, None
+        return space, complex_step_space(body, frame, (), self._spaces)
+
+    def _check_shapes(self, basis: ReducedBasis) -> None:
+        """Check that shape functions with a step are those of the SID."""
+        own, found = self.basis.shapes, basis.shapes.real
+        size = np.abs(own).max(initial=0.0)
+        if own.shape != found.shape or np.abs(own - found).max() > _SAME * size:
+            raise InputError(
+                "has shape functions that rounding decides about",
+                place="reduction",
+                expected="fewer modes, or interfaces whose loads differ more",
+            )
 
 
 def _converted(

@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import Numbers
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
 from ..eigensolvers.eigenpair_derivatives import EigenpairDerivatives, clusters
@@ -66,15 +67,14 @@ class NominalSpace:
     def _whole_clusters(self, count: int, soon: int) -> tuple[Array, Array]:
         """Return modes until the next one has another frequency."""
         space = self.space
-        values, shapes = space.modes(count, soon)
         rows, skipped = len(space.constraints), space.rigid.shape[1]
         available = space.stiffness.shape[0] - rows - skipped
         while count and count < available:
-            more, wider = space.modes(count + 1, soon)
-            if len(clusters(more[-2:])) > 1:
+            values, _ = space.modes(count + 1, soon)
+            if len(clusters(values[-2:])) > 1:
                 break
-            count, values, shapes = count + 1, more, wider
-        return values, shapes
+            count += 1
+        return space.modes(count)  # of the last solution, as all later requests
 
 
 class NominalSpaces:
@@ -91,12 +91,6 @@ class NominalSpaces:
             space = space_without_conditions(self.body, held, self.frame)
             self._spaces[fixed] = NominalSpace(space)
         return self._spaces[fixed]
-
-    def constrained(self, fixed: tuple[str, ...]) -> AdmissibleSpace:
-        """Return the space with all conditions, as `constrained_space` does."""
-        rows = support_rows(self.body, self.frame, fixed)
-        space = self.get(fixed)
-        return space.space if rows is None else space.with_constraints(rows).space
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +111,16 @@ class ComplexStepSpace(AdmissibleSpace):
         if count == 0:
             return super().modes(count, soon)
         pairs = self.nominal.derivatives(count, soon)
+        if not any(map(np.iscomplexobj, (self.stiffness, self.mass, self.constraints))):
+            return pairs.values[:count], self.displacements(pairs.vectors[:, :count])
         steps = (self.stiffness.imag, self.mass.imag, self.constraints.imag)
         slopes, changes = pairs.by(*steps)
+        if pairs.is_mixed(count, *steps[:2]):
+            raise InputError(
+                f"mixes mode {count} with one of the same frequency that is left out",
+                place="reduction.modes",
+                expected=f"{len(pairs.values)} modes",
+            )
         moved = (pairs.vectors + 1j * changes)[:, :count]
         return (pairs.values + 1j * slopes)[:count], self.displacements(moved)
 
@@ -126,12 +128,15 @@ class ComplexStepSpace(AdmissibleSpace):
 class _FactorsWithStep(PinnedFactors):
     """Factors of K that solve for K + i dK to first order."""
 
-    def __init__(self, nominal: PinnedFactors, change: sp.csr_matrix) -> None:
+    def __init__(self, nominal: PinnedFactors, change: sp.csr_matrix | None) -> None:
         self._nominal, self._change = nominal, change
 
     def solve(self, load: Numbers) -> Numbers:
         found = self._nominal.solve(load.real)
-        return found + 1j * self._nominal.solve(load.imag - self._change @ found)
+        rest: Numbers | None = load.imag if np.iscomplexobj(load) else None
+        if self._change is not None:
+            rest = (0.0 if rest is None else rest) - self._change @ found
+        return found if rest is None else found + 1j * self._nominal.solve(rest)
 
 
 def complex_step_space(
@@ -140,11 +145,16 @@ def complex_step_space(
     fixed: tuple[str, ...],
     nominal: NominalSpaces,
 ) -> ComplexStepSpace:
-    """Return the space of a body that carries a step, as `constrained_space` does."""
+    """Return the space of a body with or without a step, as `constrained_space` does.
+
+    Its modes are those of the nominal spaces, so that both have the same.
+    """
     plain = nominal.get(fixed)
     held = clamped_dofs(body, frame, fixed)
     parts = reduced_matrices(body, held, frame)
-    change = sp.csr_matrix(parts["stiffness"].imag)
+    change = None
+    if np.iscomplexobj(parts["stiffness"]):
+        change = sp.csr_matrix(parts["stiffness"].imag)
     space = ComplexStepSpace(
         **parts,
         shift=plain.space.shift,
