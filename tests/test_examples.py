@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import fnmatch
+import json
 import shutil
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 from scipy.linalg import eigh
 
 import sidtool
@@ -245,3 +247,26 @@ def test_the_founding_example_has_its_known_motion(ran) -> None:
     result = result_of(ran("slider_crank"))
     at = np.searchsorted(result.t, 1.5 - 1e-9)
     assert result["piston.x"][at] == pytest.approx(1.0847993728, abs=1e-8)
+
+
+def test_the_light_rod_reaches_its_limit_of_stress(ran) -> None:
+    """The norm of the stress over output times; the mass by the area of the outline."""
+    folder = ran("light_rod")
+    found = json.loads((folder / "history.json").read_text(encoding="utf-8"))
+    assert found["converged"] and found["keeps_limits"]
+    result = result_of(folder)
+    stress = result["rod.peak_von_mises"]
+    norm = (np.trapezoid(stress**12, result.t) / np.ptp(result.t)) ** (1 / 12)
+    assert norm == pytest.approx(50e6, rel=0.02)
+    # Control points of a quadratic spline weigh with the integrals of their functions.
+    x, y = np.array([0.0, 0.025, 0.075, 0.125, 0.15]), np.array([16, 14, 12, 10, 10])
+    y = 1e-3 * y + np.array(
+        [0.0, *(found["best"]["x"][n] for n in ("shoulder", "middle")), 0.0, 0.0]
+    )
+    knots = [0, 0, 0, 1 / 3, 2 / 3, 1, 1, 1]
+    u = np.linspace(0.0, 1.0, 2001)
+    curve = BSpline(knots, np.column_stack([x, y]), 2)(u)
+    area = 2.0 * np.trapezoid(curve[:, 1], curve[:, 0])
+    mass = 7850.0 * found["best"]["x"]["thickness"] * area
+    assert found["best"]["values"]["mass(rod)"] == pytest.approx(mass, rel=1e-5)
+    assert mass < 0.41 * found["history"][0]["values"][0]

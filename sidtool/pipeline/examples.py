@@ -20,6 +20,7 @@ EXAMPLE_TITLES = {
     "slider_crank": "the founding example: a crank, a flexible rod, a piston",
     "robot_arm": "a spatial arm of two links from solids, with motors and payload",
     "con_rod": "a connecting rod from its outline, with bores, ties and stress",
+    "light_rod": "the lightest connecting rod within a limit of stress",
     "beam": "one bar on a wall, the smallest start",
     "imported_matrices": "a lattice mast from mass and stiffness matrices",
     "spinning_blade": "a beam that its rotation stiffens",
