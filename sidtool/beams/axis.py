@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from sidtool.formats.base.complex_step import analytic_norm, numbers
+from sidtool.formats.base.complex_step import analytic_norm, number_type, numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import BeamGeometry
@@ -89,21 +90,24 @@ class Axis:
             best = along if 0 < along.real < 1 else float(along.real >= 1)
             place = self.place(np.array([best]))
             return best, float(np.linalg.norm(place - point))
-        point = point.real
         grid = np.linspace(0, 1, 2001)
         arms = self.place(self.parameters(grid)) - point
-        best = float(grid[np.linalg.norm(arms, axis=1).argmin()])
+        best = grid[np.linalg.norm(arms, axis=1).argmin()]
         for _ in range(50):  # Newton's method for (r - point) . r' = 0
             parameter = self.parameters(np.array([best]))
             tangent, change = self.tangents(parameter)
             arm = self.place(parameter) - point
-            slope = 1 + float(np.vdot(arm, change))
-            step = float(np.vdot(arm, tangent)) / self.length / max(slope, 0.1)
-            best, former = float(np.clip(best - step, 0, 1)), best
+            slope = 1 + (arm * change).sum()
+            slope = slope if slope.real > 0.1 else 0.1
+            after = best - (arm * tangent).sum() / self.length / slope
+            best, former = (
+                after if 0 < after.real < 1 else np.clip(after.real, 0, 1),
+                best,
+            )
             if abs(best - former) < 1e-15:
                 break
         place = self.place(self.parameters(np.array([best])))
-        return best, float(np.linalg.norm(place - point))
+        return best.item(), float(np.linalg.norm(place - point))
 
 
 def beam_axis(geometry: BeamGeometry) -> Axis:
@@ -127,12 +131,6 @@ def beam_axis(geometry: BeamGeometry) -> Axis:
     twist = profile(tuple(x + turn for x in given), geometry.interpolation)
     if len(points) == 2:
         return straight_axis(points[0], points[1], geometry.y_axis, twist)
-    if np.iscomplexobj(points) or np.iscomplexobj(numbers(geometry.y_axis)):
-        raise InputError(
-            "has no derivative by its points",
-            place="geometry.through",
-            expected="a straight beam, or variables of section and material",
-        )
     return _spline_axis(points, steps, geometry.y_axis, twist)
 
 
@@ -162,48 +160,50 @@ def straight_axis(
 def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Axis:
     """A cubic spline through points, whose parameter runs with their distances."""
     from scipy.integrate import solve_ivp
-    from scipy.interpolate import CubicSpline
 
     knots = np.concatenate([[0], np.cumsum(steps)])
-    spline = CubicSpline(knots, points)
-    first, second = spline.derivative(), spline.derivative(2)
+    end, spline = knots[-1], _CubicSpline(knots, points)
+    first, second = partial(spline, order=1), partial(spline, order=2)
     marks = _refine_knots(knots)
     x, w = np.polynomial.legendre.leggauss(_POINTS)
 
     def lengths(start: Array, end: Array) -> Array:
         half = (end - start)[:, None] / 2
         at = start[:, None] + half * (1 + x)
-        return np.linalg.norm(first(at), axis=-1) @ w * half[:, 0]
+        return analytic_norm(first(at), axis=-1) @ w * half[:, 0]
 
     covered = np.concatenate([[0], np.cumsum(lengths(marks[:-1], marks[1:]))])
-    length = float(covered[-1])
+    length = covered[-1].item()
 
     def parameters(fractions: Array) -> Array:
         wanted = np.clip(fractions, 0, 1) * length
-        piece = np.clip(np.searchsorted(covered, wanted) - 1, 0, len(marks) - 2)
-        guess = np.interp(wanted, covered, marks)
+        piece = np.searchsorted(covered.real, wanted.real) - 1
+        piece = np.clip(piece, 0, len(marks) - 2)
+        guess: Array = np.interp(wanted.real, covered.real, marks.real)
         for _ in range(4):  # Newton's method
             excess = covered[piece] + lengths(marks[piece], guess) - wanted
-            guess = guess - excess / np.linalg.norm(first(guess), axis=-1)
+            guess = guess - excess / analytic_norm(first(guess), axis=-1)
         return np.asarray(guess)
 
     def bent(parameter: Array) -> tuple[Array, Array]:
         velocity, turning = first(parameter), second(parameter)
-        speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
+        speed = analytic_norm(velocity, axis=-1, keepdims=True)
         tangent = velocity / speed
         along = (tangent * turning).sum(axis=-1, keepdims=True)
         return tangent, (turning - along * tangent) / speed**2
 
-    def carry(parameter: float, y: Array) -> Array:
-        tangent, change = bent(np.array([parameter]))
-        speed = np.linalg.norm(first(parameter))
-        return np.asarray(-(change[0] @ y) * speed * tangent[0])
+    def carry(share: Array, y: Array) -> Array:
+        """The change of y (n, 3) over the share of the parameter."""
+        tangent, change = bent(share * end)
+        speed = analytic_norm(first(share * end), axis=-1)
+        turned = (change * y).sum(axis=-1) * speed * end
+        return np.asarray(-turned[:, None] * tangent)
 
-    begin = _perpendicular_part(np.array(y_axis, float), bent(np.zeros(1))[0][0])
+    begin = _perpendicular_part(numbers(y_axis), bent(np.zeros(1))[0][0])
     run_along = solve_ivp(
-        carry,
-        (0, knots[-1]),
-        begin,
+        lambda share, y: carry(np.array([share]), y[None])[0],
+        (0, 1),
+        begin.astype(number_type(begin, points)),
         method="DOP853",
         rtol=1e-10,
         atol=1e-12,
@@ -211,11 +211,70 @@ def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Ax
     ).sol
 
     def transported_y(parameter: Array) -> Array:
-        tangent, y = bent(parameter)[0], run_along(parameter).T
+        share = parameter / end
+        tangent, y = bent(parameter)[0], run_along(share.real).T
+        if np.iscomplexobj(share):
+            y = y + 1j * share.imag[:, None] * carry(share.real, y)
         y = y - (y * tangent).sum(axis=1, keepdims=True) * tangent
-        return np.asarray(y / np.linalg.norm(y, axis=1, keepdims=True))
+        return np.asarray(y / analytic_norm(y, axis=1, keepdims=True))
 
     return Axis(length, False, parameters, spline, bent, transported_y, twist)
+
+
+class _CubicSpline:
+    """A cubic spline through points (n, d) at n knots, not-a-knot at its ends.
+
+    Through three points it is a parabola.
+
+    Source: C. de Boor, A Practical Guide to Splines, chapter 4.
+    """
+
+    def __init__(self, knots: Array, points: Array) -> None:
+        self._knots = knots
+        h = np.diff(knots)[:, None]
+        chords = np.diff(points, axis=0) / h
+        slopes = np.linalg.solve(*self._equations(h[:, 0], chords))
+        bend = (slopes[:-1] + slopes[1:] - 2 * chords) / h
+        self._terms = (
+            points[:-1],
+            slopes[:-1],
+            (chords - slopes[:-1]) / h - bend,
+            bend / h,
+        )
+
+    @staticmethod
+    def _equations(h: Array, chords: Array) -> tuple[Array, Array]:
+        """Matrix (n, n) and right side (n, d) of the slopes at the knots."""
+        n = len(h) + 1
+        matrix = np.zeros((n, n), h.dtype)
+        right = np.zeros((n, chords.shape[1]), chords.dtype)
+        for i in range(1, n - 1):
+            before, after = h[i - 1], h[i]
+            matrix[i, i - 1 : i + 2] = after, 2 * (before + after), before
+            right[i] = 3 * (after * chords[i - 1] + before * chords[i])
+        if n == 3:
+            matrix[0, :2] = matrix[2, 1:] = 1.0
+            right[0], right[2] = 2 * chords[0], 2 * chords[1]
+            return matrix, right
+        for row, a, b in ((0, 0, 1), (-1, -1, -2)):
+            both = h[a] + h[b]
+            matrix[row, a], matrix[row, b] = h[b], both
+            outer = (h[a] + 2 * both) * h[b] * chords[a]
+            right[row] = (outer + h[a] ** 2 * chords[b]) / both
+        return matrix, right
+
+    def __call__(self, at: Array, order: int = 0) -> Array:
+        """Values (..., d) at parameters (...), or their first or second derivatives."""
+        at = np.asarray(at)
+        piece = np.searchsorted(self._knots.real, at.real, side="right") - 1
+        piece = np.clip(piece, 0, len(self._knots) - 2)
+        t = (at - self._knots[piece])[..., None]
+        value, slope, square, cube = (term[piece] for term in self._terms)
+        if order == 0:
+            return np.asarray(((cube * t + square) * t + slope) * t + value)
+        if order == 1:
+            return np.asarray((3 * cube * t + 2 * square) * t + slope)
+        return np.asarray(6 * cube * t + 2 * square)
 
 
 def _refine_knots(knots: Array) -> Array:

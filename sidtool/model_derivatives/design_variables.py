@@ -10,6 +10,7 @@ import operator
 import re
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import partial
 from typing import Any
 
@@ -145,6 +146,29 @@ def _place_of(model: ModelFile, key: str) -> Place:
             "material.youngs_modulus",
         )
     return place
+
+
+def matching_keys(model: ModelFile, pattern: str) -> list[str]:
+    """Return the keys of all numbers that a pattern with `*` means.
+
+    Raises
+    ------
+    InputError : there are none.
+    """
+    known = [
+        "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in place)[1:]
+        for place, _ in _numbers_in(model)
+        if place[0] in _TABLES and not any(part in _SETTINGS for part in place[1:])
+    ]
+    escaped = full_key(model, pattern).replace("[", "[[]")
+    found = [key for key in known if fnmatchcase(key, escaped)]
+    if not found:
+        raise InputError(
+            f"no number of the model is {pattern!r}",
+            place="--with",
+            expected="a key such as geometry.section.height",
+        )
+    return found
 
 
 def full_key(model: ModelFile, key: str) -> str:

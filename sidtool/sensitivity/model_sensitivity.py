@@ -10,7 +10,12 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
 
-from ..model_derivatives.design_variables import ShapeVariable, VariableLike, full_key
+from ..model_derivatives.design_variables import (
+    ShapeVariable,
+    VariableLike,
+    full_key,
+    matching_keys,
+)
 from ..model_derivatives.sid_derivatives import SidDerivatives, sid_derivatives
 from ..sweep.design import unit_of_key
 from .sensitivity_result import Sensitivities
@@ -36,7 +41,7 @@ def model_sensitivities(
     InputError : there is no such number or quantity.
     """
     started = time.perf_counter()
-    derivatives = sid_derivatives(model, listed_variables(variables))
+    derivatives = sid_derivatives(model, listed_variables(model, variables))
     found = derivatives.quantities(quantities)
     pairs = [
         [one.evaluate(derivatives.sid, derivatives[name]) for name in derivatives]
@@ -59,9 +64,9 @@ def model_sensitivities(
 
 
 def listed_variables(
-    given: VariableLike | Iterable[VariableLike],
+    model: ModelFile, given: VariableLike | Iterable[VariableLike]
 ) -> Sequence[VariableLike]:
-    """Return variables, each once; keys may be listed with commas.
+    """Return variables, each once; keys may be listed with commas, and contain `*`.
 
     Raises
     ------
@@ -71,7 +76,8 @@ def listed_variables(
     found: list[VariableLike] = []
     for one in several:
         if isinstance(one, str) and "=" not in one:
-            found += [part.strip() for part in one.split(",") if part.strip()]
+            for part in filter(None, map(str.strip, one.split(","))):
+                found += matching_keys(model, part) if "*" in part else [part]
         else:
             found.append(one)
     if not found:

@@ -96,7 +96,8 @@ def beam(section: dict[str, Any], **geometry: Any) -> ModelFile:
     data = bar_data(elements=1)
     data["geometry"] |= {"section": section, **geometry}
     data["discretisation"]["theory"] = "timoshenko"
-    data["markers"]["half"] = {"node": 3, "position": [0.4, 0.0, 0.0]}
+    if "through" not in geometry:
+        data["markers"]["half"] = {"node": 3, "position": [0.4, 0.0, 0.0]}
     return validate_data(data, ModelFile)
 
 
@@ -125,6 +126,14 @@ MODELS: list[tuple[str, Callable[[], ModelFile], list[str]]] = [
         "tapered beam",
         lambda: beam(TAPERED, interpolation="smooth", twist=[0.1, 0.4]),
         ["geometry.twist[1]"],
+    ),
+    (
+        "curved beam",
+        lambda: beam(
+            {"shape": "rectangle", "height": 0.02, "width": 0.03},
+            through=[[0.3, 0.1, 0.05], [0.7, 0.15, 0.1]],
+        ),
+        ["geometry.through[0][1]"],
     ),
     (
         "beam with a mass",

@@ -99,6 +99,14 @@ def test_file_of_derivatives(tmp_path: Path) -> None:
         sidtool.SidDerivatives.load(tmp_path / "plain.h5")
 
 
+def test_wildcards() -> None:
+    found = sidtool.sensitivity(bar(), "section.*, material.d*", "mass")
+    sizes = {"geometry.section.height", "geometry.section.width"}
+    assert set(found.variables) == {*sizes, "material.density"}
+    with pytest.raises(InputError, match="no number of the model"):
+        sidtool.sensitivity(bar(), "sect*", "mass")
+
+
 def test_frequencies_of_a_pair_are_directional() -> None:
     """The frequencies of a square bar move apart: 0 and w / h for its height."""
     square = bar().with_({"geometry.section.width": 0.02})
