@@ -84,7 +84,8 @@ def optimise(
 
     Keys and functionals are those of `sidtool sensitivity`. The optimiser (SLSQP or
     trust-constr of SciPy) follows the gradients of the motion and finds a local
-    optimum. --continue starts at the last point of a history, also with other limits.
+    optimum. The history is written after each iteration; --continue starts at its last
+    point, also with other limits.
 
     \b
     Examples:
@@ -99,7 +100,7 @@ def optimise(
 
     from ..api.optimise import optimise as search
     from ..pipeline.files import expect_kind
-    from ..sensitivity.design_result import read_history
+    from ..sensitivity.design_result import read_history, write_history
 
     kinds = [kind_by_ending(path, "optimisation", "picture") for path in outputs]
     targets = [
@@ -118,7 +119,12 @@ def optimise(
         names = [*content.variables]
         start = dict(zip(names, read_history(histories[0], names), strict=True))
 
+    points: list[Iteration] = []
+
     def say(point: Iteration, number: int) -> None:
+        points.append(point)
+        for path in histories[:1]:
+            write_history(path, [*content.variables], points)
         if not is_quiet():
             numbers = ", ".join(
                 f"{name} = {x:.6g}"

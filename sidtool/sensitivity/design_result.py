@@ -227,6 +227,22 @@ def _is_at(value: float, low: float, high: float, room: float) -> bool:
     return bool(value <= low + room or value >= high - room)
 
 
+def write_history(
+    path: Path, names: Sequence[str], points: Sequence[Iteration]
+) -> None:
+    """Write the points so far, from which `--continue` goes on.
+
+    Raises
+    ------
+    OSError : the file cannot be written.
+    """
+    history = [{"x": [*point.x], "values": [*point.values]} for point in points]
+    data = {"format": HISTORY_FORMAT, "version": 1, "variables": [*names]}
+    with atomic_path(path) as temporary:
+        text = json.dumps(data | {"history": history}, indent=1)
+        temporary.write_text(text, encoding="utf-8")
+
+
 def read_history(path: Path, names: Sequence[str]) -> Array:
     """Return the last point of a history, (n,).
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -65,22 +64,19 @@ class History:
     def __init__(self, motion: Motion) -> None:
         self.motion = motion
         self.points, self.t = motion.points, motion.steps.t
-        names = motion.system.scene.outputs.record
-        self.column = {name: k for k, name in enumerate(names)}
-
-    @cached_property
-    def _values(self) -> Array:
-        steps = self.motion.steps
-        blocks = self.points.batches([steps])
-        return np.concatenate([self.motion.outputs(b.t, b.z, b.v) for b in blocks])
+        self._values: dict[str, Array] = {}
 
     def values(self, output: str) -> Array:
         """An output at the points of all steps, (nt,)."""
-        return np.asarray(self._values[:, self.column[output]])
+        if output not in self._values:
+            blocks = self.points.batches([self.motion.steps])
+            parts = [self.motion.output(output, b.t, b.z, b.v) for b in blocks]
+            self._values[output] = np.concatenate(parts)
+        return self._values[output]
 
     def at(self, times: Array, output: str) -> Array:
         """An output at times of the motion, (nt,)."""
-        return np.asarray(self.motion.outputs_at(times)[:, self.column[output]])
+        return self.motion.output_at(output, times)
 
     def _climb(self, output: str, step: int, sign: float) -> tuple[float, float, float]:
         """Time of a peak, sought uphill from a step, and the ends of its step [s]."""
@@ -104,13 +100,13 @@ class History:
     def _values_in_steps(self, output: str, first: int, last: int) -> Array:
         """An output at the points of some steps, (last - first, count)."""
         rows = slice(first * self.points.count, last * self.points.count)
-        if "_values" in self.__dict__:
-            found = self._values[rows]
+        if output in self._values:
+            found = self._values[output][rows]
         else:
             steps = self.motion.steps
             parts = (steps.t[rows], steps.z[rows], steps.v[rows])
-            found = self.motion.outputs(*parts)
-        return found[:, self.column[output]].reshape(last - first, -1)
+            found = self.motion.output(output, *parts)
+        return found.reshape(last - first, -1)
 
     def integral(self, values: Array) -> float:
         """Integral over the motion of values at the points of all steps."""
@@ -339,7 +335,7 @@ class Functional:
             value = history.peak_value(self.output, peak)
             return peak.sign * value if self.kind == "max_abs" else value
         if self.kind == "final":
-            return float(history.values(self.output)[-1])
+            return float(history.at(np.array([np.inf]), self.output)[0])
         if self.kind in ("value", "error"):
             times = np.array([self.number])
             if self.measurement is not None:

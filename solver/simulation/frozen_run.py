@@ -18,12 +18,13 @@ What moves with the numbers:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.scene import Outputs
 
 from ..initial_state.integrator_start import RunSettings
 from ..integrators import loop_state
@@ -35,6 +36,7 @@ from ..output.energies import EnergyIntegrals
 from ..output.samples import StateSampler
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
+from ..system.body_frames import needs_reactions
 from ..system.errors import SimulationError
 from ..system.system import System
 from ..system.work_arrays import raise_pending
@@ -123,6 +125,8 @@ class Motion:
     points : of a step, see `StepPoints`
     steps : (n_steps * points.count) states
     end_time : time at which the run ends [s]
+    tolerances : of the constraints
+    energies : dissipated and supplied energy, if an output needs them
     places : number of the step of each step of the grid
     """
 
@@ -130,22 +134,35 @@ class Motion:
     points: StepPoints
     steps: StepStates
     end_time: float
-    sampler: StateSampler
+    tolerances: Array
     energies: EnergyIntegrals | None
     places: IntTable
+    _samplers: dict[str, StateSampler] = field(default_factory=dict)
 
-    def outputs(self, t: Array, z: Array, v: Array) -> Array:
-        """Outputs of the scene at states, (nt, n_outputs)."""
+    def output(self, name: str, t: Array, z: Array, v: Array) -> Array:
+        """An output of the scene at states, (nt,)."""
+        sampler = self._samplers.get(name)
+        if sampler is None:
+            sampler = self._samplers[name] = self._sampler(name)
         t, z, v = t.copy(), z.copy(), v.copy()
-        found = columns.evaluate_outputs(self.sampler, t, z, v, self.energies)
-        return np.asarray(found.values)
+        found = columns.evaluate_outputs(sampler, t, z, v, self.energies)
+        return np.asarray(found.values[:, 0])
 
-    def outputs_at(self, times: Array) -> Array:
-        """Outputs of the scene at times [s] of the run, (nt, n_outputs)."""
+    def output_at(self, name: str, times: Array) -> Array:
+        """An output of the scene at times [s] of the run, (nt,)."""
         times = np.clip(times, self.steps.t[0], self.steps.t[-1])
         states = [self.points.interpolate_state(self.steps, t) for t in times]
         z, v = (np.array(part) for part in zip(*states, strict=True))
-        return self.outputs(times, z, v)
+        return self.output(name, times, z, v)
+
+    def _sampler(self, name: str) -> StateSampler:
+        """Evaluates one output; joints that became frames only where it needs them."""
+        outputs = Outputs(record=(name,))
+        scene = self.system.scene.model_copy(update={"outputs": outputs})
+        system = replace(self.system, scene=scene)
+        if not needs_reactions(scene, system.eliminated):
+            system = replace(system, full_system=None)
+        return StateSampler(system, self.tolerances)
 
 
 class _GridRun(Stepper):
@@ -221,7 +238,7 @@ class _GridRun(Stepper):
             points=self.points,
             steps=dense_output.join_steps(self.parts),
             end_time=end_time,
-            sampler=StateSampler(self.system, self.start.tolerances),
+            tolerances=self.start.tolerances,
             energies=self.energies,
             places=np.array(self.places, int),
         )

@@ -12,6 +12,8 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.design import DesignFile
+from sidtool.sensitivity.design_result import write_history
+from sidtool.sensitivity.optimisation import Iteration
 from tests.places import ROOT
 
 from . import scenes
@@ -93,6 +95,11 @@ def test_the_command_and_its_restart(
     second = json.loads(capsys.readouterr().out)
     assert second["history"][0]["x"] == first["history"][-1]["x"]
     assert len(second["history"]) <= len(first["history"]) // 2 + 1
+    write_history(history, ["c"], [Iteration((30.0,), (0.1,))])  # of an ended search
+    assert run([*command, "--continue"]) == 0
+    third = json.loads(capsys.readouterr().out)
+    assert third["history"][0]["x"] == [30.0]
+    assert third["best"]["x"]["c"] == pytest.approx(first["best"]["x"]["c"], rel=1e-2)
     values = [
         scenes.oscillator().with_({"spring.damping": c}).simulate()["block.vx"]
         for c in (0.8 * first["best"]["x"]["c"], 1.25 * first["best"]["x"]["c"])
