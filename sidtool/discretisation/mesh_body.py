@@ -21,7 +21,12 @@ from ..elements.mass_properties import GeometryMass, mesh_moments
 from ..elements.mesh_contact import check_conforming, check_contact
 from ..elements.mesh_markers import MeshPoints, position_of
 from ..elements.mesh_surface import named_surface
-from ..elements.solid_mesh import SolidMesh, mesh_continua, mesh_matrices
+from ..elements.solid_mesh import (
+    Amplitudes,
+    SolidMesh,
+    mesh_continua,
+    mesh_matrices,
+)
 from ..importers.mesh_files import read_mesh
 from ..importers.nastran.shells import beyond_calculix, is_bulk
 from ..mesh.connections import NamedSets
@@ -123,7 +128,10 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         state = _plane_state(settings, imported) if plane else "solid"
         if plane:
             _check_thickness(mesh)
-        mass, stiffness = mesh_matrices(mesh, materials, state, incompatible_modes=True)
+        amplitudes: Amplitudes = {}
+        mass, stiffness = mesh_matrices(
+            mesh, materials, state, incompatible_modes=True, amplitudes=amplitudes
+        )
     except InputError as error:
         raise error.located(geometry.file) from None
     continua = mesh_continua(mesh, materials, state, incompatible_modes=True)
@@ -149,7 +157,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         surface=named_surface(mesh, mesh.node_sets),
         markers=tuple(markers),
         continua=continua,
-        internal_inertia=solids.internal_inertia(),
+        internal_inertia=solids.internal_inertia(amplitudes),
         solids=solids,
         couplings=couplings,
         point_masses=masses,

@@ -207,17 +207,24 @@ def _strain_axes(d: int) -> tuple[tuple[int, int], ...]:
     return (*((i, i) for i in range(d)), *shears)
 
 
-def element_stiffness(batch: ElementBatch, law: Array) -> Array:
+def element_stiffness(
+    batch: ElementBatch, law: Array, amplitudes_found: list[Array] | None = None
+) -> Array:
     """(ne, d m, d m) integral of B^T D B; internal modes are condensed.
 
     Parameters
     ----------
     law : elasticity matrix D [Pa], of a plane body times thickness [N/m]
+    amplitudes_found : list to which the amplitudes of the internal modes that are
+        displacements are added
     """
     if batch.internal is None:
         return _stiffness(batch, batch.gradients, law)
     full, amplitudes = _with_internal(batch, law)
     own = amplitudes.shape[2]
+    if amplitudes_found is not None and batch.inner is not None:
+        moving = batch.inner.shape[1] * batch.gradients.shape[3]
+        amplitudes_found.append(amplitudes[:, :moving].copy())
     return full[:, :own, :own] + full[:, :own, own:] @ amplitudes
 
 
@@ -279,6 +286,7 @@ def assemble_body(
     law: Array,
     dimension: int = 2,
     mass_batches: Iterable[ElementBatch] | None = None,
+    amplitudes: list[Array] | None = None,
 ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Scalar mass (n, n) and stiffness (d n, d n) of a body.
 
@@ -290,13 +298,14 @@ def assemble_body(
     dimension : d
     mass_batches : the same elements at the quadrature points of the mass, if they
         differ
+    amplitudes : list to which those of internal modes are added
     """
     d = dimension
     masses, stiffnesses = MatrixSum(count, 1), MatrixSum(count, d)
     for batch in batches:
         if mass_batches is None:
             masses.add(element_mass(batch, density), batch.nodes)
-        stiffnesses.add(element_stiffness(batch, law), batch.nodes)
+        stiffnesses.add(element_stiffness(batch, law, amplitudes), batch.nodes)
     for batch in mass_batches or ():
         masses.add(element_mass(batch, density), batch.nodes)
     return masses.total(), stiffnesses.total()

@@ -51,6 +51,8 @@ from .solid_elements import (
 _BATCH_ENTRIES = 500_000
 #: From this Poisson's ratio on, elements that lock in volume are refused.
 _NEARLY_INCOMPRESSIBLE = 0.49
+#: Number of a block -> amplitudes of its internal modes, by groups of elements.
+Amplitudes = dict[int, list[Array]]
 _FORMULATIONS = ("full_integration", "incompatible_modes")
 
 
@@ -62,6 +64,7 @@ def mesh_matrices(
     thickness: float = 1.0,
     incompatible_modes: bool = False,
     same_points: bool = False,
+    amplitudes: Amplitudes | None = None,
 ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Scalar mass (n, n) and stiffness (d n, d n), by Gauss quadrature.
 
@@ -75,6 +78,7 @@ def mesh_matrices(
         to the mass is `internal_inertia`
     same_points : whether the mass is integrated at the points of stresses, which is
         cheaper, and exact where edges are straight and the Jacobian is constant
+    amplitudes : to which those of internal modes are added, for `internal_inertia`
 
     Raises
     ------
@@ -83,10 +87,13 @@ def mesh_matrices(
     n, d = mesh.positions.shape
     mass = sp.csr_matrix((n, n))
     stiffness = sp.csr_matrix((d * n, d * n))
-    for block in mesh.blocks:
+    for number, block in enumerate(mesh.blocks):
         material = materials[block.material]
         extra = has_internal_modes(block, incompatible_modes)
         depth = block.thickness or thickness
+        found = None
+        if extra and amplitudes is not None:
+            found = amplitudes[number] = []
         check_volumetric_locking(block.kind, material, state, extra)
         m, k = assemble_body(
             element_batches(
@@ -99,6 +106,7 @@ def mesh_matrices(
             mass_batches=element_batches(
                 mesh, block, "stress" if same_points else "mass"
             ),
+            amplitudes=found,
         )
         mass, stiffness = mass + m, stiffness + k
     return sp.csr_matrix(mass), sp.csr_matrix(stiffness)
@@ -234,26 +242,25 @@ def internal_inertia(
     *,
     thickness: float = 1.0,
     incompatible_modes: bool = False,
+    amplitudes: Amplitudes | None = None,
 ) -> InternalInertia | None:
     """Return the inertia of all elements with internal modes, or None.
 
-    The parameters are those of `mesh_matrices`.
+    The parameters are those of `mesh_matrices`, which also finds the amplitudes.
     """
     n, d = mesh.positions.shape
     added, parts, count = MatrixSum(n, d), [], 0
-    for block in mesh.blocks:
+    for number, block in enumerate(mesh.blocks):
         if not has_internal_modes(block, incompatible_modes):
             continue
         material, depth = materials[block.material], block.thickness or thickness
         density, law = material.density * depth, elasticity(material, state)
-        for batch, amplitudes in _with_amplitudes(
-            mesh, block, law, laws_of_material(material)
+        known = (amplitudes or {}).get(number)
+        for batch, moved in _with_amplitudes(
+            mesh, block, law, laws_of_material(material), known
         ):
-            parts.append(
-                _ElementGroup(
-                    batch.nodes, amplitudes, *_element_mass(batch, density), count
-                )
-            )
+            masses = _element_mass(batch, density)
+            parts.append(_ElementGroup(batch.nodes, moved, *masses, count))
             added.add(parts[-1].added(d), batch.nodes)
             count += int(np.prod(parts[-1].own.shape[:2]))
     if not parts:
@@ -269,17 +276,19 @@ def _with_amplitudes(
     block: ElementBlock,
     law: Array,
     laws: Callable[[Array], Array] | None,
+    known: list[Array] | None,
 ) -> Iterator[tuple[ElementBatch, Array]]:
     """Elements at the points of the mass, all functions there, and the amplitudes."""
     points = reference_element(block.kind, "mass").points
     inner = internal_values(block.kind, points)[None]
     moving = inner.shape[2] * mesh.dimension
+    if known is None:
+        own = element_batches(mesh, block, relieved=True, laws=laws)
+        known = [internal_amplitudes(b, law)[:, :moving] for b in own]
+    every, start = np.concatenate(known), 0
     for batch in element_batches(mesh, block, "mass"):
-        some = replace(block, nodes=batch.nodes, labels=np.arange(len(batch.nodes)))
-        own = element_batches(mesh, some, relieved=True, laws=laws)
-        amplitudes = np.concatenate([internal_amplitudes(b, law) for b in own])[
-            :, :moving
-        ]
+        amplitudes = every[start : start + len(batch.nodes)]
+        start += len(batch.nodes)
         values = np.concatenate([batch.values, inner], axis=2)
         yield replace(batch, values=values), amplitudes
 
@@ -365,6 +374,7 @@ class SolidMesh:
 
     def matrices(self) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         """Mass and stiffness (d n, d n), the mass by the points of the stiffness."""
+        amplitudes: Amplitudes = {}
         mass, stiffness = mesh_matrices(
             self.mesh,
             self.materials,
@@ -372,13 +382,16 @@ class SolidMesh:
             thickness=self.thickness,
             incompatible_modes=self.incompatible_modes,
             same_points=True,
+            amplitudes=amplitudes,
         )
         spread = sp.kron(mass, sp.eye_array(self.mesh.dimension))
-        inner = self.internal_inertia()
+        inner = self.internal_inertia(amplitudes)
         total = spread if inner is None else spread + inner.added
         return sp.csr_matrix(total), stiffness
 
-    def internal_inertia(self) -> InternalInertia | None:
+    def internal_inertia(
+        self, amplitudes: Amplitudes | None = None
+    ) -> InternalInertia | None:
         """Return the inertia of the internal modes of its elements, or None."""
         return internal_inertia(
             self.mesh,
@@ -386,6 +399,7 @@ class SolidMesh:
             self.state,
             thickness=self.thickness,
             incompatible_modes=self.incompatible_modes,
+            amplitudes=amplitudes,
         )
 
 

@@ -28,6 +28,7 @@ from ..elements.mesh_markers import MeshPoints
 from ..elements.mesh_surface import named_surface
 from ..elements.solid_elements import ElementBatch, assemble_body, check_orientation
 from ..elements.solid_mesh import (
+    Amplitudes,
     SolidMesh,
     check_volumetric_locking,
     element_batches,
@@ -85,12 +86,14 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
     }
     solids = SolidMesh(elements, {None: material}, settings.state, thickness, relieved)
     points = MeshPoints(elements, (continuum,))
+    amplitudes: list[Array] | None = [] if relieved else None
     mass, stiffness = q4_matrices(
         positions,
         quads,
         density=material.density * thickness,
         law=continuum.law * thickness,
         incompatible_modes=relieved,
+        amplitudes=amplitudes,
     )
     return FiniteElementModel(
         positions=positions,
@@ -99,7 +102,9 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         node_sets=sets,
         markers=sampled_markers(model, exact, points),
         continua=(continuum,),
-        internal_inertia=solids.internal_inertia(),
+        internal_inertia=solids.internal_inertia(
+            None if amplitudes is None else {0: amplitudes}
+        ),
         solids=solids,
         surface=named_surface(elements, sets),
         geometry_mass=lambda: patch_mass(
@@ -122,6 +127,7 @@ def q4_matrices(
     density: float,
     law: Array,
     incompatible_modes: bool = False,
+    amplitudes: list[Array] | None = None,
 ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Scalar mass (n, n) and stiffness (2 n, 2 n), full 2 x 2 integration.
 
@@ -132,6 +138,7 @@ def q4_matrices(
     density : mass per area [kg/m^2]
     law : (3, 3) elasticity matrix times thickness [N/m]
     incompatible_modes : whether to add the internal modes
+    amplitudes : list to which those of internal modes are added
 
     Raises
     ------
@@ -143,6 +150,7 @@ def q4_matrices(
         len(positions),
         density=density,
         law=law,
+        amplitudes=amplitudes,
     )
 
 
@@ -182,8 +190,9 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
     check_mesh(mesh, collapsed=True)
     materials: dict[str | None, Material] = {None: material}
     relieved = settings.formulation == "incompatible_modes"
+    amplitudes: Amplitudes = {}
     mass, stiffness = mesh_matrices(
-        mesh, materials, "solid", incompatible_modes=relieved
+        mesh, materials, "solid", incompatible_modes=relieved, amplitudes=amplitudes
     )
     continua = mesh_continua(mesh, materials, "solid", incompatible_modes=relieved)
     solids = SolidMesh(mesh, materials, "solid", incompatible_modes=relieved)
@@ -194,7 +203,7 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
         node_sets=sets,
         markers=sampled_markers(model, exact, MeshPoints(mesh, continua)),
         continua=continua,
-        internal_inertia=solids.internal_inertia(),
+        internal_inertia=solids.internal_inertia(amplitudes),
         solids=solids,
         surface=named_surface(mesh, sets),
         geometry_mass=lambda: patch_mass([exact], material.density, sampled=True),
