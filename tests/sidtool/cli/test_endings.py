@@ -133,6 +133,7 @@ COMMANDS = {
     ),
     "optimise": (["{scene}", "-o"], (".csv", ".h5", "")),
     "identify": (["{scene}", "--with", "stone.mass", "-o"], (".csv", ".h5", "")),
+    "stations": (["{result}", "-o"], (".txt", ".h5", "")),
     "linearise": (["{scene}", "-o"], (".h5", ".csv", "")),
     "response": (["{scene}", "-o"], (".h5", ".npz", "")),
     "fmu": (["{scene}", "-o"], (".zip", ".dll", "")),

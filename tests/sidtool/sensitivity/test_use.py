@@ -31,7 +31,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     shares = [abs(row["relative"]) for row in rows[:4]]
     assert shares == sorted(shares, reverse=True)
     assert data["runs"] >= 4 * 4 and data["runs_per_variable"] < 20
-    with table.open(newline="") as stream:
+    with table.open(newline="", encoding="utf-8") as stream:
         assert len([*csv.DictReader(stream)]) == len(rows)
     assert run(["sensitivity", str(path), *texts]) == 0
     assert "norm(block.x, 4) = " in capsys.readouterr().out
