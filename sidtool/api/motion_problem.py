@@ -301,6 +301,14 @@ class Point:
     n_values: int
 
     @property
+    def rtol(self) -> float:
+        """Tolerance of the run, NaN without one or with fixed steps."""
+        settings = None if self.grid is None else self.grid.settings
+        if settings is None or settings.step is not None:
+            return np.nan
+        return settings.rtol
+
+    @property
     def values(self) -> Array:
         """Values of the functionals, (n_values,)."""
         return self.all_values[: self.n_values]
@@ -383,6 +391,7 @@ class Point:
             units=units | {v.name: v.unit for v in problem.variables},
             runs=runs,
             seconds=time.perf_counter() - started,
+            rtol=self.rtol,
             diagnostics=tuple(diagnostics),
             title=scene.title,
         )

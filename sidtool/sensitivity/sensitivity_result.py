@@ -41,6 +41,7 @@ class Sensitivities:
     units : of functionals and variables, "" if there is none or it is not known
     runs : runs that were made
     seconds : that the derivatives took
+    rtol : tolerance of the runs, NaN without runs or with fixed steps
     diagnostics : of all derivatives
     title : of the scene
     """
@@ -54,6 +55,7 @@ class Sensitivities:
     units: Mapping[str, str] = field(default_factory=dict)
     runs: int = 0
     seconds: float = 0.0
+    rtol: float = np.nan
     diagnostics: tuple[Diagnostic, ...] = ()
     title: str = ""
 
@@ -133,7 +135,11 @@ class Sensitivities:
         cost = ""
         if self.runs:
             cost = f"{self.runs} runs, {self.runs_per_variable:.1f} per variable, "
-        return "\n".join([*parts, f"{cost}{self.seconds:.2g} s"])
+        parts.append(f"{cost}{self.seconds:.2g} s")
+        if not np.isnan(self.rtol):
+            error = "Errors are those of the derivatives of the motion at"
+            parts.append(f"{error} rtol = {self.rtol:g}.")
+        return "\n".join(parts)
 
     @property
     def _header(self) -> tuple[str, ...]:
@@ -165,6 +171,7 @@ class Sensitivities:
             "runs": self.runs,
             "runs_per_variable": self.runs_per_variable,
             "seconds": self.seconds,
+            "rtol": None if np.isnan(self.rtol) else self.rtol,
             "diagnostics": [each.as_data() for each in self.diagnostics],
         }
 
