@@ -11,17 +11,17 @@ from sidtool.formats.base.sid import NODE_SHAPES, SID
 from sidtool.formats.model import ModelFile
 from sidtool.model_derivatives.design_variables import VariableLike, design_variable
 
-#: Coefficients of the central difference of sixth order.
-_WEIGHTS = {1: 0.75, 2: -0.15, 3: 1 / 60}
+#: Coefficients of the central difference of fourth order.
+_WEIGHTS = {1: 2 / 3, 2: -1 / 12}
 
 
 def central_difference(
     model: ModelFile,
     variable: VariableLike,
     quantities: Callable[[ModelFile], dict[str, Any]],
-    relative: float = 1e-2,
+    relative: float = 3e-3,
 ) -> dict[str, Any]:
-    """Return derivatives of quantities of a model by a variable, of sixth order.
+    """Return derivatives of quantities of a model by a variable, of fourth order.
 
     Parameters
     ----------

@@ -121,9 +121,12 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize(
-    "key", ["geometry.control_points[2][0][1]", "material.density"], ids=["end", "rho"]
+    ("way", "key"),
+    [
+        *((way, "geometry.control_points[2][0][1]") for way in WAYS),
+        ("Craig-Bampton", "material.density"),
+    ],
 )
 def test_reductions_frames_ties_and_loads(way: str, key: str) -> None:
     """The coordinate moves the end that is tied, so that conditions and ties change;
@@ -132,8 +135,9 @@ def test_reductions_frames_ties_and_loads(way: str, key: str) -> None:
     coarse = {**QM6, "elements": [12, 2]}
     model = rod(coarse, **WAYS[way]).with_({"geometry.control_points[1][0][1]": -0.006})
     derivatives = sidtool.sid_derivatives(model, [key])
+    step = 1e-2 if key == "material.density" else 3e-3
     expected = central_difference(
-        model, key, lambda m: arrays(DifferentiableBody(m).sid)
+        model, key, lambda m: arrays(DifferentiableBody(m).sid), step
     )
     unit = abs(derivatives.variables[key])
     error = largest_difference(derivatives[key], expected, derivatives.sid, unit)
