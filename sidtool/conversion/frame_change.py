@@ -231,15 +231,24 @@ def _no_rotation(node: Node) -> InputError:
 def apply_frame_change(sid: SID, change: FrameChange) -> SID:
     """A SID in the frame that a change describes; all blocks consistent."""
     second = has_second_order_field(sid)
+    sections = tuple(
+        replace(section, part=_changed(section.part, change, second))
+        for section in sid.sections
+    )
+    moved = _changed(sid, change, second)
+    moved = replace(moved, carried=_remaining_compliance(sid), sections=sections)
+    return relabel_frequencies(moved)
+
+
+def _changed(sid: SID, change: FrameChange, second: bool) -> SID:
+    """Nodes and blocks in another frame, of a body or of its part beyond a section."""
     old = _MassIntegrals.of(sid)
     d_phi, d_phi_c, d_pairs, d_second = _integral_differences(sid, old, change, second)
     d_rigid = _rigid_differences(sid, old, change)
     blocks = _changed_blocks(sid, d_phi, d_phi_c, d_pairs, d_second, d_rigid)
     blocks["Me"] = _add_terms(sid.Me, _modal_mass_difference(sid, change))
     nodes = tuple(_changed_node(node, change, second) for node in sid.nodes)
-    carried = _remaining_compliance(sid)
-    moved = replace(sid, nodes=nodes, carried=carried, sections=(), **blocks)
-    return relabel_frequencies(equalise_blocks(moved, sid))
+    return equalise_blocks(replace(sid, nodes=nodes, **blocks), sid)
 
 
 def _remaining_compliance(sid: SID) -> ComplianceShares | None:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import sidtool
 from sidtool.cli.main import run
+from sidtool.conversion.frame_change import change_frame
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
@@ -299,6 +300,35 @@ def test_sections_stay_with_their_body(tmp_path: Path) -> None:
     with pytest.warns(DiagnosticWarning) as caught:
         write_sid(tmp_path / "bar.SID_FEM", sid)
     assert [w.message.code for w in caught] == ["N173"]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("frame", ["chord:1,2", "buckens"])
+def test_sections_follow_a_change_of_the_frame(frame: str) -> None:
+    """The part beyond the start is the whole body; a small motion is the same, for
+    one elastic coordinate, of which closing the joint takes another start.
+    """
+    sid = sidtool.convert(bar(reduction={"method": "modal", "modes": 1}))
+    changed = change_frame(sid, frame)
+    for name in ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe"):
+        whole, part = (s.blocks[name] for s in (changed, changed.section("s1").part))
+        for own, other in ((whole.m0, part.m0), (whole.m1, part.m1)):
+            if own is not None:
+                size = np.abs(own).max(initial=1e-300)
+                assert_allclose(other, own, rtol=0, atol=1e-10 * size)
+    start = {"elastic": [1e-4]}
+    forces = []
+    for each in (sid, changed):
+        result = simulated(
+            each,
+            joints={"wall": {"type": "fixed", "markers": ["ground", "bar.root"]}},
+            outputs={"record": ["bar.s*.*", "bar.q1"]},
+            bodies={"bar": {"sid": "bar.h5", "markers": {"root": 1}, "initial": start}},
+            accuracy={"rtol": 1e-9},
+        )
+        found = [section(result, f"s{k}", "Vz My") for k in range(1, 5)]
+        forces.append(np.array(found) / result["bar.q1"][0])
+    size = np.abs(forces[0]).max(axis=(0, 1))
+    assert (np.abs(forces[1] - forces[0]) <= 1e-5 * size).all()
 
 
 def test_only_beams_have_sections() -> None:
