@@ -60,6 +60,10 @@ _RARE_OF_MARKER = {"spatial": (*TURNING, *ORIENTATIONS), "planar": _BODY["planar
 _DISPLACEMENT = {"spatial": ("ux", "uy", "uz"), "planar": ("ux", "uy")}
 
 
+#: Markers and sections of a body in a message.
+_LISTED_PARTS = 5
+
+
 def has_wildcard(text: str) -> bool:
     """Check whether a name stands for others; q* and vq* of one owner are
     names, too.
@@ -112,6 +116,10 @@ def _raise_unknown(pattern: str, known: list[str], place: str) -> NoReturn:
         problem = f"{fits[0]} has no output {quantity!r}"
         listed = (n.rpartition(".") for n in known)
         expected = "one of " + ", ".join(q for o, _, q in listed if o == fits[0])
+        parts = [o for o in owners_of(known) if o.startswith(f"{fits[0]}.")]
+        if parts:
+            more = ", ..." if len(parts) > _LISTED_PARTS else ""
+            expected += f", or those of {', '.join(parts[:_LISTED_PARTS])}{more}"
     else:
         problem = f"nothing in this scene is called {owner!r}"
         expected = expected_names(owner, owners_of(known), "part")
