@@ -33,7 +33,13 @@ from sidtool.solver.system.system import System
 
 from ..model_derivatives.design_variables import design_variable
 from ..model_derivatives.sid_derivatives import DifferentiableBody, SidDerivatives
-from ..sensitivity.differences import GOOD_ERROR, Difference, differentiate
+from ..sensitivity.differences import (
+    CENTRAL,
+    GOOD_ERROR,
+    Difference,
+    differentiate,
+    rounding_of,
+)
 from ..sensitivity.functionals import Functional, History, Peak, recorded_outputs
 from ..sensitivity.sensitivity_result import Sensitivities
 from ..sensitivity.variables import (
@@ -91,6 +97,7 @@ class Problem:
     variables, functionals : parsed
     x0 : (n,) values of the variables in the scene
     steps : steps of differences that were found, by variable
+    noise : rounding of all terms of a point, None where it is not known yet
     """
 
     def __init__(
@@ -119,6 +126,7 @@ class Problem:
         self.jobs = 1 if sequential else jobs or processors()
         self.x0 = np.array([v.value for v in self.variables])
         self.steps: dict[str, float] = {}
+        self.noise: Array | None = None
 
     @property
     def needs_motion(self) -> bool:
@@ -289,6 +297,7 @@ class Point:
     terms : functionals, then their other peaks
     all_values, scales : (n,) values of all terms, and their sizes
     n_values : number of values of the functionals
+    noise_runs : runs that measured the rounding of the values
     """
 
     problem: Problem
@@ -299,6 +308,7 @@ class Point:
     all_values: Array
     scales: Array
     n_values: int
+    noise_runs: int = 0
 
     @property
     def rtol(self) -> float:
@@ -350,6 +360,7 @@ class Point:
             size,
             self.all_values,
             NEGLIGIBLE * self.scales / size,
+            self._noise(k),
             problem.steps.get(variable.name, 0.0),
             good,
         )
@@ -389,12 +400,25 @@ class Point:
             derivatives=derivatives,
             errors=errors,
             units=units | {v.name: v.unit for v in problem.variables},
-            runs=runs,
+            runs=runs + self.noise_runs,
             seconds=time.perf_counter() - started,
             rtol=self.rtol,
             diagnostics=tuple(diagnostics),
             title=scene.title,
         )
+
+    def _noise(self, k: int) -> Array:
+        """Rounding of all terms, measured once along a variable."""
+        noise = self.problem.noise
+        if noise is None or noise.shape != self.all_values.shape:
+            size = self._size(self.problem.variables[k], self.x[k])
+            try:
+                noise = rounding_of(self._along(k), self.x[k], size, self.all_values)
+            except (StructureChange, InputError, SimulationError):
+                return np.zeros_like(self.all_values)
+            self.problem.noise = noise
+            self.noise_runs += len(CENTRAL)
+        return noise
 
     def _along(self, k: int) -> Callable[[Sequence[float]], list[Array]]:
         """Values of the terms where one variable is varied."""

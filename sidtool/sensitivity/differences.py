@@ -3,8 +3,9 @@
 With D(e) = (J(x + e) - J(x - e)) / 2 e the derivative is (4 D(e) - D(2 e)) / 3. Its
 difference to D(e), relative to it, is r = O(e^2), and its truncation error is O(e^4):
 10 r^2 is the estimate, or r if that is less. The five values of J determine its second
-difference twice; what both differ by is rounding. Steps that balance both parts are
-tried until all derivatives are known well. Where a trial differs from one with a
+difference twice; what both differ by is of fourth order, or rounding. Rounding is
+measured apart, by second differences over tiny distances. Steps that balance both parts
+are tried until all derivatives are known well. Where a trial differs from one with a
 smaller step by more than that one estimates, its error is the difference.
 
 Reference
@@ -35,6 +36,8 @@ MAX_CHANGES = 4
 LARGEST_FACTOR, LEAST_FACTOR = 100.0, 2.5
 #: Factor of the squared difference of second and fourth order in the error estimate.
 SAFETY = 10.0
+#: Distance over which J is linear, relative to the variable: what is not is rounding.
+TINY_STEP = 1e-9
 #: Multiples of the step at which J is evaluated: on both sides, or on one.
 CENTRAL, FORWARD = (1, -1, 2, -2), (1, 2, 4)
 
@@ -77,6 +80,7 @@ def differentiate(
     size: float,
     values: Array,
     least: Array,
+    noise: Array,
     step: float = 0.0,
     good: float = GOOD_ERROR,
 ) -> Difference:
@@ -88,6 +92,7 @@ def differentiate(
     x, size : value and size of the variable
     values : functionals at x, (n,)
     least : derivatives that are as good as none, (n,)
+    noise : rounding of the functionals, (n,)
     step : of an earlier difference, which is taken as it is; 0 to choose one
     good : error of a derivative, relative to its size, that is small enough
 
@@ -103,7 +108,7 @@ def differentiate(
     while next_step > 0.0 and len(tried) < attempts:
         tried.append(next_step)
         try:
-            trials.append(_trial(evaluate, x, next_step, values))
+            trials.append(_trial(evaluate, x, next_step, values, noise))
         except (StructureChange, SimulationError, InputError):
             runs += len(CENTRAL)
             if next_step <= LEAST_STEP * size and not trials:
@@ -115,7 +120,7 @@ def differentiate(
         runs += trials[-1].runs
         next_step = _next_step(trials, tried, size, least, good)
     if not trials:
-        return differentiate(evaluate, x, size, values, least, good=good)
+        return differentiate(evaluate, x, size, values, least, noise, good=good)
     derivatives, errors, chosen = _best(trials)
     steps = np.array([trial.step for trial in trials])[chosen]
     kinds, counts = np.unique(steps, return_counts=True)
@@ -150,39 +155,60 @@ def _next_step(
     for k in np.argsort(-relative):
         if relative[k] <= good:
             break
-        step = trials[chosen[k]].best_steps[k]
-        step = float(np.clip(step, LEAST_STEP * size, LARGEST_STEP * size))
-        if all(max(step / s, s / step) >= LEAST_FACTOR for s in tried):
-            return step
+        for trial in (trials[chosen[k]], *sorted(trials, key=lambda t: t.step)):
+            step = trial.best_steps[k]
+            step = float(np.clip(step, LEAST_STEP * size, LARGEST_STEP * size))
+            if all(max(step / s, s / step) >= LEAST_FACTOR for s in tried):
+                return step
     return 0.0
 
 
-def _trial(evaluate: Evaluate, x: float, step: float, values: Array) -> _Trial:
+def rounding_of(evaluate: Evaluate, x: float, size: float, values: Array) -> Array:
+    """Rounding of functionals, from second differences over tiny distances, (n,).
+
+    Parameters
+    ----------
+    evaluate, x, size, values : as of `differentiate`
+    """
+    plus, minus, plus2, minus2 = evaluate([x + k * TINY_STEP * size for k in CENTRAL])
+    near, far = plus - 2.0 * values + minus, plus2 - 2.0 * values + minus2
+    odd = (plus2 - minus2) - 2.0 * (plus - minus)
+    found = np.abs([near, far, far - near, odd]).max(axis=0)
+    return np.asarray(found / 2.0)
+
+
+def _trial(
+    evaluate: Evaluate, x: float, step: float, values: Array, noise: Array
+) -> _Trial:
     """A difference with one step, on one side where the other does not exist."""
     try:
-        return _central(evaluate, x, step, values)
+        return _central(evaluate, x, step, values, noise)
     except InputError:
         try:
-            return _one_sided(evaluate, x, step, values)
+            return _one_sided(evaluate, x, step, values, noise)
         except InputError:
-            return _one_sided(evaluate, x, -step, values)
+            return _one_sided(evaluate, x, -step, values, noise)
 
 
-def _central(evaluate: Evaluate, x: float, step: float, values: Array) -> _Trial:
+def _central(
+    evaluate: Evaluate, x: float, step: float, values: Array, noise: Array
+) -> _Trial:
     plus, minus, plus2, minus2 = evaluate([x + k * step for k in CENTRAL])
     near, far = (plus - minus) / (2 * step), (plus2 - minus2) / (4 * step)
     second = (plus - values) - (values - minus), (plus2 - values) - (values - minus2)
-    noise = np.abs(second[1] - 4.0 * second[0]) / 8.0
+    even = np.abs(second[1] - 4.0 * second[0]) / (8.0 * step)
     noise = np.maximum(noise, _representation(values, plus))
-    return _extrapolated(near, far, noise, step, len(CENTRAL))
+    return _extrapolated(near, far, even, noise, step, len(CENTRAL))
 
 
-def _one_sided(evaluate: Evaluate, x: float, step: float, values: Array) -> _Trial:
+def _one_sided(
+    evaluate: Evaluate, x: float, step: float, values: Array, noise: Array
+) -> _Trial:
     one, two, four = evaluate([x + k * step for k in FORWARD])
     near = (4.0 * one - 3.0 * values - two) / (2.0 * step)
     far = (4.0 * two - 3.0 * values - four) / (4.0 * step)
-    noise = _representation(values, one)
-    return _extrapolated(near, far, noise, abs(step), len(FORWARD))
+    noise = np.maximum(noise, _representation(values, one))
+    return _extrapolated(near, far, 0.0 * near, noise, abs(step), len(FORWARD))
 
 
 def _representation(values: Array, other: Array) -> Array:
@@ -192,14 +218,22 @@ def _representation(values: Array, other: Array) -> Array:
 
 
 def _extrapolated(
-    near: Array, far: Array, noise: Array, step: float, runs: int
+    near: Array, far: Array, even: Array, noise: Array, step: float, runs: int
 ) -> _Trial:
+    """The difference with its error.
+
+    Parameters
+    ----------
+    near, far : differences over one and two steps
+    even : what second differences differ by, over the step
+    noise : rounding of the functionals
+    """
     derivatives = (4.0 * near - far) / 3.0
-    change, rounding = np.abs(derivatives - near), noise / step
-    size = np.maximum(np.abs(derivatives), np.finfo(float).tiny)
-    truncation = change * np.minimum(1.0, SAFETY * change / size)
-    order = np.where(truncation < change, 5.0, 3.0)
+    change, rounding = np.abs(derivatives - near), 1.5 * noise / step
     tiny = np.finfo(float).tiny
-    factor = (np.maximum(rounding, tiny) / np.maximum(truncation, tiny)) ** (1 / order)
+    size = np.maximum(np.abs(derivatives), tiny)
+    odd = change * np.minimum(1.0, SAFETY * change / size)
+    truncation = odd + np.maximum(0.0, even - rounding)
+    factor = (np.maximum(rounding, tiny) / np.maximum(truncation, tiny)) ** 0.25
     factor = np.clip(factor, 1.0 / LARGEST_FACTOR, LARGEST_FACTOR)
     return _Trial(derivatives, truncation + rounding, factor * step, step, runs)

@@ -15,6 +15,7 @@ from scipy.special import ellipk
 import sidtool
 from sidtool.api.motion_problem import RunOptions
 from sidtool.api.sensitivity import parse_problem
+from sidtool.sensitivity.differences import differentiate, rounding_of
 from tests.codes import codes, only
 
 from . import scenes
@@ -274,3 +275,17 @@ def test_past_a_singular_configuration() -> None:
     assert only(found, "N738").t == pytest.approx(math.pi / 2, abs=0.1)
     exact = -2.0 * 2.0 * math.sin(2.0)
     assert found.derivatives[0, 0] == pytest.approx(exact, rel=1e-5)
+
+
+def test_a_functional_that_oscillates_with_a_variable() -> None:
+    """J = sin(c p) / c + p^2 of a large c: steps that do not resolve it see noise."""
+    c = 3e5
+
+    def evaluate(points: Any) -> list[np.ndarray]:
+        return [np.array([math.sin(c * p) / c + p * p]) for p in points]
+
+    values, size = evaluate([0.1])[0], 0.1
+    noise = rounding_of(evaluate, 0.1, 1e-6, values)
+    found = differentiate(evaluate, 0.1, size, values, np.array([1e-6]), noise)
+    error = abs(found.derivatives[0] - math.cos(c * 0.1) - 0.2)
+    assert error < 1e-5 and error < 3.0 * found.errors[0]
