@@ -51,6 +51,35 @@ class LookupTable(Table):
                 data = data | _grid(x, y, values)
         return data
 
+    def value(self, *point: float) -> float:
+        """The value at a point of one or two variables; that of the end beyond it.
+
+        Raises
+        ------
+        InputError : the table has another number of variables, is smooth (formulas of
+            numbers do not read these), or is no table.
+        """
+        check_table(self, "tables")
+        if len(point) != self.variables or self.interpolation == "smooth":
+            kind = "a smooth table" if len(point) == self.variables else "this table"
+            raise InputError(
+                f"looks {kind} up over {len(point)} of {self.variables} variables",
+                expected="a linear or held one over as many",
+            )
+        x, y, values = self.points
+        a = float(np.clip(point[0], x[0], x[-1]))
+        i = min(max(int(np.searchsorted(x, a, side="right")) - 1, 0), len(x) - 2)
+        p = (a - x[i]) / (x[i + 1] - x[i])
+        if self.interpolation == "hold":
+            p = np.floor(p)
+        rows = values[i : i + 2]
+        if y is not None:
+            b = float(np.clip(point[1], y[0], y[-1]))
+            j = min(max(int(np.searchsorted(y, b, side="right")) - 1, 0), len(y) - 2)
+            q = (b - y[j]) / (y[j + 1] - y[j])
+            rows = (1 - q) * rows[:, j] + q * rows[:, j + 1]
+        return float((1 - p) * rows[0] + p * rows[1])
+
     @property
     def points(self) -> tuple[Any, Any, Any]:
         """x, y (None of one variable) and values as arrays."""

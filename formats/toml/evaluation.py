@@ -1,18 +1,19 @@
 """Evaluation of formulas such as "2*pi*n" in place of numbers, before validation."""
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from ..base.errors import InputError
-from .expressions import check_names, evaluate_number, quoted_formula
+from .expressions import NumberTable, check_names, evaluate_number, quoted_formula
 from .messages import dotted_key, shorten_value, type_in_words, union_members
 
 Place = tuple[str | int, ...]
 Formulas = dict[Place, str]
-PARAMETERS = "parameters"
+PARAMETERS, TABLES = "parameters", "tables"
 PARAMETERS_MEAN = (
     'numbers by name, for formulas such as "2*pi*n" wherever a number stands; those '
     "below may use those above"
@@ -32,6 +33,7 @@ def evaluate_formulas(
         finite value; a key that selects the kind of a table is missing.
     """
     walk = _FormulaEvaluation()
+    walk.tables = _GivenTables(data.get(TABLES), model, walk)
     given = data.get(PARAMETERS)
     if PARAMETERS in model.model_fields and isinstance(given, Mapping):
         for name, value in given.items():
@@ -65,6 +67,7 @@ class _FormulaEvaluation:
         self.parameters: dict[str, float] = {}
         self.unchecked: list[str] = []
         self.formulas: Formulas = {}
+        self.tables: Mapping[str, NumberTable] = {}
 
     def value(self, data: Any, kinds: list[Any], place: Place) -> Any:
         if isinstance(data, bool):
@@ -106,7 +109,7 @@ class _FormulaEvaluation:
         try:
             check_names(self.unchecked)
             self.unchecked.clear()
-            value = evaluate_number(text, self.parameters)
+            value = evaluate_number(text, self.parameters, self.tables)
         except InputError as error:
             why = error.problem.removeprefix(f"{quoted_formula(text)} ")
             why += f", not {error.expected}" if error.expected else ""
@@ -125,6 +128,43 @@ class _FormulaEvaluation:
             value = int(value)
         self.formulas[place] = text
         return value
+
+
+class _GivenTables(Mapping[str, NumberTable]):
+    """The tables of a file that formulas of numbers look up, read when they are."""
+
+    def __init__(
+        self, data: Any, model: type[BaseModel], walk: _FormulaEvaluation
+    ) -> None:
+        entries = _types_of_key(model, TABLES)
+        mappings = [k for k in entries if get_origin(k) in (dict, _MAPPING)]
+        kinds = _flat_types(get_args(k)[1] for k in mappings)
+        self._kinds = [k for k in kinds if _is_model(k) and hasattr(k, "value")]
+        self._data = data if self._kinds and isinstance(data, Mapping) else {}
+        self._walk = walk
+        self._read: dict[str, NumberTable | None] = {}
+
+    def __getitem__(self, name: str) -> NumberTable:
+        if name not in self._read:
+            self._read[name] = None
+            place = (TABLES, name)
+            entry = self._walk.value(self._data[name], list(self._kinds), place)
+            try:
+                text = json.dumps(entry, default=str)
+                self._read[name] = self._kinds[0].model_validate_json(text, strict=True)
+            except ValidationError:
+                pass  # the table itself is refused later, with its key
+        table = self._read[name]
+        if table is None:
+            problem = f"looks up the table {name}, which is not valid"
+            raise InputError(problem, expected="numbers")
+        return table
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._data)
+
+    def __len__(self) -> int:
+        return len(self._data)
 
 
 _MAPPING = get_origin(Mapping[str, Any])

@@ -7,9 +7,10 @@
     atom     = number | NAME | "quoted name" | "(" sum ")"
              | FUNCTION "(" sum {"," sum} ")"
 
-A name is `t`, `pi`, a parameter, or an output such as ``arm.angle``; one with a hyphen
-is quoted. Nothing is ever run: a formula becomes a list of instructions for a
-stack, operands before their operators; clip becomes max and min.
+`lookup` has the name of a table before its one or two variables. A name is `t`, `pi`,
+a parameter, or an output such as ``arm.angle``; one with a hyphen is quoted. Nothing is
+ever run: a formula becomes a list of instructions for a stack, operands before their
+operators; clip becomes max and min.
 """
 
 import math
@@ -17,7 +18,8 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Mapping
 from itertools import islice
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol
 
 from ..base.errors import InputError
 
@@ -108,8 +110,24 @@ def lookups(postfix: Postfix) -> list[tuple[str, int]]:
     return [(str(i.value), int(i.kind[-1])) for i in postfix if i.kind in LOOKUPS]
 
 
-def evaluate_number(text: str, parameters: Mapping[str, float]) -> float:
-    """The value of a formula of numbers and parameters alone.
+class NumberTable(Protocol):
+    """Values over one or two variables."""
+
+    def value(self, *point: float) -> float:
+        """The value at a point.
+
+        Raises
+        ------
+        InputError : the table has another number of variables, or is no table.
+        """
+
+
+def evaluate_number(
+    text: str,
+    parameters: Mapping[str, float],
+    tables: Mapping[str, NumberTable] = MappingProxyType({}),
+) -> float:
+    """The value of a formula of numbers, parameters and tables.
 
     parameters : numbers by names that `check_names` accepts
 
@@ -130,10 +148,13 @@ def evaluate_number(text: str, parameters: Mapping[str, float]) -> float:
             stack.append(float(value))
             continue
         if kind in LOOKUPS:
-            raise InputError(
-                f"{quoted_formula(text)} looks up the table {value}",
-                expected="numbers, pi and parameters; tables are for laws",
-            )
+            if value not in tables:
+                known = f"a table out of {', '.join(tables)}" if tables else "no table"
+                problem = f"{quoted_formula(text)} looks up the table {value}"
+                raise InputError(problem, expected=known)
+            point = [stack.pop() for _ in range(int(kind[-1]))][::-1]
+            stack.append(tables[str(value)].value(*point))
+            continue
         operation = _OPERATIONS.get(kind) or getattr(math, kind)
         count = 2 if kind in _OF_TWO else 1
         operands = [stack.pop() for _ in range(count)][::-1]

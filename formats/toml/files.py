@@ -13,7 +13,7 @@ from pydantic import PrivateAttr
 from ..base.errors import InputError
 from ..storage.atomic import atomic_path
 from ..storage.operating_system import path_from
-from .evaluation import PARAMETERS, Formulas
+from .evaluation import PARAMETERS, TABLES, Formulas
 from .expressions import evaluate_number
 from .messages import nearest_key
 from .objects import named_object
@@ -101,10 +101,11 @@ class File(Table):
         """
         data = super().file_data()
         numbers = dict(data.get(PARAMETERS, {}))
+        tables = getattr(self, TABLES, {})
         for place, text in self._formulas.items():
             try:
                 table: Any = _value_at(data, place[:-1])
-                value = evaluate_number(text, numbers)
+                value = evaluate_number(text, numbers, tables)
                 holds = table[place[-1]] in (value, [value])
             except (InputError, LookupError, TypeError):
                 continue  # somebody has changed what it stood for

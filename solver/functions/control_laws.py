@@ -20,7 +20,7 @@ from sidtool.formats.scene import (
 from sidtool.formats.toml.expressions import LOOKUPS
 
 from .callables import NativeCallable
-from .lookup_tables import bilinear_value, curve_of_table, curve_value
+from .lookup_tables import curve_of_table, curve_value
 from .piecewise import PiecewisePolynomial
 from .returned_values import real_number
 
@@ -103,7 +103,7 @@ class TableLookup:
     def value(self, *point: float) -> float:
         """The value at a point."""
         if self.table.variables == 2:
-            return bilinear_value(self.table, point[0], point[1])
+            return self.table.value(*point)
         return curve_value(self.curve, point[0], self.order)
 
 

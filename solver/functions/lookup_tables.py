@@ -31,14 +31,3 @@ def curve_value(curve: PiecewisePolynomial, x: float, order: int) -> float:
     k = max(int(np.searchsorted(curve.starts, x, side="right")) - 1, 0)
     terms = np.polynomial.Polynomial(curve.terms[k])
     return float(terms.deriv(order)(x - curve.starts[k]))
-
-
-def bilinear_value(table: LookupTable, a: float, b: float) -> float:
-    """The value of a table of two variables."""
-    x, y, values = table.points
-    a, b = float(np.clip(a, x[0], x[-1])), float(np.clip(b, y[0], y[-1]))
-    i = min(max(int(np.searchsorted(x, a, side="right")) - 1, 0), len(x) - 2)
-    j = min(max(int(np.searchsorted(y, b, side="right")) - 1, 0), len(y) - 2)
-    p, q = (a - x[i]) / (x[i + 1] - x[i]), (b - y[j]) / (y[j + 1] - y[j])
-    rows = (1 - q) * values[i : i + 2, j] + q * values[i : i + 2, j + 1]
-    return float((1 - p) * rows[0] + p * rows[1])

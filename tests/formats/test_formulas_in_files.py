@@ -128,14 +128,16 @@ def test_saved_files_keep_formulas_that_still_hold(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", sorted(EXAMPLES.rglob("*.toml")), ids=str)
 def test_examples_are_the_same_after_saving(path: Path, tmp_path: Path) -> None:
     kind = tomllib.loads(path.read_text(encoding="utf-8"))["format"]
-    if kind == "sidtool reference":
+    if kind in ("sidtool reference", "sidtool design"):
         pytest.skip("is read only")
     file = SceneFile if kind == "sidtool scene" else ModelFile
     read = file.load(path)
     read.save(tmp_path / "other.toml")
     again = file.load(tmp_path / "other.toml")
     for body in getattr(read, "flexible", ()):
-        one, other = (s.folder / s.bodies[body].sid for s in (read, again))  # type: ignore
+        bodies = [s.bodies[body] for s in (read, again)]
+        files = [each.sid or each.model for each in bodies]
+        one, other = (s.folder / f for s, f in zip((read, again), files, strict=True))
         assert one.resolve() == other.resolve()
     same = read.file_data() | {"bodies": None}
     assert same == again.file_data() | {"bodies": None}

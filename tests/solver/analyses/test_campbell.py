@@ -139,6 +139,16 @@ def test_modes_whose_frequencies_cross_are_followed() -> None:
     assert list(found.to_dataframe().columns) == ["mode 1", "mode 2"]
 
 
+def test_a_bearing_follows_a_table_of_the_parameter() -> None:
+    data = masses_on_springs(["k"], 0.0, 1.0).file_data()
+    data["forces"]["s0"]["stiffness"] = ["lookup(mount, k)", 0.0, 0.0]
+    data["tables"] = {"mount": {"x": [0.0, 4.0], "values": [100.0, 300.0]}}
+    scene = sidtool.Scene.checked(data, "test")
+    found = sidtool.campbell(scene, "parameters.k=1:3:3", about="static")
+    expected = np.sqrt([[150.0], [200.0], [250.0]])
+    assert_allclose(2.0 * np.pi * found.inertial_frequencies, expected, rtol=1e-9)
+
+
 def test_modes_that_mix_between_values_are_noted() -> None:
     """Three masses apart, and a chain, whose first mode has a third of each."""
     scene = masses_on_springs([99.0, 100.0, 101.0], "k", 1e-9)

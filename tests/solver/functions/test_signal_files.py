@@ -264,8 +264,51 @@ def test_lookups_that_are_not_sound(
     assert expected in str(caught.value)
 
 
-def test_numbers_of_a_scene_look_up_no_tables() -> None:
-    data = formula("t", k={"x": [0.0, 1.0], "values": [1.0, 2.0]})
-    data["bodies"]["a"]["mass"] = "lookup(k, 0.5)"
-    with pytest.raises(InputError, match="looks up the table k"):
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("lookup(k, n)", 2.25),
+        ("2*lookup(k, 10) + 1", 7.0),
+        ("lookup(steps, n)", 2.0),
+        ("lookup(steps, 3)", 3.0),
+        ("lookup(grid, n, 0.25)", 1.5 + 2 * 0.25 + 4 * 1.5 * 0.25),
+    ],
+)
+def test_numbers_of_a_scene_look_up_tables(
+    text: str, expected: float, tmp_path: Path
+) -> None:
+    """At parameters, which they follow; the file keeps the formula."""
+    line = {"x": [0.0, 1.0, 3.0], "values": [1.0, "2*n - 1", 3.0]}
+    x, y = np.array([1.0, 2.0]), np.array([0.0, 1.0])
+    grid = x[:, None] + 2.0 * y + 4.0 * x[:, None] * y
+    data = formula(
+        "t",
+        k=line,
+        steps=line | {"interpolation": "hold"},
+        grid={"x": [1.0, 2.0], "y": [0.0, 1.0], "values": grid.tolist()},
+    )
+    data["parameters"] = {"n": 1.5}
+    data["bodies"]["a"]["mass"] = text
+    scene = validate_data(data, SceneFile)
+    assert_allclose(scene.bodies["a"].mass, expected)
+    read = sidtool.Scene.checked(data, "test")
+    read.save(tmp_path / "s.toml")
+    assert text in (tmp_path / "s.toml").read_text(encoding="utf-8")
+    changed = read.with_({"parameters.n": 1.0})
+    assert text != "lookup(k, n)" or changed.bodies["a"].mass == 1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("lookup(none, 1)", "a table out of k"),
+        ("lookup(k, 1, 2)", "over 2 of 1 variables"),
+        ("lookup(k, 0.5)", "a smooth table"),
+    ],
+)
+def test_lookups_of_numbers_that_are_not_sound(text: str, expected: str) -> None:
+    k = {"x": [0.0, 1.0], "values": [1.0, 2.0], "interpolation": "smooth"}
+    data = formula("t", k=k)
+    data["bodies"]["a"]["mass"] = text
+    with pytest.raises(InputError, match=expected):
         validate_data(data, SceneFile)
