@@ -19,7 +19,7 @@ from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.file_names import kind_by_ending
 from sidtool.formats.storage.atomic import atomic_path
 
-from .optimisation import LIMIT_TOLERANCE, Iteration, bounds
+from .optimisation import LIMIT_TOLERANCE, Iteration, bounds, limit_tolerance
 
 #: `format` of files of histories.
 HISTORY_FORMAT = "sidtool optimisation"
@@ -120,8 +120,9 @@ class Optimum:
             ):
                 if value is not None:
                     margin = sign * (self.best.values[k] - value)
-                    room = LIMIT_TOLERANCE * (abs(value) or 1.0)
-                    state = "reached" if abs(margin) <= 100 * room else ""
+                    room = limit_tolerance(self.design) * (abs(value) or 1.0)
+                    near = max(room, 0.01 * (abs(value) or 1.0))
+                    state = "reached" if abs(margin) <= near else ""
                     state = "exceeded" if margin < -room else state
                     rows.append(self._functional_row(k, f"{word} {value:g}", state))
         return rows

@@ -19,7 +19,8 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.design import DesignFile, VariableRange
 from sidtool.solver.system.errors import SimulationError
 
-#: A limit is kept, or reached, within this part of its size.
+#: A limit is kept, or reached, within this part of its size, or the tolerance of the
+#: method, whose constraints are as exact.
 LIMIT_TOLERANCE = 1e-4
 #: Value of the scaled objective, and of scaled limits, where a run fails.
 FAILED = 1e3
@@ -234,10 +235,16 @@ class Search:
 
         def rank(point: Iteration) -> tuple[float, float]:
             margins = self.margins(np.array(point.values))
-            excess = max(0.0, -float(margins.min(initial=0.0)) - LIMIT_TOLERANCE)
+            room = limit_tolerance(self.design)
+            excess = max(0.0, -float(margins.min(initial=0.0)) - room)
             return excess, self.sign * point.values[0]
 
         return min(self.history, key=rank)
+
+
+def limit_tolerance(design: DesignFile) -> float:
+    """Part of the size of a limit by which it may be exceeded."""
+    return max(LIMIT_TOLERANCE, design.method.tolerance)
 
 
 def bounds(ranges: Sequence[VariableRange]) -> tuple[Array, Array]:
