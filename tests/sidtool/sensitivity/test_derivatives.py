@@ -69,11 +69,10 @@ EXACT: dict[str, Callable[..., Any]] = {
 }
 
 
-@pytest.mark.parametrize("integrator", ["dop853", "radau9"])
-def test_mass_spring_by_every_parameter(integrator: str) -> None:
+def test_mass_spring_by_every_parameter() -> None:
     """Against the complex step through the closed solution; errors are estimated."""
     found = sidtool.sensitivity(
-        scenes.oscillator(), [*OSCILLATOR], [*EXACT], integrator=integrator
+        scenes.oscillator(), [*OSCILLATOR], [*EXACT], integrator="radau9"
     )
     for i, (name, formula) in enumerate(EXACT.items()):
         is_mode = name.endswith("(1)")  # rounding of eigenvalues is larger
