@@ -57,9 +57,7 @@ def identify(
 ) -> Identification:
     """Fit numbers of a scene to measured motions, as `sidtool identify` does.
 
-        found = sidtool.identify(
-            "scene.toml", ["spring.stiffness", "spring.damping"], "measured.csv"
-        )
+        found = sidtool.identify("scene.toml", ["spring.stiffness"], "measured.csv")
         print(found.report())
 
     Parameters

@@ -44,9 +44,7 @@ def sensitivity(
 ) -> Sensitivities:
     """Return derivatives of functionals of a motion by numbers of a scene.
 
-        found = sidtool.sensitivity(
-            "slider_crank.toml", ["piston.mass"], ["max_abs(rod.q1)"]
-        )
+        found = sidtool.sensitivity("scene.toml", ["piston.mass"], ["max_abs(rod.q1)"])
         print(found.report())
         found["max_abs(rod.q1)", "piston.mass"]
 

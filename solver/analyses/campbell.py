@@ -85,6 +85,7 @@ class CampbellDiagram(WithDiagnostics):
     inertial_frequencies, rotating_frequencies : (n, m)
         [Hz] in axes that do not turn, and in those of the bodies that move.
     damping_ratios : (n, m)
+        -Re over the size of the eigenvalue.
     eigenvalues : (n, m)
         [1/s]
     whirl : (n, m)

@@ -65,14 +65,20 @@ class StateSpace(WithDiagnostics):
     Attributes
     ----------
     A : (n, n)
+        Of the states in their rates.
     B : (n, inputs)
+        Of the inputs in the rates.
     C : (outputs, n)
+        Of the states in the outputs.
     D : (outputs, inputs)
+        Of the inputs in the outputs.
     state_names, state_units : (n,)
         Of x: independent displacements, their velocities and states of control laws.
         Displacements of frames are along and about the axes of the body.
     input_names, input_units : (inputs,)
+        Of u.
     output_names, output_units : (outputs,)
+        Of y.
     second_order
         The same as M p'' + C p' + K p = B u.
     descriptor
