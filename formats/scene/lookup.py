@@ -51,8 +51,8 @@ class LookupTable(Table):
                 data = data | _grid(x, y, values)
         return data
 
-    def value(self, *point: float) -> float:
-        """The value at a point of one or two variables; that of the end beyond it.
+    def number(self, *point: float) -> float:
+        """The value for a formula of a number, of a table that is not checked yet.
 
         Raises
         ------
@@ -66,6 +66,10 @@ class LookupTable(Table):
                 f"looks {kind} up over {len(point)} of {self.variables} variables",
                 expected="a linear or held one over as many",
             )
+        return self.value(*point)
+
+    def value(self, *point: float) -> float:
+        """The value of a linear or held table at a point; that of the end beyond it."""
         x, y, values = self.points
         a = float(np.clip(point[0], x[0], x[-1]))
         i = min(max(int(np.searchsorted(x, a, side="right")) - 1, 0), len(x) - 2)

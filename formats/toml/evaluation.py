@@ -139,7 +139,7 @@ class _GivenTables(Mapping[str, NumberTable]):
         entries = _types_of_key(model, TABLES)
         mappings = [k for k in entries if get_origin(k) in (dict, _MAPPING)]
         kinds = _flat_types(get_args(k)[1] for k in mappings)
-        self._kinds = [k for k in kinds if _is_model(k) and hasattr(k, "value")]
+        self._kinds = [k for k in kinds if _is_model(k) and hasattr(k, "number")]
         self._data = data if self._kinds and isinstance(data, Mapping) else {}
         self._walk = walk
         self._read: dict[str, NumberTable | None] = {}

@@ -113,7 +113,7 @@ def lookups(postfix: Postfix) -> list[tuple[str, int]]:
 class NumberTable(Protocol):
     """Values over one or two variables."""
 
-    def value(self, *point: float) -> float:
+    def number(self, *point: float) -> float:
         """The value at a point.
 
         Raises
@@ -153,7 +153,7 @@ def evaluate_number(
                 problem = f"{quoted_formula(text)} looks up the table {value}"
                 raise InputError(problem, expected=known)
             point = [stack.pop() for _ in range(int(kind[-1]))][::-1]
-            stack.append(tables[str(value)].value(*point))
+            stack.append(tables[str(value)].number(*point))
             continue
         operation = _OPERATIONS.get(kind) or getattr(math, kind)
         count = 2 if kind in _OF_TWO else 1

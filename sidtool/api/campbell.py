@@ -77,8 +77,8 @@ def campbell(
 
         report_stage(f"modes at {key} = {value:.6g}")
         changed = content.with_({key: value})
-        folder = base_folder or content.folder
-        with compiled_scene(changed, sids, folder, accept_defects, programs) as system:
+        given = sids, base_folder, accept_defects, programs
+        with compiled_scene(changed, *given) as system:
             try:
                 return linearise(system, about, frozen=frozen)
             except SimulationError as error:

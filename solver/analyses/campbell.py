@@ -12,7 +12,8 @@ G. Genta: Dynamics of Rotating Systems, 2005, section 2.4.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -128,6 +129,7 @@ def campbell_diagram(
     orders
         Times per revolution that an excitation acts.
     """
+    modes_at = cache(modes_at)  # the search for critical speeds begins at the values
     points = [modes_at(value) for value in values]
     paths, agreement = _followed_paths(points)
     whirl = np.array(
@@ -151,8 +153,7 @@ def campbell_diagram(
         diagnostics=(*each_once(found), *_uncertain(key, values, agreement)),
     )
     critical = _critical_speeds(diagram, points, paths, modes_at, orders)
-    object.__setattr__(diagram, "critical_speeds", tuple(critical))
-    return diagram
+    return replace(diagram, critical_speeds=tuple(critical))
 
 
 def _along(points: Sequence[Linearisation], paths: Array, name: str) -> np.ndarray:
