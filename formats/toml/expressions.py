@@ -110,6 +110,17 @@ def lookups(postfix: Postfix) -> list[tuple[str, int]]:
     return [(str(i.value), int(i.kind[-1])) for i in postfix if i.kind in LOOKUPS]
 
 
+def split_at_commas(text: str) -> list[str]:
+    """Split a text at the commas outside of parentheses."""
+    parts, depth, last = [], 0, 0
+    for k, letter in enumerate(text):
+        depth += {"(": 1, ")": -1}.get(letter, 0)
+        if letter == "," and depth == 0:
+            parts.append(text[last:k].strip())
+            last = k + 1
+    return [part for part in [*parts, text[last:].strip()] if part]
+
+
 class NumberTable(Protocol):
     """Values over one or two variables."""
 

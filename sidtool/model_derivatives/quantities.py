@@ -16,6 +16,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import BLOCK_SHAPES, J_INDICES, NODE_SHAPES, SID
+from sidtool.formats.toml.expressions import split_at_commas
 
 from ..eigensolvers.eigenpair_derivatives import clusters
 
@@ -71,18 +72,13 @@ def parse_quantities(
     InputError : there is no such quantity, mode, marker or entry.
     """
     given = [texts] if isinstance(texts, str) else [*texts]
-    parts = [part.strip() for text in given for part in _split(text)]
+    parts = [part for text in given for part in split_at_commas(text)]
     found: list[Quantity] = []
-    for part in dict.fromkeys(filter(None, parts)):
+    for part in dict.fromkeys(parts):
         found += _parse(part, sid, nodes)
     if not found:
         raise _unknown("nothing")
     return found
-
-
-def _split(text: str) -> list[str]:
-    """Split a text at commas outside of parentheses."""
-    return re.split(r",(?![^()]*\))", text)
 
 
 def _parse(text: str, sid: SID, nodes: Mapping[str, str]) -> list[Quantity]:

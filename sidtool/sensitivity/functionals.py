@@ -20,7 +20,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, parse_output, unit_of
-from sidtool.formats.toml.expressions import evaluate_number
+from sidtool.formats.toml.expressions import evaluate_number, split_at_commas
 from sidtool.solver.simulation.frozen_run import Motion, StructureChange
 from sidtool.solver.system.system import System
 
@@ -412,17 +412,6 @@ def _natural_modes(system: System) -> Linearisation:
     from sidtool.solver.analyses.linearisation import linearise
 
     return linearise(system.full_joint_system)
-
-
-def split_at_commas(text: str) -> list[str]:
-    """Split a text at the commas outside of parentheses."""
-    parts, depth, last = [], 0, 0
-    for k, letter in enumerate(text):
-        depth += {"(": 1, ")": -1}.get(letter, 0)
-        if letter == "," and depth == 0:
-            parts.append(text[last:k].strip())
-            last = k + 1
-    return [part for part in [*parts, text[last:].strip()] if part]
 
 
 def parse_functionals(

@@ -12,13 +12,13 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.files import File, key_path
 
+from ..model_derivatives.design_variables import ShapeVariable
 from ..sweep.design import Designs, value_at
 
 #: Tables of a scene whose numbers a wildcard may mean.
 _TABLES = ("parameters", "gravity", "bodies", "joints", "drives", "forces", "inputs")
 #: Keys that are numbers, but no quantities.
 _COUNTS = frozenset(["version", "count", "samples"])
-_GROUP = "NAME=KEY:FACTOR,KEY:FACTOR"
 
 
 class Entry(NamedTuple):
@@ -72,12 +72,14 @@ def find_variables(keys: str | Iterable[str], scene: SceneFile) -> list[Variable
     """
     given = [keys] if isinstance(keys, str) else [*keys]
     designs = Designs(scene, {}, [])
-    known = [*_numbers_in(scene)]
+    known = [*_numbers_in(scene)] if any("*" in text for text in given) else []
     variables: dict[str, Variable] = {}
     for text in given:
         if "=" in text:
-            name, factors = _parse_group(text)
-            variables[name] = group_variable(name, factors, designs)
+            group = ShapeVariable.parse(text)
+            variables[group.name] = group_variable(
+                group.name, group.directions, designs
+            )
             continue
         for key in filter(None, (part.strip() for part in text.split(","))):
             for each in _matching(key, known):
@@ -121,21 +123,6 @@ def _entry(key: str, factor: float, designs: Designs) -> Entry:
     return Entry(key, body, model_key, value, factor)
 
 
-def _parse_group(text: str) -> tuple[str, dict[str, float]]:
-    """Name and factors of NAME=KEY:FACTOR,KEY:FACTOR."""
-    name, _, rest = text.partition("=")
-    factors = {}
-    for part in rest.split(","):
-        key, colon, factor = part.rpartition(":")
-        try:
-            factors[key.strip()] = float(factor)
-        except ValueError:
-            colon = ""
-        if not (colon and key.strip() and name.strip()):
-            raise InputError(f"found {text!r}", place="--with", expected=_GROUP)
-    return name.strip(), factors
-
-
 def _matching(key: str, known: Sequence[str]) -> list[str]:
     """Keys that a key with wildcards means."""
     if "*" not in key:
@@ -152,8 +139,9 @@ def _matching(key: str, known: Sequence[str]) -> list[str]:
 
 def _numbers_in(scene: SceneFile) -> Iterator[str]:
     """Keys of the numbers in the tables of a file, without formulas."""
+    data = scene.file_data()
     waiting: list[tuple[str, Any]] = [
-        (name, scene.file_data().get(name)) for name in reversed(_TABLES)
+        (name, data.get(name)) for name in reversed(_TABLES)
     ]
     while waiting:
         key, part = waiting.pop()
