@@ -16,6 +16,7 @@ from .common import (
     input_files,
     listed_names,
     output_path,
+    picture_target,
     print_data,
     print_failure,
     print_result,
@@ -210,13 +211,10 @@ def _analyse_over(
     settings: dict[str, Any],
 ) -> None:
     """Follow the modes over a key; print and write their diagram."""
-    from sidtool.formats.file_names import kind_by_ending
-
     from ..api.campbell import campbell
     from ..report.campbell import campbell_data, describe_campbell
 
-    kind = kind_by_ending(output, "campbell", "picture")
-    check_targets([Target("-o", output, kind)], input_files(scene), force)
+    check_targets([picture_target(output, "campbell")], input_files(scene), force)
     numbers = [_order(text) for text in listed_names(orders)]
     found = run_analysis(
         campbell, scene, changes, over=over, orders=numbers, **settings

@@ -62,6 +62,12 @@ force_option = click.option(
     help=("Replace an output file even if it is not a file that sidtool writes there."),
 )
 
+threads_option = click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Number of threads; default one per core.",
+)
+
 changes_option = click.option(
     "--set",
     "changes",
@@ -88,6 +94,13 @@ def result_target(path: Path | None) -> Target:
     a table.
     """
     return Target("-o", path, kind_by_ending(path, "result", "table"))
+
+
+def picture_target(path: Path | None, kind: str) -> Target:
+    """Return the target of an option -o that takes a file of a kind or, by its ending,
+    its picture.
+    """
+    return Target("-o", path, kind_by_ending(path, kind, "picture"))
 
 
 def read_scene_with_changes(path: Path, changes: Sequence[str]) -> Scene:

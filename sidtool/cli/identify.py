@@ -7,10 +7,8 @@ from pathlib import Path
 import click
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.file_names import kind_by_ending
 
 from .common import (
-    Target,
     changes_option,
     check_targets,
     existing_file,
@@ -18,8 +16,10 @@ from .common import (
     input_files,
     is_quiet,
     output_path,
+    picture_target,
     print_result,
     read_scene_with_changes,
+    threads_option,
 )
 
 
@@ -67,11 +67,7 @@ from .common import (
         " .svg, .pdf); may be given for each."
     ),
 )
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    help="Number of threads; default one per core.",
-)
+@threads_option
 @changes_option
 @force_option
 def identify(
@@ -109,10 +105,7 @@ def identify(
     from ..api.identify import identify as fit
     from ..sensitivity.identification import parse_target
 
-    kinds = [kind_by_ending(path, "optimisation", "picture") for path in outputs]
-    files = [
-        Target("-o", path, kind) for path, kind in zip(outputs, kinds, strict=True)
-    ]
+    files = [picture_target(path, "optimisation") for path in outputs]
     read = [*input_files(scene), *([measured] if measured else [])]
     check_targets(files, read, force)
     content = read_scene_with_changes(scene, changes)

@@ -16,6 +16,7 @@ from .common import (
     input_files,
     listed_names,
     output_path,
+    picture_target,
     print_result,
 )
 
@@ -189,8 +190,7 @@ def response(
     from ..api.state_space import state_space
     from ..report.state_space import describe_response, response_data
 
-    kind = "picture" if _is_picture(output) else "response"
-    check_targets([Target("-o", output, kind)], input_files(scene), force)
+    check_targets([picture_target(output, "response")], input_files(scene), force)
     space = run_analysis(
         state_space,
         scene,
@@ -220,9 +220,3 @@ def parse_about(text: str) -> str | float:
     except ValueError:
         message = f"found {text!r}, expected static, start or a time [s]"
         raise click.BadParameter(message, param_hint="--about") from None
-
-
-def _is_picture(path: Path | None) -> bool:
-    from sidtool.formats.file_names import kind_by_ending
-
-    return kind_by_ending(path, "response", "picture") == "picture"

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sidtool.formats.file_names import kind_by_ending
-
 from .common import (
-    Target,
     check_targets,
     existing_file,
     force_option,
     input_files,
     is_quiet,
     output_path,
+    picture_target,
     print_result,
+    threads_option,
 )
 
 if TYPE_CHECKING:
@@ -43,11 +42,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Start at the last point of the history that -o names.",
 )
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    help="Number of threads; default one per core.",
-)
+@threads_option
 @force_option
 def optimise(
     design: Path,
@@ -102,18 +97,15 @@ def optimise(
     from ..pipeline.files import expect_kind
     from ..sensitivity.design_result import read_history, write_history
 
-    kinds = [kind_by_ending(path, "optimisation", "picture") for path in outputs]
-    targets = [
-        Target("-o", path, kind) for path, kind in zip(outputs, kinds, strict=True)
-    ]
+    targets = [picture_target(path, "optimisation") for path in outputs]
     check_targets(targets, input_files(design), force)
     expect_kind(design, "design")
     content = read_design(design)
     start: dict[str, float] = {}
     histories = [
         path
-        for path, kind in zip(outputs, kinds, strict=True)
-        if kind == "optimisation"
+        for path, target in zip(outputs, targets, strict=True)
+        if target.kind == "optimisation"
     ]
     if continues and histories and histories[0].exists():
         names = [*content.variables]

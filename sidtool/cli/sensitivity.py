@@ -16,6 +16,7 @@ from .common import (
     output_path,
     print_result,
     read_scene_with_changes,
+    threads_option,
 )
 from .study import print_progress
 
@@ -50,11 +51,7 @@ from .study import print_progress
     type=output_path,
     help="Table to write (.csv), or of a model the SID with its derivatives (.h5).",
 )
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    help="Number of threads; default one per core.",
-)
+@threads_option
 @changes_option
 @force_option
 def sensitivity(

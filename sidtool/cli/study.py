@@ -12,7 +12,7 @@ import click
 
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.progress import has_listener, report_stage
-from sidtool.formats.file_names import check_ending, kind_by_ending
+from sidtool.formats.file_names import check_ending
 from sidtool.formats.storage.operating_system import (
     ENDING_SIGNALS,
     is_writable_folder,
@@ -21,7 +21,6 @@ from sidtool.formats.storage.operating_system import (
 
 from ..api.interrupts import stop_on_signals
 from .common import (
-    Target,
     changes_option,
     check_targets,
     existing_file,
@@ -29,6 +28,7 @@ from .common import (
     input_files,
     is_quiet,
     output_path,
+    picture_target,
     print_result,
     read_scene_with_changes,
 )
@@ -412,9 +412,7 @@ def sweep(
     from ..api.sweep import sweep as asked_sweep
     from ..study import StudyInterrupted
 
-    targets = [
-        Target("-o", path, kind_by_ending(path, "sweep", "picture")) for path in outputs
-    ]
+    targets = [picture_target(path, "sweep") for path in outputs]
     named = [text.partition("=")[2] for text in (*over, *changes)]
     check_targets(targets, [*input_files(scene), *named], force)
     folder = outputs[0].with_suffix(RUNS_FOLDER_SUFFIX) if outputs else None
@@ -443,9 +441,8 @@ def sweep(
     if result.failed:
         count = f"{len(result.failed)} of {len(result.points)} runs failed"
         click.echo(f"sidtool: {scene}: {count}", err=True)
-    for path in outputs:
-        is_table = kind_by_ending(path, "sweep", "picture") == "sweep"
-        if is_table or len(result.failed) < len(result.points):
+    for path, target in zip(outputs, targets, strict=True):
+        if target.kind == "sweep" or len(result.failed) < len(result.points):
             result.save(path)
             click.echo(f"{path} written")
     if result.failed:

@@ -15,7 +15,7 @@ from sidtool.formats.storage.atomic import atomic_path
 
 from .json_data import write_json
 from .result import plain_notes
-from .tables import counted_noun, named_values, text_table
+from .tables import counted_noun, name_with_unit, named_values, text_table
 
 if TYPE_CHECKING:
     from sidtool.solver.analyses.frequency_response import FrequencyResponse, Peak
@@ -271,7 +271,7 @@ def write_response(path: str | Path, response: FrequencyResponse) -> None:
         return
     header = [FREQUENCY_COLUMN]
     for name, unit in zip(response.output_names, response.units, strict=True):
-        header += [f"{name} [{unit}]" if unit else name, f"{name} phase [deg]"]
+        header += [name_with_unit(name, unit), f"{name} phase [deg]"]
     columns = [response.frequencies]
     degrees = np.degrees(response.phase)
     for k in range(len(response.output_names)):

@@ -73,6 +73,11 @@ def text_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> TextBloc
     return TextBlock(text, html_table(body, header))
 
 
+def name_with_unit(name: str, unit: str) -> str:
+    """Return a name with its unit in brackets, if there is one."""
+    return f"{name} [{unit}]" if unit else name
+
+
 def named_values(entries: Iterable[tuple[str, str]]) -> TextBlock:
     """Return names and their values, aligned; long values continue below."""
     pairs = [(name, printable(text)) for name, text in entries]

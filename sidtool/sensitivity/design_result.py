@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +16,6 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.design import DesignFile
 from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.file_names import kind_by_ending
-from sidtool.formats.storage.atomic import atomic_path
 
 from .optimisation import LIMIT_TOLERANCE, Iteration, bounds, limit_tolerance
 
@@ -174,6 +172,7 @@ class Optimum:
         path : file to which the figure is written as well (.png, .svg, .pdf)
         """
         from ..plot.designs import plot_history
+        from ..report.tables import name_with_unit
 
         low, high = bounds([*self.design.variables.values()])
         x = np.array([point.x for point in self.history])
@@ -188,17 +187,15 @@ class Optimum:
             for name in self.functionals
         ]
         panels = [
-            (self._label(name), values[:, k], limits[k])
+            (name_with_unit(name, self.units.get(name, "")), values[:, k], limits[k])
             for k, name in enumerate(self.functionals)
         ]
         for k, name in enumerate(self.design.variables):
             ends = [end for end in (low[k], high[k]) if np.isfinite(end)]
-            panels.append((self._label(name), x[:, k], ends))
+            panels.append(
+                (name_with_unit(name, self.units.get(name, "")), x[:, k], ends)
+            )
         return plot_history(None if path is None else Path(path), panels)
-
-    def _label(self, name: str) -> str:
-        unit = self.units.get(name, "")
-        return f"{name} [{unit}]" if unit else name
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the history (.json), or its picture (.png, .svg, .pdf).
@@ -210,8 +207,9 @@ class Optimum:
         if kind_by_ending(path, "optimisation", "picture") == "picture":
             self.plot(path)
             return
-        with atomic_path(Path(path)) as temporary:
-            temporary.write_text(json.dumps(self.data(), indent=1), encoding="utf-8")
+        from ..report.json_data import write_json
+
+        write_json(Path(path), self.data())
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else "not converged"
@@ -237,11 +235,11 @@ def write_history(
     ------
     OSError : the file cannot be written.
     """
+    from ..report.json_data import write_json
+
     history = [{"x": [*point.x], "values": [*point.values]} for point in points]
     data = {"format": HISTORY_FORMAT, "version": 1, "variables": [*names]}
-    with atomic_path(path) as temporary:
-        text = json.dumps(data | {"history": history}, indent=1)
-        temporary.write_text(text, encoding="utf-8")
+    write_json(path, data | {"history": history})
 
 
 def read_history(path: Path, names: Sequence[str]) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +14,6 @@ from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.file_names import kind_by_ending
-from sidtool.formats.storage.atomic import atomic_path
 
 from .identification import Fit
 from .measurements import Measurement
@@ -153,18 +151,20 @@ class Identification:
         path : file to which the figure is written as well (.png, .svg, .pdf)
         """
         from ..plot.designs import plot_fit
+        from ..report.tables import name_with_unit
 
         ends = np.cumsum([len(m.times) for m in self.measured.values()])
         fitted = np.split(self.fit.values, ends)[: len(ends)]
         panels = [
-            (self._label(name), values.times, values.values, curve)
+            (
+                name_with_unit(name, self.units.get(name, "")),
+                values.times,
+                values.values,
+                curve,
+            )
             for (name, values), curve in zip(self.measured.items(), fitted, strict=True)
         ]
         return plot_fit(None if path is None else Path(path), panels)
-
-    def _label(self, name: str) -> str:
-        unit = self.units.get(name, "")
-        return f"{name} [{unit}]" if unit else name
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the data (.json), or the picture (.png, .svg, .pdf).
@@ -176,8 +176,9 @@ class Identification:
         if kind_by_ending(path, "optimisation", "picture") == "picture":
             self.plot(path)
             return
-        with atomic_path(Path(path)) as temporary:
-            temporary.write_text(json.dumps(self.data(), indent=1), encoding="utf-8")
+        from ..report.json_data import write_json
+
+        write_json(Path(path), self.data())
 
     def __repr__(self) -> str:
         return f"<Identification {self.title!r}: {self.x}>"

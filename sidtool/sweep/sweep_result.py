@@ -168,7 +168,9 @@ class Sweep(Mapping[str, np.ndarray]):
     @property
     def header(self) -> list[str]:
         """Return the names of the columns with their units."""
-        return [f"{n} [{u}]" if (u := self.units.get(n)) else n for n in self]
+        from ..report.tables import name_with_unit
+
+        return [name_with_unit(name, self.units.get(name, "")) for name in self]
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a pandas table: a row per point; units in `attrs`.
