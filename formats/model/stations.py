@@ -13,7 +13,7 @@ from pydantic import model_validator
 
 from ..base.errors import InputError
 from ..storage.atomic import atomic_path
-from ..storage.unreadable import unreadable_error
+from ..storage.unreadable import read_text
 from ..toml.constructor_types import Field, Numbers, OptionalNumbers
 from ..toml.messages import nearest_key
 from ..toml.tables import Table
@@ -242,14 +242,7 @@ def read_stations(path: str | Path, order: str = "sidtool") -> StationTable:
     ------
     InputError : the file cannot be read, or a column, unit or number is wrong.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise unreadable_error(path, "a table of stations (CSV)", error) from None
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"byte {error.start} is not text", source=path, expected="a UTF-8 text file"
-        ) from None
+    text = read_text(path, "a table of stations (CSV)")
     try:
         data = _columns_of(text)
         data["order"] = order

@@ -8,7 +8,6 @@ the other; reading a whole scene costs milliseconds.
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -23,7 +22,7 @@ from .base import Table, as_tuples
 from .inputs import without_tables
 from .laws import Expression
 from .scene_checks import check_scene
-from .signal_files import relocate_signal_files
+from .signal_files import is_finite_number, relocate_signal_files
 from .tables import SceneTables
 from .values import expected_names
 
@@ -116,10 +115,10 @@ def read_input_table(path: str | Path) -> tuple[list[float], list[float]]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"cannot be read: {error}", source=path) from None
     rows = [(line, row) for line, row in rows if "".join(row).strip()]
-    if rows and not _is_number(rows[0][1][0]):
+    if rows and not is_finite_number(rows[0][1][0]):
         rows = rows[1:]
     for line, row in rows:
-        if len(row) != 2 or not all(map(_is_number, row)):
+        if len(row) != 2 or not all(map(is_finite_number, row)):
             raise InputError(
                 f"found {','.join(row)!r}",
                 source=path,
@@ -129,13 +128,6 @@ def read_input_table(path: str | Path) -> tuple[list[float], list[float]]:
     if not rows:
         raise InputError("holds no values", source=path, expected="columns t and value")
     return [float(row[0]) for _, row in rows], [float(row[1]) for _, row in rows]
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
 
 
 def read_scene(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:

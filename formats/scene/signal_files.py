@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.errors import InputError
-from ..storage.unreadable import unreadable_error
+from ..storage.unreadable import read_text
 from ..toml.messages import nearest_key
 from .base import as_tuples
 
@@ -97,14 +97,7 @@ def relocate_signal_files(data: Mapping[str, Any], folder: Path) -> None:
 
 
 def _read_text(path: Path, columns: Sequence[Column]) -> list[Values]:
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise unreadable_error(path, "a table (CSV)", error) from None
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"byte {error.start} is not text", expected="a UTF-8 text file"
-        ) from None
+    lines = read_text(path, "a table (CSV)").splitlines()
     numbered = [(k, line) for k, line in enumerate(lines, 1) if line.strip()]
     numbered = [(k, line) for k, line in numbered if not line.lstrip().startswith("#")]
     if not numbered:
@@ -112,7 +105,7 @@ def _read_text(path: Path, columns: Sequence[Column]) -> list[Values]:
     separator = next((c for c in ";\t," if c in numbered[0][1]), None)
     rows = [(k, _cells(line, separator)) for k, line in numbered]
     header: list[str] = []
-    if not all(map(_is_number, rows[0][1])):
+    if not all(map(is_finite_number, rows[0][1])):
         header = rows[0][1]
         rows = rows[1:]
     width = len(header or rows[0][1])
@@ -120,7 +113,7 @@ def _read_text(path: Path, columns: Sequence[Column]) -> list[Values]:
     result: list[list[float]] = [[] for _ in indices]
     for line, row in rows:
         for values, index in zip(result, indices, strict=True):
-            if index >= len(row) or not _is_number(row[index]):
+            if index >= len(row) or not is_finite_number(row[index]):
                 raise InputError(
                     f"found {' '.join(row)[:40]!r}",
                     place=f"line {line}",
@@ -152,7 +145,8 @@ def _index(column: Column, default: int, header: list[str], width: int) -> int:
     raise InputError(f"has not {asked}", expected=expected)
 
 
-def _is_number(text: str) -> bool:
+def is_finite_number(text: str) -> bool:
+    """Return whether a cell of a table holds a finite number."""
     try:
         return math.isfinite(float(text))
     except ValueError:

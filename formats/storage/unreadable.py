@@ -1,4 +1,4 @@
-"""Messages about files that cannot be read, the same on all systems."""
+"""Text files, and messages about files that cannot be read, the same on all systems."""
 
 import os
 import re
@@ -42,3 +42,22 @@ def unreadable_error(
     else:
         problem = f"cannot be read ({failure_reason(error)})"
     return InputError(problem, source=path, expected=expected)
+
+
+def read_text(path: str | os.PathLike[str], expected: str) -> str:
+    """Return the content of a UTF-8 text file, with or without a byte order mark.
+
+    expected : what the file was to be
+
+    Raises
+    ------
+    InputError : it cannot be read, or is not text.
+    """
+    try:
+        return Path(path).read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"byte {error.start} is not text", source=path, expected="a UTF-8 text file"
+        ) from None
+    except OSError as error:
+        raise unreadable_error(path, expected, error) from None

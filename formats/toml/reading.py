@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from ..base.errors import InputError
-from ..storage.unreadable import QUOTES, unreadable_error
+from ..storage.unreadable import QUOTES, read_text
 from .evaluation import Formulas, evaluate_formulas
 from .expressions import shortened_text
 from .messages import dotted_key, input_error
@@ -117,13 +117,7 @@ def _read_text(path: Path) -> str:
         problem = "is a pipe or a device"
         raise InputError(problem, source=path, expected="a regular file")
     try:
-        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"byte {error.start} is not text", source=path, expected="a UTF-8 text file"
-        ) from None
-    except OSError as error:
-        raise unreadable_error(path, "a TOML or JSON file", error) from None
+        return read_text(path, "a TOML or JSON file").replace("\r\n", "\n")
     except ValueError as error:
         raise InputError(f"cannot be read ({error})", source=path) from None
 
