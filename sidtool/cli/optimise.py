@@ -130,5 +130,5 @@ def optimise(
     for path in outputs:
         found.save(path)
         click.echo(f"{path} written")
-    if not (found.converged and found.keeps_limits):
+    if not (found.converged and found.is_feasible):
         raise click.exceptions.Exit(1)

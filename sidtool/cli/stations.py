@@ -87,7 +87,7 @@ def stations(
 
 
 def _own_table(source: Path, order: str, length: float | None) -> ImportedStations:
-    """Read a CSV file, and say what it leaves open."""
+    """Read a CSV file, and note what it does not contain."""
     from sidtool.formats.model.stations import read_stations
 
     from ..importers.openfast import ImportedStations, straight_geometry

@@ -69,7 +69,7 @@ class Optimum:
         return dict(zip(self.functionals, self.best.values, strict=True))
 
     @property
-    def keeps_limits(self) -> bool:
+    def is_feasible(self) -> bool:
         """True if the best design keeps all limits."""
         return not any(row[-1] == "exceeded" for row in self._functional_rows())
 
@@ -151,7 +151,7 @@ class Optimum:
             "title": self.design.title,
             "converged": self.converged,
             "message": self.message,
-            "keeps_limits": self.keeps_limits,
+            "is_feasible": self.is_feasible,
             "variables": names,
             "functionals": list(self.functionals),
             "units": dict(self.units),

@@ -190,7 +190,7 @@ def test_forces_at_the_axis_bend_and_twist_about_the_centres(theory: str) -> Non
     )
 
 
-def test_mass_beside_the_axis_enters_the_integrals() -> None:
+def test_eccentric_mass_enters_the_integrals() -> None:
     """Mass, centre and inertia of a bar that is a slice at every place."""
     table = eccentric()
     sid = sid_from_model(model(table))

@@ -44,7 +44,7 @@ def test_the_shortest_pendulum_of_a_period(method: str) -> None:
     length = G * (0.7 / ellipk(0.5)) ** 2
     assert found.x["length"] == pytest.approx(length, rel=1e-4)
     assert found.values["min(bob.y)"] == pytest.approx(-length, rel=1e-4)
-    assert found.converged and found.keeps_limits
+    assert found.converged and found.is_feasible
 
 
 def test_the_lightest_bar_of_a_deflection(tmp_path: Path) -> None:
