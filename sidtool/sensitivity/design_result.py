@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -71,7 +71,7 @@ class Optimum:
     @property
     def is_feasible(self) -> bool:
         """True if the best design keeps all limits."""
-        return not any(row[-1] == "exceeded" for row in self._functional_rows())
+        return all(margin >= -room for *_, margin, room in self._limit_margins())
 
     def report(self) -> str:
         """Return the result as text, as `sidtool optimise` prints it."""
@@ -110,6 +110,18 @@ class Optimum:
         objective = self.design.objective
         role = "minimised" if objective.minimise is not None else "maximised"
         rows = [self._functional_row(0, role, "")]
+        for k, word, value, margin, room in self._limit_margins():
+            near = max(room, 0.01 * (abs(value) or 1.0))
+            state = "reached" if abs(margin) <= near else ""
+            state = "exceeded" if margin < -room else state
+            rows.append(self._functional_row(k, f"{word} {value:g}", state))
+        return rows
+
+    def _limit_margins(self) -> Iterator[tuple[int, str, float, float, float]]:
+        """Yield for each limit the number of its functional, "at least" or "at most",
+        its value, the distance of the best design from it, negative beyond, and by how
+        much it may be exceeded.
+        """
         for limit in self.design.limits:
             k = self.functionals.index(limit.of)
             for word, sign, value in (
@@ -119,11 +131,7 @@ class Optimum:
                 if value is not None:
                     margin = sign * (self.best.values[k] - value)
                     room = limit_tolerance(self.design) * (abs(value) or 1.0)
-                    near = max(room, 0.01 * (abs(value) or 1.0))
-                    state = "reached" if abs(margin) <= near else ""
-                    state = "exceeded" if margin < -room else state
-                    rows.append(self._functional_row(k, f"{word} {value:g}", state))
-        return rows
+                    yield k, word, value, margin, room
 
     def _functional_row(self, k: int, limit: str, state: str) -> tuple[str, ...]:
         name = self.functionals[k]
