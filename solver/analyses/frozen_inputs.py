@@ -24,7 +24,9 @@ def with_constant_inputs(system: System) -> System:
 
     Nothing that follows from their rates is left: velocities, accelerations, inertia.
     """
-    return _with_polynomials(system, range(len(system.arrays.drive)), 1)
+    rows = range(len(system.arrays.drive))
+    of_time = [row for row in rows if row not in system.lookup_rows]
+    return _with_polynomials(system, of_time, 1)
 
 
 def with_polynomial_inputs(system: System, t: float) -> tuple[System, dict[str, slice]]:

@@ -112,6 +112,7 @@ class FunctionTable:
         self._inputs = inputs or {}
         self._input_rows: dict[str, tuple[int, int, int, int]] = {}
         self._lookups: dict[str, int] = {}
+        self._grids: dict[str, int] = {}
         self.required_continuity = dict.fromkeys(self._inputs, 0)
         self.shortest_features: dict[str, float] = {}
         self.given_functions: dict[str, Given] = {}
@@ -222,11 +223,16 @@ class FunctionTable:
             self._lookups[name] = len(self._rows) - 1
         return self._lookups[name]
 
+    @property
+    def lookup_rows(self) -> tuple[int, ...]:
+        """Rows of tables of one variable."""
+        return tuple(self._lookups.values())
+
     def add_grid(self, name: str, data: Array) -> int:
         """Where the numbers of a table of two variables begin."""
-        if name not in self._lookups:
-            self._lookups[name] = self._pool.add(data)
-        return self._lookups[name]
+        if name not in self._grids:
+            self._grids[name] = self._pool.add(data)
+        return self._grids[name]
 
     def add_law_features(self, program: Callable[[float], float], name: str) -> None:
         """Has steps look at what a law makes of time; what jumps is left to them."""

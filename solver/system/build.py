@@ -327,6 +327,7 @@ def _assemble_tables(
         features=functions.features(),
         input_rows=parts.input_rows,
         input_continuity=functions.required_continuity,
+        lookup_rows=functions.lookup_rows,
         shortest_features=functions.shortest_features,
     )
 

@@ -85,6 +85,8 @@ class System:
     input_rows, input_continuity
         Rows of the functions of inputs, and what drives need of these, see
         `FunctionTable.required_continuity`.
+    lookup_rows
+        Rows of tables of formulas, which are no functions of time.
     inactive_rows
         Constraint rows that are left out, since they follow from the others except for
         rounding of the data.
@@ -132,6 +134,7 @@ class System:
     features: Mapping[str, Features] = field(default_factory=dict)
     input_rows: Mapping[str, int] = field(default_factory=dict)
     input_continuity: Mapping[str, int] = field(default_factory=dict)
+    lookup_rows: tuple[int, ...] = ()
     inactive_rows: tuple[int, ...] = field(default=())
     full_constraints: at.IntTable | None = None
     shortest_features: Mapping[str, float] = field(default_factory=dict)

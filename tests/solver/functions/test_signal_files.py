@@ -200,8 +200,11 @@ def test_a_table_of_two_variables_is_bilinear(tmp_path: Path) -> None:
     assert_allclose(looked_up.values, written.values, atol=1e-7)
 
 
-def test_equations_linearised_with_tables() -> None:
-    """Slopes of tables are in the state matrix."""
+@pytest.mark.parametrize("about", ["start", "static"])
+def test_equations_linearised_with_tables(about: str) -> None:
+    """Slopes of tables are in the state matrix; a static equilibrium reads tables where
+    its variables are.
+    """
     pulled = {
         "one": ("-lookup(k, rb.displacement)", "-(2 + 7*rb.displacement)"),
         "two": (
@@ -217,7 +220,7 @@ def test_equations_linearised_with_tables() -> None:
             data = formula(text, k=k, g=g)
             data["bodies"]["b"]["initial"] = {"position": [-2.0 / 7.0, 0.0]}
             scene = validate_data(data, SceneFile)
-            matrices.append(sidtool.linearise(scene, about="start").eigenvalues)
+            matrices.append(sidtool.linearise(scene, about=about).eigenvalues)
         assert_allclose(matrices[0], matrices[1], atol=1e-6)
 
 
