@@ -214,7 +214,8 @@ class BeamGeometry(Table):
     through : points between them, in order, for a curved axis: a cubic spline through
         start, these points and end; more points follow a curve better
     y_axis : direction of the local y axis at the start, made perpendicular to the
-        beam; along a curved one it is carried without a rotation about the tangent
+        beam; by default y, or -x for a beam along y. Along a curved beam it is carried
+        without a rotation about the tangent
     section : by its shape. The axis of the beam is the line of its centroids
     sections : instead of `section` and [material], stiffness and mass at stations along
         the axis: a CSV file or its columns. Centres may lie beside the axis
@@ -229,7 +230,7 @@ class BeamGeometry(Table):
     start: Takes[Point3, ArrayLike]
     end: Takes[Point3, ArrayLike]
     through: tuple[Point3, ...] = ()
-    y_axis: Takes[Point3, ArrayLike] = Field(default=(0.0, 1.0, 0.0))
+    y_axis: Takes[Point3 | None, ArrayLike | None] = Field(default=None)
     twist: float | Annotated[tuple[float, ...], Field(min_length=1)] = 0.0
     interpolation: Literal["linear", "smooth", "polynomial"] = "linear"
     section: Takes[ShapedSection | None, ShapedSection | Entries | None] = Field(

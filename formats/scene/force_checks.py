@@ -152,7 +152,9 @@ def check_function(function: ForceFunction, place: str, scene: SceneTables) -> N
         if not function.times:
             raise_failure(f"{place}.times", "is missing", "times and values, or a file")
         _check_points(function.times, function.values, place)
-        _check_span(function.times, place, time)
+        curve = "smooth" if place.startswith("drives") else "linear"
+        if (function.interpolation or curve) == "smooth":
+            _check_span(function.times, place, time)
     elif isinstance(function, Given):
         _check_given(function, place, time)
     elif isinstance(function, InputFunction):
@@ -191,10 +193,10 @@ def check_input(signal: Input, place: str, time: Time) -> None:
     if times is None or values is None:
         return
     _check_points(times, values, place)
-    if signal.interpolation != "hold":
-        if len(times) < 2:
-            problem = f"has one time, and is {signal.interpolation}"
-            raise_failure(f"{place}.times", problem, "two or more")
+    if signal.interpolation != "hold" and len(times) < 2:
+        problem = f"has one time, and is {signal.interpolation}"
+        raise_failure(f"{place}.times", problem, "two or more")
+    if signal.interpolation == "smooth":
         _check_span(times, place, time)
 
 
@@ -213,7 +215,10 @@ def _check_points(
 
 
 def _check_span(times: tuple[float, ...], place: str, time: Time) -> None:
-    """Raise a table that does not cover the run."""
+    """Raise a smooth table that does not cover the run: its value is not known there.
+
+    Of others the ends hold.
+    """
     if times[0] > time.start or times[-1] < time.end:
         problem = f"goes from {times[0]} to {times[-1]}"
         raise_failure(

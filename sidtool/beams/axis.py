@@ -139,13 +139,15 @@ def straight_axis(
 ) -> Axis:
     """A straight axis between two places that differ.
 
+    The y axis is by default y, or -x along y.
+
     Raises
     ------
     InputError : the y axis is parallel to it.
     """
     length = analytic_norm(end - start).item()
     x = (end - start) / length
-    y = _perpendicular_part(numbers(y_axis), x)
+    y = _y_direction(y_axis, x)
     return Axis(
         length,
         True,
@@ -199,7 +201,7 @@ def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Ax
         turned = (change * y).sum(axis=-1) * speed * end
         return np.asarray(-turned[:, None] * tangent)
 
-    begin = _perpendicular_part(numbers(y_axis), bent(np.zeros(1))[0][0])
+    begin = _y_direction(y_axis, bent(np.zeros(1))[0][0])
     run_along = solve_ivp(
         lambda share, y: carry(np.array([share]), y[None])[0],
         (0, 1),
@@ -283,7 +285,12 @@ def _refine_knots(knots: Array) -> Array:
     return np.append(inner.ravel(), knots[-1])
 
 
-def _perpendicular_part(y: Array, x: Array) -> Array:
+def _y_direction(y_axis: Any, x: Array) -> Array:
+    """The y axis made perpendicular to a tangent x."""
+    if y_axis is None:
+        along_y = np.hypot(x[0].real, x[2].real) <= _PARALLEL_TOLERANCE
+        y_axis = (-1.0, 0.0, 0.0) if along_y else (0.0, 1.0, 0.0)
+    y = numbers(y_axis)
     across = y - x * (x @ y)
     if np.linalg.norm(across) <= _PARALLEL_TOLERANCE * np.linalg.norm(y):
         raise InputError(

@@ -173,6 +173,14 @@ def test_a_direction_of_the_beam_does_not_matter() -> None:
     assert_allclose(omegas(turned), along, rtol=1e-9)
 
 
+def test_the_height_of_a_beam_along_y_is_in_the_plane() -> None:
+    """As of a beam along x, when no y axis is stated."""
+    upright = sid_from_model(uniform("euler_bernoulli", 8, end=[0.0, 1.0, 0.0]))
+    flat = sid_from_model(uniform("euler_bernoulli", 8))
+    along_y, along_x = (np.abs(sid.nodes[-1].phi.m0) for sid in (upright, flat))
+    assert_allclose(along_y[[1, 0, 2]], along_x, atol=1e-9)
+
+
 def test_a_lumped_mass_at_the_tip() -> None:
     """3 EI / L^3 over the tip mass and 33/140 of the beam."""
     heavy = uniform("euler_bernoulli", 10, masses=[{"at": 1.0, "mass": 100.0}])

@@ -166,6 +166,17 @@ def test_drives_refuse_inputs_that_jump(
     assert "acceleration" in str(caught.value.expected)
 
 
+def test_the_ends_of_a_table_hold_outside_of_its_times() -> None:
+    """Straight lines, of an input as of the force itself."""
+    table = {"interpolation": "linear", "times": [0.2, 0.4], "values": [1.0, 3.0]}
+    inputs = {"command": table}
+    by_input = pendulum(forces=motor(INPUT), inputs=inputs).simulate()
+    by_force = pendulum(forces=motor({"type": "table"} | table)).simulate()
+    expected = np.interp(by_input.t, table["times"], table["values"])
+    assert by_input["motor.torque"] == pytest.approx(expected, abs=1e-12)
+    assert by_force["motor.torque"] == pytest.approx(expected, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("parts", "place"),
     [
@@ -184,7 +195,7 @@ def test_drives_refuse_inputs_that_jump(
                     "command": {
                         "times": [0.0, 0.5],
                         "values": [1.0, 2.0],
-                        "interpolation": "linear",
+                        "interpolation": "smooth",
                     }
                 }
             },
