@@ -9,6 +9,9 @@ compiled_scene   a scene compiled once and run with other numbers
 analyses         equilibrium, natural modes, inverse dynamics
 bodies           superelements, and files of bodies for other programs
 state_space      state space and frequency response
+motion_problem, cached_problem   values and derivatives, for the next ones
+linearised_point  derivatives from one linearised run
+sensitivity, optimise, identify   derivatives, best designs, numbers from measurements
 study, sweep     error over cost; values over design parameters
 tables           classes of the tables of scenes and models
 """

@@ -29,8 +29,9 @@ from ..sensitivity.identification import (
 from ..sensitivity.identification_result import Identification, strongest_correlation
 from ..sensitivity.measurements import Measurement, as_measurements, read_measurements
 from ..sensitivity.variables import find_variables, model_changes, scene_changes
+from .cached_problem import CachedProblem
 from .compiled_scene import Sids
-from .motion_problem import RTOL, CachedProblem, Problem, RunOptions
+from .motion_problem import RTOL, Problem, RunOptions
 
 Path_ = str | os.PathLike[str]
 Programs = Mapping[str, Any]
@@ -51,6 +52,7 @@ def identify(
     ranges: Mapping[str, tuple[float, float]] | None = None,
     sids: Sids | None = None,
     jobs: int | None = None,
+    method: str = "auto",
     drives: Programs | None = None,
     forces: Programs | None = None,
     progress: Callable[[Array, Array], None] | None = None,
@@ -68,7 +70,7 @@ def identify(
     targets : measured value and standard deviation of functionals, such as
         {"frequency(1)": (12.3, 0.1)}
     ranges : least and largest value of variables
-    sids, jobs, drives, forces : as of `sidtool.sensitivity`
+    sids, jobs, method, drives, forces : as of `sidtool.sensitivity`
     progress : called with variables and values of each evaluation
 
     Raises
@@ -90,7 +92,9 @@ def identify(
             )
         found_variables = find_variables(variables, content)
         rtol = min(content.accuracy.rtol, RTOL)
-        options = RunOptions(sids=sids, rtol=rtol, jobs=jobs, programs=(drives, forces))
+        options = RunOptions(
+            sids=sids, rtol=rtol, jobs=jobs, programs=(drives, forces), method=method
+        )
         problem = Problem(content, found_variables, [*outputs, *functionals], options)
         names = [v.name for v in found_variables]
         evaluation = CachedProblem(problem, GOOD_ERROR, progress)

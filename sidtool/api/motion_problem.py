@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from sidtool.solver.simulation.frozen_run import (
     record_grid,
     run_on_grid,
 )
+from sidtool.solver.simulation.linearised_run import NotLinearisable
 from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
 
@@ -40,7 +41,7 @@ from ..sensitivity.differences import (
     differentiate,
     rounding_of,
 )
-from ..sensitivity.functionals import Functional, History, Peak, recorded_outputs
+from ..sensitivity.functionals import Functional, History, Term, recorded_outputs
 from ..sensitivity.sensitivity_result import Sensitivities
 from ..sensitivity.variables import (
     Variable,
@@ -50,6 +51,7 @@ from ..sensitivity.variables import (
 )
 from ..sweep.design import Designs
 from .compiled_scene import CompiledScene, Sids
+from .linearised_point import AUTO, DIFFERENCES, METHODS, Failure, LinearisedPoint
 from .parallel_runs import map_in_threads
 
 Programs = Mapping[str, Any]
@@ -62,8 +64,6 @@ NEGLIGIBLE = 1e-3
 #: Tolerance of runs of optimisations and fits: values must not jump with the steps by
 #: more than these resolve.
 RTOL = 1e-8
-#: Points of which runs are kept.
-KEPT_POINTS = 20
 #: Derivatives of two peaks differ by more than this part of them.
 DIFFERENT = 0.01
 
@@ -78,6 +78,7 @@ class RunOptions:
     integrator, rtol, step : replace those of the scene
     jobs : number of threads, default the processors of this process
     programs : callables for drives and for forces, by name
+    method : of derivatives, one of `linearised_point.METHODS`
     """
 
     sids: Sids | None = None
@@ -86,6 +87,7 @@ class RunOptions:
     step: float | None = None
     jobs: int | None = None
     programs: tuple[Programs | None, Programs | None] = (None, None)
+    method: str = AUTO
 
 
 class Problem:
@@ -120,6 +122,9 @@ class Problem:
             self.compiled = CompiledScene(
                 self.scene, sids=given_sids, drives=programs[0], forces=programs[1]
             )
+        if settings.method not in METHODS:
+            expected = f"one of {', '.join(METHODS)}"
+            raise InputError(f"method is {settings.method!r}", expected=expected)
         if jobs is not None and jobs < 1:
             raise InputError(f"jobs is {jobs}", expected="a positive number")
         sequential = bool(self.compiled.system_with({}).natives)
@@ -182,10 +187,10 @@ class Problem:
             values = [term.value(system, history) for term in terms]
             pairs = zip(terms, values, strict=True)
             scales = [t.functional.scale(history, v) for t, v in pairs]
-        n_values = sum(len(v) for v in values[: len(self.functionals)])
-        joined = np.concatenate(values), np.concatenate(scales)
+        sizes = tuple(map(len, values))
+        joined = np.concatenate(values), np.concatenate(scales), sizes
         x = np.asarray(x, float)
-        return Point(self, x, bodies, grid, terms, *joined, n_values)
+        return Point(self, x, bodies, grid, history, terms, *joined)
 
 
 def _with_outputs(scene: SceneFile, record: Sequence[str]) -> SceneFile:
@@ -252,27 +257,6 @@ class VariedBody:
         return self._derivatives.neighbour(offsets)
 
 
-class Term(NamedTuple):
-    """A functional, at one of its peaks if it is an extremum.
-
-    Attributes
-    ----------
-    functional : the functional
-    peak : where it lies in the nominal motion
-    rival_of : number of the functional of which this is another peak, or -1
-    """
-
-    functional: Functional
-    peak: Peak | None = None
-    rival_of: int = -1
-
-    def value(self, system: System, history: History | None) -> Array:
-        """The value of a scene and its motion, (1,), or several values."""
-        if self.functional.needs_motion and history is not None:
-            return np.atleast_1d(self.functional.of_motion(history, self.peak))
-        return np.atleast_1d(self.functional.of_system(system))
-
-
 def _terms(functionals: Sequence[Functional], history: History | None) -> list[Term]:
     """A term for each functional, then their other peaks."""
     peaks = [[] if history is None else f.peaks(history) for f in functionals]
@@ -293,10 +277,10 @@ class Point:
     ----------
     x : (n_variables,) values of the variables
     bodies : bodies with variables of their models, by name
-    grid : of the run
+    grid, history : of the run
     terms : functionals, then their other peaks
     all_values, scales : (n,) values of all terms, and their sizes
-    n_values : number of values of the functionals
+    sizes : number of values of each term
     noise_runs : runs that measured the rounding of the values
     """
 
@@ -304,11 +288,17 @@ class Point:
     x: Array
     bodies: Mapping[str, VariedBody]
     grid: Grid | None
+    history: History | None
     terms: Sequence[Term]
     all_values: Array
     scales: Array
-    n_values: int
+    sizes: tuple[int, ...]
     noise_runs: int = 0
+
+    @property
+    def n_values(self) -> int:
+        """Number of values of the functionals."""
+        return sum(self.sizes[: len(self.problem.functionals)])
 
     @property
     def rtol(self) -> float:
@@ -331,15 +321,90 @@ class Point:
         StructureChange : the run has other events.
         InputError, SimulationError : as `simulate`.
         """
+        system, history = self._system(x), None
+        if self.grid is not None:
+            history = History(run_on_grid(system, self.grid))
+        return np.concatenate([term.value(system, history) for term in self.terms])
+
+    def _system(self, x: Array) -> System:
+        """The scene at neighbouring values of the variables."""
         variables, changes = self.problem.variables, x - self.x
         sids = {
             name: body.neighbour(model_offsets(variables, changes, name))
             for name, body in self.bodies.items()
         }
-        system, history = self.problem.system(x, sids), None
-        if self.grid is not None:
-            history = History(run_on_grid(system, self.grid))
-        return np.concatenate([term.value(system, history) for term in self.terms])
+        return self.problem.system(x, sids)
+
+    def neighbour_system(self, k: int, step: float) -> System:
+        """The scene with one variable changed by a step.
+
+        Raises
+        ------
+        InputError : it does not fit.
+        """
+        x = self.x.copy()
+        x[k] += step
+        with locate_errors(self.problem.scene):
+            return self._system(x)
+
+    def without_motion(self) -> Point:
+        """The point with the terms alone that need no motion."""
+        kept = [not term.functional.needs_motion for term in self.terms]
+        values = np.repeat(kept, self.sizes)
+        pairs = zip(self.terms, self.sizes, kept, strict=True)
+        rows = [(term, n) for term, n, is_kept in pairs if is_kept]
+        return replace(
+            self,
+            grid=None,
+            history=None,
+            terms=[term for term, _ in rows],
+            all_values=self.all_values[values],
+            scales=self.scales[values],
+            sizes=tuple(n for _, n in rows),
+        )
+
+    def differences(
+        self,
+        good: float = GOOD_ERROR,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> tuple[list[Difference | Failure], str]:
+        """Derivatives of all terms by each variable, or why there is none, and why
+        derivatives are not those of the linearised run, or empty.
+
+        Parameters
+        ----------
+        good : error of a derivative by differences, relative to its size, that is small
+            enough
+        progress : called with a variable, its number and the number of all
+
+        Raises
+        ------
+        InputError : the method that was requested is not available.
+        """
+        numbers, method = range(len(self.x)), self.problem.settings.method
+        found: list[Difference | Failure] = [StructureChange("") for _ in numbers]
+        reason = "as requested" if method == DIFFERENCES else ""
+        if self.history is not None and method != DIFFERENCES:
+            try:
+                found = LinearisedPoint(self, method).differences(numbers)
+            except NotLinearisable as why:
+                reason = why.reason
+                if method != AUTO:
+                    raise InputError(
+                        f"cannot linearise {reason}", place="method", expected=AUTO
+                    ) from None
+        for k, one in enumerate(found):
+            if isinstance(one, Difference):
+                continue
+            if progress is not None:
+                progress(self.problem.variables[k].name, k, len(self.x))
+            if not reason and isinstance(one, StructureChange):
+                reason = one.reason
+            try:
+                found[k] = self.difference(k, good)
+            except (StructureChange, InputError, SimulationError) as why:
+                found[k] = why
+        return found, reason
 
     def difference(self, k: int, good: float = GOOD_ERROR) -> Difference:
         """Derivatives of all terms by one variable.
@@ -353,7 +418,7 @@ class Point:
         StructureChange, InputError, SimulationError : there are none.
         """
         problem, variable = self.problem, self.problem.variables[k]
-        size = self._size(variable, self.x[k])
+        size = self.size(k)
         found = differentiate(
             self._along(k),
             self.x[k],
@@ -377,14 +442,15 @@ class Point:
         diagnostics, runs = list[Diagnostic](), 2
         if self.grid is not None and not np.isnan(self.grid.singular_time):
             diagnostics.append(diagnose("N738", t=self.grid.singular_time))
-        for k, variable in enumerate(problem.variables):
-            if progress is not None:
-                progress(variable.name, k, len(problem.variables))
-            try:
-                found = self.difference(k)
-            except (StructureChange, InputError, SimulationError) as why:
-                diagnostics.append(diagnose("N735", variable.name, reason=str(why)))
+        all_found, reason = self.differences(progress=progress)
+        methods = {}
+        for k, (variable, found) in enumerate(
+            zip(problem.variables, all_found, strict=True)
+        ):
+            if not isinstance(found, Difference):
+                diagnostics.append(diagnose("N735", variable.name, reason=str(found)))
                 continue
+            methods[variable.name] = found.method
             runs += found.runs
             count = len(self.values)
             derivatives[:, k] = found.derivatives[:count]
@@ -403,6 +469,8 @@ class Point:
             runs=runs + self.noise_runs,
             seconds=time.perf_counter() - started,
             rtol=self.rtol,
+            methods=methods,
+            reason=reason,
             diagnostics=tuple(diagnostics),
             title=scene.title,
         )
@@ -411,7 +479,7 @@ class Point:
         """Rounding of all terms, measured once along a variable."""
         noise = self.problem.noise
         if noise is None or noise.shape != self.all_values.shape:
-            size = self._size(self.problem.variables[k], self.x[k])
+            size = self.size(k)
             try:
                 noise = rounding_of(self._along(k), self.x[k], size, self.all_values)
             except (StructureChange, InputError, SimulationError):
@@ -435,10 +503,11 @@ class Point:
         with locate_errors(self.problem.scene):
             return evaluate
 
-    def _size(self, variable: Variable, value: float) -> float:
+    def size(self, k: int) -> float:
         """Size of a variable: its value, or where that is 0 one by its unit."""
+        variable, value = self.problem.variables[k], float(self.x[k])
         if value != 0.0:
-            return abs(float(value))
+            return abs(value)
         scene, system = self.problem.scene, self.problem.compiled.system_with({})
         time_ = scene.time
         sizes = {"m": system.length, "s": time_.end - time_.start}
@@ -449,7 +518,7 @@ class Point:
     def warnings(self, k: int, found: Difference) -> list[Diagnostic]:
         """What is doubtful of the derivatives by a variable (N736, N737)."""
         variable = self.problem.variables[k]
-        least = NEGLIGIBLE * self.scales / self._size(variable, self.x[k])
+        least = NEGLIGIBLE * self.scales / self.size(k)
         sizes = np.maximum(np.abs(found.derivatives), least)
         if self.n_values > len(self.problem.functionals):
             return []  # single values of a history
@@ -483,72 +552,3 @@ class Point:
             for f, error in rows
             if error > LARGE_ERROR
         ]
-
-
-class CachedProblem:
-    """Values and derivatives of a problem; the last points are kept.
-
-    Attributes
-    ----------
-    runs : runs made so far
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        good: float = GOOD_ERROR,
-        progress: Callable[[Array, Array], None] | None = None,
-    ) -> None:
-        """Parameters
-        ----------
-        good : error of a derivative, relative to its size, that is small enough
-        progress : called with variables and values of each new point
-        """
-        self._problem, self._good, self._progress = problem, good, progress
-        self._points: dict[bytes, Point] = {}
-        self._derivatives: dict[bytes, Array] = {}
-        self.runs = 0
-        self._warnings: dict[tuple[str, str], Diagnostic] = {}
-
-    @property
-    def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """The last one of each code for each variable."""
-        return tuple(self._warnings.values())
-
-    def _point(self, x: Array) -> Point:
-        key = x.tobytes()
-        if key not in self._points:
-            if len(self._points) >= KEPT_POINTS:
-                self._points.pop(next(iter(self._points)))
-            point = self._points[key] = self._problem.at(x)
-            self.runs += 2
-            if self._progress is not None:
-                self._progress(x, point.values)
-        return self._points[key]
-
-    def value(self, x: Array) -> Array:
-        """Values of the functionals, (m,)."""
-        return self._point(x).values
-
-    def derivative(self, x: Array) -> Array:
-        """Derivatives of the functionals by the variables, (m, n).
-
-        Raises
-        ------
-        InputError : a derivative does not exist.
-        """
-        key = x.tobytes()
-        if key not in self._derivatives:
-            point, columns = self._point(x), []
-            for k, variable in enumerate(self._problem.variables):
-                try:
-                    found = point.difference(k, self._good)
-                except (StructureChange, SimulationError) as why:
-                    problem = diagnose("N735", variable.name, reason=str(why))
-                    raise InputError(problem.message, place=variable.name) from None
-                self.runs += found.runs
-                for each in point.warnings(k, found):
-                    self._warnings[each.code, each.subject] = each
-                columns.append(found.derivatives[: point.n_values])
-            self._derivatives = {key: np.column_stack(columns)}
-        return self._derivatives[key]

@@ -27,8 +27,9 @@ from ..sensitivity.variables import (
     single_variable,
 )
 from ..sweep.design import Designs
+from .cached_problem import CachedProblem
 from .compiled_scene import Sids
-from .motion_problem import RTOL, CachedProblem, Problem, RunOptions
+from .motion_problem import RTOL, Problem, RunOptions
 
 Path_ = str | os.PathLike[str]
 
@@ -40,6 +41,7 @@ def optimise(
     start: Mapping[str, float] | None = None,
     sids: Sids | None = None,
     jobs: int | None = None,
+    method: str = "auto",
     progress: Callable[[Iteration, int], None] | None = None,
 ) -> Optimum:
     """Find the best design within limits, as `sidtool optimise` does.
@@ -54,6 +56,7 @@ def optimise(
     start : first values of variables by their names, default those of the design
     sids : SIDs, or SID files, that replace those of the scene, by body
     jobs : number of threads, default the processors of this process
+    method : of the derivatives, as of `sidtool.sensitivity`
     progress : called with each point and its number
 
     Raises
@@ -76,7 +79,7 @@ def optimise(
         if len(functionals) != len(texts):
             raise InputError("holds several functionals", place="objective")
         rtol = min(base.accuracy.rtol, RTOL)
-        options = RunOptions(sids=sids, rtol=rtol, jobs=jobs)
+        options = RunOptions(sids=sids, rtol=rtol, jobs=jobs, method=method)
         problem = Problem(base, variables, functionals, options)
         evaluation = CachedProblem(problem)
         count = 0

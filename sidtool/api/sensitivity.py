@@ -38,6 +38,7 @@ def sensitivity(
     rtol: float | None = None,
     step: float | None = None,
     jobs: int | None = None,
+    method: str = "auto",
     drives: Programs | None = None,
     forces: Programs | None = None,
     progress: Callable[[str, int, int], None] | None = None,
@@ -48,8 +49,9 @@ def sensitivity(
         print(found.report())
         found["max_abs(rod.q1)", "piston.mass"]
 
-    Neighbouring scenes are run with the steps of this one, and differences of fourth
-    order are taken. `errors` estimates the error of each derivative.
+    The run is linearised about itself; where that is not possible, neighbouring scenes
+    are run with its steps, and differences of fourth order are taken. `methods` says
+    which was used for each variable, `errors` estimates the error of each derivative.
 
     Of a model, quantities of the body are differentiated by its numbers, such as
     "frequency(1)" by "material.youngs_modulus", see `sidtool.sid_derivatives`; no
@@ -64,20 +66,23 @@ def sensitivity(
     sids : SIDs, or SID files, that replace those of the scene, by body
     integrator, rtol, step : as of `sidtool.simulate`
     jobs : number of threads, default the processors of this process
+    method : "adjoint" or "direct" about the linearised run, "differences" of runs, or
+        "auto"
     drives, forces : callables by name, as of `sidtool.simulate`; they run one after the
         other
     progress : called with a variable, its number and the number of all
 
     Raises
     ------
-    InputError : there is no such key, functional or output, or as `simulate`.
+    InputError : there is no such key, functional or output, the method is not available
+        for the scene, or as `simulate`.
     sidtool.SimulationError : the run of the scene itself stops. A derivative that does
         not exist is NaN, and `diagnostics` says why.
     """
     model = _model_given(scene)
     if model is not None:
         return model_sensitivities(model, variables, functionals)[0]
-    options = RunOptions(sids, integrator, rtol, step, jobs, (drives, forces))
+    options = RunOptions(sids, integrator, rtol, step, jobs, (drives, forces), method)
     problem = parse_problem(scene, variables, functionals, options)
     found = problem.at(problem.x0).sensitivities(progress)
     warn_of_each(found.diagnostics)
@@ -197,6 +202,7 @@ def gradient(
     rtol: float | None = None,
     step: float | None = None,
     jobs: int | None = None,
+    method: str = "auto",
     drives: Programs | None = None,
     forces: Programs | None = None,
 ) -> Gradient:
@@ -206,21 +212,21 @@ def gradient(
         value, slope = objective(objective.x0)
         found = scipy.optimize.minimize(objective, objective.x0, jac=True)
 
-    The scene is compiled once. The first call finds the steps of the differences, later
-    ones use them and take four runs per variable.
+    The scene is compiled once. Where derivatives are differences of runs, the first
+    call finds their steps, and later ones use them and take four runs per variable.
 
     Parameters
     ----------
     functionals : a text for a value and its gradient, a list for values and a matrix of
         derivatives
-    scene, variables, sids, integrator, rtol, step, jobs, drives, forces : as of
+    scene, variables, sids, integrator, rtol, step, jobs, method, drives, forces : as of
         `sidtool.sensitivity`
 
     Raises
     ------
     InputError : as `sidtool.sensitivity`.
     """
-    options = RunOptions(sids, integrator, rtol, step, jobs, (drives, forces))
+    options = RunOptions(sids, integrator, rtol, step, jobs, (drives, forces), method)
     problem = parse_problem(scene, variables, functionals, options)
     is_scalar = isinstance(functionals, str) and len(problem.functionals) == 1
     return Gradient(problem, is_scalar)

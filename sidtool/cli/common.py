@@ -68,6 +68,16 @@ threads_option = click.option(
     help="Number of threads; default one per core.",
 )
 
+method_option = click.option(
+    "--method",
+    type=click.Choice(["auto", "adjoint", "direct", "differences"]),
+    default="auto",
+    help=(
+        "Derivatives of the motion: of the linearised run for all functionals (adjoint)"
+        " or for all variables (direct) at once, or differences of runs; default auto."
+    ),
+)
+
 changes_option = click.option(
     "--set",
     "changes",

@@ -15,6 +15,7 @@ from .common import (
     force_option,
     input_files,
     is_quiet,
+    method_option,
     output_path,
     picture_target,
     print_result,
@@ -68,6 +69,7 @@ from .common import (
     ),
 )
 @threads_option
+@method_option
 @changes_option
 @force_option
 def identify(
@@ -78,6 +80,7 @@ def identify(
     ranges: tuple[str, ...],
     outputs: tuple[Path, ...],
     jobs: int | None,
+    method: str,
     changes: tuple[str, ...],
     force: bool,
 ) -> None:
@@ -125,6 +128,7 @@ def identify(
         targets={aim.functional.text: (aim.value, aim.deviation) for aim in aims},
         ranges=dict(_parse_range(text) for text in ranges),
         jobs=jobs,
+        method=method,
         progress=say,
     )
     print_result(found.report(), found.data)

@@ -13,6 +13,7 @@ from .common import (
     force_option,
     input_files,
     is_quiet,
+    method_option,
     output_path,
     picture_target,
     print_result,
@@ -43,12 +44,14 @@ if TYPE_CHECKING:
     help="Start at the last point of the history that -o names.",
 )
 @threads_option
+@method_option
 @force_option
 def optimise(
     design: Path,
     outputs: tuple[Path, ...],
     continues: bool,
     jobs: int | None,
+    method: str,
     force: bool,
 ) -> None:
     """Find the best numbers of a scene within limits.
@@ -125,7 +128,7 @@ def optimise(
             line = f"iteration {number}: {content.objective.of} = {point.values[0]:.6g}"
             click.echo(f"{line}; {numbers}", err=True)
 
-    found = search(content, start=start, jobs=jobs, progress=say)
+    found = search(content, start=start, jobs=jobs, method=method, progress=say)
     print_result(found.report(), found.data)
     for path in outputs:
         found.save(path)

@@ -13,6 +13,7 @@ from .common import (
     existing_file,
     force_option,
     input_files,
+    method_option,
     output_path,
     print_result,
     read_scene_with_changes,
@@ -52,6 +53,7 @@ from .study import print_progress
     help="Table to write (.csv), or of a model the SID with its derivatives (.h5).",
 )
 @threads_option
+@method_option
 @changes_option
 @force_option
 def sensitivity(
@@ -60,6 +62,7 @@ def sensitivity(
     functionals: tuple[str, ...],
     output: Path | None,
     jobs: int | None,
+    method: str,
     changes: tuple[str, ...],
     force: bool,
 ) -> None:
@@ -107,9 +110,10 @@ def sensitivity(
 
     These are exact to rounding, and take no further conversions.
 
-    Neighbouring scenes are run with the steps of this one, four to eight runs for a
-    variable. Where they have other events there is no derivative, and a message with a
-    code says why.
+    The run is linearised about itself where it can be; else neighbouring scenes are run
+    with its steps, four to eight runs for a variable. The last line names the method,
+    and why. Where neighbours have other events there is no derivative, and a message
+    with a code says why.
 
     \b
     Examples:
@@ -139,6 +143,7 @@ def sensitivity(
             variables,
             functionals,
             jobs=jobs,
+            method=method,
             progress=lambda key, done, count: say(key, done, count, None),
         )
     print_result(found.report(), found.data)

@@ -1,6 +1,7 @@
 """Derivatives of a motion by numbers of its scene, and what is made of them.
 
 functionals         numbers that a motion gives, such as `max_abs(rod.q1)`
+seeds               derivatives of functionals by the states of a motion
 variables           numbers of a scene and of models, by their keys
 model_sensitivity   derivatives of a body by numbers of its model, without a motion
 differences         central differences with an estimate of their error

@@ -55,12 +55,14 @@ class Difference:
         With the estimate of their errors.
     runs : evaluations of J
     step : of the difference that most derivatives come from [unit of the variable]
+    method : adjoint, direct or differences
     """
 
     derivatives: Array
     errors: Array
     runs: int
     step: float
+    method: str = "differences"
 
 
 @dataclass(frozen=True, eq=False)

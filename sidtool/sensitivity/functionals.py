@@ -34,8 +34,9 @@ RIVAL_PEAK = 1e-3
 #: Steps whose points come within this part of the range of the largest value are
 #: searched for a peak between the points.
 NEAR_PEAK = 0.1
-#: Part of a step about a peak in which it is sought as the vertex of a parabola.
-VERTEX_FRACTION = 0.02
+#: Parts of a step about a peak in which it is sought as the vertex of a parabola, the
+#: second about the first one.
+VERTEX_FRACTIONS = (0.02, 3e-4)
 #: An output jumps between two steps by more than this part of its range.
 JUMP = 1e-6
 
@@ -166,27 +167,47 @@ class History:
 
     def peak_value(self, output: str, peak: Peak) -> float:
         """The output at a peak, sought where it was in another motion."""
+        times, weights = self.peak_weights(output, peak)
+        if peak.at_point >= 0:
+            step = int(self.motion.places[peak.step])
+            values = self._values_in_steps(output, step, step + 1)
+            return float(values[0, peak.at_point])
+        return float(weights @ self.at(times, output))
+
+    def peak_weights(self, output: str, peak: Peak) -> tuple[Array, Array]:
+        """Times about a peak [s], and the weights of the output there in its value.
+
+        The value is the vertex of a parabola, which is homogeneous in the values that
+        it goes through: the weights are its derivatives by these, too.
+
+        Raises
+        ------
+        StructureChange : the peak lies in another step.
+        """
         count = self.points.count
-        n_steps = len(self.t) // count
         step = int(self.motion.places[min(peak.step, len(self.motion.places) - 1)])
-        if step >= n_steps:
+        if step >= len(self.t) // count:
             raise StructureChange(f"the peak of {output} lies in another step")
         if peak.at_point >= 0:
-            y = self._values_in_steps(output, step, step + 1)
-            return float(y[0, peak.at_point])
+            place = step * count + peak.at_point
+            return self.t[place : place + 1], np.ones(1)
         t, begin, end = self._climb(output, step, peak.sign)
-        distance = VERTEX_FRACTION * (end - begin)
-        times = np.array([t - distance, t, t + distance])
-        if times[0] < self.t[0] or times[-1] > self.t[-1]:
-            return float(self.at(np.array([t]), output)[0])
-        low, middle, high = self.at(times, output)
-        curvature = low + high - 2.0 * middle
-        if not peak.sign * curvature < 0.0:
-            return float(middle)
-        shift = 0.5 * (low - high) / curvature
-        if abs(shift) > 1.0:
-            return float(middle)
-        return float(middle - 0.125 * (high - low) ** 2 / curvature)
+        times, weights = np.array([t]), np.ones(1)
+        for fraction in VERTEX_FRACTIONS:
+            distance = fraction * (end - begin)
+            around = np.array([t - distance, t, t + distance])
+            if around[0] < self.t[0] or around[-1] > self.t[-1]:
+                break
+            low, middle, high = self.at(around, output)
+            curvature = low + high - 2.0 * middle
+            slope = (high - low) / curvature if peak.sign * curvature < 0.0 else np.inf
+            if abs(slope) > 2.0:
+                break
+            even, odd = slope**2 / 8.0, slope / 4.0
+            times = around
+            weights = np.array([even + odd, 1.0 - 2.0 * even, even - odd])
+            t -= 0.5 * slope * distance
+        return times, weights
 
 
 def _hill(heights: Array, top: int) -> tuple[int, int]:
@@ -353,6 +374,36 @@ class Functional:
         mean = history.integral(np.abs(y) ** power) / history.duration
         return float(mean ** (1.0 / power))
 
+    def weights(
+        self, history: History, peak: Peak | None
+    ) -> tuple[Array | None, Array]:
+        """Times [s] and weights w of the derivative sum(w dy(t)) of the value of a
+        motion by its output; None for the times of all points of the steps.
+        """
+        if peak is not None:
+            sign = peak.sign if self.kind == "max_abs" else 1.0
+            times, weights = history.peak_weights(self.output, peak)
+            return times, sign * weights
+        if self.kind == "final":
+            return history.t[-1:], np.ones(1)
+        if self.kind == "value":
+            return np.array([self.number]), np.ones(1)
+        if self.measurement is not None:
+            times = self.measurement.times
+            difference = self._values_at(history, times) - self.measurement.values
+            root = float(np.sqrt(np.mean(difference**2)))
+            return times, difference / (len(times) * max(root, 1e-300))
+        weights = history.points.integration_weights(history.t)
+        if self.kind == "integral":
+            return None, weights
+        weights = weights / history.duration
+        if self.kind == "mean":
+            return None, weights
+        y = history.values(self.output)
+        power = 2.0 if self.kind == "rms" else self.number
+        value = max(self.of_motion(history, None), 1e-300)
+        return None, weights * np.sign(y) * (np.abs(y) / value) ** (power - 1.0)
+
     def _values_at(self, history: History, times: Array) -> Array:
         start, end = history.motion.system.scene.time.start, history.motion.end_time
         rounding = 1e-9 * (end - start)
@@ -398,6 +449,27 @@ class Functional:
                 expected=f"one of {', '.join(masses)}",
             )
         return float(masses[self.output])
+
+
+class Term(NamedTuple):
+    """A functional, at one of its peaks if it is an extremum.
+
+    Attributes
+    ----------
+    functional : the functional
+    peak : where it lies in the nominal motion
+    rival_of : number of the functional of which this is another peak, or -1
+    """
+
+    functional: Functional
+    peak: Peak | None = None
+    rival_of: int = -1
+
+    def value(self, system: System, history: History | None) -> Array:
+        """The value of a scene and its motion, (1,), or several values."""
+        if self.functional.needs_motion and history is not None:
+            return np.atleast_1d(self.functional.of_motion(history, self.peak))
+        return np.atleast_1d(self.functional.of_system(system))
 
 
 def _static_result(system: System) -> Result:

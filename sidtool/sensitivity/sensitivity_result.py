@@ -42,6 +42,8 @@ class Sensitivities:
     runs : runs that were made
     seconds : that the derivatives took
     rtol : tolerance of the runs, NaN without runs or with fixed steps
+    methods : adjoint, direct or differences, by variable
+    reason : why derivatives of a motion are differences of runs, or empty
     diagnostics : of all derivatives
     title : of the scene
     """
@@ -56,6 +58,8 @@ class Sensitivities:
     runs: int = 0
     seconds: float = 0.0
     rtol: float = np.nan
+    methods: Mapping[str, str] = field(default_factory=dict)
+    reason: str = ""
     diagnostics: tuple[Diagnostic, ...] = ()
     title: str = ""
 
@@ -64,6 +68,11 @@ class Sensitivities:
         with np.errstate(divide="ignore", invalid="ignore"):
             found = self.derivatives * self.point / self.values[:, None]
         return np.where(np.isfinite(found), found + 0.0, np.nan)
+
+    @property
+    def method(self) -> str:
+        """The methods of all variables, each once."""
+        return ", ".join(dict.fromkeys(self.methods.values()))
 
     @property
     def runs_per_variable(self) -> float:
@@ -135,6 +144,9 @@ class Sensitivities:
         cost = ""
         if self.runs:
             cost = f"{self.runs} runs, {self.runs_per_variable:.1f} per variable, "
+        if self.methods:
+            reason = f" ({self.reason})" if self.reason else ""
+            cost = f"{self.method}{reason}, {cost}"
         parts.append(f"{cost}{self.seconds:.2g} s")
         if not np.isnan(self.rtol):
             error = "Errors are those of the derivatives of the motion at"
@@ -171,6 +183,8 @@ class Sensitivities:
             "runs": self.runs,
             "runs_per_variable": self.runs_per_variable,
             "seconds": self.seconds,
+            "methods": dict(self.methods),
+            "reason": self.reason or None,
             "rtol": None if np.isnan(self.rtol) else self.rtol,
             "diagnostics": [each.as_data() for each in self.diagnostics],
         }

@@ -66,6 +66,19 @@ SAMPLING: Group = (
     "integrators.output_sampling:evaluate_jacobians",
     "linear.driven_joint_reactions:driven_joint_reactions",
 )
+#: Derivatives of motions: few programs ask for them.
+DERIVATIVES: Group = tuple(
+    f"integrators.batch_evaluation:{name}"
+    for name in (
+        "accelerations_of_states",
+        "residuals_of_states",
+        "constraints_of_states",
+        "linearise_states",
+        "differentiate_states",
+        "solve_columns",
+        "linearise_projections",
+    )
+)
 #: Entry kernels that were found on disk, or compiled, once, and what runs needed.
 _available: set[object] = set()
 #: Fewer kernels than this are compiled where they are used.
@@ -134,9 +147,8 @@ def precompile_all(step_loops: Iterable[str], say: Say | None = None) -> int:
 
 def all_groups(step_loops: Iterable[str]) -> list[Group]:
     """All entry kernels, with these of the integrators."""
-    return _groups(
-        sorted(step_loops), [*SPATIAL_EQUATIONS, *PLANAR_EQUATIONS, *BODY_OUTPUTS]
-    )
+    equations = [*SPATIAL_EQUATIONS, *PLANAR_EQUATIONS, *BODY_OUTPUTS]
+    return [*_groups(sorted(step_loops), equations), DERIVATIVES]
 
 
 def _groups(step_loops: Iterable[str], equations: list[Group]) -> list[Group]:

@@ -11,5 +11,6 @@
 - `generalised_alpha_step`, `generalised_alpha`: generalised-alpha, eq. (21)
 - `trapezoidal`: trapezoidal rule, eq. (20)
 - `dop853_tableau`, `explicit_runge_kutta`: explicit method of order 8
+- `batch_evaluation`: the equations at many states, and their derivatives
 - `registry`: all integrators, and the choice of one
 """

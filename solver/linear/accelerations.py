@@ -54,7 +54,7 @@ def _constraint_residual(system, work, memory, x, weight):
 
 
 @inner(types.void(SYSTEM, WORK, MEMORY, F1, F1, float64))
-def _solve_with_constraints(system, work, memory, x, mu, weight):
+def solve_with_constraints(system, work, memory, x, mu, weight):
     """Solve for accelerations x and multipliers mu of the generalised forces in x.
 
     The constraint is C x = weight gamma; the system must be factored before.
@@ -87,7 +87,7 @@ def solve_accelerations(system, work, memory):
         return status
     for i in range(len(work.f)):
         memory.acceleration[i] = work.f[i]
-    _solve_with_constraints(
+    solve_with_constraints(
         system, work, memory, memory.acceleration, memory.multiplier, 1.0
     )
     if len(system.friction) > 0:
@@ -101,7 +101,7 @@ def _add_friction(system, work, memory):
     X, L = memory.friction_X, memory.friction_L
     friction_directions(system, work, X)
     for j in range(len(X)):
-        _solve_with_constraints(system, work, memory, X[j], L[j], 0.0)
+        solve_with_constraints(system, work, memory, X[j], L[j], 0.0)
     status = solve_friction(system, work, memory)
     for j in range(len(X)):
         for i in range(len(memory.acceleration)):

@@ -77,15 +77,7 @@ class StepPoints:
 
     def interpolate_state(self, steps: StepStates, t: float) -> tuple[Array, Array]:
         """z and v at a time inside the steps."""
-        ends = steps.t[self.count - 1 :: self.count]
-        first = self.count * min(int(np.searchsorted(ends, t)), len(ends) - 1)
-        part = slice(first, first + self.count)
-        distance = t - steps.t[part]
-        if (distance == 0.0).any():
-            k = first + int(np.argmin(np.abs(distance)))
-            return steps.z[k].copy(), steps.v[k].copy()
-        weights = self._weights / distance
-        weights /= weights.sum()
+        part, weights = self.interpolation(steps.t, t)
         return weights @ steps.z[part], weights @ steps.v[part]
 
     def restrict(self, steps: StepStates, begin: float, end: float) -> StepStates:
@@ -107,6 +99,25 @@ class StepPoints:
         k = np.clip(np.searchsorted(starts, until, "right") - 1, 0, len(starts) - 1)
         share = np.clip((until - starts[k]) / lengths[k], 0.0, 1.0)
         return before[k] + chebyshev.chebval(2.0 * share - 1.0, sums[:, k], False)
+
+    def integration_weights(self, t: Array) -> Array:
+        """Weights of values at the points of all steps in their integral, (nt,)."""
+        basis = chebyshev.chebvander(2.0 * self.fractions - 1.0, self.count - 1)
+        sums = chebyshev.chebint(np.linalg.inv(basis), lbnd=-1)
+        weights = 0.5 * chebyshev.chebval(1.0, sums)
+        lengths = t[self.count - 1 :: self.count] - t[:: self.count]
+        return np.asarray(np.outer(lengths, weights).ravel())
+
+    def interpolation(self, t: Array, at: float) -> tuple[slice, Array]:
+        """Points of the step with a time, and their weights in its state."""
+        ends = t[self.count - 1 :: self.count]
+        first = self.count * min(int(np.searchsorted(ends, at)), len(ends) - 1)
+        part = slice(first, first + self.count)
+        distance = at - t[part]
+        if (distance == 0.0).any():
+            return part, (distance == 0.0).astype(float)
+        weights = self._weights / distance
+        return part, weights / weights.sum()
 
     def batches(self, parts: Sequence[StepStates]) -> Iterator[StepStates]:
         """The same steps in groups that are neither many nor large."""

@@ -6,6 +6,9 @@
 - `stepping`: start of smooth intervals, change of the method; common to runs and plants
 - `run_loop`: step loop over the smooth intervals, events and friction between them
 - `result`: result of a run and its notes
+- `frozen_run`: runs with the steps of another run
+- `position_rates`, `linearised_run`: a frozen run linearised about itself, eq. (46)
+- `motion_derivatives`: its direct and adjoint derivatives by numbers of the scene
 - `plant`: a scene that a program advances to given times
 - `replay`: outputs of a finished run
 """

@@ -410,6 +410,40 @@ def _follow(run: _GridRun, grid: Grid) -> Motion:
     return run.motion(run.current_time)
 
 
+def frozen_start(system: System, grid: Grid) -> RunStart:
+    """Start of a run on a grid.
+
+    Raises
+    ------
+    InputError : no start position meets the constraints.
+    StructureChange : other constraints are active.
+    """
+    settings = replace(grid.settings, rtol=TOLERANCES[0], step=1.0)
+    start = prepare_run(system, settings, (), None)
+    if _structure(start.system) != grid.structure:
+        raise StructureChange("other constraints are active")
+    return start
+
+
+def grid_times(system: System, grid: Grid) -> tuple[Array, Array]:
+    """Ends of the steps (steps + 1,) of a run on a grid without events, and begin and
+    end of the smooth interval of each step (steps, 2) [s].
+
+    Raises
+    ------
+    StructureChange : the scene has other breaks.
+    """
+    groups = [[system.scene.time.start], *_match_breaks(system, grid)]
+    if any(len(group) > 1 for group in groups):
+        raise StructureChange("breaks that coincide come apart")
+    edges = np.array([group[0] for group in groups])
+    number = np.array([step.interval for step in grid.steps])
+    fraction = np.array([step.fraction for step in grid.steps])
+    begins, ends = edges[number], edges[number + 1]
+    times = np.where(fraction == 1.0, ends, begins + fraction * (ends - begins))
+    return np.append(edges[0], times), np.stack([begins, ends], axis=1)
+
+
 def _pass_breaks(run: _GridRun, times: Sequence[float]) -> None:
     """Make a step between two breaks each that coincide in the nominal scene."""
     for end in times[1:]:

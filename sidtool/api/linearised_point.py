@@ -1,0 +1,203 @@
+"""Derivatives of a point from its linearised run, direct or adjoint.
+
+No neighbour is integrated. What a variable changes at fixed states comes from two
+neighbouring systems, see `solver.simulation.motion_derivatives`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
+from sidtool.solver.simulation.frozen_run import Motion, StructureChange
+from sidtool.solver.simulation.linearised_run import LinearisedRun, NotLinearisable
+from sidtool.solver.simulation.motion_derivatives import (
+    SAFETY,
+    AdjointGradient,
+    MotionDerivatives,
+    ParameterChange,
+)
+from sidtool.solver.system.errors import SimulationError
+from sidtool.solver.system.system import System
+
+from ..sensitivity.differences import Difference
+from ..sensitivity.functionals import History, Term
+from ..sensitivity.seeds import functional_seeds
+
+ADJOINT, DIRECT, DIFFERENCES, AUTO = "adjoint", "direct", "differences", "auto"
+METHODS = (AUTO, ADJOINT, DIRECT, DIFFERENCES)
+#: Step of a variable, relative to its size.
+STEP = 3e-5
+#: Variables whose columns are solved together, and numbers of these.
+COLUMNS, COLUMN_NUMBERS = 32, 20_000_000
+#: Where derivatives by coordinates are differences, so many of them cost as much as
+#: the runs for a variable.
+COORDINATES_PER_RUN = 32
+#: Relative errors of derivatives of the equations of motion, exact or by differences.
+EXACT_ERROR, DIFFERENCE_ERROR = 1e-10, 1e-9
+#: A variable has no derivative about the run, or none at all.
+Failure: TypeAlias = StructureChange | InputError | SimulationError
+
+
+class Point(Protocol):
+    """What is needed of a point, see `motion_problem.Point`."""
+
+    history: Any
+    grid: Any
+    terms: Sequence[Term]
+    x: Array
+    all_values: Array
+    scales: Array
+    sizes: tuple[int, ...]
+
+    def size(self, k: int) -> float: ...
+
+    def neighbour_system(self, k: int, step: float) -> System: ...
+
+    def without_motion(self) -> Any: ...
+
+
+class LinearisedPoint:
+    """The linearised run of a point.
+
+    Attributes
+    ----------
+    method : adjoint or direct
+
+    Raises
+    ------
+    NotLinearisable : the run has something that is not linearised.
+    """
+
+    def __init__(self, point: Point, method: str) -> None:
+        assert point.history is not None and point.grid is not None
+        self._point, self._history = point, point.history
+        run = LinearisedRun(point.history.motion, point.grid)
+        self._motion = MotionDerivatives(run)
+        self._error = EXACT_ERROR if run.is_exact else DIFFERENCE_ERROR
+        self._terms = [t for t in point.terms if t.functional.needs_motion]
+        #: which of all values are those of the motion
+        needs = [t.functional.needs_motion for t in point.terms]
+        self._is_motion = np.repeat(needs, point.sizes)
+        self._values = point.all_values[self._is_motion]
+        self._scales = point.scales[self._is_motion]
+        has_histories = any(size != 1 for size in point.sizes)
+        if method == ADJOINT and has_histories:
+            raise NotLinearisable("functionals of several values")
+        runs = (run.nz + run.nv) / COORDINATES_PER_RUN
+        if method == AUTO and not run.is_exact and len(point.x) < runs:
+            raise NotLinearisable("of bodies that turn each other: a few variables")
+        self.method = DIRECT if method == AUTO else method
+        numbers = len(run.motion.steps.t) * (run.nz + run.nv)
+        self._columns = max(1, min(COLUMNS, COLUMN_NUMBERS // numbers))
+
+    def differences(self, numbers: Sequence[int]) -> list[Difference | Failure]:
+        """Derivatives of all terms by some variables, or why one has none about the
+        run.
+        """
+        found: list[Difference | Failure] = []
+        for first in range(0, len(numbers), self._columns):
+            group = numbers[first : first + self._columns]
+            changes = [self._change(k) for k in group]
+            good = [c for c in changes if isinstance(c, ParameterChange)]
+            rows = iter(self._derivatives(good) if good else ())
+            for k, change in zip(group, changes, strict=True):
+                if isinstance(change, ParameterChange):
+                    row = next(rows)
+                    if isinstance(row, Difference):
+                        row = self._with_other_terms(k, row)
+                    found.append(row)
+                else:
+                    found.append(change)
+        return found
+
+    def _change(self, k: int) -> ParameterChange | Failure:
+        """What a variable changes at fixed states."""
+        size = self._point.size(k)
+        step = STEP * size
+        try:
+            above, below = (self._point.neighbour_system(k, e) for e in (step, -step))
+            return self._motion.parameter_change((above, below), step, size)
+        except (StructureChange, InputError, SimulationError) as why:
+            return why
+
+    def _derivatives(
+        self, changes: Sequence[ParameterChange]
+    ) -> list[Difference | Failure]:
+        """Derivatives of the terms of the motion."""
+        through = [np.zeros(len(self._values)) for _ in changes]
+        if self.method == ADJOINT:
+            through = [self._gradient.along(change) for change in changes]
+            pairs = [self._motion.neighbours(change) for change in changes]
+        else:
+            z, v = self._motion.direct(changes)
+            pairs = [
+                self._motion.neighbours(change, z[:, :, k], v[:, :, k])
+                for k, change in enumerate(changes)
+            ]
+        return [
+            self._difference(change, pair, row)
+            for change, pair, row in zip(changes, pairs, through, strict=True)
+        ]
+
+    def _difference(
+        self, change: ParameterChange, motions: Sequence[Motion], through: Array
+    ) -> Difference | Failure:
+        """Derivatives by one variable.
+
+        Parameters
+        ----------
+        motions : of both neighbours, in the direct way to first order
+        through : derivatives through the states in the adjoint way
+        """
+        try:
+            above, below = (
+                np.concatenate([t.value(m.system, history) for t in self._terms])
+                for m, history in ((m, History(m)) for m in motions)
+            )
+        except (StructureChange, InputError, SimulationError) as why:
+            return why
+        step, size = change.step, change.step / STEP
+        derivatives = (above - below) / (2.0 * step) + through
+        second = np.abs(above - 2.0 * self._values + below) / (2.0 * step)
+        rounding = 4.0 * np.finfo(float).eps * self._scales / step
+        share = self._error + change.relative_error
+        errors = SAFETY * second * step / size + rounding + share * np.abs(derivatives)
+        return Difference(derivatives, errors, 0, step, self.method)
+
+    @cached_property
+    def _gradient(self) -> AdjointGradient:
+        """Gradients of the terms of the motion."""
+        run = self._motion.run
+        steps = np.concatenate([run.steps_z[: run.nz], run.steps_v])
+        seeds = [
+            functional_seeds(t.functional, t.peak, self._history, steps, run.nz)
+            for t in self._terms
+        ]
+        return self._motion.adjoint(np.stack(seeds, axis=2))
+
+    def _with_other_terms(self, k: int, found: Difference) -> Difference:
+        """With the terms that need no motion, by differences of systems."""
+        if self._is_motion.all():
+            return found
+        others = self._point.without_motion()
+        try:
+            other = others.difference(k)
+        except (StructureChange, InputError, SimulationError):
+            nan = np.full(int((~self._is_motion).sum()), np.nan)
+            other = replace(found, derivatives=nan, errors=nan)
+        parts = []
+        for own, given in (
+            (found.derivatives, other.derivatives),
+            (found.errors, other.errors),
+        ):
+            joined = np.zeros(len(self._is_motion))
+            joined[self._is_motion], joined[~self._is_motion] = own, given
+            parts.append(joined)
+        return replace(found, derivatives=parts[0], errors=parts[1])

@@ -1,0 +1,255 @@
+"""The equations of motion at many states in one call, and their derivatives.
+
+At each state the residual of eq. (3) with differentiated constraints is
+
+    r = M a - f - C^T lambda,    g = C a - gamma
+
+with accelerations a and multipliers lambda that are given. If it changes by (r, g),
+they change by -K^-1 (r, g) with K = [M, -C^T; C, 0], see `solve_columns`.
+"""
+
+from numba import float64, int64, types
+
+from ..compiler.kernels import entry, inner
+from ..linear.accelerations import solve_with_constraints
+from ..linear.factor_storage import KERNELS, MEMORY
+from ..linear.newton_matrix import add_mass_product
+from ..linear.saddle_point import REGULARISATION
+from ..spatial.system_arrays import (
+    C_GAMMA,
+    C_RATE,
+    C_VALUE,
+    F1,
+    F2,
+    F3,
+    SYSTEM,
+    WORK,
+)
+from .loop_state import copy
+from .projection import evaluate_accelerations
+
+
+@inner(float64(int64))
+def _difference_point(k):
+    """Point k of a difference of fourth order, in steps."""
+    return k - 2.0 if k < 2 else k - 1.0
+
+
+@inner(float64(int64))
+def _difference_weight(k):
+    """Weight of point k: (1, -8, 8, -1) / 12."""
+    weight = 1.0 if k == 0 or k == 3 else 8.0
+    return (-weight if k == 1 or k == 3 else weight) / 12.0
+
+
+@inner(types.void(SYSTEM, WORK, F1, F1, float64, F1))
+def _add_residual(system, work, a, lambda_, weight, out):
+    """out += weight (r, g) at the state that was just evaluated."""
+    n = len(work.f)
+    for i in range(n):
+        out[i] -= weight * work.f[i]
+    add_mass_product(system, work.M, a, weight, out)
+    for i in range(system.n_rows):
+        out[n + i] -= weight * work.row[i, C_GAMMA]
+    for k in range(len(system.segment)):
+        row, at = system.segment[k].row, system.segment[k].offset
+        first = system.body[system.segment[k].body].vel
+        for i in range(system.body[system.segment[k].body].nv):
+            out[first + i] -= weight * work.C[at + i] * lambda_[row]
+            out[n + row] += weight * work.C[at + i] * a[first + i]
+
+
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F2, F2))
+def accelerations_of_states(
+    kernels, system, work, memory, clocks, times, z, v, a, lambda_
+):
+    """Accelerations and multipliers of states; 0, or the code of a singular one."""
+    for k in range(len(times)):
+        work.interval_time[0] = clocks[k]
+        status = evaluate_accelerations(
+            kernels, system, work, memory, times[k], z[k], v[k]
+        )
+        if status != 0:
+            return status
+        copy(memory.acceleration, a[k])
+        copy(memory.multiplier, lambda_[k])
+    return 0
+
+
+@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F2))
+def residuals_of_states(kernels, system, work, clocks, times, z, v, a, lambda_, out):
+    """(r, g) of states, in the rows of `out`."""
+    for k in range(len(times)):
+        work.interval_time[0] = clocks[k]
+        kernels.evaluate(system, work, times[k], z[k], v[k])
+        for i in range(out.shape[1]):
+            out[k, i] = 0.0
+        _add_residual(system, work, a[k], lambda_[k], 1.0, out[k])
+
+
+@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2))
+def constraints_of_states(kernels, system, work, clocks, times, z, v, out):
+    """Values of the constraints, then their rates, in the rows of `out`."""
+    for k in range(len(times)):
+        work.interval_time[0] = clocks[k]
+        kernels.evaluate(system, work, times[k], z[k], v[k])
+        for i in range(system.n_rows):
+            out[k, i] = work.row[i, C_VALUE]
+            out[k, system.n_rows + i] = work.row[i, C_RATE]
+
+
+@inner(types.void(SYSTEM, WORK, F2))
+def _write_derivatives(system, work, out):
+    """Derivatives of (r, g) that `linearise` knows, a row of `out` per coordinate.
+
+    Positions are tangent, velocities follow.
+    """
+    n = len(work.f)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = 0.0
+    for b in range(len(system.body)):
+        nv, o, first = system.body[b].nv, system.body[b].block, system.body[b].vel
+        for i in range(nv):
+            for k in range(nv):
+                out[first + k, first + i] += work.Rp[o + i * nv + k]
+                out[n + first + k, first + i] += work.Rv[o + i * nv + k]
+    for s in range(len(system.segment)):
+        row, at = system.segment[s].row, system.segment[s].offset
+        first = system.body[system.segment[s].body].vel
+        for k in range(system.body[system.segment[s].body].nv):
+            out[first + k, n + row] += work.Gp[at + k]
+            out[n + first + k, n + row] += work.Gv[at + k]
+    forces = system.newton_subsystem.segment
+    for p in range(len(forces)):
+        if forces[p].offset < system.n_entries:
+            continue
+        to, u = forces[p].offset, system.body[forces[p].body].vel
+        for q in range(len(forces)):
+            if forces[q].row != forces[p].row or forces[q].offset < system.n_entries:
+                continue
+            at, w = forces[q].offset, system.body[forces[q].body].vel
+            for i in range(system.body[forces[p].body].nv):
+                for k in range(system.body[forces[q].body].nv):
+                    out[w + k, u + i] += work.C[to + i] * work.Gp[at + k]
+                    out[n + w + k, u + i] += work.C[to + i] * work.Gv[at + k]
+
+
+@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F3))
+def linearise_states(kernels, system, work, clocks, times, z, v, a, lambda_, out):
+    """Derivatives of (r, g) of states by tangent positions and velocities,
+    (states, 2 n_velocities, rows), but for what `linearise` leaves out.
+    """
+    for k in range(len(times)):
+        work.interval_time[0] = clocks[k]
+        kernels.evaluate(system, work, times[k], z[k], v[k])
+        kernels.linearise(system, work, times[k], z[k], v[k], a[k], lambda_[k])
+        _write_derivatives(system, work, out[k])
+
+
+@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F1, F1, F3))
+def differentiate_states(
+    kernels, system, work, clocks, times, z, v, a, lambda_, steps_z, steps_v, out
+):
+    """Derivatives of (r, g) of states by all positions and velocities, (states,
+    coordinates, rows), by differences of fourth order with the given steps.
+    """
+    for k in range(len(times)):
+        work.interval_time[0] = clocks[k]
+        for j in range(out.shape[1]):
+            for i in range(out.shape[2]):
+                out[k, j, i] = 0.0
+            for point in range(4):
+                distance = _difference_point(point)
+                weight = _difference_weight(point)
+                if j < len(steps_z):
+                    known = z[k, j]
+                    z[k, j] = known + distance * steps_z[j]
+                    kernels.evaluate(system, work, times[k], z[k], v[k])
+                    z[k, j] = known
+                    weight /= steps_z[j]
+                else:
+                    i = j - len(steps_z)
+                    known = v[k, i]
+                    v[k, i] = known + distance * steps_v[i]
+                    kernels.evaluate(system, work, times[k], z[k], v[k])
+                    v[k, i] = known
+                    weight /= steps_v[i]
+                _add_residual(system, work, a[k], lambda_[k], weight, out[k, j])
+
+
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F3))
+def solve_columns(kernels, system, work, memory, clocks, times, z, v, columns):
+    """K^-1 (r, g) of states in place: (states, columns, rows).
+
+    With the sign of the second part changed before and after it is K^-T (r, g).
+    Returns 0, or the code of a singular state.
+    """
+    n = len(work.f)
+    for k in range(len(times)):
+        work.interval_time[0] = clocks[k]
+        status = evaluate_accelerations(
+            kernels, system, work, memory, times[k], z[k], v[k]
+        )
+        if status != 0:
+            return status
+        for j in range(columns.shape[1]):
+            x = columns[k, j]
+            for i in range(n):
+                memory.acceleration[i] = x[i]
+            for i in range(system.n_rows):
+                work.row[i, C_GAMMA] = x[n + i]
+            solve_with_constraints(
+                system, work, memory, memory.acceleration, memory.multiplier, 1.0
+            )
+            for i in range(n):
+                x[i] = memory.acceleration[i]
+            for i in range(system.n_rows):
+                x[n + i] = memory.multiplier[i]
+    return 0
+
+
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F1, F3, F3, F3))
+def linearise_projections(
+    kernels, system, work, memory, clocks, times, z, v, steps_z, C, G, rates
+):
+    """Derivatives of the projection (18) at states that meet the constraints.
+
+    Parameters
+    ----------
+    steps_z : steps of differences of fourth order
+    C : (states, rows, n_velocities) constraint Jacobian
+    G : (states, rows, n_velocities) correction that a residual of 1 is removed by
+    rates : (states, positions, rows) derivatives of the rates of the constraints
+    """
+    dz, dv = memory.dx, memory.real.x
+    for k in range(len(times)):
+        work.interval_time[0] = clocks[k]
+        for j in range(rates.shape[1]):
+            known = z[k, j]
+            for i in range(system.n_rows):
+                rates[k, j, i] = 0.0
+            for point in range(4):
+                distance = _difference_point(point)
+                weight = _difference_weight(point)
+                z[k, j] = known + distance * steps_z[j]
+                kernels.evaluate(system, work, times[k], z[k], v[k])
+                for i in range(system.n_rows):
+                    rates[k, j, i] += weight / steps_z[j] * work.row[i, C_RATE]
+            z[k, j] = known
+        kernels.evaluate(system, work, times[k], z[k], v[k])
+        for i in range(system.n_rows):
+            for j in range(system.n_rows):
+                work.row[j, C_VALUE] = work.row[j, C_RATE] = -1.0 if i == j else 0.0
+            status = kernels.project_once(system, work, memory, REGULARISATION, dz, dv)
+            if status != 0:
+                return status
+            copy(dv, G[k, i])
+            for j in range(C.shape[2]):
+                C[k, i, j] = 0.0
+        for s in range(len(system.segment)):
+            row, at = system.segment[s].row, system.segment[s].offset
+            first = system.body[system.segment[s].body].vel
+            for j in range(system.body[system.segment[s].body].nv):
+                C[k, row, first + j] = work.C[at + j]
+    return 0

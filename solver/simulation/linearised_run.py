@@ -1,0 +1,396 @@
+"""A frozen run linearised about itself: its stages, their Jacobians, its projections.
+
+With the states y of a step, its stages Y_i and the slopes F = (Z z_II, z_II') a change
+obeys, eq. (46),
+
+    dY = 1 dy + h (A x J) dY + h (A x I) F_p,    dy_1 = P dY_s - G c_p .
+
+The positions of the stages are eliminated: their rates depend on them by frames that
+turn only. What is left is a system of s n_velocities equations for each step, solved
+for all columns at once.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sidtool.formats.base.sid import Array
+
+from ..dynamics.equations_of_motion import kernel_pointers
+from ..integrators import batch_evaluation
+from ..integrators.radau_stages import radau_tableau
+from ..spatial import system_arrays as at
+from ..system.characteristic_sizes import coordinate_sizes
+from ..system.system import System
+from ..system.work_arrays import new_memory, new_work_arrays, raise_pending
+from .frozen_run import Grid, Motion, grid_times
+from .position_rates import position_rates
+
+#: Stages of the methods whose runs can be linearised.
+STAGES = {"radau5": 3, "radau9": 5, "radau13": 7}
+#: Steps of differences by coordinates, relative to their sizes.
+PERTURBATION = 1e-4
+#: Derivatives of `linearise` count as complete when a difference along a random change
+#: of the state agrees with them to this part; and states that are compared.
+COMPLETE, COMPARED_STATES = 1e-7, 40
+#: Numbers in the matrices of the steps that are treated together.
+BLOCK_NUMBERS = 4_000_000
+
+
+class NotLinearisable(Exception):
+    """A run has something that is not linearised.
+
+    Attributes
+    ----------
+    reason : what, as a phrase
+    """
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """States of a run with their times, (n, .).
+
+    Attributes
+    ----------
+    clocks : a time inside the smooth interval of each state [s]
+    """
+
+    clocks: Array
+    times: Array
+    z: Array
+    v: Array
+
+    def selected(self, rows: slice | Array) -> "States":
+        """Some of the states, as copies."""
+        parts = (self.clocks, self.times, self.z, self.v)
+        return States(*(np.ascontiguousarray(part[rows]) for part in parts))
+
+    def moved(self, clocks: Array, times: Array) -> "States":
+        """The same coordinates at other times."""
+        return States(clocks, times, self.z, self.v)
+
+    @property
+    def arguments(self) -> tuple[Array, Array, Array, Array]:
+        return self.clocks, self.times, self.z, self.v
+
+
+@dataclass(frozen=True, eq=False)
+class StepMatrices:
+    """Matrices of some steps: h, A x J and the elimination of positions.
+
+    With H = h (A x I) and the blocks of J: positions dZ = position_start dz +
+    position_response dV + inverse g_z, velocities system dV = start dz + 1 dv + H a_p
+    + g_v + H J_z inverse g_z.
+    """
+
+    h: Array
+    by_position: Array
+    inverse: Array
+    position_start: Array
+    position_response: Array
+    system: Array
+    start: Array
+    A: Array
+
+    def weighted(self, x: Array) -> Array:
+        """h (A x I) x of columns of stages, (steps, s, rows, columns)."""
+        return np.einsum("n,ij,njrc->nirc", self.h, self.A, x, optimize=True)
+
+    def weighted_back(self, x: Array) -> Array:
+        """h (A^T x I) x."""
+        return np.einsum("n,ij,nirc->njrc", self.h, self.A, x, optimize=True)
+
+
+class LinearisedRun:
+    """Stages of a frozen run, and what changes with its states.
+
+    Attributes
+    ----------
+    motion, grid : of the run
+    times : (steps + 1,) ends of the steps
+    nz, nv, m : positions without counted rotations, velocities, constraints
+    stages : (steps * s) states
+    accelerations, multipliers : of the stages
+    is_exact : True if `linearise` is complete, else differences are used
+    """
+
+    def __init__(self, motion: Motion, grid: Grid) -> None:
+        self.motion, self.grid = motion, grid
+        system = self.system = motion.system
+        check_linearisable(motion, grid)
+        self.s = STAGES[grid.steps[0].method]
+        tableau = radau_tableau(self.s)
+        self.c, self.A = tableau.c, collocation_matrix(tableau.c)
+        self.nz = system.n_positions - system.n_rotation_counters
+        self.nv, self.m = system.n_velocities, system.n_rows
+        self.n_steps = len(grid.steps)
+        self.times, self.intervals = grid_times(system, grid)
+        self.work, self.memory = new_work_arrays(system), new_memory(system, 0)
+        self.kernels = kernel_pointers(system.planar)
+        points = motion.points
+        self.from_points = lagrange_matrix(points.fractions, self.c)
+        table = self._table(motion.steps.z), self._table(motion.steps.v)
+        z, v = (np.einsum("ip,npk->nik", self.from_points, part) for part in table)
+        self.stages = States(
+            np.repeat(self.step_clocks(self.intervals), self.s),
+            self.stage_times(self.times).ravel(),
+            z.reshape(-1, system.n_positions),
+            v.reshape(-1, self.nv),
+        )
+        self.starts = table[0][:, 0], table[1][:, 0]
+        count = len(self.stages.times)
+        self.accelerations = np.zeros((count, self.nv))
+        self.multipliers = np.zeros((count, self.m))
+        self._solve_states(self.stages, self.accelerations, self.multipliers)
+        sizes = coordinate_sizes(system)
+        self.steps_v = PERTURBATION * np.maximum(
+            np.abs(self.stages.v).max(axis=0), sizes / (self.times[-1] - self.times[0])
+        )
+        self.steps_z = PERTURBATION * self._position_sizes(sizes)
+        self.is_exact = self._is_complete()
+
+    def _table(self, values: Array) -> Array:
+        """States at the points of all steps, (steps, points, .)."""
+        return values.reshape(self.n_steps, self.motion.points.count, -1)
+
+    def step_clocks(self, intervals: Array) -> Array:
+        """A time inside the smooth interval of each step [s].
+
+        Parameters
+        ----------
+        intervals : (steps, 2) begin and end of the intervals
+        """
+        return np.ascontiguousarray(0.5 * intervals.sum(axis=1))
+
+    def stage_times(self, times: Array) -> Array:
+        """Times of the stages (steps, s) of a run with these ends of steps."""
+        return times[:-1, None] + np.diff(times)[:, None] * self.c
+
+    def _position_sizes(self, sizes: Array) -> Array:
+        """Size of each position, from those of the velocity coordinates."""
+        first = self.stages.selected(slice(0, 1))
+        Z = position_rates(self.system, first.z, first.v).Z[0]
+        return np.maximum(np.abs(Z) @ sizes, 1e-3 * sizes.min())
+
+    @cached_property
+    def has_fixed_orientations(self) -> bool:
+        """Whether there are frames without rotation."""
+        translations = 2 if self.system.planar else 3
+        return bool((self.system.arrays.body[:, at.RD] == translations).any())
+
+    # Kernels
+
+    def _solve_states(self, states: States, a: Array, multipliers: Array) -> None:
+        status = batch_evaluation.accelerations_of_states(
+            *(self.kernels, self.system.arrays, self.work, self.memory),
+            *(*states.arguments, a, multipliers),
+        )
+        raise_pending(self.system)
+        if status != 0:
+            raise NotLinearisable("a singular configuration")
+
+    def residuals(self, system: System, states: States) -> Array:
+        """(r, g) of a neighbouring system at the stages, with the accelerations and
+        multipliers of this run, (states, rows).
+        """
+        work = self.work if system is self.system else new_work_arrays(system)
+        out = np.zeros((len(states.times), self.nv + self.m))
+        batch_evaluation.residuals_of_states(
+            *(self.kernels, system.arrays, work),
+            *(*states.arguments, self.accelerations, self.multipliers, out),
+        )
+        raise_pending(system)
+        return out
+
+    def constraints(self, system: System, states: States) -> Array:
+        """Residuals of the constraints and their rates of a system, (states, 2 m)."""
+        work = new_work_arrays(system)
+        out = np.zeros((len(states.times), 2 * self.m))
+        batch_evaluation.constraints_of_states(
+            self.kernels, system.arrays, work, *states.arguments, out
+        )
+        raise_pending(system)
+        return out
+
+    def solve(self, rows: slice, columns: Array) -> Array:
+        """K^-1 of some stages times columns (stages, columns, nv + m), in place."""
+        states = self.stages.selected(rows)
+        status = batch_evaluation.solve_columns(
+            *(self.kernels, self.system.arrays, self.work, self.memory),
+            *(*states.arguments, columns),
+        )
+        if status != 0:
+            raise NotLinearisable("a singular configuration")
+        return columns
+
+    def solve_transposed(self, rows: slice, columns: Array) -> Array:
+        """K^-T of some stages times columns, in place: K is symmetric but for signs."""
+        columns[:, :, self.nv :] *= -1.0
+        self.solve(rows, columns)
+        columns[:, :, self.nv :] *= -1.0
+        return columns
+
+    def _residual_derivatives(self, rows: slice | Array, is_exact: bool) -> Array:
+        """(r, g) of some stages by positions and velocities, (., nz + nv, nv + m)."""
+        states = self.stages.selected(rows)
+        given = [
+            np.ascontiguousarray(part[rows])
+            for part in (self.accelerations, self.multipliers)
+        ]
+        count, size = len(states.times), self.nv + self.m
+        common = self.kernels, self.system.arrays, self.work, *states.arguments
+        if not is_exact:
+            out = np.zeros((count, self.nz + self.nv, size))
+            batch_evaluation.differentiate_states(
+                *common, *given, self.steps_z, self.steps_v, out
+            )
+            return out
+        tangent = np.zeros((count, 2 * self.nv, size))
+        batch_evaluation.linearise_states(*common, *given, tangent)
+        to_tangent = position_rates(self.system, states.z, states.v).to_tangent
+        by_position = to_tangent.transpose(0, 2, 1) @ tangent[:, : self.nv]
+        return np.concatenate([by_position, tangent[:, self.nv :]], axis=1)
+
+    def _is_complete(self) -> bool:
+        """Whether `linearise` agrees with differences along a random direction."""
+        count = len(self.stages.times)
+        rows = np.unique(np.linspace(0, count - 1, COMPARED_STATES).astype(int))
+        random = np.random.default_rng(0)
+        dz = random.standard_normal((len(rows), self.nz)) * self.steps_z
+        dv = random.standard_normal((len(rows), self.nv)) * self.steps_v
+        found = self._residual_derivatives(rows, True)
+        change = np.einsum("nk,nkr->nr", np.concatenate([dz, dv], axis=1), found)
+        difference, states = np.zeros_like(change), self.stages.selected(rows)
+        a, multipliers = self.accelerations[rows], self.multipliers[rows]
+        for point, weight in ((-2, 1), (-1, -8), (1, 8), (2, -1)):
+            out, z = np.zeros_like(change), states.z.copy()
+            z[:, : self.nz] += point * dz
+            batch_evaluation.residuals_of_states(
+                *(self.kernels, self.system.arrays, self.work),
+                *(states.clocks, states.times, z, states.v + point * dv),
+                *(a, multipliers, out),
+            )
+            difference += weight / 12.0 * out
+        size = np.abs(difference).max(axis=1, keepdims=True)
+        error = np.abs(difference - change) / np.maximum(size, 1e-300)
+        return bool(error.max() < COMPLETE)
+
+    # Steps
+
+    @cached_property
+    def block_length(self) -> int:
+        """Steps that are treated together."""
+        size = (self.s * self.nv) ** 2 + 2 * (self.s * self.nz) ** 2
+        size += 2 * self.s * (self.nz + self.nv) * (self.nv + self.m)
+        return max(1, min(self.n_steps, BLOCK_NUMBERS // size))
+
+    def blocks(self) -> list[slice]:
+        """Ranges of steps that are treated together."""
+        length = self.block_length
+        starts = range(0, self.n_steps, length)
+        return [slice(k, min(k + length, self.n_steps)) for k in starts]
+
+    def stage_rows(self, steps: slice) -> slice:
+        """Rows of the stages of some steps."""
+        return slice(steps.start * self.s, steps.stop * self.s)
+
+    def step_matrices(self, steps: slice) -> StepMatrices:
+        """Matrices of some steps."""
+        s, nz, nv, n = self.s, self.nz, self.nv, steps.stop - steps.start
+        rows = self.stage_rows(steps)
+        columns = self._residual_derivatives(rows, self.is_exact)
+        self.solve(rows, columns)
+        J = -columns[:, :, :nv].transpose(0, 2, 1).reshape(n, s, nv, nz + nv)
+        Jz, Jv = J[..., :nz], J[..., nz:]
+        states = self.stages.selected(rows)
+        rates = position_rates(self.system, states.z, states.v)
+        h = np.diff(self.times)[steps]
+        hA = h[:, None, None] * self.A
+
+        def weighted(blocks: Array) -> Array:
+            """H times a block diagonal, (n, s rows, s columns)."""
+            shape = n, s, *blocks.shape[1:]
+            product = np.einsum("nij,njrc->nirjc", hA, blocks.reshape(shape))
+            return product.reshape(n, s * shape[2], s * shape[3])
+
+        turning = weighted(rates.by_position)
+        inverse = self._inverse(turning)
+        response = inverse @ weighted(rates.Z)
+        ones = np.tile(np.eye(nz), (s, 1))
+        start = inverse @ ones
+        by_position = weighted(Jz.reshape(-1, nv, nz))
+        system = -weighted(Jv.reshape(-1, nv, nv)) - by_position @ response
+        system += np.eye(s * nv)
+        return StepMatrices(
+            h,
+            by_position,
+            inverse,
+            start,
+            response,
+            system,
+            by_position @ start,
+            self.A,
+        )
+
+    def _inverse(self, turning: Array) -> Array:
+        """(1 - turning)^-1; in the plane, angles do not depend on other positions."""
+        one = np.eye(turning.shape[1])
+        if self.system.planar:
+            return one + turning
+        return np.asarray(np.linalg.inv(one - turning))
+
+
+def check_linearisable(motion: Motion, grid: Grid) -> None:
+    """Refuse a run with more than smooth intervals of one Radau method.
+
+    Raises
+    ------
+    NotLinearisable : says why.
+    """
+    system = motion.system
+    methods = {step.method for step in grid.steps}
+    problems = {
+        f"the integrator {', '.join(sorted(methods))}": len(methods) != 1
+        or not methods <= STAGES.keys(),
+        "a motion that drives prescribe": system.n_velocities == 0,
+        "joint friction": bool(system.friction_joints),
+        "an event that ends the run": bool(grid.stopping_event),
+        "a corner of a force": any(step.corner >= 0 for step in grid.steps),
+        "a singular configuration": not np.isnan(grid.singular_time),
+        "energies": motion.energies is not None,
+        "a corner of a force that steps may pass": _has_passed_corners(motion, grid),
+        "sampled control laws": any(force.sample_period for force in system.forces),
+    }
+    for reason, is_there in problems.items():
+        if is_there:
+            raise NotLinearisable(reason)
+
+
+def _has_passed_corners(motion: Motion, grid: Grid) -> bool:
+    """Whether steps may pass corners of forces: fixed ones, or those over a rate."""
+    laws = [force.law for force in motion.system.forces]
+    over_rate = any(len(law.rate_features().corners) for law in laws)
+    is_fixed = grid.settings.step is not None
+    return over_rate or (is_fixed and any(len(law.features().corners) for law in laws))
+
+
+def lagrange_matrix(nodes: Array, at: Array) -> Array:
+    """Values at some places of the polynomials through nodes, (places, nodes)."""
+    matrix = np.ones((len(at), len(nodes)))
+    for j, node in enumerate(nodes):
+        for k, other in enumerate(nodes):
+            if k != j:
+                matrix[:, j] *= (at - other) / (node - other)
+    return matrix
+
+
+def collocation_matrix(c: Array) -> Array:
+    """Coefficients a_ij of collocation with nodes c."""
+    powers = np.vander(c, len(c), increasing=True)
+    integrals = powers * c[:, None] / np.arange(1, len(c) + 1)
+    return np.asarray(integrals @ np.linalg.inv(powers))

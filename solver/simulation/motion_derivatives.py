@@ -1,0 +1,445 @@
+"""Derivatives of a frozen run by numbers of its scene: direct and adjoint, eq. (46).
+
+What a number changes at fixed states comes from two neighbouring systems: residuals of
+the equations at the stages, of the constraints at the ends of steps, the start, and the
+times of the grid. No neighbour is integrated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sidtool.formats.base.sid import Array
+
+from ..integrators import batch_evaluation
+from ..output.dense_output import StepStates
+from ..system.system import System
+from .frozen_run import Motion, frozen_start, grid_times
+from .linearised_run import LinearisedRun, NotLinearisable, States, lagrange_matrix
+from .position_rates import position_rates
+
+#: Factor of the estimated truncation error of a central difference.
+SAFETY = 10.0
+#: Changes of residuals that matter not, relative to the forces, for a change of a
+#: number by its own size.
+NEGLIGIBLE = 1e-3
+TINY = float(np.finfo(float).tiny)
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterChange:
+    """What a number changes at the fixed states of a run, per unit of the number.
+
+    Attributes
+    ----------
+    residual : (stages, nv + m) of the equations of motion
+    rates : (stages, nz) of positions, None where there is no change
+    stretch : (steps,) relative change of the lengths of the steps
+    constraint : (steps - 1, 2 m) values and rates at ends of steps
+    start : (nz + nv,) initial state
+    step : of the number
+    systems, times, end_times : of the neighbours above and below
+    relative_error : estimate of that of the residual
+    """
+
+    residual: Array
+    rates: Array | None
+    stretch: Array
+    constraint: Array
+    start: Array
+    step: float
+    systems: tuple[System, System]
+    times: tuple[Array, Array]
+    relative_error: float
+
+
+class _Neighbour(NamedTuple):
+    """A neighbouring system at the states of a run, as in `ParameterChange`."""
+
+    system: System
+    times: Array
+    residual: Array
+    constraint: Array
+    start: Array
+    rates: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Projection:
+    """Derivatives of the projections of some steps, see `linearise_projections`.
+
+    Attributes
+    ----------
+    C, G : (steps, m, nv)
+    rates : (steps, nz, m)
+    to_tangent : (steps, nv, nz) of the states before them
+    Z : (steps, nz, nv) of the states after them
+    """
+
+    C: Array
+    G: Array
+    rates: Array
+    to_tangent: Array
+    Z: Array
+
+
+@dataclass(frozen=True, eq=False)
+class AdjointGradient:
+    """Gradients of functionals by what `ParameterChange` holds, a column for each."""
+
+    residual: Array
+    rates: Array
+    stretch: Array
+    constraint: Array
+    start: Array
+
+    def along(self, change: ParameterChange) -> Array:
+        """Derivatives of the functionals by a number through the motion, (columns,)."""
+        total = np.einsum("nr,nrc->c", change.residual, self.residual)
+        total += np.einsum("n,nc->c", change.stretch, self.stretch)
+        total += np.einsum("nr,nrc->c", change.constraint, self.constraint)
+        if change.rates is not None:
+            total += np.einsum("nr,nrc->c", change.rates, self.rates)
+        return np.asarray(total + change.start @ self.start)
+
+
+class MotionDerivatives:
+    """Direct and adjoint derivatives about one run.
+
+    Attributes
+    ----------
+    run : linearised
+    """
+
+    def __init__(self, run: LinearisedRun) -> None:
+        self.run = run
+        nodes = np.append(0.0, run.c)
+        #: values at the points of a step from its start and its stages
+        self._points = lagrange_matrix(nodes, run.motion.points.fractions)
+
+    @cached_property
+    def _ends(self) -> States:
+        """States after the projections of all steps but the last one."""
+        run = self.run
+        z, v = run.starts
+        clocks = run.step_clocks(run.intervals)[:-1]
+        parts = clocks, run.times[1:-1], z[1:], v[1:]
+        return States(*map(np.ascontiguousarray, parts))
+
+    @cached_property
+    def _projection(self) -> _Projection:
+        run, ends = self.run, self._ends
+        n, nz, nv, m = run.n_steps - 1, run.nz, run.nv, run.m
+        C, G = np.zeros((n, m, nv)), np.zeros((n, m, nv))
+        rates = np.zeros((n, nz, m))
+        copies = ends.selected(slice(None))
+        status = batch_evaluation.linearise_projections(
+            *(run.kernels, run.system.arrays, run.work, run.memory),
+            *(*copies.arguments, run.steps_z, C, G, rates),
+        )
+        if status != 0:
+            raise NotLinearisable("a singular configuration")
+        before = run.stages.selected(slice(run.s - 1, (n + 1) * run.s - 1, run.s))
+        to_tangent = position_rates(run.system, before.z, before.v).to_tangent
+        Z = position_rates(run.system, ends.z, ends.v).Z
+        return _Projection(C, G, rates, to_tangent, Z)
+
+    # Parameters
+
+    def parameter_change(
+        self, systems: tuple[System, System], step: float, size: float
+    ) -> ParameterChange:
+        """What a number changes, from the systems with the number plus and minus a
+        step; the number has some size.
+
+        Raises
+        ------
+        StructureChange : a neighbour has other constraints or breaks.
+        InputError : a neighbour has no start.
+        """
+        plus, minus = (self._neighbour(system) for system in systems)
+
+        def difference(above: Array, below: Array) -> Array:
+            return np.asarray((above - below) / (2.0 * step))
+
+        residual = difference(plus.residual, minus.residual)
+        second = np.abs(plus.residual + minus.residual - 2.0 * self._own_residual)
+        rounding = np.abs(self._own_residual).max(initial=0.0) / step
+        least = NEGLIGIBLE * self._force_size / size
+        largest = max(float(np.abs(residual).max(initial=0.0)), least, TINY)
+        error = SAFETY * second.max(initial=0.0) / size + rounding
+        rates = None
+        if plus.rates is not None and minus.rates is not None:
+            rates = difference(plus.rates, minus.rates)
+        times = difference(plus.times, minus.times)
+        return ParameterChange(
+            residual=residual,
+            rates=rates,
+            stretch=np.diff(times) / np.diff(self.run.times),
+            constraint=difference(plus.constraint, minus.constraint),
+            start=difference(plus.start, minus.start),
+            step=step,
+            systems=(plus.system, minus.system),
+            times=(plus.times, minus.times),
+            relative_error=min(1.0, float(error / largest)),
+        )
+
+    def _neighbour(self, system: System) -> _Neighbour:
+        """A neighbouring system at the states of this run."""
+        run = self.run
+        start = frozen_start(system, run.grid)
+        times, intervals = grid_times(start.system, run.grid)
+        clocks = run.step_clocks(intervals)
+        stages = run.stages.moved(
+            np.repeat(clocks, run.s), run.stage_times(times).ravel()
+        )
+        ends = self._ends.moved(clocks[:-1].copy(), times[1:-1].copy())
+        rates = None
+        if run.has_fixed_orientations:
+            rates = position_rates(start.system, stages.z, stages.v).rate
+        return _Neighbour(
+            start.system,
+            times,
+            run.residuals(start.system, stages),
+            run.constraints(start.system, ends),
+            np.concatenate([start.begin.z[: run.nz], start.begin.v]),
+            rates,
+        )
+
+    @cached_property
+    def _force_size(self) -> float:
+        """Largest entry of the forces and of gamma at the stages."""
+        run, states = self.run, self.run.stages
+        out = np.zeros_like(self._own_residual)
+        none = np.zeros_like(run.accelerations), np.zeros_like(run.multipliers)
+        batch_evaluation.residuals_of_states(
+            run.kernels, run.system.arrays, run.work, *states.arguments, *none, out
+        )
+        return float(np.abs(out).max(initial=0.0))
+
+    @cached_property
+    def _own_residual(self) -> Array:
+        return self.run.residuals(self.run.system, self.run.stages)
+
+    # Direct
+
+    def direct(self, changes: Sequence[ParameterChange]) -> tuple[Array, Array]:
+        """Derivatives of the states at the points of all steps by some numbers,
+        (steps * points, n_positions, numbers) and (steps * points, nv, numbers).
+        """
+        run = self.run
+        n_columns, nz, nv = len(changes), run.nz, run.nv
+        current = np.stack([change.start for change in changes], axis=1)
+        parts: list[Array] = []
+        for steps in run.blocks():
+            stages, current = self._direct_block(steps, changes, current)
+            parts.append(np.einsum("pk,nkrc->nprc", self._points, stages))
+        table = np.concatenate(parts).reshape(-1, nz + nv, n_columns)
+        counters = np.zeros((len(table), run.system.n_rotation_counters, n_columns))
+        z = np.concatenate([table[:, :nz], counters], axis=1)
+        return z, table[:, nz:]
+
+    def _direct_block(
+        self, steps: slice, changes: Sequence[ParameterChange], current: Array
+    ) -> tuple[Array, Array]:
+        """Changes of starts and stages of some steps (steps, s + 1, nz + nv, columns),
+        and of the start of the next one.
+        """
+        run, count = self.run, len(changes)
+        s, nz, nv, n = run.s, run.nz, run.nv, steps.stop - steps.start
+        matrices = run.step_matrices(steps)
+        rows = run.stage_rows(steps)
+        forcing = np.stack([c.residual[rows] for c in changes], axis=1)
+        slopes = -run.solve(rows, forcing)[:, :, :nv].transpose(0, 2, 1)
+        slopes = slopes.reshape(n, s, nv, count)
+        stretch = np.stack([c.stretch[steps] for c in changes], axis=1)
+        own = run.accelerations[rows].reshape(n, s, nv, 1)
+        slopes = slopes + own * stretch[:, None, None, :]
+        right = matrices.weighted(slopes).reshape(n, s * nv, count)
+        moved = np.zeros((n, s * nz, count))
+        rates = self._rate_changes(steps, changes, stretch)
+        if rates is not None:
+            moved = matrices.inverse @ matrices.weighted(rates).reshape(moved.shape)
+            right = right + matrices.by_position @ moved
+        ones = np.broadcast_to(np.tile(np.eye(nv), (s, 1)), (n, s * nv, nv))
+        columns = np.concatenate([matrices.start, ones, right], axis=2)
+        V = np.linalg.solve(matrices.system, columns)
+        Z = matrices.position_response @ V
+        Z[:, :, :nz] += matrices.position_start
+        Z[:, :, nz + nv :] += moved
+        Z, V = Z.reshape(n, s, nz, -1), V.reshape(n, s, nv, -1)
+        ends = self._projected(steps, Z[:, -1], V[:, -1], changes)
+        starts = np.zeros((n, nz + nv, count))
+        for k in range(n):
+            starts[k] = current
+            if k < len(ends):
+                current = ends[k, :, : nz + nv] @ current + ends[k, :, nz + nv :]
+        both = np.concatenate([Z, V], axis=2)
+        stages = both[..., : nz + nv] @ starts[:, None] + both[..., nz + nv :]
+        return np.concatenate([starts[:, None], stages], axis=1), current
+
+    def _rate_changes(
+        self, steps: slice, changes: Sequence[ParameterChange], stretch: Array
+    ) -> Array | None:
+        """Direct changes of the rates of positions (steps, s, nz, columns)."""
+        run, rows = self.run, self.run.stage_rows(steps)
+        if not stretch.any() and not run.has_fixed_orientations:
+            return None
+        states = run.stages.selected(rows)
+        rate = position_rates(run.system, states.z, states.v).rate
+        total = rate.reshape(len(stretch), run.s, run.nz, 1) * stretch[:, None, None, :]
+        if run.has_fixed_orientations:
+            own = [c.rates[rows] for c in changes if c.rates is not None]
+            total = total + np.stack(own, axis=2).reshape(total.shape)
+        return np.asarray(total)
+
+    def _projected(
+        self, steps: slice, Z: Array, V: Array, changes: Sequence[ParameterChange]
+    ) -> Array:
+        """Changes of the starts of the next steps from those of the last stages."""
+        projection, part = self._projection, slice(steps.start, steps.stop)
+        C, G, rates = (x[part] for x in (projection.C, projection.G, projection.rates))
+        n, m = len(C), self.run.m
+        Z, V = Z[:n], V[:n]
+        tangent = projection.to_tangent[part] @ Z
+        given = np.stack([c.constraint[part] for c in changes], axis=2)
+        values, speeds = C @ tangent, C @ V
+        values[:, :, -len(changes) :] += given[:, :m]
+        tangent = tangent - G.transpose(0, 2, 1) @ values
+        Z = projection.Z[part] @ tangent
+        speeds += rates.transpose(0, 2, 1) @ Z
+        speeds[:, :, -len(changes) :] += given[:, m:]
+        V = V - G.transpose(0, 2, 1) @ speeds
+        return np.concatenate([Z, V], axis=1)
+
+    # Adjoint
+
+    def adjoint(self, seeds: Array) -> AdjointGradient:
+        """Gradients of functionals by everything that numbers change.
+
+        Parameters
+        ----------
+        seeds : (steps * points, nz + nv, functionals) derivatives by the states at the
+            points of all steps
+        """
+        run, count = self.run, seeds.shape[2]
+        nz, nv = run.nz, run.nv
+        table = seeds.reshape(run.n_steps, -1, nz + nv, count)
+        parts = np.einsum("pk,nprc->nkrc", self._points, table)
+        gradient = AdjointGradient(
+            residual=np.zeros((run.n_steps * run.s, nv + run.m, count)),
+            rates=np.zeros((run.n_steps * run.s, nz, count)),
+            stretch=np.zeros((run.n_steps, count)),
+            constraint=np.zeros((run.n_steps - 1, 2 * run.m, count)),
+            start=np.zeros((nz + nv, count)),
+        )
+        current = np.zeros((nz + nv, count))
+        for steps in reversed(run.blocks()):
+            current = self._adjoint_block(steps, parts[steps], current, gradient)
+        gradient.start[:] = current
+        return gradient
+
+    def _adjoint_block(
+        self, steps: slice, seeds: Array, current: Array, gradient: AdjointGradient
+    ) -> Array:
+        """Fill the gradients of some steps; returns that by their first state.
+
+        Parameters
+        ----------
+        seeds : (steps, s + 1, nz + nv, columns) by starts and stages
+        current : (nz + nv, columns) by the start of the next step
+        """
+        run, count = self.run, seeds.shape[3]
+        s, nz, nv, n = run.s, run.nz, run.nv, steps.stop - steps.start
+        matrices = run.step_matrices(steps)
+        by_z = np.zeros((n, s, nz, nz + nv + count))
+        by_v = np.zeros((n, s, nv, nz + nv + count))
+        by_z[:, -1, :, :nz], by_v[:, -1, :, nz : nz + nv] = np.eye(nz), np.eye(nv)
+        by_z[..., nz + nv :], by_v[..., nz + nv :] = (
+            seeds[:, 1:, :nz],
+            seeds[:, 1:, nz:],
+        )
+        by_z, by_v = by_z.reshape(n, s * nz, -1), by_v.reshape(n, s * nv, -1)
+        right = by_v + matrices.position_response.transpose(0, 2, 1) @ by_z
+        psi = np.linalg.solve(matrices.system.transpose(0, 2, 1), right)
+        by_start = matrices.position_start.transpose(0, 2, 1) @ by_z
+        by_start += matrices.start.transpose(0, 2, 1) @ psi
+        ends = np.concatenate([by_start, psi.reshape(n, s, nv, -1).sum(axis=1)], axis=1)
+        after = np.zeros((n, nz + nv, count))
+        for k in range(n - 1, -1, -1):
+            number = steps.start + k
+            if number < run.n_steps - 1:
+                current = self._projected_back(number, current, gradient)
+            after[k] = current
+            current = ends[k, :, : nz + nv] @ current + ends[k, :, nz + nv :]
+            current += seeds[k, 0]
+        psi = psi[..., : nz + nv] @ after + psi[..., nz + nv :]
+        by_z = by_z[..., : nz + nv] @ after + by_z[..., nz + nv :]
+        rows = run.stage_rows(steps)
+        slopes = matrices.weighted_back(np.asarray(psi.reshape(n, s, nv, count)))
+        moved = by_z + matrices.by_position.transpose(0, 2, 1) @ psi
+        moved = matrices.inverse.transpose(0, 2, 1) @ moved
+        rates = matrices.weighted_back(moved.reshape(n, s, nz, count))
+        columns = np.zeros((n * s, count, nv + run.m))
+        columns[:, :, :nv] = slopes.reshape(n * s, nv, count).transpose(0, 2, 1)
+        own = run.accelerations[rows].reshape(n, s, nv)
+        states = run.stages.selected(rows)
+        own_rates = position_rates(run.system, states.z, states.v).rate
+        stretch = np.einsum("nsr,nsrc->nc", own, slopes)
+        stretch += np.einsum("nsr,nsrc->nc", own_rates.reshape(n, s, nz), rates)
+        gradient.stretch[steps] = stretch
+        gradient.rates[rows] = rates.reshape(n * s, nz, count)
+        solved = run.solve_transposed(rows, columns)
+        gradient.residual[rows] = -solved.transpose(0, 2, 1)
+        return current
+
+    def _projected_back(
+        self, number: int, current: Array, gradient: AdjointGradient
+    ) -> Array:
+        """Pass the projection at the end of a step backwards."""
+        projection, nz, m = self._projection, self.run.nz, self.run.m
+        C, G = projection.C[number], projection.G[number]
+        by_z, by_v = current[:nz], current[nz:]
+        by_speed = -G @ by_v
+        tangent = projection.Z[number].T @ (by_z + projection.rates[number] @ by_speed)
+        by_value = -G @ tangent
+        gradient.constraint[number, :m] = by_value
+        gradient.constraint[number, m:] = by_speed
+        tangent = tangent + C.T @ by_value
+        by_v = by_v + C.T @ by_speed
+        return np.concatenate([projection.to_tangent[number].T @ tangent, by_v])
+
+    def neighbours(
+        self, change: ParameterChange, z: Array | float = 0.0, v: Array | float = 0.0
+    ) -> tuple[Motion, Motion]:
+        """Motions of both neighbours of a number, to first order.
+
+        Parameters
+        ----------
+        z, v : derivatives of the states at all points, 0 for fixed states
+        """
+        motion, found = self.run.motion, list[Motion]()
+        states = motion.steps
+        pairs = zip((1, -1), change.systems, change.times, strict=True)
+        for sign, system, times in pairs:
+            share = sign * change.step
+            t = states.t
+            if (times != self.run.times).any():
+                t = self._point_times(times)
+            moved = StepStates(t, states.z + share * z, states.v + share * v)
+            own = replace(motion, system=system, steps=moved, _samplers={})
+            found.append(replace(own, end_time=float(times[-1])))
+        return found[0], found[1]
+
+    def _point_times(self, times: Array) -> Array:
+        """Times of the points of all steps, inside of these by rounding."""
+        fractions = self.run.motion.points.fractions
+        t = times[:-1, None] + np.diff(times)[:, None] * fractions
+        t[:, 0] = np.nextafter(times[:-1], np.inf)
+        t[:, -1] = np.nextafter(times[1:], -np.inf)
+        return np.asarray(t.ravel())

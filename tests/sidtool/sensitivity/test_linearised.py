@@ -1,0 +1,217 @@
+"""Derivatives of linearised runs: direct, adjoint, and what cannot be linearised."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.special import ellipk
+
+import sidtool
+from sidtool.api.motion_problem import Point, RunOptions
+from sidtool.api.sensitivity import parse_problem
+from sidtool.solver.simulation.linearised_run import LinearisedRun
+from sidtool.solver.simulation.motion_derivatives import MotionDerivatives
+
+from . import scenes
+from .scenes import G
+
+CRANK = "examples/slider_crank/slider_crank.toml"
+
+
+def radau(scene: sidtool.Scene, **changes: Any) -> sidtool.Scene:
+    """The scene with an integrator that is linearised."""
+    return scene.with_({"accuracy.integrator": "radau9"} | changes)
+
+
+def heavy_top() -> sidtool.Scene:
+    """A spinning body in space on a ball joint, with a point mass on a spring that is
+    fixed to it.
+    """
+    top = {
+        "mass": 3.0,
+        "inertia": [0.05, 0.05, 0.02],
+        "markers": {"foot": {"position": [0.0, 0.0, -0.3]}},
+        "initial": {
+            "position": [0.0, 0.3 * math.sin(0.5), 0.3 * math.cos(0.5)],
+            "axis_angle": [-0.5, 0.0, 0.0],
+            "angular_velocity": [0.0, 15.0, 27.0],
+        },
+    }
+    spring = {"type": "spring_damper", "markers": ["top", "bob"], "stiffness": 300.0}
+    bob = {"mass": 0.4, "initial": {"position": [0.3, 0.2, 0.4]}}
+    return sidtool.Scene(
+        dimension="spatial",
+        gravity=[0.0, 0.0, -G],
+        time={"end": 0.3, "output_step": 0.1},
+        accuracy={"rtol": 1e-7, "integrator": "radau9"},
+        bodies={"top": top, "bob": bob},
+        joints={"ball": {"type": "spherical", "markers": ["ground", "top.foot"]}},
+        forces={"spring": spring | {"rest": 0.2, "damping": 2.0}},
+    )
+
+
+def swinging_guide() -> sidtool.Scene:
+    """A block on a guide that turns: a direction on one body acts on the other."""
+    guide = {
+        "mass": 1.5,
+        "inertia": 0.2,
+        "centre_of_mass": [0.2, 0.0],
+        "initial": {"angle": -0.4, "angular_velocity": 1.0},
+    }
+    start = {"position": [0.5 * math.cos(0.4), -0.5 * math.sin(0.4)]}
+    return radau(
+        scenes.scene(
+            gravity=[0.0, -G],
+            time={"end": 0.5, "output_step": 0.1},
+            bodies={"guide": guide, "block": {"mass": 0.7, "initial": start}},
+            joints={
+                "pin": {"type": "revolute", "markers": ["ground", "guide"]},
+                "slide": {"type": "point_on_line", "markers": ["guide", "block"]},
+            },
+        )
+    )
+
+
+def point_of(
+    scene: sidtool.Scene, keys: list[str], functionals: list[str], method: str = "auto"
+) -> Point:
+    problem = parse_problem(scene, keys, functionals, RunOptions(method=method))
+    return problem.at(problem.x0)
+
+
+def test_adjoint_and_direct_are_transposes() -> None:
+    """For any seeds; masses, a length that moves constraints, the duration."""
+    keys = ["piston.mass", "crank.markers.pin.position[0]", "time.end"]
+    scene = sidtool.Scene.load(CRANK).with_({"time.end": 0.2})
+    point = point_of(scene, keys, ["rms(rod.q1)"])
+    assert point.history is not None and point.grid is not None
+    run = LinearisedRun(point.history.motion, point.grid)
+    assert run.is_exact
+    derivatives = MotionDerivatives(run)
+    changes = []
+    for k, value in enumerate(point.x):
+        pair = [point.neighbour_system(k, e * value) for e in (1e-5, -1e-5)]
+        change = derivatives.parameter_change((pair[0], pair[1]), 1e-5 * value, value)
+        changes.append(change)
+    z, v = derivatives.direct(changes)
+    states = np.concatenate([z[:, : run.nz], v], axis=1)
+    seeds = np.random.default_rng(0).standard_normal((*states.shape[:2], 2))
+    gradient = derivatives.adjoint(seeds)
+    for k, change in enumerate(changes):
+        direct = np.einsum("nr,nrc->c", states[:, :, k], seeds)
+        assert gradient.along(change) == pytest.approx(direct, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("scene", "keys", "functionals"),
+    [
+        (
+            heavy_top(),
+            ["top.mass", "top.markers.foot.position[2]", "spring.stiffness"],
+            ["final(bob.x)", "rms(top.wx)", "max_abs(ball.fz)", "value(top.z, 0.2)"],
+        ),
+        (
+            swinging_guide(),
+            ["block.mass", "gravity[1]", "guide.centre_of_mass[0]"],
+            ["final(block.x)", "mean(guide.wz)", "max_abs(pin.fx)"],
+        ),
+        (
+            sidtool.Scene.load(CRANK).with_({"time.end": 0.2}),
+            ["piston.mass", "crank.markers.pin.position[0]"],
+            ["rms(rod.q1)", "max_abs(crank_pin.fx)", "norm(rod.q1, 4)"],
+        ),
+    ],
+    ids=["top", "guide", "crank"],
+)
+def test_against_differences_of_runs(
+    scene: sidtool.Scene, keys: list[str], functionals: list[str]
+) -> None:
+    """In space and in plane, with joints and forces between bodies that turn."""
+    found = {
+        method: point_of(scene, keys, functionals, method).sensitivities()
+        for method in ("adjoint", "direct", "differences")
+    }
+    exact = found["adjoint"].derivatives
+    assert found["direct"].derivatives == pytest.approx(exact, rel=2e-8)
+    assert found["differences"].derivatives == pytest.approx(exact, rel=1e-7)
+    for method, one in found.items():
+        assert set(one.methods.values()) == {method}
+        error = np.abs(one.derivatives - exact)
+        assert (error < 10.0 * (one.errors + found["adjoint"].errors)).all()
+
+
+@pytest.mark.parametrize("method", ["adjoint", "direct"])
+def test_a_pendulum_by_its_length(method: str) -> None:
+    """At a quarter of the period x = -v (t - T/4), T/4 = sqrt(L / g) K(1/2)."""
+    quarter = math.sqrt(1.0 / G) * ellipk(0.5)
+    scene = radau(scenes.pendulum(), **{"time.end": quarter, "events": {}})
+    keys = ["parameters.length", "gravity[1]", "bob.mass", "time.end"]
+    found = sidtool.sensitivity(scene, keys, "final(bob.x)", method=method)
+    v = math.sqrt(2.0 * G)
+    exact = [0.5 * v * quarter, 0.5 * v * quarter / G, 0.0, -v]
+    assert found.derivatives[0] == pytest.approx(exact, rel=1e-8, abs=1e-9)
+    assert set(found.methods.values()) == {method} and not found.reason
+    assert found.runs == 2
+
+
+@pytest.mark.parametrize("method", ["adjoint", "direct"])
+def test_the_state_transition_matrix(method: str) -> None:
+    keys = ["block.initial.position[0]", "block.initial.velocity[0]"]
+    found = sidtool.sensitivity(
+        radau(scenes.oscillator()),
+        keys,
+        ["final(block.x)", "final(block.vx)"],
+        method=method,
+    )
+    A = np.array([[0.0, 1.0], [-25.0, -0.2]])
+    assert found.derivatives == pytest.approx(expm(2.0 * A), rel=1e-9)
+
+
+def test_a_break_that_moves() -> None:
+    """A force that grows from t1 on: x(2) = a (2 - t1)^3 / 6 m."""
+    before = {"from": 0.0, "to": "first", "coefficients": [0.0]}
+    after = {"from": "first", "coefficients": [0.0, 3.0]}
+    function = {"type": "polynomial", "pieces": [before, after]}
+    force = {"type": "force", "marker": "block", "force": [1.0, 0.0]}
+    scene = scenes.scene(
+        parameters={"first": 1.0},
+        bodies={"block": scenes.block(0.0, 0.0)},
+        joints={"guide": scenes.GUIDE},
+        forces={"a": force | {"function": function}},
+    )
+    found = sidtool.sensitivity(
+        radau(scene),
+        ["parameters.first", "time.end"],
+        "final(block.x)",
+        method="direct",
+    )
+    assert found.derivatives[0] == pytest.approx([-3.0 / 4.0, 3.0 / 4.0], rel=1e-8)
+
+
+def test_what_is_not_linearised() -> None:
+    """Friction and events: differences, with the reason; asked for alone, refused."""
+    keys, of = ["block.initial.velocity[0]"], "final(block.x)"
+    scene = radau(scenes.sliding_block())
+    found = sidtool.sensitivity(scene, keys, of)
+    assert set(found.methods.values()) == {"differences"}
+    assert found.reason == "joint friction" and "joint friction" in found.report()
+    assert found.data()["methods"] == {keys[0]: "differences"}
+    with pytest.raises(sidtool.InputError, match="joint friction"):
+        sidtool.sensitivity(scene, keys, of, method="adjoint")
+    with pytest.raises(sidtool.InputError, match="auto, adjoint"):
+        sidtool.sensitivity(scene, keys, of, method="tangent")
+
+
+def test_functionals_with_and_without_a_motion() -> None:
+    found = sidtool.sensitivity(
+        radau(scenes.oscillator()),
+        ["block.mass"],
+        ["mass(block)", "final(block.x)", "frequency(1)"],
+        method="direct",
+    )
+    f = math.sqrt(50.0 / 2.0) / 2.0 / math.pi
+    assert found.derivatives[[0, 2], 0] == pytest.approx([1.0, -f / 4.0], rel=1e-5)
