@@ -93,18 +93,19 @@ _TABLES = """
     Accuracy Actuator AttachmentReduction BeamDiscretisation BeamGeometry Box
     BoxSection BuckensFrame Bushing CSection Characteristic ChordFrame
     CircularSection Coincident Constant Coupling CraigBamptonReduction Cylinder
-    Cylindrical Distance Drive ElasticInitial Event Expression Fixed
-    FrequencyDamping Friction Gear GeneralSection Given Ground Harmonic
-    HertingReduction ISection IgaDiscretisation Initial Input InputFunction
-    JointFriction KrylovReduction LSection LookupTable LumpedMass Marker Material
-    MatricesDiscretisation MatricesGeometry MeshDiscretisation MeshGeometry
-    ModalDamping ModalReduction NodeMarker NurbsGeometry Outputs PatchesGeometry Pid
-    Piece PlanarJoint PointForce PointOnLine PointOnPlane Polynomial Prestress
-    Prismatic Q4Discretisation RayleighDamping RectangularSection Revolute RigidBody
-    Screw SidBody SidDamping SineRamp SmoothStep SolidDiscretisation Sphere
-    Spherical Spline SpringDamper Start State StationTable Stiffening StressRecovery Sum
-    SurfaceMesh TSection TangentFrame Tie Time TubeSection Universal UserReduction
-    VolumeGeometry
+    Cylindrical Distance Drive ElasticInitial Event Expression Fixed FrameGeometry
+    FrameMass FrameMember FrameSpring FrequencyDamping Friction Gear GeneralSection
+    Given Ground Harmonic HertingReduction ISection IgaDiscretisation Initial Input
+    InputFunction JointFriction KrylovReduction LSection LookupTable LumpedMass
+    Marker Material MatricesDiscretisation MatricesGeometry MemberOffsets
+    MemberReleases MeshDiscretisation MeshGeometry ModalDamping ModalReduction
+    NodeMarker NurbsGeometry Outputs PatchesGeometry Pid Piece PlanarJoint
+    PointForce PointOnLine PointOnPlane Polynomial Prestress Prismatic
+    Q4Discretisation RayleighDamping RectangularSection Revolute RigidBody Screw
+    SectionForces SidBody SidDamping SineRamp SmoothStep SolidDiscretisation Sphere
+    Spherical Spline SpringDamper Start State StationTable Stiffening StressRecovery
+    Sum SurfaceMesh TSection TangentFrame Tie Time TubeSection Universal
+    UserReduction VolumeGeometry
 """.split()  # noqa: SIM905
 _HOME = {
     **dict.fromkeys(_TABLES, "sidtool.api.tables"),

@@ -83,7 +83,7 @@ def test_models_convert_to_sids_without_errors(ran, path: Path) -> None:
     created = {sid.stem: sid for sid in folder.glob("*.SID_FEM")}
     sid = created.get(path.stem) or sidtool.convert(path)
     checks = sidtool.validate(sid)
-    expected = ["I12"] if path.stem in ("rod_beam", "shaft") else []
+    expected = ["I12"] if path.stem in ("rod_beam", "shaft", "crane") else []
     assert [c.id for c in checks if c.failed] == expected
 
 
@@ -270,3 +270,17 @@ def test_the_light_rod_reaches_its_limit_of_stress(ran) -> None:
     mass = 7850.0 * found["best"]["x"]["thickness"] * area
     assert found["best"]["values"]["mass(rod)"] == pytest.approx(mass, rel=1e-5)
     assert mass < 0.41 * found["history"][0]["values"][0]
+
+
+def test_the_crane_carries_its_load_by_its_strut(ran) -> None:
+    """At the start moments about the pin at the head, with the weight of boom, strut
+    (half of it at the seat) and load."""
+    result = result_of(ran("jib_crane"))
+    g, load, boom = 9.81, 200.0, 7850.0 * (0.08 * 0.16 - 0.068 * 0.148)
+    strut = 7850.0 * np.pi * (0.03**2 - 0.026**2) * 1.5 * np.sqrt(2)
+    moment = 3.0 * load + 3.0 * boom * 1.5 + strut / 2 * 1.5
+    normal = -g * moment / (1.5 * np.sqrt(0.5))
+    assert result["crane.strut.s3.N"][0] == pytest.approx(normal, rel=1e-4)
+    bending = g * (1.5 * load + 1.5 * boom * 0.75)
+    assert abs(result["crane.outer_boom.s1.My"][0]) == pytest.approx(bending, rel=1e-9)
+    assert result["load.y"].max() > 2.9

@@ -141,9 +141,11 @@ class Dialect:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A cross-section of a beam, and the part of the beam beyond it.
+    """A cross-section of a beam, and the part of the body beyond it.
 
-    Section forces are those in equilibrium with all that acts on that part.
+    Section forces are those in equilibrium with all that acts on that part. Where the
+    section leaves the body connected, there is no such part, and the entry sigma of the
+    node has the section forces N, Vy, Vz, T, My, Mz per elastic coordinate.
 
     Attributes
     ----------

@@ -16,7 +16,6 @@ from ..toml.constructor_types import (
     Entries,
     Field,
     Integer,
-    Number,
     OptionalInteger,
     Takes,
 )
@@ -27,6 +26,7 @@ from ..toml.tables import Table
 from .beams import BeamGeometry, SectionForces
 from .checks import check_name, check_node_numbers
 from .discretisation import FITTING, Discretisation, IgaDiscretisation, Q4Discretisation
+from .frames import FrameGeometry
 from .geometry import SIDES, Geometry, NurbsGeometry, Point2
 from .reduction import (
     BuckensFrame,
@@ -40,7 +40,7 @@ from .reduction import (
     Tie,
     check_reduction,
 )
-from .tables import Fraction, Point3, Positive, RayleighDamping
+from .tables import Fraction, Material, Point3, RayleighDamping
 
 _SECTION_NAME = re.compile(r"[^\W\d][\w-]*")
 
@@ -64,22 +64,13 @@ __all__ = [
 ]
 
 
-class Material(Table):
-    """Linear elastic and isotropic."""
-
-    youngs_modulus: Takes[Positive, float | str] = Field(
-        description="Young's modulus in Pa"
-    )
-    poissons_ratio: Number = Field(gt=-1, lt=0.5, description="a number below 0.5")
-    density: Takes[Positive, float | str] = Field(description="the density in kg/m^3")
-
-
 class NodeMarker(Table):
     """A named point that joints and forces can use.
 
     Exactly one of `edge` (with `at`, the fraction of its parameter range, of a face
     two fractions, of `start` and `end` of a beam none), `parameters` (u, v and w in
-    [0, 1]), `position` (x, y and z in m) and `mesh_node` (a node number of a mesh file)
+    [0, 1]), `position` (x, y and z in m), `mesh_node` (a node number of a mesh file),
+    `point` and `member` (with `at`, the fraction of its length) of a frame
     says where it is. A tied marker may stand anywhere, also beside the body or at a
     node that no element uses, as a rigid arm of what it is tied to; with `at = "axis"`
     it lies on the axis of the cylinder that this is, half-way between its ends (in
@@ -89,7 +80,7 @@ class NodeMarker(Table):
     Attributes
     ----------
     edge : name of a side, a face or an end
-    at : place on the edge, from 0 to 1; or "axis"
+    at : place on the edge or along the member, from 0 to 1; or "axis"
     parameters : of the place on a patch, in a volume or along a beam, from 0 to 1
     position : of the place [m]
     """
@@ -104,6 +95,12 @@ class NodeMarker(Table):
     mesh_node: OptionalInteger = Field(
         default=None, description="a node number of the mesh file"
     )
+    point: str | None = Field(
+        default=None, description="the name of a point of a frame"
+    )
+    member: str | None = Field(
+        default=None, description="the name of a member of a frame, with `at`"
+    )
     tie: Takes[Tie | None, Tie | Entries | None] = Field(default=None)
 
 
@@ -115,6 +112,8 @@ class ModelFile(File):
         *(("geometry", key) for key in ("file", "stiffness", "mass", "nodes", "dofs")),
         ("geometry", "sections"),
         ("geometry", "sections", "file"),
+        ("geometry", "members", "*", "sections"),
+        ("geometry", "members", "*", "sections", "file"),
         ("reduction", "file"),
     )
 
@@ -169,8 +168,13 @@ class ModelFile(File):
                 place="discretisation.type",
                 expected=" or ".join(fitting),
             )
-        by_stations = getattr(self.geometry, "sections", None) is not None
-        needs_none = by_stations or self.geometry.type in ("mesh", "matrices")
+        geometry = self.geometry
+        by_stations = (
+            isinstance(geometry, BeamGeometry) and geometry.sections is not None
+        )
+        needs_none = by_stations or geometry.type in ("mesh", "matrices")
+        if isinstance(geometry, FrameGeometry):
+            needs_none = not geometry.members_of_default_material
         if self.material is None and not needs_none:
             raise InputError(
                 "is missing", place="material", expected="a table [material]"
@@ -192,14 +196,24 @@ class ModelFile(File):
     @model_validator(mode="after")
     def _stress_is_available(self) -> Self:
         """Stress and stiffening need elements that know their stress."""
-        beam, stiffening = self.geometry.type == "beam", self.stiffening
+        geometry, stiffening = self.geometry, self.stiffening
+        beam = isinstance(geometry, BeamGeometry | FrameGeometry)
         matrices = self.comes_as_matrices
         prestress = stiffening.prestress if stiffening else None
-        section = getattr(self.geometry, "section", None)
-        unshaped = beam and (section is None or section.shape == "general")
+        found: list[tuple[str, Any]] = []
+        if isinstance(geometry, BeamGeometry):
+            found = [("", geometry.section)]
+        elif isinstance(geometry, FrameGeometry):
+            found = [
+                (f" (member {name})", geometry.member_geometry(name).section)
+                for name in geometry.members
+            ]
+        unshaped = [
+            name for name, own in found if own is None or own.shape == "general"
+        ]
         if unshaped and self.stress is not None:
             raise InputError(
-                "there is no stress in sections without a shape",
+                f"there is no stress in sections without a shape{unshaped[0]}",
                 place="stress",
                 expected="a section by its shape, such as a box; of others the section "
                 "forces, [section_forces]",
@@ -226,12 +240,22 @@ class ModelFile(File):
     def _sections_are_those_of_a_beam(self) -> Self:
         if self.section_forces is None:
             return self
-        if self.geometry.type != "beam":
+        geometry, members = self.geometry, self.section_forces.members
+        if not isinstance(geometry, BeamGeometry | FrameGeometry):
             raise InputError(
                 "is not for this geometry",
                 place="section_forces",
-                expected='a geometry of type "beam"',
+                expected='a geometry of type "beam" or "frame"',
             )
+        if members is not None and isinstance(geometry, BeamGeometry):
+            raise InputError(
+                "is not for a single beam",
+                place="section_forces.members",
+                expected='a geometry of type "frame"',
+            )
+        if isinstance(geometry, FrameGeometry):
+            for name in members or ():
+                check_name(name, geometry.members, "member", "section_forces.members")
         for name in self.section_forces.fractions:
             if not _SECTION_NAME.fullmatch(name):
                 raise InputError(
@@ -275,7 +299,7 @@ class ModelFile(File):
             check_name(name, self.markers, "marker", "stress.markers")
         for name, marker in self.markers.items():
             place = f"markers.{name}"
-            _check_place(marker, place, isinstance(self.geometry, BeamGeometry))
+            _check_place(marker, place, self.geometry)
             if marker.edge is not None:
                 check_name(marker.edge, edges, "edge", f"{place}.edge")
             for tied in marker.tie.names if marker.tie else ():
@@ -295,8 +319,8 @@ def read_model(path: str | Path, changes: Mapping[str, Any] | None = None) -> Mo
     return ModelFile.load(path, changes)
 
 
-def _check_place(marker: NodeMarker, place: str, beam: bool) -> None:
-    ways = ("edge", "parameters", "position", "mesh_node")
+def _check_place(marker: NodeMarker, place: str, geometry: Geometry) -> None:
+    ways = ("edge", "parameters", "position", "mesh_node", "point", "member")
     given = [way for way in ways if getattr(marker, way) is not None]
     if marker.at == "axis":
         if given or marker.tie is None:
@@ -306,16 +330,48 @@ def _check_place(marker: NodeMarker, place: str, beam: bool) -> None:
                 expected='at = "axis" and tie = { type = ..., to = ... } alone',
             )
         return
+    if isinstance(geometry, FrameGeometry):
+        _check_place_in_frame(marker, place, geometry, given)
+        return
+    if {"point", "member"} & {*given}:
+        raise InputError(
+            "is for frames",
+            place=f"{place}.{given[-1]}",
+            expected='a geometry of type "frame"',
+        )
     if len(given) != 1 and (given or marker.tie is None):
         raise InputError(
             f"gives {' and '.join(given) or 'no place'}",
             place=place,
             expected="exactly one of edge (with at), parameters, position, mesh_node",
         )
-    end_of_beam = beam and marker.edge is not None and marker.at is None
+    end_of_beam = isinstance(geometry, BeamGeometry) and marker.edge is not None
+    end_of_beam = end_of_beam and marker.at is None
     if (marker.edge is None) != (marker.at is None) and not end_of_beam:
         raise InputError(
             "edge and at do not come together",
             place=place,
             expected='for example edge = "left", at = 0.5, or the end of a beam alone',
+        )
+
+
+def _check_place_in_frame(
+    marker: NodeMarker, place: str, geometry: FrameGeometry, given: list[str]
+) -> None:
+    alone = marker.tie is not None and given in ([], ["position"])
+    if not alone and given not in (["point"], ["member"]):
+        raise InputError(
+            f"gives {' and '.join(given) or 'no place'}",
+            place=place,
+            expected="a point, or a member with at; of a tied marker a position",
+        )
+    if marker.point is not None:
+        check_name(marker.point, geometry.points, "point", f"{place}.point")
+    if marker.member is not None:
+        check_name(marker.member, geometry.members, "member", f"{place}.member")
+    if (marker.member is not None) != isinstance(marker.at, float):
+        raise InputError(
+            "member and at do not come together",
+            place=place,
+            expected='for example member = "boom", at = 0.5',
         )

@@ -1,17 +1,18 @@
 """Beams that a model file can describe: an axis, its sections, and lumped masses."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from numpy.typing import ArrayLike
 from pydantic import model_validator
 
 from ..base.errors import InputError
-from ..toml.constructor_types import Entries, Field, Number, Takes
+from ..toml.constructor_types import Entries, Field, Number, OptionalTexts, Takes
 from ..toml.tables import Table
 from .stations import StationTable, read_stations
 from .tables import Fraction, NonNegative, Point3, Positive
 
 Stations = Annotated[tuple[Positive, ...], Field(min_length=1)]
+Twist = float | Annotated[tuple[float, ...], Field(min_length=1)]
 
 
 class RectangularSection(Table):
@@ -170,6 +171,7 @@ class SectionForces(Table):
     ----------
     stations : a number of equal steps' ends from start to end, called s1, s2, ..., or
         fractions of the length, called so too, or name = fraction
+    members : of a frame, whose sections are called MEMBER.s1 and so on; by default all
     """
 
     stations: (
@@ -177,6 +179,7 @@ class SectionForces(Table):
         | Annotated[tuple[Fraction, ...], Field(min_length=1)]
         | Annotated[dict[str, Fraction], Field(min_length=1)]
     )
+    members: OptionalTexts = Field(default=None, min_length=1)
 
     @property
     def fractions(self) -> dict[str, float]:
@@ -231,7 +234,7 @@ class BeamGeometry(Table):
     end: Takes[Point3, ArrayLike]
     through: tuple[Point3, ...] = ()
     y_axis: Takes[Point3 | None, ArrayLike | None] = Field(default=None)
-    twist: float | Annotated[tuple[float, ...], Field(min_length=1)] = 0.0
+    twist: Twist = 0.0
     interpolation: Literal["linear", "smooth", "polynomial"] = "linear"
     section: Takes[ShapedSection | None, ShapedSection | Entries | None] = Field(
         default=None
@@ -243,25 +246,7 @@ class BeamGeometry(Table):
 
     @model_validator(mode="after")
     def _one_kind_of_sections(self) -> Self:
-        if (self.section is None) == (self.sections is None):
-            both = self.section is not None
-            raise InputError(
-                "gives section and sections" if both else "has no section",
-                place="geometry",
-                expected="a section by its shape, or sections at stations",
-            )
-        if self.sections is None:
-            return self
-        for key, given in (
-            ("twist", isinstance(self.twist, tuple)),
-            ("interpolation", "interpolation" in self.model_fields_set),
-        ):
-            if given:
-                raise InputError(
-                    "is not for sections at stations",
-                    place=f"geometry.{key}",
-                    expected="a table that holds the twist, linear between stations",
-                )
+        check_sections(self, "geometry")
         return self
 
     def station_table(self) -> StationTable:
@@ -281,3 +266,35 @@ class BeamGeometry(Table):
     def edge_names(self) -> dict[str, tuple[int, int]]:
         """start and end."""
         return {"start": (0, 0), "end": (0, 1)}
+
+
+def check_sections(table: Any, place: str) -> None:
+    """Check that a beam has a section, or sections at stations without a second twist.
+
+    Parameters
+    ----------
+    table : with section, sections, twist and interpolation
+
+    Raises
+    ------
+    InputError : it has not.
+    """
+    if (table.section is None) == (table.sections is None):
+        both = table.section is not None
+        raise InputError(
+            "gives section and sections" if both else "has no section",
+            place=place,
+            expected="a section by its shape, or sections at stations",
+        )
+    if table.sections is None:
+        return
+    for key, given in (
+        ("twist", isinstance(table.twist, tuple)),
+        ("interpolation", "interpolation" in table.model_fields_set),
+    ):
+        if given:
+            raise InputError(
+                "is not for sections at stations",
+                place=f"{place}.{key}",
+                expected="a table that holds the twist, linear between stations",
+            )

@@ -99,7 +99,7 @@ class BeamDiscretisation(Table):
     Attributes
     ----------
     elements : along the beam, of equal length between stations of its section or twist,
-        which lie between two elements
+        which lie between two elements; of a frame along each member
     theory : without or with deformation by shear
     mass : consistent (that of the displacement field and the turning cross-sections) or
         lumped (half of an element as a rigid piece that each of its nodes carries, with
@@ -148,6 +148,7 @@ FITTING: dict[str, tuple[str, ...]] = {
     "nurbs_volume": ("iga", "hex8", "hex20", "tet4", "tet10"),
     "patches": ("iga",),
     "beam": ("beam",),
+    "frame": ("beam",),
     "mesh": ("mesh",),
     "matrices": ("matrices",),
 }

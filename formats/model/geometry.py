@@ -1,4 +1,4 @@
-"""The shapes a model file can describe: patches, volumes, meshes, matrices, beams.
+"""The shapes a model file can describe: patches, volumes, beams, frames, meshes.
 
 Every geometry knows the names of its edges or faces (`edge_names`); those of a file are
 known only when it is read, so that every name is accepted here.
@@ -14,6 +14,7 @@ from ..toml.constructor_types import Field, Takes, Texts
 from ..toml.tables import Table
 from .beams import BeamGeometry
 from .checks import check_grid, check_knots
+from .frames import FrameGeometry
 from .tables import Count, NonNegative, Point3, Positive
 
 Point2 = tuple[float, float]
@@ -256,6 +257,7 @@ Geometry = Annotated[
     | VolumeGeometry
     | PatchesGeometry
     | BeamGeometry
+    | FrameGeometry
     | MeshGeometry
     | MatricesGeometry,
     Field(discriminator="type"),

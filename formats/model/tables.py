@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from ..toml.constructor_types import Field
+from ..toml.constructor_types import Field, Number, Takes
 from ..toml.tables import Table
 
 Point3 = tuple[float, float, float]
@@ -24,3 +24,13 @@ class RayleighDamping(Table):
     type: Literal["rayleigh"] = "rayleigh"
     alpha: float = Field(default=0.0, ge=0, description="of the mass [1/s]")
     beta: float = Field(default=0.0, ge=0, description="of the stiffness [s]")
+
+
+class Material(Table):
+    """Linear elastic and isotropic."""
+
+    youngs_modulus: Takes[Positive, float | str] = Field(
+        description="Young's modulus in Pa"
+    )
+    poissons_ratio: Number = Field(gt=-1, lt=0.5, description="a number below 0.5")
+    density: Takes[Positive, float | str] = Field(description="the density in kg/m^3")

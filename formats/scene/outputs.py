@@ -115,7 +115,10 @@ _EXPECTED = "BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.fx, such as piston.x"
 
 
 class OutputName(NamedTuple):
-    """The parts of an output name; `marker` is empty for a body or a joint."""
+    """The parts of an output name; `marker` is empty for a body or a joint.
+
+    Of a section of a member of a frame it is MEMBER.SECTION.
+    """
 
     owner: str
     marker: str
@@ -131,10 +134,11 @@ def parse_output(name: str) -> OutputName:
     InputError : it has another form, or a quantity that does not exist.
     """
     parts = name.split(".")
-    if len(parts) not in (2, 3) or not all(parts):
+    of_member = len(parts) == 4 and parts[-1] in SECTION_FORCES
+    if not (of_member or len(parts) in (2, 3)) or not all(parts):
         raise InputError(f"found {name!r}", expected=_EXPECTED)
     owner, quantity = parts[0], parts[-1]
-    marker = parts[1] if len(parts) == 3 else ""
+    marker = ".".join(parts[1:-1])
     if owner == INPUTS and not marker:
         return OutputName(owner, marker, quantity)
     if owner in SCENE_QUANTITIES:

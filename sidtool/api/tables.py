@@ -13,6 +13,7 @@ from sidtool.formats.model.beams import (
     LSection,
     LumpedMass,
     RectangularSection,
+    SectionForces,
     TSection,
     TubeSection,
 )
@@ -23,6 +24,14 @@ from sidtool.formats.model.discretisation import (
     MeshDiscretisation,
     Q4Discretisation,
     SolidDiscretisation,
+)
+from sidtool.formats.model.frames import (
+    FrameGeometry,
+    FrameMass,
+    FrameMember,
+    FrameSpring,
+    MemberOffsets,
+    MemberReleases,
 )
 from sidtool.formats.model.geometry import (
     MatricesGeometry,
@@ -104,6 +113,13 @@ from sidtool.formats.scene.shapes import Box, Cylinder, Sphere, SurfaceMesh
 from sidtool.formats.scene.tables import Start
 
 __all__ = [
+    "SectionForces",
+    "MemberReleases",
+    "MemberOffsets",
+    "FrameSpring",
+    "FrameMember",
+    "FrameMass",
+    "FrameGeometry",
     "Box",
     "Cylinder",
     "Sphere",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sidtool.formats.base.complex_step import number_type, numbers, without_rounding
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
-from sidtool.formats.model import ModelFile, NodeMarker
+from sidtool.formats.model import Material, ModelFile, NodeMarker
 from sidtool.formats.model.beams import BeamGeometry, RectangularSection
 from sidtool.formats.model.discretisation import BeamDiscretisation
 
@@ -107,20 +107,22 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     geometry, settings = model.geometry, model.discretisation
     assert isinstance(geometry, BeamGeometry)
     assert isinstance(settings, BeamDiscretisation)
-    beam, per_length, density = _properties(model, geometry, settings)
+    shear = settings.theory == "timoshenko"
+    beam, per_length, density = beam_properties(geometry, model.material, shear=shear)
     axis = beam.axis
     cuts = model.section_forces.fractions if model.section_forces else {}
-    profiles = [per_length, axis.twist, *_sides(geometry)]
-    ends = _element_ends(profiles, settings.elements, list(cuts.values()))
+    ends = element_ends(
+        geometry, axis, per_length, settings.elements, list(cuts.values())
+    )
     n, ndof = len(ends), 6 * len(ends)
     particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
     elements = [BeamElement(beam, *pair) for pair in pairwise(ends)]
     matrices = [element.stiffness() for element in elements]
     stiffness = sp.lil_matrix((ndof, ndof), dtype=number_type(*matrices))
-    stress = StressCollector(geometry, ndof) if model.stress else None
+    stress = StressCollector(ndof) if model.stress else None
     for i, element in enumerate(elements):
         if stress is not None:
-            stress.add(element, _element_dofs(i))
+            stress.add(element, _element_dofs(i), geometry)
         part = slice(6 * i, 6 * i + 12)
         stiffness[part, part] += matrices[i]
         points.add(element, _element_dofs(i))
@@ -174,16 +176,25 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     )
 
 
-def _properties(
-    model: ModelFile, geometry: BeamGeometry, settings: BeamDiscretisation
+def beam_properties(
+    geometry: BeamGeometry, material: Material | None, *, shear: bool
 ) -> tuple[BeamProperties, Profile, float]:
-    """Return the beam, its mass per length, and the density of its sections."""
-    axis, shear = beam_axis(geometry), settings.theory == "timoshenko"
+    """Return the beam, its mass per length, and the density of its sections.
+
+    Parameters
+    ----------
+    material : None for sections at stations
+    shear : whether cross-sections shear (Timoshenko)
+
+    Raises
+    ------
+    InputError : the axis is degenerate, or a section is unsound.
+    """
+    axis = beam_axis(geometry)
     if geometry.sections is not None:
         stations = station_sections(geometry, axis.length)
         axis = replace(axis, twist=stations.twist)
         return BeamProperties(stations.at, axis, 0.0, 0.0, shear), stations.mass, 1.0
-    material = model.material
     assert material is not None
     e, nu = material.youngs_modulus, material.poissons_ratio
     section = cache(partial(section_at, geometry, poissons_ratio=nu))
@@ -198,10 +209,17 @@ def _sides(geometry: BeamGeometry) -> list[Profile]:
     return [side_profile(geometry, name) for name in ("height", "width")]
 
 
-def _element_ends(profiles: list[Profile], elements: int, cuts: list[float]) -> Array:
+def element_ends(
+    geometry: BeamGeometry,
+    axis: Axis,
+    per_length: Profile,
+    elements: int,
+    cuts: list[float],
+) -> Array:
     """(n + 1,) fractions between elements. Stations are among them, as the section or
     its twist has corners there, and cuts for section forces; between two of them
     elements have equal lengths."""
+    profiles = [per_length, axis.twist, *_sides(geometry)]
     stations = np.unique(np.concatenate([*(one.edges for one in profiles), cuts]))
     stations = stations[np.append(True, np.diff(stations) > 1e-12)]
     parts = [

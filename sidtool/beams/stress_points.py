@@ -125,19 +125,18 @@ def _wall_points(section: NamedSection, torsion: Any) -> tuple[Array, Array]:
 class StressCollector:
     """Collects stress rows at the ends of elements."""
 
-    def __init__(self, geometry: BeamGeometry, ndof: int) -> None:
-        self._geometry = geometry
+    def __init__(self, ndof: int) -> None:
         self._positions: list[Array] = []
         self._rows = [RowCollector(ndof) for _ in range(3)]
 
-    def add(self, element: BeamElement, dofs: Indices) -> None:
-        """The points of both ends of an element."""
+    def add(self, element: BeamElement, dofs: Indices, geometry: BeamGeometry) -> None:
+        """The points of both ends of an element of a beam."""
         places = np.array([0.0, 1.0])
         frames = element.frames(places)
         for k, rows in enumerate(element.rows_at(places, frames)):
             section = element.section(places[k])
             assert isinstance(section, Section)
-            points = section_points(self._geometry, section)
+            points = section_points(geometry, section)
             axes, (_, ky, kz) = frames.axes[k], frames.curvatures[k]
             torque = element.beam.g * section.torsion * rows.strains[3]
             for (y, z), tau in zip(points.positions, points.shear, strict=True):

@@ -63,11 +63,15 @@ def _zero(block: Taylor) -> Taylor:
 def _node(cut: BeamCut, origin: Array, basis: ReducedBasis) -> Node:
     phi = cut.section.displacement @ basis.shapes
     psi = cut.section.rotation @ basis.shapes
-    axes = cut.axes.T
+    axes, sigma = cut.axes.T, None
+    if cut.resultants is not None:
+        forces = cut.resultants @ basis.shapes
+        sigma = Taylor(np.zeros((6, 1)), forces.T[:, :, None])
     return Node(
         id=cut.name,
         origin=Taylor((cut.section.position - origin)[:, None], phi.T[:, :, None]),
         phi=Taylor(phi),
         psi=Taylor(psi),
         AP=Taylor(axes, skew(psi.T) @ axes),
+        sigma=sigma,
     )

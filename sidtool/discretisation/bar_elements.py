@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
@@ -90,23 +91,68 @@ class RodElement(BarElement):
         return np.asarray(total)
 
 
-def make_bar_element(
-    bar: RawBar, places: Array, ends: Array, units: UnitSystem
-) -> BarElement:
-    """The element of a bar in SI units.
+@dataclass(frozen=True, eq=False)
+class Bar:
+    """A part of a beam between two nodes, in SI units.
+
+    Attributes
+    ----------
+    label : text for messages, as "element 12"
+    nodes : labels of the nodes of its ends
+    place : of its definition
+    ends : (2, 3) of its ends [m], which the nodes hold by rigid arms
+    beam, first, last : the beam and the fractions of its length
+    density : of its sections [kg/m^3]; without effect on sections at stations
+    rod : whether it resists stretch and twist only
+    pins : directions 1 to 6 of its axes that are released at either end
+    extra : (p,) non-structural masses per length at `GAUSS_POINTS` [kg/m]
+    """
+
+    label: str
+    nodes: tuple[int, int]
+    place: str
+    ends: Array
+    beam: BeamProperties
+    density: float
+    first: float = 0.0
+    last: float = 1.0
+    rod: bool = False
+    pins: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
+    extra: Array | None = None
+
+    def element(self, ends: Array) -> BarElement:
+        """Return the element by the degrees of freedom of the nodes.
+
+        Parameters
+        ----------
+        ends : (12, k) as in `BarElement`
+
+        Raises
+        ------
+        InputError : it moves freely between its pins.
+        """
+        part = self.beam, self.first, self.last
+        if self.rod:
+            return RodElement(*part, ends)
+        if any(self.pins):
+            ends = _release_pins(BeamElement(*part), self) @ ends
+        return BarElement(*part, ends)
+
+
+def bar_of_deck(bar: RawBar, places: Array, units: UnitSystem) -> Bar:
+    """Return a bar of a file in SI units.
 
     Parameters
     ----------
-    places : (2, 3) of its ends [m]
-    ends : (12, k) as in `BarElement`
+    places : (2, 3) of its nodes [m]
 
     Raises
     ------
     InputError : the bar has no length, or its y axis is parallel to it.
     """
     stress = units.mass / units.length / units.time**2
-    size = float(np.linalg.norm(places[1] - places[0]))
-    if size == 0:
+    ends = places + units.length * np.array(bar.offsets)
+    if not (ends[1] - ends[0]).any():
         raise InputError(
             f"element {bar.label} has no length",
             place=bar.place,
@@ -114,9 +160,9 @@ def make_bar_element(
         )
     y_axis = bar.y_axis
     if y_axis is None:
-        y_axis = tuple(np.eye(3)[np.argmin(np.abs(places[1] - places[0]))].tolist())
+        y_axis = tuple(np.eye(3)[np.argmin(np.abs(ends[1] - ends[0]))].tolist())
     try:
-        axis = straight_axis(places[0], places[1], y_axis)
+        axis = straight_axis(ends[0], ends[1], y_axis)
     except InputError:
         raise InputError(
             f"the y axis of element {bar.label} lies along it",
@@ -124,15 +170,21 @@ def make_bar_element(
             expected="a direction across it",
         ) from None
     section = bar_section(bar, units.length)
-    beam = BeamProperties(section, axis, bar.e * stress, bar.g * stress, True)
-    if bar.y_axis is None:
-        return RodElement(beam, 0.0, 1.0, ends)
-    if any(bar.pins):
-        ends = _release_pins(BeamElement(beam, 0.0, 1.0), bar) @ ends
-    return BarElement(beam, 0.0, 1.0, ends)
+    profile = [evaluate_profile(bar.section.extra, float(at)) for at in GAUSS_POINTS]
+    return Bar(
+        label=f"element {bar.label}",
+        nodes=bar.nodes,
+        place=bar.place,
+        ends=ends,
+        beam=BeamProperties(section, axis, bar.e * stress, bar.g * stress, True),
+        density=bar.density * units.mass / units.length**3,
+        rod=bar.y_axis is None,
+        pins=bar.pins,
+        extra=np.array(profile) * units.mass / units.length,
+    )
 
 
-def _release_pins(element: BeamElement, bar: RawBar) -> Array:
+def _release_pins(element: BeamElement, bar: Bar) -> Array:
     """(12, 12) motion of the ends by that of the nodes, which pins do not pass on.
 
     The released directions follow from the others without forces (static
@@ -142,21 +194,21 @@ def _release_pins(element: BeamElement, bar: RawBar) -> Array:
     ------
     InputError : the bar moves freely between its pins.
     """
-    axes = element.frames(np.zeros(1)).axes[0]
-    turn = np.kron(np.eye(4), axes)
+    first, last = element.frames(np.array([0.0, 1.0])).axes
+    turn = scipy.linalg.block_diag(first, first, last, last)
     k = turn @ element.stiffness() @ turn.T
     free = [d - 1 + 6 * end for end in (0, 1) for d in bar.pins[end]]
     held = [d for d in range(12) if d not in free]
     inner = k[np.ix_(free, free)]
-    size = np.sqrt(inner.diagonal())
+    size = np.sqrt(inner.diagonal().real)
     if np.linalg.cond(inner / np.outer(size, size)) > 1 / _PIN_STIFFNESS_TOLERANCE:
         raise InputError(
-            f"element {bar.label} moves freely between its pins "
+            f"{bar.label} moves freely between its pins "
             f"{' and '.join(''.join(map(str, pins)) or '0' for pins in bar.pins)}",
             place=bar.place,
             expected="ends that hold it",
         )
-    follow = np.eye(12)
+    follow = np.eye(12, dtype=k.dtype)
     follow[np.ix_(free, free)] = 0.0
     follow[np.ix_(free, held)] = -np.linalg.solve(inner, k[np.ix_(free, held)])
     return np.asarray(turn.T @ follow @ turn)
@@ -201,13 +253,3 @@ def evaluate_profile(profile: SectionProfile, fraction: float) -> float:
         return 0.0
     places, values = zip(*profile, strict=True)
     return float(np.interp(fraction, places, values))
-
-
-def extra_masses(bar: RawBar, element: BarElement, units: UnitSystem) -> Array:
-    """Return the non-structural masses (p,) of a bar at `GAUSS_POINTS` [kg]."""
-    values = np.array(
-        [evaluate_profile(bar.section.extra, float(at)) for at in GAUSS_POINTS]
-    )
-    return np.asarray(
-        GAUSS_WEIGHTS * element.length * values * units.mass / units.length
-    )

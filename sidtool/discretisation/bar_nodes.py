@@ -18,6 +18,7 @@ from ..beams.element import translate_motion
 from ..mesh.connections import NamedSets
 from ..mesh.imported_mesh import ImportedMesh
 from ..mesh.mesh import Mesh
+from .bar_elements import Bar
 
 Indices = NDArray[np.int64]
 
@@ -81,7 +82,7 @@ class BarNodes:
         return translate_motion(place - self.place(base)) @ own, dofs
 
 
-def bar_nodes(imported: ImportedMesh, mesh: Mesh) -> BarNodes:
+def bar_nodes(imported: ImportedMesh, bars: Sequence[Bar], mesh: Mesh) -> BarNodes:
     """Return the nodes of bars and of rigid couplings.
 
     Raises
@@ -90,7 +91,7 @@ def bar_nodes(imported: ImportedMesh, mesh: Mesh) -> BarNodes:
     """
     row = {int(label): i for i, label in enumerate(mesh.labels)}
     owner = _reference_nodes(imported, row)
-    members = _members(imported)
+    members = _members(imported, bars)
     ends_of_elements = {n for nodes, _ in members for n in nodes}
     partial = _dependent_nodes(imported, owner, ends_of_elements)
     means = _means(imported, mesh, row, {*owner, *partial})
@@ -122,11 +123,13 @@ def bar_nodes(imported: ImportedMesh, mesh: Mesh) -> BarNodes:
     return BarNodes(mesh, row, owner, partial, means, table)
 
 
-def _members(imported: ImportedMesh) -> list[tuple[tuple[int, ...], bool]]:
+def _members(
+    imported: ImportedMesh, bars: Sequence[Bar]
+) -> list[tuple[tuple[int, ...], bool]]:
     """Return the nodes of every element, and whether it resists their rotation."""
     labels = imported.mesh.labels
     members: list[tuple[tuple[int, ...], bool]] = [
-        (bar.nodes, bar.y_axis is not None) for bar in imported.bars
+        (bar.nodes, not bar.rod) for bar in bars
     ]
     members += [(shell.nodes, shell.section.flexural) for shell in imported.shells]
     for spring in imported.springs:

@@ -11,6 +11,7 @@ from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mesh_markers import markers_as_nodes
 from ..isogeometric.multipatch_iga import iga_model, patches_model
 from ..isogeometric.sampled_patch import q4_model, sampled_volume_model
+from .frame_body import frame_model
 from .marker_couplings import add_couplings, add_rigid_couplings
 from .matrices_body import imported_matrices_model
 from .mesh_body import imported_mesh_model
@@ -28,6 +29,7 @@ DISCRETISERS: dict[tuple[str, str], Discretiser] = {
     ("nurbs_volume", "tet10"): sampled_volume_model,
     ("patches", "iga"): patches_model,
     ("beam", "beam"): beam_model,
+    ("frame", "beam"): frame_model,
     ("mesh", "mesh"): imported_mesh_model,
     ("matrices", "matrices"): imported_matrices_model,
 }

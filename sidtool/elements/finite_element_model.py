@@ -122,6 +122,8 @@ class BeamCut:
     axes : (3, 3) rows: the tangent and the axes y, z of the section
     points : (p,) mask of the inertia points beyond
     markers : names of the markers beyond
+    resultants : (6, ndof) sparse; section forces = rows @ u, where the cut leaves the
+        body connected
     """
 
     name: str
@@ -129,6 +131,7 @@ class BeamCut:
     axes: Array
     points: NDArray[np.bool_]
     markers: tuple[str, ...]
+    resultants: sp.csr_matrix | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +218,7 @@ class FiniteElementModel:
         if they need one besides `solids`
     patches : NURBS patches with the nodes that their control points are
     outlines : of a beam, or of bars
-    cuts : sections of a beam, for section forces
+    cuts : sections of a beam or of a frame, for section forces
     beam_stress : points of a beam whose stress is requested
     diagnostics : properties of the body that are not in the model file
     """

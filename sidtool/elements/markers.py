@@ -28,7 +28,8 @@ def markers_with_position(
     """Return the markers with a position on the body; ties define the others."""
     for name, marker in markers.items():
         own = (marker.edge, marker.parameters, marker.mesh_node)
-        if any(way is not None for way in own) or (
+        in_frame = (marker.point, marker.member)
+        if any(way is not None for way in (*own, *in_frame)) or (
             marker.position is not None and marker.tie is None
         ):
             yield name, marker

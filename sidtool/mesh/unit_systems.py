@@ -178,7 +178,9 @@ def rescale(
     }
     nodes = tuple(_scale_node(node, units, sigma) for node in sid.nodes)
     sections = tuple(
-        replace(section, part=rescale(section.part, length, mass, time))
+        replace(
+            section, part=rescale(section.part, length, mass, time, "section force")
+        )
         for section in sid.sections
     )
     return replace(sid, mass=sid.mass * mass, nodes=nodes, sections=sections, **blocks)

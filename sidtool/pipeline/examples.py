@@ -25,6 +25,7 @@ EXAMPLE_TITLES = {
     "imported_matrices": "a lattice mast from mass and stiffness matrices",
     "spinning_blade": "a beam that its rotation stiffens",
     "wind_turbine": "blades and a tower from tables of stations, at rated speed",
+    "jib_crane": "a frame of beams with a load on a rope",
     "rotor": "a disc on a flexible shaft, and its critical speeds",
     "satellite": "a free body with two panels and a reaction wheel",
     "four_bar": "a linkage with a flexible coupler, and events",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import SID
+from sidtool.formats.base.sid import SID, Section
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, plain_text
 from sidtool.formats.result import Result
@@ -40,8 +41,12 @@ class SectionHistory:
     values: Array
 
 
-def section_history(result: Result, body: str) -> SectionHistory:
-    """Return the section forces of a body at all output times.
+def section_history(result: Result, body: str, member: str = "") -> SectionHistory:
+    """Return the section forces of a beam at all output times.
+
+    Parameters
+    ----------
+    member : of a frame, empty for a single beam
 
     Raises
     ------
@@ -53,7 +58,9 @@ def section_history(result: Result, body: str) -> SectionHistory:
             f"{body} has no sections",
             expected="a beam with [section_forces], converted to an .h5 file",
         )
-    sections = sorted(sid.sections, key=lambda section: -section.part.mass)
+    sections = [s for s in sid.sections if _member(s) == member]
+    if not member:
+        sections = sorted(sections, key=lambda section: -section.part.mass)
     places = np.array([section.node.position for section in sections])
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     wanted = [f"{body}.{s.name}.{q}" for s in sections for q in SECTION_FORCES]
@@ -64,6 +71,11 @@ def section_history(result: Result, body: str) -> SectionHistory:
         positions=np.concatenate([[0.0], np.cumsum(steps)]),
         values=values.reshape(len(result.t), len(sections), 6),
     )
+
+
+def _member(section: Section) -> str:
+    """Return the member of a frame, empty for a section of a single beam."""
+    return section.name.rpartition(".")[0]
 
 
 def bodies_with_sections(result: Result) -> list[str]:
@@ -99,19 +111,23 @@ def draw_sections(
         )
     page, axes = new_figure(3, 2, _SIZE)
     notes = []
-    for body, colour in zip(
-        bodies, (COLOURS * len(bodies))[: len(bodies)], strict=True
-    ):
-        history = section_history(result, body)
+    beams = [
+        (body, member)
+        for body in bodies
+        for member in dict.fromkeys(map(_member, result.sids[body].sections))
+    ]
+    for (body, member), colour in zip(beams, cycle(COLOURS), strict=False):
+        history = section_history(result, body, member)
+        beam = f"{body}.{member}".rstrip(".")
         moments = np.linalg.norm(history.values[:, :, 3:], axis=2).max(axis=1)
         at = int(moments.argmax())
-        label = f"{body}, t = {result.t[at]:.4g} s"
+        label = f"{beam}, t = {result.t[at]:.4g} s"
         for k, place in enumerate(axes.T.ravel()):
             curves = history.values[:, :, k]
             low, high = curves.min(axis=0), curves.max(axis=0)
             place.fill_between(history.positions, low, high, color=colour, alpha=0.2)
             place.plot(history.positions, curves[at], color=colour, label=label)
-        notes.append(plain_text(f"{body}: {_extremes(result, history)}"))
+        notes.append(plain_text(f"{beam}: {_extremes(result, history)}"))
     for name, place in zip(SECTION_FORCES, axes.T.ravel(), strict=True):
         place.set_ylabel(f"{name} [{'N' if name[0] in 'NV' else 'N m'}]")
     for place in axes[-1]:

@@ -9,6 +9,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import Material, ModelFile, NodeMarker
+from sidtool.formats.model.frames import FrameGeometry
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 from sidtool.formats.model.reduction import BuckensFrame
 from sidtool.formats.scene import (
@@ -93,6 +94,9 @@ def _reduction_text(model: ModelFile) -> str:
 
 def _geometry_text(model: ModelFile) -> str:
     geometry = model.geometry
+    if isinstance(geometry, FrameGeometry):
+        members = counted_noun(len(geometry.members), "member")
+        return f"frame, {len(geometry.points)} points, {members}"
     if not isinstance(geometry, NurbsGeometry | VolumeGeometry):
         file = getattr(geometry, "file", None) or getattr(geometry, "stiffness", None)
         return geometry.type + (f" of {file}" if file else "")
@@ -143,6 +147,10 @@ def _marker_position_text(marker: NodeMarker) -> str:
         return "on the axis of what it is tied to"
     if marker.edge is not None and marker.at is None:
         return f"end {marker.edge}"
+    if marker.point is not None:
+        return f"point {marker.point}"
+    if marker.member is not None:
+        return f"member {marker.member} at {marker.at:.6g}"
     if marker.edge is not None:
         at = marker.at if isinstance(marker.at, tuple) else (marker.at,)
         return f"edge {marker.edge} at {_join_values(at)}"

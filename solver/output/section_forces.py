@@ -10,6 +10,9 @@ force rows of eq. (10) and (11) with the mass integrals of the part. Of the whol
 they differ by terms of third order in the deformation from its equations of motion,
 which follow from the forces at all markers; each part has its share of this difference
 by its mass, so that section forces at both ends are the forces of the joints there.
+
+A section in a ring of members leaves the body connected. Its forces are those of the
+shape functions: sigma of its node times the elastic coordinates.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from sidtool.formats.scene import SECTION_FORCES, OutputName
 from ..spatial import system_arrays as at
 from ..system.rotations import to_3d, to_rotation_matrices
 from ..system.sid_terms import ct1, oe1
+from ..system.stiffening import has_stiffening
 from ..system.system import System
 from .energies import elastic_coordinates
 from .evaluated_forces import EvaluatedForces
@@ -64,9 +68,14 @@ def section_forces(evaluated: EvaluatedForces, owner: str, name: str) -> Array:
     b = system.index(owner)
     sid = system.bodies[b].sid
     section = sid.section(name)
+    if section.node.sigma is not None:
+        q, _ = elastic_coordinates(system, evaluated.samples, b)
+        return np.asarray(q @ section.node.sigma.first_order(sid.nq)[:, :, 0])
     motion = _frame_motion(evaluated, b)
     applied = _wrench_of_markers(evaluated, b, None)
     start = max(sid.sections, key=lambda section: section.part.mass).part
+    if not has_stiffening(sid):
+        start = sid
     residual = applied - _inertia_wrench(sid, motion, start)
     share = section.part.mass / sid.mass if sid.mass else 0.0
     total = _wrench_of_markers(evaluated, b, set(section.beyond))

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from scipy.sparse.linalg import splu
 
-from sidtool.discretisation import bars_body
+from sidtool.discretisation import structure
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.model import ModelFile
 from sidtool.pipeline.model_to_sid import finite_element_model
@@ -66,7 +66,7 @@ def body_and_factors(
     data["markers"] = {"p": {"node": 1, "mesh_node": 1}}
     data["geometry"]["file"] = str(folder / "a.bdf")
     found = []
-    factorise = bars_body.symmetric_factors
+    factorise = structure.symmetric_factors
 
     def record(matrix: sp.csr_matrix, places: Any) -> Any:
         found.append((matrix, factorise(matrix, places)))
@@ -74,7 +74,7 @@ def body_and_factors(
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SIDTOOL_FACTORS", "superlu")
-        patch.setattr(bars_body, "symmetric_factors", record)
+        patch.setattr(structure, "symmetric_factors", record)
         body = finite_element_model(ModelFile.checked(data, "test"))
     ((matrix, factors),) = found
     return body, matrix, factors, count

@@ -1,0 +1,122 @@
+"""Cross-sections of the members of a frame, and what lies beyond them.
+
+A cut that separates the frame has section forces by the equilibrium of the part beyond.
+Where members form a ring, a cut leaves the frame connected: its section forces are the
+stress resultants of the shape functions, the mean of both elements at the cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from sidtool.formats.base.complex_step import without_rounding
+from sidtool.formats.base.taylor import Array
+
+from ..beams.element import ElementRows, Indices, scatter_rows
+from ..elements.finite_element_model import BeamCut, MarkerRows
+from .bar_elements import BarElement
+
+
+@dataclass(frozen=True, eq=False)
+class Connectivity:
+    """Nodes and elements as vertices of a graph, joined where an element has its end.
+
+    Attributes
+    ----------
+    joints : (k, 2) element and node of every end; elements count after the nodes
+    count : of vertices
+    """
+
+    joints: Indices
+    count: int
+
+    def beyond(
+        self, element: int, node: int, *, of_element: bool
+    ) -> NDArray[np.bool_] | None:
+        """(count,) mask of what is connected with one side of a cut between an element
+        and a node; None where the other side is, too.
+
+        Parameters
+        ----------
+        of_element : True for the side of the element, False for that of the node
+        """
+        kept = ~((self.joints[:, 0] == element) & (self.joints[:, 1] == node))
+        i, j = self.joints[kept].T
+        graph = sp.csr_matrix((np.ones(len(i)), (i, j)), (self.count, self.count))
+        _, part = connected_components(graph, directed=False)
+        if part[element] == part[node]:
+            return None
+        mask: NDArray[np.bool_] = part == part[element if of_element else node]
+        return mask
+
+
+def member_cuts(
+    member: str,
+    fractions: Mapping[str, float],
+    ends: Array,
+    elements: Sequence[tuple[BarElement, Indices]],
+    vertices: tuple[Sequence[int], Sequence[int]],
+    graph: Connectivity,
+    owners: Indices,
+    markers: Mapping[str, int],
+    ndof: int,
+) -> list[BeamCut]:
+    """Return the cuts of a member, called MEMBER.SECTION.
+
+    Parameters
+    ----------
+    fractions : name of a section -> fraction of the length
+    ends : (n + 1,) fractions between elements
+    vertices : of the n elements, and of the n + 1 nodes
+    owners : (p,) vertices of the inertia points
+    markers : name of a marker -> its vertex
+    """
+    of_elements, of_nodes = vertices
+    cuts = []
+    for name, at in fractions.items():
+        k = int(np.abs(ends - at).argmin())
+        before = max(k - 1, 0)
+        mask = graph.beyond(of_elements[before], of_nodes[k], of_element=k == 0)
+        element, dofs = elements[before]
+        place = 0.0 if k == 0 else 1.0
+        rows = element.rows(place)
+        frames = element.frames(np.array([place]))
+        section = MarkerRows(
+            name=f"{member}.{name}",
+            node=0,
+            position=frames.places[0],
+            displacement=_rows_without_zeros(rows.displacement, dofs, ndof),
+            rotation=_rows_without_zeros(rows.rotation, dofs, ndof),
+            tangent=frames.axes[0, 0],
+        )
+        if mask is not None:
+            points = mask[owners]
+            beyond = tuple(marker for marker, v in markers.items() if mask[v])
+            cuts.append(BeamCut(section.name, section, frames.axes[0], points, beyond))
+            continue
+        sides = [_resultants(rows, dofs, ndof)]
+        if 0 < k < len(elements):
+            after, others = elements[k]
+            sides.append(_resultants(after.rows(0.0), others, ndof))
+        mean = sp.csr_matrix(sum(sides[1:], sides[0]) / len(sides))
+        nothing: NDArray[np.bool_] = np.zeros(len(owners), bool)
+        cuts.append(BeamCut(section.name, section, frames.axes[0], nothing, (), mean))
+    return cuts
+
+
+def _resultants(rows: ElementRows, dofs: Indices, ndof: int) -> sp.csr_matrix:
+    return scatter_rows(rows.resultants, dofs, ndof)
+
+
+def _rows_without_zeros(dense: Array, dofs: Indices, ndof: int) -> sp.csr_matrix:
+    rows = scatter_rows(dense, dofs, ndof)
+    rows.data = without_rounding(rows.data, 1e-14)
+    rows.sum_duplicates()
+    rows.eliminate_zeros()
+    return rows

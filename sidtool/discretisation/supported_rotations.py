@@ -1,0 +1,131 @@
+"""Degrees of freedom that nothing resists: pins of bars, AUTOSPC."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from sidtool.formats.base.taylor import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
+
+from .bar_elements import Bar
+from .structure import Structure
+from .structure_elements import merge_particles
+
+#: Stiffness below this share of that without pins is none.
+_FREE_STIFFNESS_TOLERANCE = 1e-12
+#: Cosines of bars in one line differ from one by less.
+_COLLINEAR_TOLERANCE = 1e-9
+
+
+def without_unsupported(
+    structure: Structure, marked: Callable[[Structure], set[int]]
+) -> tuple[Structure, list[Diagnostic]]:
+    """Return the structure without rotations that have neither stiffness nor mass.
+
+    Parameters
+    ----------
+    marked : returns the labels of nodes that markers fix
+    """
+    structure, found = _resolve_pins(structure, marked)
+    structure, more = _without_idle(structure)
+    return structure, found + more
+
+
+def _resolve_pins(
+    structure: Structure, marked: Callable[[Structure], set[int]]
+) -> tuple[Structure, list[Diagnostic]]:
+    """Return bars and nodes without rotations that have neither stiffness nor mass.
+
+    Such a rotation about an axis of the model is removed, as by AUTOSPC of Nastran.
+    About another axis it follows a bar that is pinned there, unless a marker
+    fixes it.
+    """
+    bars, table = structure.bars, structure.nodes.table
+    if not any(any(bar.pins) for bar in bars):
+        return structure, []
+    heavy = np.zeros(structure.ndof)
+    if (points := structure.point_masses()) is not None:
+        heavy = points.mass_matrix().diagonal()
+    plain = [replace(bar, pins=((), ())) for bar in bars]
+    whole = structure.bar_stiffness(plain).diagonal().real
+    stiff = structure.bar_stiffness(bars).diagonal().real
+    unsupported = (stiff <= _FREE_STIFFNESS_TOLERANCE * whole) & (heavy.real <= 0)
+    turning = table[:, 3:]
+    unsupported &= np.isin(np.arange(structure.ndof), turning[turning >= 0])
+    number = np.where(unsupported, -1, np.cumsum(~unsupported) - 1)
+    structure = structure.with_nodes(np.where(table >= 0, number[table], -1))
+    count = np.count_nonzero(unsupported)
+    limit = f"{count} rotations of nodes that no bar resists are left out (AUTOSPC)"
+    supported = whole[~unsupported], heavy[~unsupported]
+    bars = _without_free_rotations(structure, marked(structure), *supported)
+    return (
+        replace(structure, bars=bars),
+        [diagnose("N129", limit=limit)] if unsupported.any() else [],
+    )
+
+
+def _without_free_rotations(
+    structure: Structure, marked: set[int], whole: Array, heavy: Array
+) -> tuple[Bar, ...]:
+    """Remove one pin for every rotation of a node that has no stiffness."""
+    bars, nodes = structure.bars, structure.nodes
+    stiffness = structure.bar_stiffness(bars)
+    ends: dict[int, list[tuple[int, int]]] = {}
+    for k, bar in enumerate(bars):
+        for end, label in enumerate(bar.nodes):
+            if not bar.rod and label not in {*nodes.owner, *marked}:
+                ends.setdefault(nodes.row[label], []).append((k, end))
+    changed = list(bars)
+    used: set[tuple[int, int]] = set()
+    for row, own in ends.items():
+        there = nodes.table[row, 3:] >= 0
+        dofs = nodes.table[row, 3:][there]
+        if not dofs.size:
+            continue
+        block = stiffness[dofs][:, dofs].toarray().real
+        values, vectors = np.linalg.eigh(block)
+        free = vectors[:, values <= _FREE_STIFFNESS_TOLERANCE * whole[dofs].max()]
+        if not free.shape[1] or heavy[dofs].any():
+            continue
+        for k, end in own:
+            axes = structure.bar_element(changed[k])[0].frames(np.array([end])).axes[0]
+            for direction in changed[k].pins[end]:
+                axis = axes[direction - 4] if direction > 3 else np.zeros(3)
+                inside = np.linalg.norm(free.T @ axis[there])
+                if inside < 1 - _COLLINEAR_TOLERANCE or (k, direction) in used:
+                    continue
+                used.add((k, direction))
+                pins = [list(pin) for pin in changed[k].pins]
+                pins[end].remove(direction)
+                changed[k] = replace(changed[k], pins=(tuple(pins[0]), tuple(pins[1])))
+                left = free - np.outer(axis[there], axis[there] @ free)
+                u, sizes, _ = np.linalg.svd(left, full_matrices=False)
+                free = u[:, sizes > 0.5]
+    return tuple(changed)
+
+
+def _without_idle(structure: Structure) -> tuple[Structure, list[Diagnostic]]:
+    """Return nodes without rotations that have neither stiffness nor mass."""
+    if not (structure.imported.springs or structure.imported.couplings):
+        return structure, []
+    ndof, table = structure.ndof, structure.nodes.table
+    total, points = structure.other_elements()
+    if (masses := structure.point_masses()) is not None:
+        points = [*points, masses]
+    stiff = (total + structure.bar_stiffness(structure.bars)).diagonal().real
+    heavy = (
+        merge_particles(points).mass_matrix().diagonal() if points else np.zeros(ndof)
+    )
+    turning = table[:, 3:]
+    idle = (stiff <= 0) & (heavy.real <= 0)
+    idle &= np.isin(np.arange(ndof), turning[turning >= 0])
+    if not idle.any():
+        return structure, []
+    number = np.where(idle, -1, np.cumsum(~idle) - 1)
+    count = np.count_nonzero(idle)
+    limit = f"{count} rotations of nodes that nothing resists are left out (AUTOSPC)"
+    reduced = structure.with_nodes(np.where(table >= 0, number[table], -1))
+    return reduced, [diagnose("N129", limit=limit)]

@@ -1,0 +1,429 @@
+"""Frames of beams against closed forms, statics, single beams and decks."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import sidtool
+from sidtool.discretisation.registry import finite_element_model
+from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.formats.storage.sid_content import differing_entries
+from sidtool.mesh.unit_systems import convert_units
+from tests.codes import with_code
+from tests.sidtool.importers.bars.decks import bulk, grids
+from tests.sidtool.importers.bars.decks import model as deck_model
+from tests.sidtool.importers.decks import frequencies
+
+E, NU, RHO = 2.1e11, 0.3, 7850.0
+G = E / (2 * (1 + NU))
+STIFF = {"shape": "general", "area": 10.0, "iy": 1e-6, "iz": 2e-6, "torsion": 1e-6}
+CHANNEL = {"shape": "C", "height": 0.2, "width": 0.08, "web": 0.006, "flange": 0.011}
+TUBE = {"shape": "tube", "diameter": 0.06, "thickness": 0.004}
+
+
+def frame(points: dict[str, Any], members: dict[str, Any], **changes: Any) -> ModelFile:
+    """A frame of steel; members as (start, end, entries)."""
+    first = next(iter(points))
+    geometry = {
+        "type": "frame",
+        "points": points,
+        "members": {
+            name: {"start": start, "end": end} | entries
+            for name, (start, end, entries) in members.items()
+        },
+    }
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "material": {"youngs_modulus": E, "poissons_ratio": NU, "density": RHO},
+        "geometry": geometry | changes.pop("geometry", {}),
+        "discretisation": {"type": "beam", "elements": 2},
+        "frame": {"type": "tangent", "marker": "p", "clamp": first},
+        "markers": {"p": {"node": 1, "point": first}},
+        "reduction": {"method": "modal", "modes": 4},
+    }
+    return ModelFile.checked(data | changes, "frame")
+
+
+def displacements(
+    model: ModelFile, held: list[str], loads: dict[str, list[float]]
+) -> tuple[FiniteElementModel, dict[str, Array]]:
+    """Motion (6,) of loaded points of a frame that is clamped at others."""
+    body = finite_element_model(model)
+    fixed = np.concatenate([body.dofs(body.node_sets[name]) for name in held])
+    free = np.setdiff1d(np.arange(body.ndof), fixed)
+    force = np.zeros(body.ndof)
+    rows = {name: body.table[body.node_sets[name][0]] for name in loads}
+    for name, values in loads.items():
+        there = rows[name] >= 0
+        force[rows[name][there]] = np.array(values)[there]
+    u = np.zeros(body.ndof + 1)
+    u[free] = np.linalg.solve(body.stiffness[free][:, free].toarray(), force[free])
+    return body, {name: u[row] for name, row in rows.items()}
+
+
+def test_a_portal_sways_by_slope_deflection() -> None:
+    """H h^3 (2 + 3 k) / (12 E I (1 + 6 k)), k = h / L: clamped feet, stiff axes."""
+    h, span, force = 2.0, 3.0, 1000.0
+    points = {"a": [0, 0, 0], "b": [0, 0, h], "c": [span, 0, h], "d": [span, 0, 0]}
+    legs = {"left": ("a", "b", {}), "top": ("b", "c", {}), "right": ("d", "c", {})}
+    members = {n: (a, b, x | {"section": "s"}) for n, (a, b, x) in legs.items()}
+    model = frame(points, members, geometry={"sections": {"s": STIFF}})
+    _, u = displacements(model, ["a", "d"], {"b": [force, 0, 0, 0, 0, 0]})
+    k = h / span
+    sway = force * h**3 * (2 + 3 * k) / (12 * E * STIFF["iy"] * (1 + 6 * k))
+    assert u["b"][0] == pytest.approx(sway, rel=1e-5)
+    slope = 3 * sway / (h * (2 + 3 * k))
+    assert u["b"][4] == pytest.approx(slope, rel=1e-5)
+
+
+def test_a_truss_of_pinned_members_by_the_method_of_joints() -> None:
+    """Two bars and a load between them: N = F / (2 sin a), and its energy."""
+    a, b, force, area = 1.5, 2.0, 5000.0, math.pi * (0.03**2 - 0.026**2)
+    pinned = {"section": TUBE, "releases": {"start": ["ry"], "end": ["ry"]}}
+    members = {
+        "left": ("l", "t", pinned),
+        "right": ("r", "t", pinned),
+        "base": ("l", "r", {"section": TUBE}),
+    }
+    points = {"l": [-a, 0, 0], "r": [a, 0, 0], "t": [0.0, 0, -b]}
+    model = frame(
+        points,
+        members,
+        discretisation={"type": "beam", "elements": 1},
+        section_forces={"stations": [0.5], "members": ["left"]},
+        markers={"p": {"node": 1, "point": "l"}, "t": {"node": 2, "point": "t"}},
+        reduction={"method": "attachment", "interfaces": ["t"], "modes": 0},
+    )
+    body, u = displacements(model, ["l", "r"], {"t": [0, 0, -force, 0, 0, 0]})
+    length = math.hypot(a, b)
+    normal = force * length / (2 * b)
+    assert u["t"][2] == pytest.approx(-2 * normal**2 * length / (E * area * force))
+    assert body.cuts[0].name == "left.s1"
+
+
+def test_an_offset_is_a_rigid_arm() -> None:
+    """The load acts L / 3 beyond the elastic part: Mohr's analogy."""
+    length, arm, force = 2.0, 0.7, 300.0
+    points = {"a": [0, 0, 0], "b": [length + arm, 0, 0]}
+    held = {"section": STIFF, "offsets": {"end": [-arm, 0.0, 0.0]}}
+    model = frame(points, {"m": ("a", "b", held)})
+    _, u = displacements(model, ["a"], {"b": [0, 0, force, 0, 0, 0]})
+    moment = force * arm
+    bend = E * STIFF["iy"]
+    end = force * length**3 / (3 * bend) + moment * length**2 / (2 * bend)
+    slope = force * length**2 / (2 * bend) + moment * length / bend
+    assert u["b"][2] == pytest.approx(end + slope * arm, rel=1e-12)
+    assert u["b"][4] == pytest.approx(-slope, rel=1e-12)
+    assert with_code(finite_element_model(model), "N129")
+
+
+@pytest.mark.parametrize("theory", ["euler_bernoulli", "timoshenko"])
+def test_a_beam_in_three_members_is_one_beam(theory: str) -> None:
+    """A channel, whose shear centre is beside its centroid, with stress."""
+    whole = {"type": "beam", "start": [0, 0, 0], "end": [0, 0, 3.0]}
+    common = {
+        "reduction": {"method": "craig_bampton", "interfaces": ["q"], "modes": 4},
+        "discretisation": {"type": "beam", "elements": 6, "theory": theory},
+        "stress": {},
+        "stiffening": {"centrifugal": True},
+    }
+    points = {name: [0, 0, float(z)] for z, name in enumerate("abcd")}
+    members = {
+        a + b: (a, b, {"section": CHANNEL, "elements": 2})
+        for a, b in zip("abc", "bcd", strict=True)
+    }
+    markers = {"p": {"node": 1, "point": "a"}, "q": {"node": 2, "point": "d"}}
+    markers |= {"m": {"node": 3, "member": "bc", "at": 0.3}}
+    parted = frame(points, members, **(common | {"markers": markers}))
+    data = parted.file_data()
+    data["frame"] = {"type": "tangent", "marker": "p", "clamp": "start"}
+    data["geometry"] = whole | {"section": CHANNEL}
+    data["markers"] = {
+        "p": {"node": 1, "edge": "start"},
+        "q": {"node": 2, "edge": "end"},
+        "m": {"node": 3, "parameters": [1.3 / 3]},
+    }
+    single = ModelFile.checked(data, "single")
+    one, other = sidtool.convert(single), sidtool.convert(parted)
+    assert one.mass == pytest.approx(other.mass, rel=1e-12)
+    for name, block in one.blocks.items():
+        size = np.abs(block.m0).max(initial=0.0)
+        for part in ("m0", "m1"):
+            a, b = (getattr(x, part) for x in (block, other.blocks[name]))
+            if a is not None and b is not None:
+                assert_allclose(a, b, atol=1e-7 * max(size, np.abs(a).max()))
+    phi = one.nodes[1].phi.m0
+    for a, b in zip(one.nodes[:3], other.nodes[:3], strict=True):
+        assert_allclose(a.phi.m0, b.phi.m0, atol=1e-7 * np.abs(phi).max())
+    assert len(one.nodes) == len(other.nodes)
+
+
+def test_a_frame_is_that_of_a_deck(tmp_path: Path) -> None:
+    """The same members, pins, offset, mass and spring as cards of Nastran."""
+    section = STIFF | {"area": 4e-4, "shear_y": 0.8, "shear_z": 0.7}
+    up = [0.2, -0.3, 0.9]
+    points = {"a": [0, 0, 0], "b": [0.4, 0.1, 0], "c": [0.5, 0.6, 0.2]}
+    points |= {"d": [0.1, 0.5, 0.7], "e": [0.0, 0.3, 0.1]}
+    members = {
+        "ab": ("a", "b", {"section": "s"}),
+        "bc": ("b", "c", {"section": "s", "offsets": {"end": [0.01, 0.02, -0.03]}}),
+        "cd": ("c", "d", {"section": "s", "releases": {"end": ["ry", "rz"]}}),
+        "da": ("d", "a", {"section": "s", "releases": {"start": ["rz"]}}),
+        "ae": ("a", "e", {"section": "s"}),
+    }
+    stiffness = [1e5, 2e5, 3e5, 1e3, 2e3, 3e3]
+    model = frame(
+        points,
+        members,
+        geometry={
+            "y_axis": up,
+            "sections": {"s": section},
+            "masses": [
+                {"point": "c", "mass": 2.0, "inertia": [0.01, 0.02, 0.03]}
+                | {"offset": [0.1, 0.0, -0.05]}
+            ],
+            "springs": {"k": {"points": ["e", "d"], "stiffness": stiffness}},
+        },
+        discretisation={"type": "beam", "elements": 1, "theory": "timoshenko"},
+        frame={"type": "buckens"},
+        reduction={"method": "modal", "modes": 12},
+    )
+    number = {name: k for k, name in enumerate(points, 1)}
+    cards = grids(list(points.values()))
+    y = ",".join(map(repr, up))
+    tails = {"bc": "\n,,,,,,0.01,0.02,-0.03", "cd": "\n,,56", "da": "\n,6"}
+    for k, (name, (a, b, _)) in enumerate(members.items(), 1):
+        ends = f"{number[a]},{number[b]}"
+        cards.append(f"CBAR,{k},1,{ends},{y}{tails.get(name, '')}")
+    area, iy, iz, torsion = (section[n] for n in ("area", "iy", "iz", "torsion"))
+    cards += [
+        f"PBAR,1,1,{area!r},{iz!r},{iy!r},{torsion!r}",
+        ",",
+        f",{section['shear_y']!r},{section['shear_z']!r}",
+        f"MAT1,1,{E!r},,{NU!r},{RHO!r}",
+        "CONM2,60,3,,2.,0.1,0.,-0.05\n,0.01,,0.02,,,0.03",
+        f"PBUSH,7,K,{','.join(map(repr, stiffness))}",
+        f"CBUSH,61,7,{number['e']},{number['d']},,,,0",
+    ]
+    own = frequencies(sidtool.convert(model))
+    read = deck_model(tmp_path, bulk(*cards), frame={"type": "buckens"}, modes=12)
+    assert_allclose(own, frequencies(sidtool.convert(read)), rtol=1e-8)
+
+
+def hinged_crane(**changes: Any) -> ModelFile:
+    """A post, a boom with a pin at the post, and a pinned strut: a determinate ring."""
+    points = {"foot": [0, 0, 0], "knee": [0, 0, 1.5], "head": [0, 0, 3.0]}
+    points |= {"seat": [1.5, 0, 3.0], "tip": [3.0, 0, 3.0]}
+    both = {"start": ["rx", "ry", "rz"], "end": ["ry", "rz"]}
+    light = {"section": TUBE, "material": "light"}
+    members = {
+        "lower": ("foot", "knee", light),
+        "upper": ("knee", "head", light),
+        "inner": ("head", "seat", light | {"releases": {"start": ["ry"]}}),
+        "outer": ("seat", "tip", light),
+        "strut": ("knee", "seat", light | {"releases": both}),
+    }
+    light_steel = {"youngs_modulus": E, "poissons_ratio": NU, "density": 1e-3}
+    markers = {"p": {"node": 1, "point": "foot"}, "tip": {"node": 2, "point": "tip"}}
+    return frame(
+        points,
+        members,
+        **{
+            "geometry": {"materials": {"light": light_steel}},
+            "markers": markers,
+            "reduction": {"method": "attachment", "interfaces": ["tip"], "modes": 0},
+            "section_forces": {"stations": 3},
+        }
+        | changes,
+    )
+
+
+def section_forces(sid: sidtool.SID, load: float) -> dict[str, float]:
+    """Section forces of the crane at rest with a load at its tip, without gravity."""
+    found = sidtool.static_equilibrium(
+        sidtool.Scene(
+            dimension="spatial",
+            time={"end": 1.0, "output_step": 1.0},
+            bodies={"c": {"sid": "c.h5", "markers": {"p": 1, "tip": 2}}},
+            joints={"wall": {"type": "fixed", "markers": ["ground", "c.p"]}},
+            forces={
+                "load": {
+                    "type": "force",
+                    "marker": "c.tip",
+                    "force": [0.0, 0.0, -load],
+                }
+            },
+            outputs={"record": ["c.*.*.*", "wall.*"]},
+        ),
+        sids={"c": sid},
+    )
+    return {name: found[name] for name in found}
+
+
+def test_section_forces_of_a_ring_and_of_what_it_carries(tmp_path: Path) -> None:
+    """Moments about the pins: the strut carries 2 sqrt(2) F; beside the ring the part
+    beyond a section is in equilibrium. In other units and from a file likewise."""
+    force = 0.1
+    sid = sidtool.convert(hinged_crane())
+    write_sid(tmp_path / "c.h5", sid)
+    assert not differing_entries(sid, read_sid(tmp_path / "c.h5"))
+    found = section_forces(sid, force)
+    expected = {
+        "c.strut.s2.N": -2 * math.sqrt(2) * force,
+        "c.strut.s2.My": 0.0,
+        "c.outer.s1.N": 0.0,
+        "c.outer.s1.My": 1.5 * force,
+        "c.outer.s2.My": 0.75 * force,
+        "c.inner.s1.My": 0.0,
+        "c.inner.s2.My": 0.75 * force,
+        "c.inner.s3.My": 1.5 * force,
+        "c.inner.s2.N": 2 * force,
+        "c.upper.s2.N": force,
+        "c.lower.s1.N": -force,
+        "c.lower.s1.My": 3.0 * force,
+        "c.lower.s3.My": 3.0 * force,
+    }
+    for name, value in expected.items():
+        assert abs(found[name]) == pytest.approx(abs(value), abs=2e-4 * force), name
+    assert found["c.strut.s2.N"] < 0 < found["c.inner.s2.N"]
+    assert with_code(sid, "N129")
+    back = convert_units(convert_units(sid, "SI", "mm-t-s"), "mm-t-s", "SI")
+    assert section_forces(back, force)["c.strut.s2.N"] == pytest.approx(
+        found["c.strut.s2.N"], rel=1e-9
+    )
+
+
+def test_derivatives_by_a_point_of_a_frame() -> None:
+    """By differences of two conversions."""
+    model = hinged_crane(section_forces=None, reduction={"method": "modal", "modes": 3})
+    derivatives = sidtool.sid_derivatives(model, ["geometry.points.knee[2]"])
+    step = 1e-4
+    changed = [
+        frequencies(
+            sidtool.convert(model.with_({"geometry.points.knee": [0.0, 0.0, 1.5 + d]}))
+        )
+        for d in (step, -step)
+    ]
+    slope = (changed[0] - changed[1]) / (2 * step)
+    (sid,) = derivatives.derivatives.values()
+    own = frequencies(sidtool.convert(model))
+    squares = (2 * np.pi * own) ** 2
+    by_blocks = np.diag(sid.Ke.m0) - squares * np.diag(sid.Me.m0)
+    found = by_blocks / np.diag(derivatives.sid.Me.m0) / (8 * np.pi**2 * own)
+    assert_allclose(found, slope, rtol=1e-4, atol=1e-6 * np.abs(own).max())
+
+
+POINTS = {"a": [0, 0, 0], "b": [1, 0, 0], "c": [1, 0, 1]}
+TWO = {"ab": ("a", "b", {"section": TUBE}), "bc": ("b", "c", {"section": TUBE})}
+SPRING = {"points": ["a", "c"], "stiffness": [1.0, 2.0]}
+FREE = {"releases": {"start": ["rx", "ry", "rz"]}}
+
+
+@pytest.mark.parametrize(
+    ("points", "members", "changes", "problem"),
+    [
+        ({}, {"bc": ("b", "x", {"section": TUBE})}, {}, "no point 'x'"),
+        ({"d": [1, 0, 1]}, {}, {}, "points c and d are at one place"),
+        ({"d": [1, 1, 1]}, {}, {}, "no member or spring holds point d"),
+        (
+            {"d": [1, 1, 1], "e": [2, 1, 1], "f": [2, 2, 2]},
+            {"de": ("d", "e", {"section": TUBE}), "ef": ("e", "f", {"section": TUBE})},
+            {},
+            "2 parts that are not connected",
+        ),
+        ({}, {"bb": ("b", "b", {"section": TUBE})}, {}, "starts and ends at b"),
+        ({}, {"bc": ("b", "c", {"section": "ipe"})}, {}, "no section 'ipe'"),
+        ({}, {"bc": ("b", "c", {})}, {}, "members.bc: has no section"),
+        (
+            {},
+            {"bc": ("b", "c", {"section": TUBE, "material": "alloy"})},
+            {},
+            "no material 'alloy'",
+        ),
+        (
+            {},
+            {"bc": ("b", "c", {"section": TUBE, "y_axis": [0, 0, 1]})},
+            {},
+            "members.bc.y_axis: is parallel",
+        ),
+        (
+            {},
+            {"bc": ("b", "c", {"section": TUBE, "offsets": {"end": [0, 0, -1]}})},
+            {},
+            "members.bc.end: start and end are the same",
+        ),
+        (
+            {},
+            {"bc": ("b", "c", {"section": TUBE} | FREE)},
+            {"markers": {"p": {"node": 1, "point": "b"}}},
+            "without deforming",
+        ),
+        (
+            {},
+            {
+                "bc": (
+                    "b",
+                    "c",
+                    {"section": TUBE, "elements": 1}
+                    | {"releases": {"start": ["x"], "end": ["x"]}},
+                )
+            },
+            {},
+            "member bc moves freely between its pins",
+        ),
+        (
+            {},
+            {},
+            {"markers": {"p": {"node": 1, "edge": "a"}}},
+            "gives edge",
+        ),
+        (
+            {},
+            {},
+            {"markers": {"p": {"node": 1, "member": "ab"}}},
+            "member and at do not come together",
+        ),
+        ({}, {}, {"material": None}, "material: is missing"),
+        (
+            {},
+            {"bc": ("b", "c", {"section": STIFF})},
+            {"stress": {}},
+            r"without a shape \(member bc\)",
+        ),
+        (
+            {},
+            {},
+            {"section_forces": {"stations": 2, "members": ["x"]}},
+            "no member 'x'",
+        ),
+        (
+            {},
+            {},
+            {"geometry": {"masses": [{"point": "x", "mass": 1.0}]}},
+            r"masses\[0\].point: there is no point 'x'",
+        ),
+        (
+            {},
+            {},
+            {"geometry": {"springs": {"k": SPRING}}},
+            "has 2 numbers",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_frame_is_named(
+    points: Any, members: Any, changes: Any, problem: str
+) -> None:
+    changes = dict(changes)
+    with pytest.raises(InputError, match=problem):
+        finite_element_model(frame(POINTS | points, TWO | members, **changes))
