@@ -53,7 +53,7 @@ class CachedProblem:
             if len(self._points) >= KEPT_POINTS:
                 self._points.pop(next(iter(self._points)))
             point = self._points[key] = self._problem.at(x)
-            self.runs += 2
+            self.runs += point.runs
             if self._progress is not None:
                 self._progress(x, point.values)
         return self._points[key]

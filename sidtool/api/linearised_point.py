@@ -28,7 +28,7 @@ from sidtool.solver.system.system import System
 
 from ..sensitivity.differences import Difference
 from ..sensitivity.functionals import History, Term
-from ..sensitivity.seeds import functional_seeds
+from ..sensitivity.seeds import LinearFunctional, functional_seeds, linear_functional
 
 ADJOINT, DIRECT, DIFFERENCES, AUTO = "adjoint", "direct", "differences", "auto"
 METHODS = (AUTO, ADJOINT, DIRECT, DIFFERENCES)
@@ -77,17 +77,23 @@ class LinearisedPoint:
 
     def __init__(self, point: Point, method: str) -> None:
         assert point.history is not None and point.grid is not None
-        self._point, self._history = point, point.history
-        run = LinearisedRun(point.history.motion, point.grid)
+        self._point = point
+        # States are not projected again: that would be a jump at a tolerance.
+        motion = point.history.motion
+        free = np.full_like(motion.tolerances, np.inf)
+        motion = replace(motion, tolerances=free, _samplers={})
+        self._history = History(motion)
+        run = LinearisedRun(motion, point.grid)
         self._motion = MotionDerivatives(run)
         self._error = EXACT_ERROR if run.is_exact else DIFFERENCE_ERROR
         self._terms = [t for t in point.terms if t.functional.needs_motion]
         #: which of all values are those of the motion
         needs = [t.functional.needs_motion for t in point.terms]
         self._is_motion = np.repeat(needs, point.sizes)
-        self._values = point.all_values[self._is_motion]
+        values = [t.value(run.system, self._history) for t in self._terms]
+        self._values = np.concatenate(values)
         self._scales = point.scales[self._is_motion]
-        has_histories = any(size != 1 for size in point.sizes)
+        has_histories = any(not t.functional.is_scalar for t in self._terms)
         if method == ADJOINT and has_histories:
             raise NotLinearisable("functionals of several values")
         runs = (run.nz + run.nv) / COORDINATES_PER_RUN
@@ -157,19 +163,59 @@ class LinearisedPoint:
         through : derivatives through the states in the adjoint way
         """
         try:
-            above, below = (
-                np.concatenate([t.value(m.system, history) for t in self._terms])
-                for m, history in ((m, History(m)) for m in motions)
-            )
+            above, middle, below = self._values_about(change, motions)
         except (StructureChange, InputError, SimulationError) as why:
             return why
         step, size = change.step, change.step / STEP
         derivatives = (above - below) / (2.0 * step) + through
-        second = np.abs(above - 2.0 * self._values + below) / (2.0 * step)
+        second = np.abs(above - 2.0 * middle + below) / (2.0 * step)
         rounding = 4.0 * np.finfo(float).eps * self._scales / step
         share = self._error + change.relative_error
         errors = SAFETY * second * step / size + rounding + share * np.abs(derivatives)
         return Difference(derivatives, errors, 0, step, self.method)
+
+    def _values_about(
+        self, change: ParameterChange, motions: Sequence[Motion]
+    ) -> tuple[Array, Array, Array]:
+        """Values of the terms of one neighbour, of the run, and of the other one.
+
+        Where times do not move, functionals are linear in their output: a peak need
+        not be sought again.
+        """
+        moves = bool(change.stretch.any())
+        middle = self._values if moves else self._linear_values
+        above, below = (
+            np.concatenate(
+                [
+                    term.value(motion.system, History(motion))
+                    if moves or linear is None
+                    else np.array([linear.value(motion)])
+                    for term, linear in zip(self._terms, self._linear, strict=True)
+                ]
+            )
+            for motion in motions
+        )
+        return above, middle, below
+
+    @cached_property
+    def _linear(self) -> list[LinearFunctional | None]:
+        """Terms about the run as linear functionals of their outputs."""
+        return [
+            linear_functional(term.functional, self._history, term.peak)
+            for term in self._terms
+        ]
+
+    @cached_property
+    def _linear_values(self) -> Array:
+        """Values of the terms, and of linear functionals."""
+        motion = self._history.motion
+        found = [
+            term.value(motion.system, self._history)
+            if linear is None
+            else np.array([linear.value(motion)])
+            for term, linear in zip(self._terms, self._linear, strict=True)
+        ]
+        return np.concatenate(found)
 
     @cached_property
     def _gradient(self) -> AdjointGradient:
@@ -177,8 +223,8 @@ class LinearisedPoint:
         run = self._motion.run
         steps = np.concatenate([run.steps_z[: run.nz], run.steps_v])
         seeds = [
-            functional_seeds(t.functional, t.peak, self._history, steps, run.nz)
-            for t in self._terms
+            functional_seeds(linear, self._history, steps, run.nz)
+            for linear in self._linear
         ]
         return self._motion.adjoint(np.stack(seeds, axis=2))
 

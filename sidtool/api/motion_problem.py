@@ -26,6 +26,7 @@ from sidtool.solver.simulation.frozen_run import (
     Grid,
     StructureChange,
     record_grid,
+    record_motion,
     run_on_grid,
 )
 from sidtool.solver.simulation.linearised_run import NotLinearisable
@@ -175,14 +176,18 @@ class Problem:
             if not np.array_equal(x, self.x0):
                 bodies = self.bodies(x)
             system = self.system(x, {n: body.sid for n, body in bodies.items()})
-            grid, history = None, None
+            grid, history, runs = None, None, 0
             if self.needs_motion:
                 given = self.settings
                 chosen = run_settings(
                     system, given.integrator, given.rtol, given.step, None
                 )
-                grid = record_grid(system, chosen)
-                history = History(run_on_grid(system, grid))
+                if given.method == DIFFERENCES:
+                    grid = record_grid(system, chosen)
+                    motion, runs = run_on_grid(system, grid), 2
+                else:
+                    grid, motion, runs = record_motion(system, chosen)
+                history = History(motion)
             terms = _terms(self.functionals, history)
             values = [term.value(system, history) for term in terms]
             pairs = zip(terms, values, strict=True)
@@ -190,7 +195,7 @@ class Problem:
         sizes = tuple(map(len, values))
         joined = np.concatenate(values), np.concatenate(scales), sizes
         x = np.asarray(x, float)
-        return Point(self, x, bodies, grid, history, terms, *joined)
+        return Point(self, x, bodies, grid, history, terms, *joined, runs)
 
 
 def _with_outputs(scene: SceneFile, record: Sequence[str]) -> SceneFile:
@@ -281,7 +286,8 @@ class Point:
     terms : functionals, then their other peaks
     all_values, scales : (n,) values of all terms, and their sizes
     sizes : number of values of each term
-    noise_runs : runs that measured the rounding of the values
+    runs : made for the values and for their rounding; a single one was not made as
+        those of neighbours
     """
 
     problem: Problem
@@ -293,7 +299,7 @@ class Point:
     all_values: Array
     scales: Array
     sizes: tuple[int, ...]
-    noise_runs: int = 0
+    runs: int
 
     @property
     def n_values(self) -> int:
@@ -423,7 +429,7 @@ class Point:
             self._along(k),
             self.x[k],
             size,
-            self.all_values,
+            self._frozen_values,
             NEGLIGIBLE * self.scales / size,
             self._noise(k),
             problem.steps.get(variable.name, 0.0),
@@ -439,7 +445,7 @@ class Point:
         problem, started = self.problem, time.perf_counter()
         shape = len(self.values), len(problem.variables)
         derivatives, errors = np.full(shape, np.nan), np.full(shape, np.nan)
-        diagnostics, runs = list[Diagnostic](), 2
+        diagnostics, runs = list[Diagnostic](), 0
         if self.grid is not None and not np.isnan(self.grid.singular_time):
             diagnostics.append(diagnose("N738", t=self.grid.singular_time))
         all_found, reason = self.differences(progress=progress)
@@ -466,7 +472,7 @@ class Point:
             derivatives=derivatives,
             errors=errors,
             units=units | {v.name: v.unit for v in problem.variables},
-            runs=runs + self.noise_runs,
+            runs=runs + self.runs,
             seconds=time.perf_counter() - started,
             rtol=self.rtol,
             methods=methods,
@@ -475,17 +481,26 @@ class Point:
             title=scene.title,
         )
 
+    @cached_property
+    def _frozen_values(self) -> Array:
+        """Values of the terms of a run that is made as those of neighbours."""
+        if self.grid is None or self.runs > 1:
+            return self.all_values
+        self.runs += 1
+        return self.neighbour(self.x)
+
     def _noise(self, k: int) -> Array:
         """Rounding of all terms, measured once along a variable."""
         noise = self.problem.noise
         if noise is None or noise.shape != self.all_values.shape:
             size = self.size(k)
             try:
-                noise = rounding_of(self._along(k), self.x[k], size, self.all_values)
+                values = self._frozen_values
+                noise = rounding_of(self._along(k), self.x[k], size, values)
             except (StructureChange, InputError, SimulationError):
                 return np.zeros_like(self.all_values)
             self.problem.noise = noise
-            self.noise_runs += len(CENTRAL)
+            self.runs += len(CENTRAL)
         return noise
 
     def _along(self, k: int) -> Callable[[Sequence[float]], list[Array]]:

@@ -26,7 +26,7 @@ from sidtool.solver.output.samples import StateSampler
 from sidtool.solver.simulation.preparation import (
     RunStart,
     allocate,
-    plan_single_steps,
+    plan_whole_steps,
     prepare_run,
 )
 from sidtool.solver.spatial.system_arrays import (
@@ -152,7 +152,7 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
     start = prepare_run(system, settings, (), None)
     method, system = INTEGRATORS[settings.integrator], start.system
     n, m = system.n_positions, system.n_velocities
-    run = allocate(start, plan_single_steps(start), np.zeros(0))
+    run = allocate(start, plan_whole_steps(start), np.zeros(0))
     control = run.control
     sampler = StateSampler(system, start.tolerances)
     full = restore_constraints(system)

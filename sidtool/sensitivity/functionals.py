@@ -10,17 +10,18 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, parse_output, unit_of
 from sidtool.formats.toml.expressions import evaluate_number, split_at_commas
+from sidtool.solver.output.dense_output import StepPoints
 from sidtool.solver.simulation.frozen_run import Motion, StructureChange
 from sidtool.solver.system.system import System
 
@@ -224,23 +225,39 @@ def _polynomial_peak(values: Array, fractions: Array) -> tuple[float, float]:
     """Largest value of the polynomial through the points of a step, and where."""
     k = int(np.argmax(values))
     best = float(values[k]), float(fractions[k])
-    x = 2.0 * fractions - 1.0
-    terms = np.linalg.solve(chebyshev.chebvander(x, len(x) - 1), values)
-    low, high = x[max(k - 1, 0)], x[min(k + 1, len(x) - 1)]
-    at = 2.0 * best[1] - 1.0
-    slope, curvature = chebyshev.chebder(terms), chebyshev.chebder(terms, 2)
+    terms = (_to_powers(len(values)) @ values).tolist()
+    low = float(fractions[max(k - 1, 0)])
+    high = float(fractions[min(k + 1, len(fractions) - 1)])
+    at = best[1]
     for _ in range(20):
-        bend = chebyshev.chebval(at, curvature)
-        if not bend < 0.0:
+        value, slope, curvature = _with_derivatives(terms, 2.0 * at - 1.0)
+        if not curvature < 0.0:
             return best
-        change = float(-chebyshev.chebval(at, slope) / bend)
+        change = -0.5 * slope / curvature
         at += change
         if not low <= at <= high:
             return best
         if abs(change) < 1e-14:
             break
-    value = float(chebyshev.chebval(at, terms))
-    return (value, 0.5 * (at + 1.0)) if value >= best[0] else best
+    value = _with_derivatives(terms, 2.0 * at - 1.0)[0]
+    return (value, at) if value >= best[0] else best
+
+
+@cache
+def _to_powers(count: int) -> Array:
+    """Coefficients of powers of x in -1 to 1 from values at the points of a step."""
+    x = 2.0 * StepPoints(count - 2).fractions - 1.0
+    return np.asarray(np.linalg.inv(np.vander(x, increasing=True)))
+
+
+def _with_derivatives(terms: Sequence[float], x: float) -> tuple[float, float, float]:
+    """Value, slope and second derivative of a polynomial, by Horner's scheme."""
+    value = slope = half_curvature = 0.0
+    for term in reversed(terms):
+        half_curvature = half_curvature * x + slope
+        slope = slope * x + value
+        value = value * x + term
+    return value, slope, 2.0 * half_curvature
 
 
 class Kind(NamedTuple):
@@ -301,7 +318,10 @@ class Functional:
     output : output of the scene; body or number of a mode for some kinds
     number : time [s] or power; 0 if it has none
     measurement : of `error`
+    is_scalar : True if the value is one number
     """
+
+    is_scalar: ClassVar[bool] = True
 
     text: str
     kind: str

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -38,6 +39,8 @@ LEAST_NOISE = 1e-9
 @dataclass(frozen=True)
 class MeasuredOutput(Functional):
     """An output at the times of a measurement; its value is an array."""
+
+    is_scalar: ClassVar[bool] = False
 
     def of_motion(self, history: History, peak: Peak | None) -> Array:  # type: ignore[override]
         assert self.measurement is not None

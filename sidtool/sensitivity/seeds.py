@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.solver.simulation.frozen_run import Motion
 from sidtool.solver.spatial.system_arrays import IntTable
 
 from .functionals import Functional, History, Peak
@@ -13,25 +16,60 @@ from .functionals import Functional, History, Peak
 POINTS, WEIGHTS = (-2.0, -1.0, 1.0, 2.0), (1 / 12, -8 / 12, 8 / 12, -1 / 12)
 #: Coordinates that change an output by less than this part are not among its states.
 NEGLIGIBLE = 1e-14
+#: States that are evaluated together.
+STATES_AT_ONCE = 10_000
 #: Times at which it is asked which coordinates an output depends on.
 ASKED_TIMES = 7
 
 
+@dataclass(frozen=True, eq=False)
+class LinearFunctional:
+    """A functional about a motion, as a sum of its output with weights.
+
+    Attributes
+    ----------
+    times : of the output [s], None for those of all points of the steps
+    """
+
+    output: str
+    times: Array | None
+    weights: Array
+
+    def value(self, motion: Motion) -> float:
+        """The sum for a motion with the same times."""
+        if self.times is None:
+            values = History(motion).values(self.output)
+        else:
+            values = motion.output_at(self.output, self.times)
+        return float(self.weights @ values)
+
+
+def linear_functional(
+    functional: Functional, history: History, peak: Peak | None
+) -> LinearFunctional | None:
+    """The linear functional with the same derivative, None if there is none."""
+    if functional.kind == "end_time" or not functional.is_scalar:
+        return None
+    times, weights = functional.weights(history, peak)
+    return LinearFunctional(functional.output, times, weights)
+
+
 def functional_seeds(
-    functional: Functional, peak: Peak | None, history: History, steps: Array, nz: int
+    functional: LinearFunctional | None, history: History, steps: Array, nz: int
 ) -> Array:
     """Derivatives of a functional by the states at all points, (nt, nz + nv).
 
     Parameters
     ----------
+    functional : None for one that does not depend on states
     steps : (nz + nv,) of differences by the positions, without counted rotations, and
         by the velocities
     """
     states, points = history.motion.steps, history.points
     seeds = np.zeros((len(states.t), len(steps)))
-    if functional.kind == "end_time":
+    if functional is None:
         return seeds
-    times, weights = functional.weights(history, peak)
+    times, weights = functional.times, functional.weights
     if times is None:
         own = _columns(functional.output, history, steps, nz)
         parts, name = (states.t, states.z, states.v), functional.output
@@ -71,14 +109,20 @@ def _output_derivatives(
 ) -> Array:
     """Derivatives of an output by some coordinates at states, (nt, columns)."""
     t, z, v = states
-    found = np.zeros((len(t), len(columns)))
-    for place, k in enumerate(columns):
-        for point, weight in zip(POINTS, WEIGHTS, strict=True):
-            moved_z, moved_v = z.copy(), v.copy()
-            if k < nz:
-                moved_z[:, k] += point * steps[k]
-            else:
-                moved_v[:, k - nz] += point * steps[k]
-            values = history.motion.output(output, t, moved_z, moved_v)
-            found[:, place] += weight / steps[k] * values
-    return found
+    n, width = len(t), max(1, STATES_AT_ONCE // (len(POINTS) * len(t)))
+    found = [np.zeros((n, 0))]
+    for first in range(0, len(columns), width):
+        group = columns[first : first + width]
+        changes = np.zeros((len(group), len(POINTS), 1, len(steps)))
+        for place, k in enumerate(group):
+            changes[place, :, 0, k] = np.multiply(POINTS, steps[k])
+        shape = len(group) * len(POINTS) * n, -1
+        moved_z = np.tile(z, (len(group), len(POINTS), 1, 1))
+        moved_z[..., :nz] += changes[..., :nz]
+        moved_v = v + changes[..., nz:]
+        times = np.tile(t, len(group) * len(POINTS))
+        parts = moved_z.reshape(shape), moved_v.reshape(shape)
+        values = history.motion.output(output, times, *parts)
+        values = values.reshape(len(group), len(POINTS), n)
+        found.append(np.einsum("cpt,p->tc", values, WEIGHTS) / steps[group])
+    return np.concatenate(found, axis=1)

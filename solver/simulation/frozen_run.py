@@ -44,7 +44,7 @@ from .preparation import (
     RunStart,
     allocate,
     compile_kernels,
-    plan_single_steps,
+    plan_whole_steps,
     prepare_run,
 )
 from .result import stop_causes
@@ -54,6 +54,8 @@ from .stepping import Stepper, Stop
 #: The iteration leaves a small part of them. Tighter ones are rounding: it fails in a
 #: quarter of the runs of the founding slider-crank, and the others jump by 1e-10.
 TOLERANCES = (1e-8, 1e-7, 1e-6)
+#: Steps that a run without events makes at once.
+STEPS_AT_ONCE = 200
 #: Secant steps that search the end of a step at a corner of a force.
 CORNER_ITERATIONS = 12
 
@@ -168,10 +170,10 @@ class Motion:
 
 
 class _GridRun(Stepper):
-    """A run that makes one step after the other."""
+    """A run that makes one step after the other, or some at once."""
 
-    def __init__(self, start: RunStart) -> None:
-        plan = plan_single_steps(start)
+    def __init__(self, start: RunStart, count: int = 1) -> None:
+        plan = plan_whole_steps(start, count)
         arrays = allocate(start, plan, np.zeros(0))
         super().__init__(start, plan, arrays)
         arrays.window.fill_next(self.control)
@@ -297,6 +299,59 @@ def record_grid(system: System, settings: RunSettings) -> Grid:
             if run.needs_new_interval:
                 decisions, begins = run.begin_interval(stop), True
     return Grid(tuple(steps), settings, "", singular_time, structure, causes)
+
+
+def record_motion(system: System, settings: RunSettings) -> tuple[Grid, Motion, int]:
+    """Integrate a scene with its settings, and return the steps with their states, and
+    the number of runs: two if the states are those of a run on the grid.
+
+    Where nothing looks into the steps of a Radau method, many are made at once.
+
+    Raises
+    ------
+    InputError, SimulationError : as `simulate`.
+    """
+    found = _record_many_steps(system, settings)
+    if found is None:
+        grid = record_grid(system, settings)
+        return grid, run_on_grid(system, grid), 2
+    return *found, 1
+
+
+def _record_many_steps(
+    system: System, settings: RunSettings
+) -> tuple[Grid, Motion] | None:
+    """The run without events in its steps; None if there are some."""
+    from ..integrators import radau
+
+    compile_kernels(system, settings)
+    run = _GridRun(prepare_run(system, settings, (), None), STEPS_AT_ONCE)
+    corners = bool(np.any(run.control.feature_corners))
+    name = run.method_name
+    if run.plan.looks_inside_steps or corners or not name.startswith("radau"):
+        return None
+    steps: list[GridStep] = []
+    for interval, stop in enumerate(run.edges[1:]):
+        begin, begins = run.edges[interval], True
+        decisions, code = run.begin_interval(stop), loop_state.STEPS_DONE
+        while code == loop_state.STEPS_DONE:
+            parts = run.kernels, run.system.arrays, run.work, run.memory
+            storage = run.step_function.storage
+            code = radau.advance(*parts, run.control, storage, STEPS_AT_ONCE)
+            raise_pending(run.system)
+            states = dense_output.take_steps(run.control)
+            last = run.points.step_ends(states).t
+            for end in np.nextafter(last, np.inf).tolist():
+                fraction = 1.0 if end == stop else (end - begin) / (stop - begin)
+                steps.append(GridStep(interval, fraction, name, begins, decisions))
+                decisions, begins = (), False
+            run.parts.append(states)
+        if code != loop_state.INTERVAL_END:
+            return None
+    run.places = [*range(len(steps))]
+    structure, causes = _structure(run.system), _break_causes(run.system)
+    grid = Grid(tuple(steps), settings, "", np.nan, structure, causes)
+    return grid, run.motion(run.current_time)
 
 
 def _structure(system: System) -> tuple[Any, ...]:

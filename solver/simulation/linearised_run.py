@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import Array
 
@@ -81,29 +82,63 @@ class States:
 
 @dataclass(frozen=True, eq=False)
 class StepMatrices:
-    """Matrices of some steps: h, A x J and the elimination of positions.
+    """Matrices of some steps, with H = h (A x I) and the blocks of J.
 
-    With H = h (A x I) and the blocks of J: positions dZ = position_start dz +
-    position_response dV + inverse g_z, velocities system dV = start dz + 1 dv + H a_p
-    + g_v + H J_z inverse g_z.
+    Positions are dZ = position_start dz + response dV + `positions`(g_z), velocities
+    system dV = start dz + 1 dv + H (a_p + J_z `positions`(g_z)) + g_v.
+
+    Attributes
+    ----------
+    h : (steps,)
+    by_position : (steps, s, nv, nz) J_z
+    turning : (steps, s, nz, nz) derivatives of rates of positions by positions
+    inverse : (steps, s nz, s nz) of 1 - H turning, None for 1 + H turning
     """
 
     h: Array
+    A: Array
     by_position: Array
-    inverse: Array
+    turning: Array
+    inverse: Array | None
     position_start: Array
-    position_response: Array
+    response: Array
     system: Array
     start: Array
-    A: Array
 
     def weighted(self, x: Array) -> Array:
-        """h (A x I) x of columns of stages, (steps, s, rows, columns)."""
-        return np.einsum("n,ij,njrc->nirc", self.h, self.A, x, optimize=True)
+        """H x of columns of stages (steps, s, rows, columns)."""
+        n, s, rows, columns = x.shape
+        return _by_stages(self.A, self.h, x.reshape(n, s, -1)).reshape(x.shape)
 
     def weighted_back(self, x: Array) -> Array:
-        """h (A^T x I) x."""
-        return np.einsum("n,ij,nirc->njrc", self.h, self.A, x, optimize=True)
+        """H^T x."""
+        return _by_stages(self.A.T, self.h, x.reshape(*x.shape[:2], -1)).reshape(
+            x.shape
+        )
+
+    def positions(self, x: Array) -> Array:
+        """(1 - H turning)^-1 x of columns of stages."""
+        if self.inverse is None:
+            return x + self.weighted(self.turning @ x)
+        n, s, rows, columns = x.shape
+        return np.asarray(
+            (self.inverse @ x.reshape(n, s * rows, columns)).reshape(x.shape)
+        )
+
+    def positions_back(self, x: Array) -> Array:
+        """The transposed of `positions`."""
+        if self.inverse is None:
+            return x + self.turning.transpose(0, 1, 3, 2) @ self.weighted_back(x)
+        n, s, rows, columns = x.shape
+        transposed = self.inverse.transpose(0, 2, 1)
+        return np.asarray(
+            (transposed @ x.reshape(n, s * rows, columns)).reshape(x.shape)
+        )
+
+
+def _by_stages(A: Array, h: Array, x: Array) -> Array:
+    """h A x with A between the stages of x (steps, s, numbers)."""
+    return np.asarray((h[:, None, None] * A) @ x)
 
 
 class LinearisedRun:
@@ -178,10 +213,10 @@ class LinearisedRun:
         return np.maximum(np.abs(Z) @ sizes, 1e-3 * sizes.min())
 
     @cached_property
-    def has_fixed_orientations(self) -> bool:
-        """Whether there are frames without rotation."""
+    def has_fixed_orientation(self) -> NDArray[np.bool_]:
+        """Bodies whose frames move and do not rotate."""
         translations = 2 if self.system.planar else 3
-        return bool((self.system.arrays.body[:, at.RD] == translations).any())
+        return np.asarray(self.system.arrays.body[:, at.RD] == translations)
 
     # Kernels
 
@@ -306,43 +341,62 @@ class LinearisedRun:
         columns = self._residual_derivatives(rows, self.is_exact)
         self.solve(rows, columns)
         J = -columns[:, :, :nv].transpose(0, 2, 1).reshape(n, s, nv, nz + nv)
-        Jz, Jv = J[..., :nz], J[..., nz:]
+        Jz = np.ascontiguousarray(J[..., :nz])
         states = self.stages.selected(rows)
         rates = position_rates(self.system, states.z, states.v)
         h = np.diff(self.times)[steps]
-        hA = h[:, None, None] * self.A
-
-        def weighted(blocks: Array) -> Array:
-            """H times a block diagonal, (n, s rows, s columns)."""
-            shape = n, s, *blocks.shape[1:]
-            product = np.einsum("nij,njrc->nirjc", hA, blocks.reshape(shape))
-            return product.reshape(n, s * shape[2], s * shape[3])
-
-        turning = weighted(rates.by_position)
-        inverse = self._inverse(turning)
-        response = inverse @ weighted(rates.Z)
-        ones = np.tile(np.eye(nz), (s, 1))
-        start = inverse @ ones
-        by_position = weighted(Jz.reshape(-1, nv, nz))
-        system = -weighted(Jv.reshape(-1, nv, nv)) - by_position @ response
-        system += np.eye(s * nv)
+        turning = rates.by_position.reshape(n, s, nz, nz)
+        Z = rates.Z.reshape(n, s, nz, nv)
+        if self.system.planar:
+            # Angles do not depend on other positions: H turning has the square 0.
+            inverse, start = None, np.eye(nz) + self._weighted_blocks(h, turning)
+            response = self._planar_response(h, turning, Z)
+        else:
+            full = np.eye(s * nz) - self._spread(h, turning)
+            inverse = np.asarray(np.linalg.inv(full), float)
+            start = inverse.reshape(n, s, nz, s, nz).sum(axis=3)
+            response = inverse @ self._spread(h, Z)
+        product = Jz @ response.reshape(n, s, nz, s * nv)
+        product += self._own_columns(J[..., nz:])
+        system = np.eye(s * nv) - self._weighted_blocks(h, product).reshape(
+            n, s * nv, s * nv
+        )
+        right = self._weighted_blocks(h, Jz @ start).reshape(n, s * nv, nz)
         return StepMatrices(
-            h,
-            by_position,
-            inverse,
-            start,
-            response,
-            system,
-            by_position @ start,
-            self.A,
+            h, self.A, Jz, turning, inverse, start, response, system, right
         )
 
-    def _inverse(self, turning: Array) -> Array:
-        """(1 - turning)^-1; in the plane, angles do not depend on other positions."""
-        one = np.eye(turning.shape[1])
-        if self.system.planar:
-            return one + turning
-        return np.asarray(np.linalg.inv(one - turning))
+    def _weighted_blocks(self, h: Array, x: Array) -> Array:
+        """H times stages of blocks (steps, s, rows, columns)."""
+        return _by_stages(self.A, h, x.reshape(*x.shape[:2], -1)).reshape(x.shape)
+
+    def _own_columns(self, blocks: Array) -> Array:
+        """Blocks (steps, s, rows, columns), each in the columns of its own stage."""
+        n, s, rows, columns = blocks.shape
+        out = np.zeros((n, s, rows, s, columns))
+        for k in range(s):
+            out[:, k, :, k] = blocks[:, k]
+        return out.reshape(n, s, rows, s * columns)
+
+    def _spread(self, h: Array, blocks: Array) -> Array:
+        """H times a block diagonal, (steps, s rows, s columns)."""
+        n, s, rows, columns = blocks.shape
+        found = self._weighted_blocks(h, self._own_columns(blocks))
+        return found.reshape(n, s * rows, s * columns)
+
+    def _planar_response(self, h: Array, turning: Array, Z: Array) -> Array:
+        """(1 + H turning) H Z; rates of angles are velocities at every stage."""
+        n, s, nz, nv = Z.shape
+        turned = (turning @ Z).reshape(n, s, -1)
+        weights = np.einsum("kl,lj->kjl", self.A, self.A).reshape(s * s, s)
+        second = (h[:, None, None] ** 2 * weights) @ turned
+        response = second.reshape(n, s, s, nz, nv)
+        for j in range(s):
+            response[:, :, j] += (h[:, None] * self.A[:, j])[..., None, None] * Z[
+                :, None, j
+            ]
+        response = response.transpose(0, 1, 3, 2, 4)
+        return np.ascontiguousarray(response).reshape(n, s * nz, s * nv)
 
 
 def check_linearisable(motion: Motion, grid: Grid) -> None:

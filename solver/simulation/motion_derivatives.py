@@ -18,6 +18,7 @@ from sidtool.formats.base.sid import Array
 
 from ..integrators import batch_evaluation
 from ..output.dense_output import StepStates
+from ..spatial import system_arrays as at
 from ..system.system import System
 from .frozen_run import Motion, frozen_start, grid_times
 from .linearised_run import LinearisedRun, NotLinearisable, States, lagrange_matrix
@@ -174,8 +175,12 @@ class MotionDerivatives:
         largest = max(float(np.abs(residual).max(initial=0.0)), least, TINY)
         error = SAFETY * second.max(initial=0.0) / size + rounding
         rates = None
-        if plus.rates is not None and minus.rates is not None:
-            rates = difference(plus.rates, minus.rates)
+        if plus.rates is not None or minus.rates is not None:
+            own = self._own_rates
+            rates = difference(
+                own if plus.rates is None else plus.rates,
+                own if minus.rates is None else minus.rates,
+            )
         times = difference(plus.times, minus.times)
         return ParameterChange(
             residual=residual,
@@ -193,14 +198,18 @@ class MotionDerivatives:
         """A neighbouring system at the states of this run."""
         run = self.run
         start = frozen_start(system, run.grid)
-        times, intervals = grid_times(start.system, run.grid)
+        times, intervals = run.times, run.intervals
+        if start.system.breaks != run.system.breaks or (
+            start.system.scene.time.start != times[0]
+        ):
+            times, intervals = grid_times(start.system, run.grid)
         clocks = run.step_clocks(intervals)
         stages = run.stages.moved(
             np.repeat(clocks, run.s), run.stage_times(times).ravel()
         )
         ends = self._ends.moved(clocks[:-1].copy(), times[1:-1].copy())
         rates = None
-        if run.has_fixed_orientations:
+        if self._orientations(start.system) != self._orientations(run.system):
             rates = position_rates(start.system, stages.z, stages.v).rate
         return _Neighbour(
             start.system,
@@ -221,6 +230,20 @@ class MotionDerivatives:
             run.kernels, run.system.arrays, run.work, *states.arguments, *none, out
         )
         return float(np.abs(out).max(initial=0.0))
+
+    def _orientations(self, system: System) -> list[float]:
+        """Constant orientations of frames that do not rotate."""
+        first = system.arrays.body[:, at.FRAME][self.run.has_fixed_orientation]
+        count = 1 if system.planar else 4
+        return [
+            float(system.arrays.real_data[k + i]) for k in first for i in range(count)
+        ]
+
+    @cached_property
+    def _own_rates(self) -> Array:
+        """Rates of positions at the stages."""
+        states = self.run.stages
+        return position_rates(self.run.system, states.z, states.v).rate
 
     @cached_property
     def _own_residual(self) -> Array:
@@ -260,27 +283,31 @@ class MotionDerivatives:
         stretch = np.stack([c.stretch[steps] for c in changes], axis=1)
         own = run.accelerations[rows].reshape(n, s, nv, 1)
         slopes = slopes + own * stretch[:, None, None, :]
-        right = matrices.weighted(slopes).reshape(n, s * nv, count)
-        moved = np.zeros((n, s * nz, count))
         rates = self._rate_changes(steps, changes, stretch)
+        moved = None
         if rates is not None:
-            moved = matrices.inverse @ matrices.weighted(rates).reshape(moved.shape)
-            right = right + matrices.by_position @ moved
+            moved = matrices.positions(matrices.weighted(rates))
+            slopes = slopes + matrices.by_position @ moved
+        right = matrices.weighted(slopes).reshape(n, s * nv, count)
         ones = np.broadcast_to(np.tile(np.eye(nv), (s, 1)), (n, s * nv, nv))
         columns = np.concatenate([matrices.start, ones, right], axis=2)
         V = np.linalg.solve(matrices.system, columns)
-        Z = matrices.position_response @ V
-        Z[:, :, :nz] += matrices.position_start
-        Z[:, :, nz + nv :] += moved
-        Z, V = Z.reshape(n, s, nz, -1), V.reshape(n, s, nv, -1)
-        ends = self._projected(steps, Z[:, -1], V[:, -1], changes)
+        last = matrices.response[:, -nz:] @ V
+        last[..., :nz] += matrices.position_start[:, -1]
+        if moved is not None:
+            last[..., nz + nv :] += moved[:, -1]
+        ends = self._projected(steps, last, V[:, -nv:], changes)
         starts = np.zeros((n, nz + nv, count))
         for k in range(n):
             starts[k] = current
             if k < len(ends):
                 current = ends[k, :, : nz + nv] @ current + ends[k, :, nz + nv :]
-        both = np.concatenate([Z, V], axis=2)
-        stages = both[..., : nz + nv] @ starts[:, None] + both[..., nz + nv :]
+        V = V[..., : nz + nv] @ starts + V[..., nz + nv :]
+        Z = (matrices.response @ V).reshape(n, s, nz, count)
+        Z += matrices.position_start @ starts[:, None, :nz]
+        if moved is not None:
+            Z += moved
+        stages = np.concatenate([Z, V.reshape(n, s, nv, count)], axis=2)
         return np.concatenate([starts[:, None], stages], axis=1), current
 
     def _rate_changes(
@@ -288,14 +315,14 @@ class MotionDerivatives:
     ) -> Array | None:
         """Direct changes of the rates of positions (steps, s, nz, columns)."""
         run, rows = self.run, self.run.stage_rows(steps)
-        if not stretch.any() and not run.has_fixed_orientations:
+        own = [change.rates for change in changes]
+        if not stretch.any() and all(part is None for part in own):
             return None
-        states = run.stages.selected(rows)
-        rate = position_rates(run.system, states.z, states.v).rate
-        total = rate.reshape(len(stretch), run.s, run.nz, 1) * stretch[:, None, None, :]
-        if run.has_fixed_orientations:
-            own = [c.rates[rows] for c in changes if c.rates is not None]
-            total = total + np.stack(own, axis=2).reshape(total.shape)
+        rate = self._own_rates[rows].reshape(len(stretch), run.s, run.nz, 1)
+        total = rate * stretch[:, None, None, :]
+        for k, part in enumerate(own):
+            if part is not None:
+                total[..., k] += part[rows].reshape(total.shape[:3])
         return np.asarray(total)
 
     def _projected(
@@ -364,32 +391,37 @@ class MotionDerivatives:
             seeds[:, 1:, :nz],
             seeds[:, 1:, nz:],
         )
-        by_z, by_v = by_z.reshape(n, s * nz, -1), by_v.reshape(n, s * nv, -1)
-        right = by_v + matrices.position_response.transpose(0, 2, 1) @ by_z
+        right = by_v.reshape(n, s * nv, -1)
+        response = matrices.response.transpose(0, 2, 1)
+        right[..., :nz] += response[..., -nz:]
+        own = np.ascontiguousarray(by_z[..., nz + nv :]).reshape(n, s * nz, count)
+        right[..., nz + nv :] += response @ own
         psi = np.linalg.solve(matrices.system.transpose(0, 2, 1), right)
-        by_start = matrices.position_start.transpose(0, 2, 1) @ by_z
+        start_back = matrices.position_start.reshape(n, s * nz, nz).transpose(0, 2, 1)
+        by_start = np.zeros((n, nz, nz + nv + count))
+        by_start[..., :nz] = start_back[..., -nz:]
+        by_start[..., nz + nv :] = start_back @ own
         by_start += matrices.start.transpose(0, 2, 1) @ psi
         ends = np.concatenate([by_start, psi.reshape(n, s, nv, -1).sum(axis=1)], axis=1)
-        after = np.zeros((n, nz + nv, count))
+        back = self._projection_back(steps)
+        nexts, after = np.zeros((2, n, nz + nv, count))
         for k in range(n - 1, -1, -1):
-            number = steps.start + k
-            if number < run.n_steps - 1:
-                current = self._projected_back(number, current, gradient)
-            after[k] = current
-            current = ends[k, :, : nz + nv] @ current + ends[k, :, nz + nv :]
+            nexts[k] = after[k] = current
+            if k < len(back):
+                after[k] = back[k] @ current
+            current = ends[k, :, : nz + nv] @ after[k] + ends[k, :, nz + nv :]
             current += seeds[k, 0]
+        self._add_constraints(steps, nexts, gradient)
         psi = psi[..., : nz + nv] @ after + psi[..., nz + nv :]
-        by_z = by_z[..., : nz + nv] @ after + by_z[..., nz + nv :]
+        by_z = by_z[..., : nz + nv] @ after[:, None] + by_z[..., nz + nv :]
         rows = run.stage_rows(steps)
-        slopes = matrices.weighted_back(np.asarray(psi.reshape(n, s, nv, count)))
-        moved = by_z + matrices.by_position.transpose(0, 2, 1) @ psi
-        moved = matrices.inverse.transpose(0, 2, 1) @ moved
-        rates = matrices.weighted_back(moved.reshape(n, s, nz, count))
+        slopes = matrices.weighted_back(np.asarray(psi).reshape(n, s, nv, count))
+        moved = by_z + matrices.by_position.transpose(0, 1, 3, 2) @ slopes
+        rates = matrices.weighted_back(matrices.positions_back(moved))
         columns = np.zeros((n * s, count, nv + run.m))
         columns[:, :, :nv] = slopes.reshape(n * s, nv, count).transpose(0, 2, 1)
         own = run.accelerations[rows].reshape(n, s, nv)
-        states = run.stages.selected(rows)
-        own_rates = position_rates(run.system, states.z, states.v).rate
+        own_rates = self._own_rates[rows]
         stretch = np.einsum("nsr,nsrc->nc", own, slopes)
         stretch += np.einsum("nsr,nsrc->nc", own_rates.reshape(n, s, nz), rates)
         gradient.stretch[steps] = stretch
@@ -398,21 +430,44 @@ class MotionDerivatives:
         gradient.residual[rows] = -solved.transpose(0, 2, 1)
         return current
 
-    def _projected_back(
-        self, number: int, current: Array, gradient: AdjointGradient
-    ) -> Array:
-        """Pass the projection at the end of a step backwards."""
+    def _projection_back(self, steps: slice) -> Array:
+        """Transposed derivatives of the projections at the ends of steps by the states
+        before them, (steps, nz + nv, nz + nv).
+        """
+        projection, nz = self._projection, self.run.nz
+        C, G, rates, to_tangent, Z = (
+            part[steps.start : steps.stop]
+            for part in (
+                projection.C,
+                projection.G,
+                projection.rates,
+                projection.to_tangent,
+                projection.Z,
+            )
+        )
+        n, size = len(C), nz + self.run.nv
+        one, Ct = np.eye(self.run.nv), C.transpose(0, 2, 1)
+        keeps = one - Ct @ G
+        by_z = to_tangent.transpose(0, 2, 1) @ keeps @ Z.transpose(0, 2, 1)
+        back = np.zeros((n, size, size))
+        back[:, :nz, :nz] = by_z
+        back[:, :nz, nz:] = -by_z @ rates @ G
+        back[:, nz:, nz:] = keeps
+        return back
+
+    def _add_constraints(
+        self, steps: slice, nexts: Array, gradient: AdjointGradient
+    ) -> None:
+        """Fill the gradients by residuals of constraints at the ends of steps."""
         projection, nz, m = self._projection, self.run.nz, self.run.m
-        C, G = projection.C[number], projection.G[number]
-        by_z, by_v = current[:nz], current[nz:]
-        by_speed = -G @ by_v
-        tangent = projection.Z[number].T @ (by_z + projection.rates[number] @ by_speed)
-        by_value = -G @ tangent
-        gradient.constraint[number, :m] = by_value
-        gradient.constraint[number, m:] = by_speed
-        tangent = tangent + C.T @ by_value
-        by_v = by_v + C.T @ by_speed
-        return np.concatenate([projection.to_tangent[number].T @ tangent, by_v])
+        part = slice(steps.start, min(steps.stop, self.run.n_steps - 1))
+        G, nexts = projection.G[part], nexts[: part.stop - part.start]
+        by_speed = -G @ nexts[:, nz:]
+        by_z = nexts[:, :nz] + projection.rates[part] @ by_speed
+        gradient.constraint[part, m:] = by_speed
+        gradient.constraint[part, :m] = -G @ (
+            projection.Z[part].transpose(0, 2, 1) @ by_z
+        )
 
     def neighbours(
         self, change: ParameterChange, z: Array | float = 0.0, v: Array | float = 0.0

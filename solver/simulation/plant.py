@@ -41,7 +41,7 @@ from .preparation import (
     RunStart,
     allocate,
     compile_kernels,
-    plan_single_steps,
+    plan_whole_steps,
     prepare_run,
 )
 from .result import stop_causes
@@ -561,5 +561,5 @@ def new_plant(
     settings = run_settings(system, integrator, rtol, step, spectral_radius)
     compile_kernels(system, settings)
     start = prepare_run(system, settings, system.diagnostics, None)
-    plan = plan_single_steps(start)
+    plan = plan_whole_steps(start)
     return PlantRun(start, plan, allocate(start, plan, np.zeros(0)), emit_warning)

@@ -168,10 +168,12 @@ def plan_outputs(start: RunStart) -> OutputPlan:
     return OutputPlan(points, detector, integrals, stick_slip, fractions, limit, inside)
 
 
-def plan_single_steps(start: RunStart) -> OutputPlan:
-    """The plan of a motion that is advanced step by step, with all points of a step."""
+def plan_whole_steps(start: RunStart, count: int = 1) -> OutputPlan:
+    """The plan of a motion that is advanced by so many steps each time, with all points
+    of these.
+    """
     plan = plan_outputs(start)
-    return replace(plan, fractions=plan.points.fractions_of_steps(1))
+    return replace(plan, fractions=plan.points.fractions_of_steps(count))
 
 
 @dataclass(frozen=True, eq=False)

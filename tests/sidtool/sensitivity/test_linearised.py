@@ -67,6 +67,7 @@ def swinging_guide() -> sidtool.Scene:
         scenes.scene(
             gravity=[0.0, -G],
             time={"end": 0.5, "output_step": 0.1},
+            accuracy={"rtol": 1e-10},
             bodies={"guide": guide, "block": {"mass": 0.7, "initial": start}},
             joints={
                 "pin": {"type": "revolute", "markers": ["ground", "guide"]},
@@ -135,9 +136,12 @@ def test_against_differences_of_runs(
         method: point_of(scene, keys, functionals, method).sensitivities()
         for method in ("adjoint", "direct", "differences")
     }
-    exact = found["adjoint"].derivatives
-    assert found["direct"].derivatives == pytest.approx(exact, rel=2e-8)
-    assert found["differences"].derivatives == pytest.approx(exact, rel=1e-7)
+    adjoint = found["adjoint"]
+    exact = adjoint.derivatives
+    size = np.abs(np.divide.outer(adjoint.values, adjoint.point))
+    size = np.maximum(size, np.abs(exact))
+    assert (np.abs(found["direct"].derivatives - exact) < 1e-9 * size).all()
+    assert (np.abs(found["differences"].derivatives - exact) < 1e-8 * size).all()
     for method, one in found.items():
         assert set(one.methods.values()) == {method}
         error = np.abs(one.derivatives - exact)
@@ -155,7 +159,7 @@ def test_a_pendulum_by_its_length(method: str) -> None:
     exact = [0.5 * v * quarter, 0.5 * v * quarter / G, 0.0, -v]
     assert found.derivatives[0] == pytest.approx(exact, rel=1e-8, abs=1e-9)
     assert set(found.methods.values()) == {method} and not found.reason
-    assert found.runs == 2
+    assert found.runs == 1
 
 
 @pytest.mark.parametrize("method", ["adjoint", "direct"])
