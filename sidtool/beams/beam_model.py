@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sidtool.formats.base.complex_step import number_type, numbers, without_rounding
+from sidtool.formats.base.complex_step import numbers, without_rounding
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import Material, ModelFile, NodeMarker
@@ -28,7 +27,14 @@ from ..elements.finite_element_model import (
 from ..elements.markers import check_length, name_marker_in_errors
 from ..elements.markers import markers_with_position as with_places
 from .axis import Axis, beam_axis
-from .cross_section import Profile, Section, profile, section_at, side_profile
+from .cross_section import (
+    Profile,
+    Section,
+    profile,
+    section_at,
+    sections_along,
+    side_profile,
+)
 from .element import (
     BeamElement,
     BeamProperties,
@@ -117,14 +123,11 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     n, ndof = len(ends), 6 * len(ends)
     particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
     elements = [BeamElement(beam, *pair) for pair in pairwise(ends)]
-    matrices = [element.stiffness() for element in elements]
-    stiffness = sp.lil_matrix((ndof, ndof), dtype=number_type(*matrices))
+    matrices = np.stack([element.stiffness() for element in elements])
     stress = StressCollector(ndof) if model.stress else None
     for i, element in enumerate(elements):
         if stress is not None:
             stress.add(element, _element_dofs(i), geometry)
-        part = slice(6 * i, 6 * i + 12)
-        stiffness[part, part] += matrices[i]
         points.add(element, _element_dofs(i))
         if settings.mass == "lumped":
             particles.add_half_elements(element, _element_dofs(i), density)
@@ -155,13 +158,13 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
                 )
             )
     outlines: tuple[BeamOutline, ...] = ()
-    if np.isrealobj(stiffness):  # a body with an imaginary step has no pictures
+    if np.isrealobj(matrices):  # a body with an imaginary step has no pictures
         outlines = (_outline(beam, elements, ndof),)
     places = {name: _marker_fraction(m, axis) for name, m in model.markers.items()}
     return FiniteElementModel(
         positions=axis.at(ends).places,
         scalar_mass=None,
-        stiffness=sp.csr_matrix(stiffness),
+        stiffness=_assembled(matrices, ndof),
         node_sets={"start": np.array([0]), "end": np.array([n - 1])},
         markers=tuple(markers),
         inertia_points=particles.points(),
@@ -197,7 +200,7 @@ def beam_properties(
         return BeamProperties(stations.at, axis, 0.0, 0.0, shear), stations.mass, 1.0
     assert material is not None
     e, nu = material.youngs_modulus, material.poissons_ratio
-    section = cache(partial(section_at, geometry, poissons_ratio=nu))
+    section = sections_along(geometry, nu)
     beam = BeamProperties(section, axis, e, e / (2 * (1 + nu)), shear)
     per_length = _area(geometry) * profile(material.density, "linear")
     return beam, per_length, material.density
@@ -227,6 +230,15 @@ def element_ends(
         for a, b in pairwise(stations.tolist())
     ]
     return np.concatenate([*parts, [1.0]])
+
+
+def _assembled(matrices: Array, ndof: int) -> sp.csr_matrix:
+    """(ndof, ndof) of matrices (n, 12, 12) of elements in a row."""
+    dofs = np.array([_element_dofs(i) for i in range(len(matrices))])
+    index = (np.repeat(dofs, 12, axis=1).ravel(), np.tile(dofs, 12).ravel())
+    total = sp.csr_matrix((matrices.ravel(), index), shape=(ndof, ndof))
+    total.eliminate_zeros()
+    return total
 
 
 def _outline(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,8 @@ class Profile:
 
     def __call__(self, fractions: Array) -> Array:
         """Values at fractions (n,)."""
+        if self.is_constant:
+            return np.asarray(self.pieces[0].coef[0] + np.zeros_like(fractions))
         if len(self.pieces) == 1:
             return np.asarray(self.pieces[0](fractions))
         k = np.searchsorted(self.edges[1:-1], fractions, side="right")
@@ -55,6 +57,10 @@ class Profile:
     @property
     def degree(self) -> int:
         return max(piece.degree() for piece in self.pieces)
+
+    @property
+    def is_constant(self) -> bool:
+        return len(self.pieces) == 1 and len(self.pieces[0].coef) == 1
 
     @property
     def is_zero(self) -> bool:
@@ -335,6 +341,26 @@ def section_at(
         )
     torsion = _torsion_of_rectangle(h, w)
     return Section(h * w, h * w**3 / 12, w * h**3 / 12, torsion, 5 / 6, 5 / 6, (h, w))
+
+
+def sections_along(
+    geometry: BeamGeometry, poissons_ratio: float
+) -> Callable[[float], Section]:
+    """Return the cross-section by the fraction of the length, see `section_at`.
+
+    A uniform beam has one object everywhere.
+
+    Raises
+    ------
+    InputError : the section of a uniform beam is unsound.
+    """
+    sides: list[Profile] = []
+    if isinstance(geometry.section, RectangularSection):
+        sides = [side_profile(geometry, name) for name in ("height", "width")]
+    if all(side.is_constant for side in sides):
+        uniform = section_at(geometry, 0.0, poissons_ratio)
+        return lambda fraction: uniform
+    return cache(partial(section_at, geometry, poissons_ratio=poissons_ratio))
 
 
 def _torsion_of_rectangle(h: Any, w: Any) -> Any:

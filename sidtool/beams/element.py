@@ -163,17 +163,21 @@ class BeamElement:
 
     def _compliances(self, places: Array, frames: AxisFrames) -> Array:
         """(n, 6, 6) strains of resultants."""
-        beam = self.beam
+        beam, bent = self.beam, frames.curvatures
+        sections = [self.section(place) for place in places.tolist()]
+        if (bent == bent[0]).all() and all(one is sections[0] for one in sections):
+            sections = sections[:1]  # a uniform beam
         compliances = [
-            self.section(place).compliance(beam.e, beam.g, bent, beam.shear)
-            for place, bent in zip(places.tolist(), frames.curvatures, strict=True)
+            section.compliance(beam.e, beam.g, curvatures, beam.shear)
+            for section, curvatures in zip(sections, bent, strict=False)
         ]
-        return np.stack(compliances)
+        return np.broadcast_to(compliances, (len(places), 6, 6))
 
 
 def translate_motion(arm: Array) -> Array:
     """(..., 6, 6) motion of points fixed at arms (..., 3) from one: of its motion."""
-    result = np.tile(np.eye(6, dtype=arm.dtype), (*arm.shape[:-1], 1, 1))
+    result = np.zeros((*arm.shape[:-1], 6, 6), arm.dtype)
+    result[..., range(6), range(6)] = 1.0
     result[..., :3, 3:] = -skew(arm)
     return result
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -186,7 +187,7 @@ def _by_columns(
         return _section_of_columns(dict(zip(names, values, strict=True)))
 
     mass = linear_profile(fractions, numbers(table.mass_per_length))
-    return StationSections(at, mass, twist)
+    return StationSections(cache(at), mass, twist)
 
 
 def _section_of_columns(value: dict[str, Any]) -> StationSection:
@@ -237,7 +238,7 @@ def _by_matrices(
     def at(fraction: float) -> StationSection:
         return _section_of_matrices(*pair(fraction))
 
-    return StationSections(at, linear_profile(fractions, mass[:, 0, 0]), twist)
+    return StationSections(cache(at), linear_profile(fractions, mass[:, 0, 0]), twist)
 
 
 def _check_matrices(name: str, matrices: Array) -> None:
