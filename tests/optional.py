@@ -68,8 +68,9 @@ _WINDOWS = sys.platform == "win32"
 _PREFIX = "sidtool-tests-"
 
 
-def _within(name: str, module: str) -> bool:
-    return name == module or name.startswith(f"{module}.")
+def _package(module: str) -> str:
+    """The top-level package of a module."""
+    return module.partition(".")[0]
 
 
 def program(name: str) -> str | None:
@@ -185,23 +186,17 @@ class Machine:
         os.environ["PYTHONPATH"] = os.pathsep.join(
             [str(self._folder_of_blocked(names)), *self._python_path()]
         )
-        hidden = set[str]()
-        for name, modules in PACKAGES.items():
-            for module in modules:
-                if name in names:
-                    self._load(module)
-                else:
-                    self._unload(module)
-                    hidden.add(module)
-        self._modules.hidden = frozenset(hidden)
-
-    def _load(self, module: str) -> None:
-        for name in [n for n in self._unloaded if _within(n, module)]:
+        hidden = {
+            module
+            for name, modules in PACKAGES.items()
+            for module in modules
+            if name not in names
+        }
+        for name in [n for n in self._unloaded if _package(n) not in hidden]:
             sys.modules[name] = self._unloaded.pop(name)
-
-    def _unload(self, module: str) -> None:
-        for name in [n for n in sys.modules if _within(n, module)]:
+        for name in [n for n in sys.modules if _package(n) in hidden]:
             self._unloaded[name] = sys.modules.pop(name)
+        self._modules.hidden = frozenset(hidden)
 
     def _python_path(self) -> list[str]:
         given = os.environ.get("PYTHONPATH", "").split(os.pathsep)
