@@ -28,11 +28,9 @@ def test_errors_stay_within_ten_times_the_tolerance(case: str, integrator: str) 
         assert relative_error(case, result) < HONEST * rtol, rtol
 
 
-@pytest.mark.parametrize(("case", "rtol"), [("founding", 1e-9), ("Simeon", 1e-8)])
-def test_generalised_alpha_stops_where_rounding_hides_errors(
-    case: str, rtol: float
-) -> None:
+def test_generalised_alpha_stops_where_rounding_hides_errors() -> None:
     """What was computed so far is kept, and as good as rounding allows."""
+    case, rtol = "Simeon", 1e-8
     with pytest.raises(SimulationError, match="N306") as failure:
         simulate(compiled(case), integrator="generalised_alpha", rtol=rtol)
     result = failure.value.result

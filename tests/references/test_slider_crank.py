@@ -6,7 +6,6 @@ with the Q4 rod of 150 x 10 elements, five modes, J of first order.
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +27,6 @@ def compiled(end: float = 3.0, **sids: object) -> System:
     described["time"]["end"] = end
     described["bodies"]["rod"]["quadratic_inertia"] = False
     return compile_scene(SceneFile.model_validate(described), SLIDER_CRANK, sids)
-
-
-@cache
-def ran(integrator: str, rtol: float) -> Result:
-    """One run for all tests that look at it."""
-    return simulate(compiled(), integrator=integrator, rtol=rtol)
 
 
 @pytest.fixture(scope="module")
@@ -59,31 +52,19 @@ def test_the_motion_of_the_reference(integrator: str, rtol: float) -> None:
     assert q1[150] == pytest.approx(-4.67999958e-4, rel=1e-6)
 
 
-def test_the_place_of_the_reference_by_the_published_method() -> None:
-    """Two thirds of the time: a rule of second order needs many steps."""
-    result = simulate(compiled(1.0), integrator="trapezoidal", rtol=1e-8)
-    assert result["piston.x"][100] == pytest.approx(1.0916580040, abs=1e-8)
-
-
 def test_the_largest_deformation(accurate: Result) -> None:
     assert abs(accurate["rod.q1"]).max() == pytest.approx(9.995e-4, rel=1e-3)
 
 
 @pytest.mark.parametrize("integrator", sorted(INTEGRATORS))
-@pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-6])
+@pytest.mark.parametrize("rtol", [1e-2, 1e-4])
 def test_constraints_do_not_drift(integrator: str, rtol: float) -> None:
-    result = ran(integrator, rtol)
+    """At loose tolerances: the error of the motion is far larger."""
+    result = simulate(compiled(), integrator=integrator, rtol=rtol)
     assert result.drift["position"] < 1e-12
     assert result.drift["velocity"] < 1e-12
     last = result.positions[-1]
     assert np.isfinite(last).all()
-
-
-@pytest.mark.parametrize("integrator", sorted(INTEGRATORS))
-def test_the_error_follows_the_tolerance(integrator: str, accurate: Result) -> None:
-    """The error is within ten times the requested one."""
-    for rtol in (1e-4, 1e-6):
-        assert error(ran(integrator, rtol), accurate, "rod.q1") < 10.0 * rtol
 
 
 @pytest.mark.parametrize(
