@@ -22,7 +22,7 @@ lint: $(READY)
 	$(BIN)/python -m tests.static_checks
 
 kernels: $(READY)
-	$(BIN)/sidtool warmup
+	$(BIN)/sidtool warmup $(if $(shell command -v cc),--fmu)
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks

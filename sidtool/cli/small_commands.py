@@ -222,7 +222,8 @@ def explain(code: str | None) -> None:
 
 
 @click.command()
-def warmup() -> None:
+@click.option("--fmu", is_flag=True, help="Also those of FMUs for this platform.")
+def warmup(fmu: bool) -> None:
     """Compile all kernels in advance, so that no simulation waits for it.
 
     This covers planar and spatial equations and all integrators, on all processors. The
@@ -240,8 +241,12 @@ def warmup() -> None:
     from sidtool.solver.compiler.precompile import precompile_all
     from sidtool.solver.integrators.registry import all_step_loops
 
+    from ..fmu.kernel_objects import precompile_units
+
     begin = time.perf_counter()
     count = precompile_all(all_step_loops(), lambda line: click.echo(line, err=True))
+    if fmu:
+        count += precompile_units()
     if count == 0:
         click.echo("all kernels are ready; there was nothing to compile")
         return

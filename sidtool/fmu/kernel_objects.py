@@ -18,6 +18,9 @@ from sidtool.solver.integrators import output_sampling
 from sidtool.solver.integrators.registry import INTEGRATORS
 from sidtool.solver.linear.factor_storage import KERNELS
 
+from .platforms import PLATFORMS, parse_platforms
+from .supported import UNIT_INTEGRATORS
+
 #: How names of kernels begin in a library.
 PREFIX = "sidtool_"
 
@@ -48,6 +51,24 @@ def library_kernels(planar: bool, integrator: str) -> Iterator[tuple[str, Entry,
         yield PREFIX + name, kernel, KERNELS.members[name].signature
     for name, kernel in called_kernels(planar, integrator).items():
         yield PREFIX + name, kernel, kernel.signatures[0]
+
+
+def precompile_units() -> int:
+    """Compile the kernels of all units of this platform.
+
+    Returns
+    -------
+    how many had to be compiled
+    """
+    (platform,) = parse_platforms(())
+    target, count = PLATFORMS[platform].target, 0
+    for planar in (True, False):
+        for integrator in UNIT_INTEGRATORS:
+            for symbol, kernel, signature in library_kernels(planar, integrator):
+                if kernel.cached_code(signature, target, symbol) is None:
+                    kernel.library_object(signature, target, symbol)
+                    count += 1
+    return count
 
 
 def kernel_objects(planar: bool, integrator: str, target: Target) -> dict[str, bytes]:

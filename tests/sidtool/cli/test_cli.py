@@ -452,3 +452,21 @@ def test_a_warmup_that_stores_nothing_has_failed(
         assert run(["warmup"]) == 1
     monkeypatch.undo()
     assert "kernels compiled" in capsys.readouterr().out
+
+
+def test_a_warmup_compiles_the_kernels_of_units(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One kernel stands for all; the second warm-up has nothing to do."""
+    from sidtool.fmu import kernel_objects
+    from sidtool.solver.compiler import precompile
+
+    kernel = scaled(2.0)
+    units = [("sidtool_scaled", kernel, kernel.signatures[0])]
+    monkeypatch.setattr(precompile, "all_groups", lambda _: [])
+    monkeypatch.setattr(kernel_objects, "library_kernels", lambda *_: units)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    for said in ("1 kernels compiled", "nothing to compile"):
+        assert run(["warmup", "--fmu"]) == 0
+        assert said in capsys.readouterr().out
+    assert len(list(tmp_path.glob("*/*.kernel"))) == 1
