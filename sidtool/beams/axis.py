@@ -14,6 +14,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import BeamGeometry
 
+from ..mesh.quadrature_rules import gauss_legendre
 from .cross_section import Profile, profile, section_turn
 
 #: Sines of angles below this count as zero.
@@ -173,7 +174,7 @@ def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Ax
     end, spline = knots[-1], _CubicSpline(knots, points)
     first, second = partial(spline, order=1), partial(spline, order=2)
     marks = _refine_knots(knots)
-    x, w = np.polynomial.legendre.leggauss(_POINTS)
+    x, w = gauss_legendre(_POINTS)
 
     def lengths(start: Array, end: Array) -> Array:
         half = (end - start)[:, None] / 2

@@ -26,6 +26,7 @@ from ..elements.finite_element_model import (
 )
 from ..elements.markers import check_length, name_marker_in_errors
 from ..elements.markers import markers_with_position as with_places
+from ..mesh.quadrature_rules import gauss_legendre
 from .axis import Axis, beam_axis
 from .cross_section import (
     Profile,
@@ -68,7 +69,7 @@ def beam_mass(
     section : of unit density, by the fraction of the length
     """
     mass = axis.length * per_length.integral()
-    x, w = np.polynomial.legendre.leggauss(_POINTS)
+    x, w = gauss_legendre(_POINTS)
     edges = np.union1d(np.linspace(0.0, 1.0, _PANELS + 1), per_length.edges)
     sizes = np.diff(edges)[:, None]
     at = (edges[:-1, None] + sizes * (x + 1) / 2).ravel()

@@ -20,6 +20,7 @@ from sidtool.formats.model.beams import (
 )
 from sidtool.formats.sid_mass import skew
 
+from ..mesh.quadrature_rules import gauss_legendre
 from .section_shapes import named_properties
 
 
@@ -248,7 +249,7 @@ class Section:
     def _of_rectangle(self, curvatures: Array) -> Array:
         assert self.sides is not None
         (height, width), (twist, ky, kz) = self.sides, curvatures
-        x, w = np.polynomial.legendre.leggauss(_POINTS)
+        x, w = gauss_legendre(_POINTS)
         y, z = (a.ravel() for a in np.meshgrid(height / 2 * x, width / 2 * x))
         area = np.multiply.outer(w, w).ravel() * self.area / 4
         length = 1 + z * ky - y * kz

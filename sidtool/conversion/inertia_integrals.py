@@ -172,8 +172,9 @@ def _rotary_blocks(
 def _second_derivative(psi: Array, inertias: Array) -> Array:
     """(nq, nq, 3, 3) of A T A^T summed over particles, A the finite rotation."""
     s = skew(psi)
-    crossed = -np.einsum("piab,pbc,plcd->liad", s, inertias, s)
-    squares = np.einsum("piab,plbc,pcd->liad", s, s, inertias)
+    weighted = s @ inertias[:, None]
+    crossed = -np.tensordot(weighted, s, ((0, 3), (0, 2))).transpose(2, 0, 1, 3)
+    squares = np.tensordot(s, weighted, ((0, 3), (0, 2))).transpose(2, 0, 1, 3)
     squares = (squares + np.swapaxes(squares, 0, 1)) / 2
     total = crossed + np.swapaxes(crossed, 0, 1)
     return total + squares + np.swapaxes(squares, 2, 3)

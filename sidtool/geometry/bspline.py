@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.taylor import Array
 
+from ..mesh.quadrature_rules import gauss_legendre
+
 Indices = NDArray[np.int64]
 
 
@@ -88,7 +90,7 @@ def breakpoints(knots: Array) -> Array:
 
 def gauss_points(knots: Array, count: int) -> tuple[Array, Array]:
     """Gauss-Legendre points and weights, (nspans, count) each, in every knot span."""
-    reference, weights = np.polynomial.legendre.leggauss(count)
+    reference, weights = gauss_legendre(count)
     ends = breakpoints(knots)
     half = np.diff(ends)[:, None] / 2
     middle = ((ends[:-1] + ends[1:]) / 2)[:, None]

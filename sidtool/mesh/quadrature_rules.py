@@ -12,7 +12,7 @@ N. J. Walkington, "Quadrature on simplices of arbitrary dimension", 2000 (tetrah
 
 from __future__ import annotations
 
-from functools import reduce
+from functools import cache, reduce
 from itertools import permutations
 from math import factorial, sqrt
 
@@ -52,6 +52,15 @@ _SYMMETRIC: dict[tuple[int, int], tuple[tuple[tuple[float, ...], float], ...]] =
 }
 
 
+@cache
+def gauss_legendre(count: int) -> Rule:
+    """Points (count,) in [-1, 1] and weights of Gauss's rule, to be read only."""
+    rule = np.polynomial.legendre.leggauss(count)
+    for array in rule:
+        array.setflags(write=False)
+    return rule
+
+
 def quadrature_rule(shape: str, degree: int) -> Rule:
     """Points (g, d) and weights (g,) that sum to the volume of the reference element.
 
@@ -84,7 +93,7 @@ def prism_rule(triangle: int, axis: int) -> Rule:
 
 
 def _line_rule(degree: int) -> Rule:
-    points, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    points, weights = gauss_legendre(degree // 2 + 1)
     return (points[:, None] + 1) / 2, weights / 2
 
 

@@ -262,17 +262,26 @@ def _power_products(kind: str, points: Array) -> tuple[Array, list[Array]]:
         bases[:2, height < 1e-12] = 0.5e-14
         signs = np.array([1.0, 1.0, -1.0])
     exponents = _shape_exponents(kind).T
-    powers = [_raise_powers(x, e) for x, e in zip(bases, exponents, strict=True)]
+    lists = exponents.tolist()
+    powers = [_raise_powers(x, *e) for x, e in zip(bases, lists, strict=True)]
     slopes = []
     for i, e in enumerate(exponents):
-        lowered = signs[i] * e * _raise_powers(bases[i], np.where(e == 0, 0, e - 1))
+        reduced = [power - 1 if power else 0 for power in lists[i]]
+        lowered = signs[i] * e * _raise_powers(bases[i], *reduced)
         slopes.append(np.asarray(prod([*powers[:i], lowered, *powers[i + 1 :]])))
     return np.asarray(prod(powers)), slopes
 
 
-def _raise_powers(base: Array, exponents: NDArray[np.int64]) -> Array:
+def _raise_powers(base: Array, *exponents: int) -> Array:
     """Return powers (g, m); each power is computed once, because that takes most of the
     time.
     """
+    distinct, place = _distinct(exponents)
+    return np.stack([base**e for e in distinct], axis=1)[:, place]
+
+
+@cache
+def _distinct(exponents: tuple[int, ...]) -> tuple[list[float], NDArray[np.int64]]:
+    """The exponents without repetition, and where each (m,) is among them."""
     distinct, place = np.unique(exponents, return_inverse=True)
-    return np.column_stack([base ** float(e) for e in distinct])[:, place]
+    return [float(e) for e in distinct], place

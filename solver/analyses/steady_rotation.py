@@ -135,6 +135,12 @@ def _failure_note(search: _SteadyRotationSearch, reason: str) -> Diagnostic:
     return diagnose("N224", ", ".join(search.names), reason=reason)
 
 
+def _cross(a: Array, b: Array) -> Array:
+    """(3,) of two vectors; `np.cross` takes ten times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
 def _project_forces(C: Array, forces: Array) -> Array:
     """Scaled forces (n,) without those that constraints bear."""
     if not len(C):
@@ -434,13 +440,13 @@ class _SteadyRotationSearch:
                 there = carried @ arm
                 way = there - arm + time * group.drift
                 self._set_frame_motion(step, b, R.T @ way, R.T @ (time * axis.omega))
-                speed = group.drift + np.cross(axis.omega, there)
+                speed = group.drift + _cross(axis.omega, there)
                 self._set_frame_motion(v, b, Q.T @ speed, Q.T @ axis.omega)
                 gain = group.acceleration * axis.omega / axis.speed
-                change = np.cross(gain, there)
+                change = _cross(gain, there)
                 # axes of points do not turn, in those of other bodies drifts do
                 turned = speed - group.drift if is_point else -group.drift
-                change += np.cross(axis.omega, turned)
+                change += _cross(axis.omega, turned)
                 self._set_frame_motion(a, b, Q.T @ change, Q.T @ gain)
         if time:
             rates = mechanics.rotation_rates(StateVectors(z, v))
