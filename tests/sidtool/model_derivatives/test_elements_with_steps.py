@@ -136,7 +136,11 @@ MODELS: list[tuple[str, Callable[[], ModelFile], list[str]]] = [
     ),
     (
         "beam with a mass",
-        lambda: beam(TAPERED, masses=[{"at": 0.7, "mass": 0.3, "inertia": [1e-4] * 3}]),
+        lambda: beam(
+            TAPERED,
+            masses=[{"at": 0.7, "mass": 0.3, "inertia": [1e-4] * 3}],
+            y_axis=[0.0, 1.0, 0.0],
+        ),
         [
             "geometry.masses[0].at",
             "geometry.masses[0].inertia[1]",
