@@ -40,6 +40,8 @@ CHANGES = {
 }
 #: Tolerance of the reference, runs to time.
 FINE, TIMED = 1e-10, 20
+#: Numbers of variables of which the cost is measured, and how often.
+COUNTS, TURNS = (1, 10, 100), 5
 #: Measurements of each scene, noise relative to the range of the output.
 TRIALS, NOISE = {"block": 1000, "bar": 200}, 0.01
 
@@ -66,6 +68,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         ]
         rows.append([variable, *share, *cells])
         say(f"  {variable}: {found.runs} runs, {seconds:.2f} s")
+    costs = _costs(sidtool.Scene.load(EXAMPLE), say)
     header = [
         "variable",
         *FUNCTIONALS,
@@ -80,6 +83,11 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         "estimated relative error of the first three derivatives, and their largest "
         "distance to those at rtol 1e-10:"
     )
+    caption_of_costs = (
+        "Cost of all derivatives of `max_abs(rod.q1)` of the founding slider-crank by "
+        "the masses of the piston and groups of it, in turns with one `compiled.run`: "
+        "median of the ratios:"
+    )
     caption_of_fits = (
         "Identification from 101 noisy values of a position (noise 1 % of its range): "
         "95 % intervals that contain the true value:"
@@ -89,10 +97,33 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         title="Derivatives of motions, intervals of identified numbers",
         tables=[
             Table(caption, header, rows, True),
+            Table(caption_of_costs, ["method", *map(str, COUNTS)], costs, True),
             Table(caption_of_fits, fits, _coverage(TRIALS, say), True),
         ],
         machine=describe_machine(),
     )
+
+
+def _costs(scene: sidtool.Scene, say: Callable[[str], None]) -> list[list[str]]:
+    """Rows: method, cost of the derivatives by some numbers of variables in runs."""
+    rows = []
+    for method in ("direct", "adjoint", "differences"):
+        row = [method]
+        for count in COUNTS:
+            names = ["piston.mass"]
+            names += [f"v{k}=piston.mass:{1 + k}" for k in range(1, count)]
+            if method == "differences" and count > 1:
+                row.append("")
+                continue
+            ratios = []
+            for _ in range(TURNS):
+                one, began = _seconds_of_a_run(scene), time.perf_counter()
+                sidtool.sensitivity(scene, names, FUNCTIONALS[0], jobs=1, method=method)
+                ratios.append((time.perf_counter() - began) / one)
+            row.append(f"{statistics.median(ratios):.1f}")
+        say(f"  {method}: {', '.join(row[1:])} runs")
+        rows.append(row)
+    return rows
 
 
 def _seconds_of_a_run(scene: sidtool.Scene) -> float:

@@ -33,12 +33,15 @@ from ..sensitivity.seeds import LinearFunctional, functional_seeds, linear_funct
 ADJOINT, DIRECT, DIFFERENCES, AUTO = "adjoint", "direct", "differences", "auto"
 METHODS = (AUTO, ADJOINT, DIRECT, DIFFERENCES)
 #: Step of a variable, relative to its size.
-STEP = 3e-5
+STEP = 1e-5
 #: Variables whose columns are solved together, and numbers of these.
 COLUMNS, COLUMN_NUMBERS = 32, 20_000_000
-#: Where derivatives by coordinates are differences, so many of them cost as much as
-#: the runs for a variable.
-COORDINATES_PER_RUN = 32
+#: Cost of a linearisation in runs: of a few coordinates, coordinates that cost one run
+#: more by their square, and where derivatives by coordinates are differences.
+LINEARISATION_RUNS, COORDINATES_SQUARED, COORDINATES_PER_RUN = 4.0, 60.0, 8.0
+#: Variables per functional from which the adjoint method is cheaper, for functionals of
+#: so few times.
+ADJOINT_VARIABLES, ADJOINT_TIMES = 8, 20
 #: Relative errors of derivatives of the equations of motion, exact or by differences.
 EXACT_ERROR, DIFFERENCE_ERROR = 1e-10, 1e-9
 #: A variable has no derivative about the run, or none at all.
@@ -93,15 +96,39 @@ class LinearisedPoint:
         values = [t.value(run.system, self._history) for t in self._terms]
         self._values = np.concatenate(values)
         self._scales = point.scales[self._is_motion]
-        has_histories = any(not t.functional.is_scalar for t in self._terms)
-        if method == ADJOINT and has_histories:
-            raise NotLinearisable("functionals of several values")
-        runs = (run.nz + run.nv) / COORDINATES_PER_RUN
-        if method == AUTO and not run.is_exact and len(point.x) < runs:
-            raise NotLinearisable("of bodies that turn each other: a few variables")
-        self.method = DIRECT if method == AUTO else method
+        problems = {
+            "functionals of several values": any(
+                not t.functional.is_scalar for t in self._terms
+            ),
+            "the adjoint of a run that an event ends": motion.cut is not None,
+        }
+        reasons = [reason for reason, is_there in problems.items() if is_there]
+        if method == ADJOINT and reasons:
+            raise NotLinearisable(reasons[0])
+        if method == AUTO:
+            method = self._choose(run, bool(reasons), len(point.x))
+        self.method = method
         numbers = len(run.motion.steps.t) * (run.nz + run.nv)
         self._columns = max(1, min(COLUMNS, COLUMN_NUMBERS // numbers))
+
+    def _choose(self, run: LinearisedRun, needs_direct: bool, count: int) -> str:
+        """The cheaper method for so many variables.
+
+        Raises
+        ------
+        NotLinearisable : differences of runs are cheaper.
+        """
+        size = run.nz + run.nv
+        runs = LINEARISATION_RUNS + (size / COORDINATES_SQUARED) ** 2
+        if not run.is_exact:
+            runs += size / COORDINATES_PER_RUN
+        if runs + count / 2 > 6 + 4 * count:
+            raise NotLinearisable(f"{size} coordinates for few variables")
+        if needs_direct or count < ADJOINT_VARIABLES * len(self._terms):
+            return DIRECT
+        times = [one.times for one in self._linear if one is not None]
+        few = all(t is not None and len(t) <= ADJOINT_TIMES for t in times)
+        return ADJOINT if few else DIRECT
 
     def differences(self, numbers: Sequence[int]) -> list[Difference | Failure]:
         """Derivatives of all terms by some variables, or why one has none about the
@@ -137,32 +164,35 @@ class LinearisedPoint:
         self, changes: Sequence[ParameterChange]
     ) -> list[Difference | Failure]:
         """Derivatives of the terms of the motion."""
-        through = [np.zeros(len(self._values)) for _ in changes]
+        none = np.zeros(len(self._values))
         if self.method == ADJOINT:
             through = [self._gradient.along(change) for change in changes]
-            pairs = [self._motion.neighbours(change) for change in changes]
-        else:
-            z, v = self._motion.direct(changes)
-            pairs = [
-                self._motion.neighbours(change, z[:, :, k], v[:, :, k])
-                for k, change in enumerate(changes)
+            return [
+                self._difference(change, 0.0, 0.0, row)
+                for change, row in zip(changes, through, strict=True)
             ]
+        z, v = self._motion.direct(changes)
         return [
-            self._difference(change, pair, row)
-            for change, pair, row in zip(changes, pairs, through, strict=True)
+            self._difference(change, z[:, :, k], v[:, :, k], none)
+            for k, change in enumerate(changes)
         ]
 
     def _difference(
-        self, change: ParameterChange, motions: Sequence[Motion], through: Array
+        self,
+        change: ParameterChange,
+        z: Array | float,
+        v: Array | float,
+        through: Array,
     ) -> Difference | Failure:
         """Derivatives by one variable.
 
         Parameters
         ----------
-        motions : of both neighbours, in the direct way to first order
+        z, v : derivatives of the states in the direct way, 0 in the adjoint way
         through : derivatives through the states in the adjoint way
         """
         try:
+            motions = self._motion.neighbours(change, z, v)
             above, middle, below = self._values_about(change, motions)
         except (StructureChange, InputError, SimulationError) as why:
             return why
@@ -182,7 +212,8 @@ class LinearisedPoint:
         Where times do not move, functionals are linear in their output: a peak need
         not be sought again.
         """
-        moves = bool(change.stretch.any())
+        ends = self._history.motion.cut is not None
+        moves = ends or bool(change.stretch.any())
         middle = self._values if moves else self._linear_values
         above, below = (
             np.concatenate(

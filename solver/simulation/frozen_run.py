@@ -17,9 +17,11 @@ What moves with the numbers:
   corner.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +35,7 @@ from ..integrators.step_limits import CORNER_DISTANCE, RESOLVED_PATH
 from ..output import columns, dense_output
 from ..output.dense_output import StepPoints, StepStates
 from ..output.energies import EnergyIntegrals
+from ..output.events import EventDetector
 from ..output.samples import StateSampler
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
@@ -119,6 +122,19 @@ class StructureChange(Exception):
         self.reason = reason
 
 
+class CutStep(NamedTuple):
+    """A step in which an event ends the run.
+
+    Attributes
+    ----------
+    states : at the points of the whole step
+    detector : of events, as it was before the step, see `EventDetector.save`
+    """
+
+    states: StepStates
+    detector: dict[str, Any]
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """States of a run at the points of all of its steps.
@@ -132,6 +148,7 @@ class Motion:
     tolerances : of the constraints
     energies : dissipated and supplied energy, if an output needs them
     places : number of the step of each step of the grid
+    cut : the last step, if an event ends the run in it
     """
 
     system: System
@@ -141,6 +158,7 @@ class Motion:
     tolerances: Array
     energies: EnergyIntegrals | None
     places: IntTable
+    cut: CutStep | None = None
     _samplers: dict[str, StateSampler] = field(default_factory=dict)
 
     def output(self, name: str, t: Array, z: Array, v: Array) -> Array:
@@ -158,6 +176,39 @@ class Motion:
         states = [self.points.interpolate_state(self.steps, t) for t in times]
         z, v = (np.array(part) for part in zip(*states, strict=True))
         return self.output(name, times, z, v)
+
+    @property
+    def whole_steps(self) -> StepStates:
+        """States with those of the whole last step."""
+        if self.cut is None:
+            return self.steps
+        last, t = self.cut.states, self.steps.t
+        kept = int(np.searchsorted(t, last.t[0]))
+        parts = self.steps.t[:kept], self.steps.z[:kept], self.steps.v[:kept]
+        return dense_output.join_steps([StepStates(*parts), last])
+
+    def ended_by_event(self, states: StepStates) -> Motion:
+        """The motion with other states of its whole steps, cut at the event.
+
+        Raises
+        ------
+        StructureChange : the event is not in the last step.
+        """
+        if self.cut is None:
+            return replace(self, steps=states, _samplers={})
+        count = self.points.count
+        parts = states.t, states.z, states.v
+        before = StepStates(*(part[:-count] for part in parts))
+        last = StepStates(*(part[-count:] for part in parts))
+        detector = EventDetector(self.system, self.tolerances, self.points)
+        detector.restore(self.cut.detector)
+        if not detector.find_events(last):
+            raise StructureChange("the event lies in another step")
+        end = detector.events_found[-1].t
+        if end > last.t[0]:
+            last = self.points.restrict(last, last.t[0], end)
+        steps = dense_output.join_steps([before, last])
+        return replace(self, steps=steps, end_time=end, _samplers={})
 
     def _sampler(self, name: str) -> StateSampler:
         """Evaluates one output; joints that became frames only where it needs them."""
@@ -179,6 +230,7 @@ class _GridRun(Stepper):
         arrays.window.fill_next(self.control)
         self.parts: list[StepStates] = []
         self.places: list[int] = []
+        self.cut: CutStep | None = None
         self.energies = plan.energy_integrals
 
     @property
@@ -225,8 +277,10 @@ class _GridRun(Stepper):
             steps = self.stick_slip_events.steps_until_change(self.control, steps)
             self.needs_new_interval = self.stick_slip_events.needs_decision
         detector, ended = self.event_detector, False
+        saved = {} if detector is None else detector.save()
         if detector is not None and detector.find_events(steps):
             end, ended = detector.events_found[-1].t, True
+            self.cut = CutStep(steps, saved)
             if end > steps.t[0]:
                 steps = self.points.restrict(steps, steps.t[0], end)
         if len(steps.t):
@@ -245,6 +299,7 @@ class _GridRun(Stepper):
             tolerances=self.start.tolerances,
             energies=self.energies,
             places=np.array(self.places, int),
+            cut=self.cut,
         )
 
     def measures(self) -> Array:

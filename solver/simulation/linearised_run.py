@@ -147,6 +147,7 @@ class LinearisedRun:
     Attributes
     ----------
     motion, grid : of the run
+    steps : states at the points of the whole steps
     times : (steps + 1,) ends of the steps
     nz, nv, m : positions without counted rotations, velocities, constraints
     stages : (steps * s) states
@@ -169,7 +170,8 @@ class LinearisedRun:
         self.kernels = kernel_pointers(system.planar)
         points = motion.points
         self.from_points = lagrange_matrix(points.fractions, self.c)
-        table = self._table(motion.steps.z), self._table(motion.steps.v)
+        self.steps = motion.whole_steps
+        table = self._table(self.steps.z), self._table(self.steps.v)
         z, v = (np.einsum("ip,npk->nik", self.from_points, part) for part in table)
         self.stages = States(
             np.repeat(self.step_clocks(self.intervals), self.s),
@@ -413,7 +415,6 @@ def check_linearisable(motion: Motion, grid: Grid) -> None:
         or not methods <= STAGES.keys(),
         "a motion that drives prescribe": system.n_velocities == 0,
         "joint friction": bool(system.friction_joints),
-        "an event that ends the run": bool(grid.stopping_event),
         "a corner of a force": any(step.corner >= 0 for step in grid.steps),
         "a singular configuration": not np.isnan(grid.singular_time),
         "energies": motion.energies is not None,

@@ -29,6 +29,8 @@ SAFETY = 10.0
 #: Changes of residuals that matter not, relative to the forces, for a change of a
 #: number by its own size.
 NEGLIGIBLE = 1e-3
+#: Rounding of residuals, relative to the forces.
+ROUNDING = 10.0 * float(np.finfo(float).eps)
 TINY = float(np.finfo(float).tiny)
 
 
@@ -170,7 +172,7 @@ class MotionDerivatives:
 
         residual = difference(plus.residual, minus.residual)
         second = np.abs(plus.residual + minus.residual - 2.0 * self._own_residual)
-        rounding = np.abs(self._own_residual).max(initial=0.0) / step
+        rounding = ROUNDING * self._force_size / step
         least = NEGLIGIBLE * self._force_size / size
         largest = max(float(np.abs(residual).max(initial=0.0)), least, TINY)
         error = SAFETY * second.max(initial=0.0) / size + rounding
@@ -477,18 +479,22 @@ class MotionDerivatives:
         Parameters
         ----------
         z, v : derivatives of the states at all points, 0 for fixed states
+
+        Raises
+        ------
+        StructureChange : the event that ends the run lies in another step.
         """
-        motion, found = self.run.motion, list[Motion]()
-        states = motion.steps
+        run, found = self.run, list[Motion]()
+        states = run.steps
         pairs = zip((1, -1), change.systems, change.times, strict=True)
         for sign, system, times in pairs:
             share = sign * change.step
             t = states.t
-            if (times != self.run.times).any():
+            if (times != run.times).any():
                 t = self._point_times(times)
             moved = StepStates(t, states.z + share * z, states.v + share * v)
-            own = replace(motion, system=system, steps=moved, _samplers={})
-            found.append(replace(own, end_time=float(times[-1])))
+            own = replace(run.motion, system=system, end_time=float(times[-1]))
+            found.append(own.ended_by_event(moved))
         return found[0], found[1]
 
     def _point_times(self, times: Array) -> Array:

@@ -219,3 +219,33 @@ def test_functionals_with_and_without_a_motion() -> None:
     )
     f = math.sqrt(50.0 / 2.0) / 2.0 / math.pi
     assert found.derivatives[[0, 2], 0] == pytest.approx([1.0, -f / 4.0], rel=1e-5)
+
+
+def test_an_event_that_ends_the_run() -> None:
+    """A quarter of the period, at the lowest point of a pendulum; direct alone."""
+    keys = ["parameters.length", "gravity[1]", "bob.mass"]
+    of = ["end_time", "final(bob.vx)", "mean(bob.y)"]
+    scene = radau(scenes.pendulum(), **{"accuracy.rtol": 1e-10})
+    found = sidtool.sensitivity(scene, keys, of, method="direct")
+    quarter, v = math.sqrt(1.0 / G) * ellipk(0.5), -math.sqrt(2.0 * G)
+    mean = found.values[2]  # in proportion to the length
+    exact = [
+        [quarter / 2.0, quarter / 2.0 / G, 0.0],
+        [v / 2.0, -v / 2.0 / G, 0.0],
+        [mean, 0.0, 0.0],
+    ]
+    assert found.derivatives == pytest.approx(np.array(exact), rel=1e-9, abs=1e-9)
+    assert set(found.methods.values()) == {"direct"}
+    with pytest.raises(sidtool.InputError, match="an event ends"):
+        sidtool.sensitivity(scene, keys, of, method="adjoint")
+
+
+def test_many_variables_take_the_adjoint() -> None:
+    scene = sidtool.Scene.load(CRANK).with_({"time.end": 0.05})
+    found = point_of(scene, ["bodies.*"], ["value(rod.q1, 0.04)"]).sensitivities()
+    assert len(found.variables) > 8
+    assert set(found.methods.values()) == {"adjoint"}
+    direct = point_of(scene, ["bodies.*"], ["value(rod.q1, 0.04)"], "direct")
+    exact = direct.sensitivities().derivatives
+    size = np.abs(exact).max()
+    assert found.derivatives == pytest.approx(exact, rel=1e-8, abs=1e-9 * size)
