@@ -40,12 +40,12 @@ def planar(table: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
 @pytest.mark.parametrize("stiffened", [False, True])
 @pytest.mark.parametrize("frame", FRAMES)
-def test_a_free_bar_keeps_energy_and_momenta_for_a_thousand_periods(
+def test_a_free_bar_keeps_energy_and_momenta_for_many_periods(
     frame: str, stiffened: bool, dimension: str
 ) -> None:
-    """Of its slowest vibration. Without stiffening by the quadratic inertia."""
-    sid, end = slender_bar(2, frame, stiffened), 9.5
-    assert end * slowest(sid) > 1000.0
+    """250 of its slowest vibration. Without stiffening by the quadratic inertia."""
+    sid, end = slender_bar(2, frame, stiffened), 2.4
+    assert end * slowest(sid) > 250.0
     hit = [0.1, 0.6, 0.4 if dimension == "spatial" else 0.0]
     start = struck(sid, hit, [0.0, 0.0, 3.0])
     if dimension == "planar":
@@ -69,12 +69,12 @@ def test_a_free_bar_keeps_energy_and_momenta_for_a_thousand_periods(
     system = compile_scene(validate_data(scene, SceneFile), ".", {"bar": sid})
     result = simulate(system)
     energy = result["energy.kinetic"] + result["energy.elastic"]
-    assert np.abs(energy / energy[0] - 1.0).max() < 1e-8
+    assert np.abs(energy / energy[0] - 1.0).max() < 2.5e-9
     momenta = np.array([momentum(system, t, z, v) for t, z, v in states(result)])
     linear = 2 if dimension == "planar" else 3
     for part in np.split(momenta, [linear], axis=1):
         size = np.linalg.norm(part[0])
-        assert np.linalg.norm(part - part[0], axis=1).max() < 1e-8 * size
+        assert np.linalg.norm(part - part[0], axis=1).max() < 2.5e-9 * size
 
 
 def slowest(sid: SID) -> float:
