@@ -56,6 +56,8 @@ if TYPE_CHECKING:
     from .api.campbell import CampbellDiagram as CampbellDiagram
     from .api.campbell import campbell as campbell
     from .api.compiled_scene import CompiledScene as CompiledScene
+    from .api.floquet import FloquetModes as FloquetModes
+    from .api.floquet import floquet as floquet
     from .api.identify import identify as identify
     from .api.interrupts import Interrupted as Interrupted
     from .api.operations import compare as compare
@@ -113,6 +115,7 @@ _HOME = {
     "InputError": "sidtool.formats.base.errors",
     "Diagnostic": "sidtool.formats.diagnostics",
     "CampbellDiagram": "sidtool.api.campbell",
+    "FloquetModes": "sidtool.api.floquet",
     "FrequencyResponse": "sidtool.api.state_space",
     "StateSpace": "sidtool.api.state_space",
     "DiagnosticWarning": "sidtool.formats.diagnostics.python_warnings",
@@ -132,6 +135,7 @@ _HOME = {
     "compare": "sidtool.api.operations",
     "convert": "sidtool.api.operations",
     "export_body": "sidtool.api.bodies",
+    "floquet": "sidtool.api.floquet",
     "gradient": "sidtool.api.sensitivity",
     "identify": "sidtool.api.identify",
     "inverse_dynamics": "sidtool.api.analyses",

@@ -80,7 +80,8 @@ ENTRIES = (
         "the motion",
         "The state matrix changes by more than 0.1 % over 0.4 rad of rotation in all "
         "axes that were tried.",
-        remedy="Simulate, or use Floquet's theory. A round body needs both of a pair.",
+        remedy="Use Floquet's multipliers (analyse floquet), or simulate. A round "
+        "body needs both of a pair.",
         example={"cause": ""},
     ),
     Entry(
@@ -217,6 +218,35 @@ ENTRIES = (
         "a diagram needs modes at all values.",
         remedy="Leave the value out, or analyse the modes at it alone.",
         example={"key": "parameters.speed", "value": 100.0},
+    ),
+    Entry(
+        "N741",
+        ERROR,
+        "the motion does not return after {period:.6g} s: {body} misses its start",
+        "Largest difference of positions, velocities and deformations between the end "
+        "of the period and its start, in sizes of the mechanism and of the period, but "
+        "for whole revolutions: {size:.2g}; a motion returns below 1e-6.",
+        remedy="Begin in the periodic motion, as with initial = {{state = "
+        '"result"}} after a long run.',
+        example={"period": 0.5, "size": 0.3, "body": "arm"},
+    ),
+    Entry(
+        "N742",
+        ERROR,
+        "the motion has no variational equations: {reason}",
+        "Small changes of the motion are those of its linearised run (theory, section "
+        "19), which needs smooth equations and constraints that stay.",
+        remedy="Take friction, events or corners of forces out of the scene.",
+        example={"reason": "joint friction"},
+    ),
+    Entry(
+        "N743",
+        WARNING,
+        "multipliers are known to {error:.1e} alone",
+        "A hundredth of the change of the multipliers when the steps of the period are "
+        "halved, up to 2048 of them; reported above 1e-6. Modes that are fast against "
+        "the period need many steps.",
+        example={"error": 2e-5},
     ),
     Entry(
         "N714",

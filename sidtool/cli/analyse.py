@@ -1,4 +1,4 @@
-"""``sidtool analyse``: equilibrium, natural modes and inverse dynamics of a scene."""
+"""``sidtool analyse``: equilibrium, modes, multipliers, inverse dynamics of a scene."""
 
 from __future__ import annotations
 
@@ -41,6 +41,7 @@ def analyse() -> None:
     \b
     static   static equilibrium, and the joint forces in it
     modes    natural frequencies, damping ratios and mode shapes
+    floquet  stability of a periodic motion
     inverse  forces and torques of a motion that is prescribed by drives
 
     \b
@@ -296,6 +297,60 @@ def inverse(
     )
     _write_result(output, result)
     print_result(describe_inverse(result), lambda: result_data(result))
+
+
+@analyse.command()
+@click.argument("scene", metavar="SCENE", type=existing_file)
+@click.option(
+    "--period",
+    metavar="SECONDS",
+    required=True,
+    help="Period of the motion, or a formula of parameters such as 2*pi/speed.",
+)
+@click.option(
+    "-o", "--output", type=output_path, help="File to write: multipliers (.json)."
+)
+@changes_option
+@force_option
+@ACCEPT_DEFECTS_OPTION
+def floquet(
+    scene: Path,
+    period: str,
+    output: Path | None,
+    changes: tuple[str, ...],
+    force: bool,
+    accept_defects: bool,
+) -> None:
+    """Find whether small motions about a periodic motion of the SCENE grow.
+
+    The motion begins at the start of the scene and has to return to it after the
+    period, but for whole revolutions. The command prints Floquet's multipliers, by
+    which modes grow in a period, and their frequencies: in inertial axes, as fixed
+    sensors show them, and in the axes of the bodies. A motion is stable if no
+    multiplier is larger than one. For systems without constant axes, such as a flat
+    shaft in bearings of two stiffnesses, where analyse modes has no modes.
+
+    \b
+    Examples:
+      sidtool analyse floquet rotor.toml --period 2*pi/speed
+      sidtool analyse floquet swing.toml --period 0.8 -o multipliers.json
+
+    Exit status: 0 multipliers were found; 1 the motion does not return, or has no
+    variational equations (friction, events, corners of forces); 2 the input is wrong.
+    """
+    from ..api.floquet import floquet as find_multipliers
+    from ..report.floquet import describe_floquet, floquet_data
+
+    check_targets([Target("-o", output, "modes")], input_files(scene), force)
+    found = run_analysis(
+        find_multipliers, scene, changes, period=period, accept_defects=accept_defects
+    )
+    if output is not None:
+        from ..report.json_data import write_json
+
+        write_json(output, floquet_data(found))
+        click.echo(f"{output} written")
+    print_result(describe_floquet(found), lambda: floquet_data(found))
 
 
 def run_analysis(

@@ -9,6 +9,7 @@
 - `frozen_run`: runs with the steps of another run
 - `position_rates`, `linearised_run`: a frozen run linearised about itself, eq. (46)
 - `motion_derivatives`: its direct and adjoint derivatives by numbers of the scene
+- `floquet`: multipliers of a periodic motion, eq. (50)
 - `plant`: a scene that a program advances to given times
 - `replay`: outputs of a finished run
 """

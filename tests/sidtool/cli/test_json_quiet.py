@@ -21,6 +21,7 @@ COMMANDS = {
     "info": ("r.h5", "outputs"),
     "analyse static": ("scene.toml", "outputs"),
     "analyse modes": ("scene.toml", "modes"),
+    "analyse floquet": ("pushed.toml --period 0.1", "modes"),
     "analyse inverse": ("rigid.toml", "outputs"),
     "linearise": ("pushed.toml", "A"),
     "response": ("pushed.toml --frequencies 1:10:5", "peaks"),
