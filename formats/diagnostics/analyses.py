@@ -249,6 +249,15 @@ ENTRIES = (
         example={"error": 2e-5},
     ),
     Entry(
+        "N744",
+        INFO,
+        "{bodies} are described in multi-blade coordinates",
+        "Equal bodies at equal azimuths around an axis, three or more: their harmonics "
+        "over the azimuth, seen from axes that do not turn (Coleman transformation). "
+        "The equations of small motions are constant in them.",
+        example={"bodies": "blade1, blade2, blade3"},
+    ),
+    Entry(
         "N714",
         WARNING,
         "growing, by up to exp({rate:.4g} t/s)",

@@ -7,6 +7,7 @@
 - `rotating_groups`, `steady_rotation`: steady rotation
 - `reference_axes`, `rotated_shapes`: axes in which small motions are seen
 - `operating_point`: the state that is linearised
+- `multi_blade`: equal bodies around an axis (Coleman transformation)
 - `state_matrix`, `steady_axes`, `rigid_motions`, `whirl`, `linearisation`: natural
   modes, eq. (23)
 - `state_space`, `steady_responses`, `input_effects`, `output_derivatives`,

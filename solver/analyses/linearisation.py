@@ -24,6 +24,7 @@ from ..system.errors import SimulationError
 from ..system.system import System
 from .dense_equations import DenseEquations
 from .joint_friction import equations_at
+from .multi_blade import mixing_matrix
 from .operating_point import operating_point
 from .reference_axes import axis_angular_velocities, frame_rotation_matrix
 from .rigid_motions import spectrum
@@ -137,7 +138,7 @@ def linearise(
     """
     point = operating_point(system, about, state, time)
     system, z, v, t = point.system, point.z, point.v, point.t
-    mechanics, axes, small, causes = linearised_at(system, t, z, v)
+    mechanics, axes, small, causes = linearised_at(system, t, z, v, multi_blade=True)
     if causes and not frozen:
         mechanics.evaluate(z, v)
         is_rotating = axis_angular_velocities(mechanics).any()
@@ -158,14 +159,14 @@ def linearise(
 
 
 def linearised_at(
-    system: System, t: float, z: Array, v: Array
+    system: System, t: float, z: Array, v: Array, *, multi_blade: bool = False
 ) -> tuple[DenseEquations, SteadyAxes, SmallMotions, tuple[Diagnostic, ...]]:
     """Equations at a state, axes in which they are constant, the small motions in them,
     and why these do not describe a motion, if so."""
     mechanics = equations_at(system, t, z, v)
     mechanics.set_scale(z, stiffness=0.0)
-    axes = steady_axes(mechanics, z, v)
-    small = state_matrix(mechanics, z, v, axes.omegas)
+    axes = steady_axes(mechanics, z, v, multi_blade=multi_blade)
+    small = state_matrix(mechanics, z, v, axes.omegas, axes.blades)
     causes = unsteady_notes(mechanics, small)
     return mechanics, axes, small, causes or axes.changing
 
@@ -185,6 +186,7 @@ def steady_residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
     mechanics.evaluate(small.z, small.v)
     a, slow = mechanics.accelerations()[0], small.v / mechanics.scale
     W = frame_rotation_matrix(mechanics, small.omegas)
+    W = W + mixing_matrix(mechanics, small.blades)
     return np.concatenate([small.drift, small.free_directions.T @ (a - W @ slow)])
 
 
@@ -222,7 +224,9 @@ def unsteady_notes(
             return ()
         near_z = mechanics.displaced(z, moved @ shift)
         near_v = v + mechanics.scale * (small.velocity_directions @ shift)
-        near_matrix = state_matrix(mechanics, near_z, near_v, spins).matrix
+        near_matrix = state_matrix(
+            mechanics, near_z, near_v, spins, small.blades
+        ).matrix
         mechanics.evaluate(z, v)
         return _changed_mode_notes(matrix, near_matrix, first)
     return (diagnose("N710", coordinate=first),)
@@ -274,7 +278,7 @@ def _natural_modes(
     velocities = axis_angular_velocities(mechanics)
     is_rotating = bool(velocities.any())
     whirls = [
-        mode_whirl(mechanics, spins, float(abs(value.imag)), shape)
+        mode_whirl(mechanics, spins, float(abs(value.imag)), shape, small.blades)
         if is_rotating and value
         else Whirl((float(abs(value.imag)),), float(abs(value.imag)), "")
         for value, shape in zip(values, shapes, strict=True)

@@ -20,6 +20,7 @@ from ..system.characteristic_sizes import coordinate_sizes
 from ..system.system import System
 from .dense_equations import DenseEquations, least_squares, null_space
 from .frozen_inputs import state_entries
+from .multi_blade import BladeGroup, mixing_matrix
 from .reference_axes import (
     frame_rotation_matrix,
     independent_rows,
@@ -62,6 +63,8 @@ class SmallMotions:
         The axes in which each body is seen, see `body_axes`.
     changes
         What follows from (y, w).
+    blades
+        Groups of bodies in multi-blade coordinates.
     """
 
     matrix: Array
@@ -73,10 +76,15 @@ class SmallMotions:
     v: Array
     omegas: Array
     changes: Responses
+    blades: tuple[BladeGroup, ...] = ()
 
 
 def state_matrix(
-    mechanics: DenseEquations, z: Array, v: Array, omegas: Array
+    mechanics: DenseEquations,
+    z: Array,
+    v: Array,
+    omegas: Array,
+    blades: tuple[BladeGroup, ...] = (),
 ) -> SmallMotions:
     """The small motions about a state.
 
@@ -86,8 +94,11 @@ def state_matrix(
     ----------
     omegas
         Of the axes in which each body is seen, see `body_axes`.
+    blades
+        Groups of bodies in multi-blade coordinates.
     """
-    return small_motions(mechanics, linear_equations(mechanics, z, v, omegas))
+    equations = linear_equations(mechanics, z, v, omegas, blades=blades)
+    return small_motions(mechanics, equations)
 
 
 def small_motions(
@@ -119,6 +130,7 @@ def small_motions(
         v,
         equations.omegas,
         changes.selected(selected),
+        equations.blades,
     )
 
 
@@ -204,6 +216,7 @@ class LinearEquations:
     constraint_sizes: Array
     by_position: StateDerivatives
     by_velocity: StateDerivatives
+    blades: tuple[BladeGroup, ...] = ()
 
     def particular(self, right: Array) -> Array:
         """A solution of C x = right, without a part along N in the leading rows."""
@@ -250,6 +263,7 @@ def linear_equations(
     omegas: Array,
     *,
     at_rest: bool = False,
+    blades: tuple[BladeGroup, ...] = (),
 ) -> LinearEquations:
     """Linearise the equations about a state, which is evaluated.
 
@@ -259,6 +273,8 @@ def linear_equations(
         Of the axes in which each body is seen, see `body_axes`.
     at_rest
         The state is an equilibrium: what is left of accelerations is rounding.
+    blades
+        Groups of bodies in multi-blade coordinates.
 
     Raises
     ------
@@ -279,7 +295,7 @@ def linear_equations(
         a, multipliers = np.zeros(len(v)), mechanics.multipliers(-mechanics.force)
     else:
         a, multipliers = mechanics.accelerations()
-    W = frame_rotation_matrix(mechanics, omegas)
+    W = frame_rotation_matrix(mechanics, omegas) + mixing_matrix(mechanics, blades)
     by_z, by_v = _state_derivatives(mechanics, z, v, a, multipliers)
     by_v = replace(by_v, force=by_v.force - M @ W, gamma=by_v.gamma - C @ W)
     return LinearEquations(
@@ -301,6 +317,7 @@ def linear_equations(
         mechanics.constraint_sizes,
         by_z,
         by_v,
+        blades,
     )
 
 

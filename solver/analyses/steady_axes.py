@@ -19,6 +19,7 @@ from ..spatial import system_arrays as at
 from ..system.errors import SimulationError
 from ..system.rotations import to_3d, to_rotation_matrices
 from .dense_equations import DenseEquations
+from .multi_blade import BladeGroup, blade_groups, rotated_tangents
 from .reference_axes import (
     axis_angular_velocities,
     body_axes,
@@ -54,19 +55,29 @@ class SteadyAxes:
     highest
         Angular frequency [rad/s] from which on modes change as the bodies turn, inf if
         none does.
+    blades
+        Groups of bodies that are described in multi-blade coordinates.
     """
 
     omegas: Array
     diagnostics: tuple[Diagnostic, ...] = ()
     changing: tuple[Diagnostic, ...] = ()
     highest: float = np.inf
+    blades: tuple[BladeGroup, ...] = ()
 
 
-def steady_axes(mechanics: DenseEquations, z: Array, v: Array) -> SteadyAxes:
+def steady_axes(
+    mechanics: DenseEquations, z: Array, v: Array, *, multi_blade: bool = False
+) -> SteadyAxes:
     """Return axes in which modes are those of a constant matrix.
 
     Of a round body whose reduction keeps one of a pair of shape functions only, higher
     modes change, and lower ones do not.
+
+    Parameters
+    ----------
+    multi_blade
+        Whether equal bodies around an axis may have coordinates in common.
     """
     mechanics.evaluate(z, v)
     own = body_axes(mechanics, v / mechanics.scale, mechanics.accelerations()[0])
@@ -77,6 +88,9 @@ def steady_axes(mechanics: DenseEquations, z: Array, v: Array) -> SteadyAxes:
         return SteadyAxes(own)
     for axes in shared_steady_axes(mechanics, z, v, own):
         return axes
+    if multi_blade:
+        for axes in _multi_blade_axes(mechanics, z, v, own):
+            return axes
     cause, unpaired = "", np.inf
     for omegas, _ in shared_axes(mechanics, own):
         mechanics.evaluate(z, v)
@@ -119,19 +133,44 @@ def shared_steady_axes(
         yield SteadyAxes(omegas, tuple(found), highest=lowest)
 
 
+def _multi_blade_axes(
+    mechanics: DenseEquations, z: Array, v: Array, own: Array
+) -> Iterator[SteadyAxes]:
+    """Axes that all bodies share but equal ones around an axis, which have multi-blade
+    coordinates, and in which the equations of small motions are constant."""
+    mechanics.evaluate(z, v)
+    blades = blade_groups(mechanics)
+    if not blades:
+        return
+    members = [k for group in blades for k in group.bodies]
+    names = [body.name for body in mechanics.system.bodies]
+    listed = ", ".join(names[k] for k in members)
+    mechanics.evaluate(z, v)
+    for shared, _ in list(shared_axes(mechanics, own)):
+        omegas = shared.copy()
+        omegas[members] = own[members]
+        if lowest_changing_mode(mechanics, z, v, omegas, blades) == np.inf:
+            found = diagnose("N744", bodies=listed)
+            yield SteadyAxes(omegas, (found,), blades=blades)
+
+
 def lowest_changing_mode(
-    mechanics: DenseEquations, z: Array, v: Array, omegas: Array
+    mechanics: DenseEquations,
+    z: Array,
+    v: Array,
+    omegas: Array,
+    blades: tuple[BladeGroup, ...] = (),
 ) -> float:
     """Angular frequency of the lowest mode that changes along a motion that is steady
     in these axes, inf if none does."""
-    small = state_matrix(mechanics, z, v, omegas)
+    small = state_matrix(mechanics, z, v, omegas, blades)
     matrix, N = small.matrix, small.free_directions
     mechanics.evaluate(z, v)
     own = axis_angular_velocities(mechanics)
     spin = float(np.linalg.norm(np.vstack([own, omegas]), axis=1).max())
     try:
         later_matrix, N_there, rotation = _after_steady_motion(
-            mechanics, z, v, omegas, TEST_ANGLE / spin
+            mechanics, z, v, omegas, TEST_ANGLE / spin, blades
         )
     except SimulationError:
         return 0.0
@@ -173,15 +212,21 @@ def turned_states(
 
 
 def _after_steady_motion(
-    mechanics: DenseEquations, z: Array, v: Array, omegas: Array, dt: float
+    mechanics: DenseEquations,
+    z: Array,
+    v: Array,
+    omegas: Array,
+    dt: float,
+    blades: tuple[BladeGroup, ...],
 ) -> tuple[Array, Array, Array]:
     """Matrix and free directions after a steady motion, and how tangents (n,), scaled,
     in the axes turn into those of the bodies there."""
     start = mechanics.t
     later_z, later_v, rotation = steady_motion(mechanics, z, v, omegas, dt)
+    rotation = rotated_tangents(mechanics, blades, dt, rotation)
     try:
         mechanics.t = start + dt
-        small = state_matrix(mechanics, later_z, later_v, omegas)
+        small = state_matrix(mechanics, later_z, later_v, omegas, blades)
     finally:
         mechanics.t = start
     scale = mechanics.scale

@@ -18,6 +18,7 @@ from sidtool.formats.base.sid import Array
 from ..spatial import system_arrays as at
 from ..system.rotations import to_rotation_matrices
 from .dense_equations import DenseEquations
+from .multi_blade import BladeGroup
 from .reference_axes import axis_angular_velocities, independent_rows
 
 FORWARD, BACKWARD = "forward", "backward"
@@ -47,7 +48,11 @@ class Whirl:
 
 
 def mode_whirl(
-    mechanics: DenseEquations, omegas: Array, omega: float, shape: np.ndarray
+    mechanics: DenseEquations,
+    omegas: Array,
+    omega: float,
+    shape: np.ndarray,
+    blades: tuple[BladeGroup, ...] = (),
 ) -> Whirl:
     """How a mode whirls, of the state evaluated last.
 
@@ -59,12 +64,22 @@ def mode_whirl(
         Angular frequency there, not negative.
     shape : (n velocities,)
         Complex, in the body frames.
+    blades
+        Groups of bodies in multi-blade coordinates.
     """
     own = axis_angular_velocities(mechanics)
     parts: list[tuple[float, float, float, str]] = []
     fastest = float(np.linalg.norm(own, axis=1).max(initial=0.0))
     axis = own[np.argmax(np.linalg.norm(own, axis=1))] / fastest if fastest else None
-    for k, moves in enumerate(_body_point_motions(mechanics, shape)):
+    motions = _body_point_motions(mechanics, shape)
+    members = {k for group in blades for k in group.bodies}
+    for group in blades:
+        parts += _blade_parts(
+            mechanics, group, [motions[k] for k in group.bodies], omega
+        )
+    for k, moves in enumerate(motions):
+        if k in members:
+            continue
         if axis is None:
             parts.append((float(np.sum(np.abs(moves) ** 2)), omega, omega, ""))
             continue
@@ -81,6 +96,30 @@ def mode_whirl(
             energy = 0.5 * float(np.sum(np.abs(circle) ** 2))
             parts.append((energy, abs(rate), abs(rate - body_rate), direction))
     return _combine_parts(parts, omega, EQUAL_FREQUENCY * (omega + fastest))
+
+
+def _blade_parts(
+    mechanics: DenseEquations,
+    group: BladeGroup,
+    motions: list[np.ndarray],
+    omega: float,
+) -> list[tuple[float, float, float, str]]:
+    """Harmonics over the azimuth of a mode in multi-blade coordinates.
+
+    Harmonic n of the bodies moves as exp(i (omega t + n psi)): seen from a body its
+    frequency is omega + n W, and for n < 0 the pattern goes forward.
+    """
+    R = to_rotation_matrices(mechanics.system.frames(mechanics.work.frame)["R"])
+    own = [moves @ R[k] for k, moves in zip(group.bodies, motions, strict=True)]
+    amplitudes = np.fft.fft(own, axis=0)
+    parts = []
+    for order, moves in zip(group.harmonics, amplitudes, strict=True):
+        energy = float(np.sum(np.abs(moves) ** 2)) / len(own)
+        direction = "" if order == 0.0 else FORWARD if order < 0.0 else BACKWARD
+        rate = 0.0 if 2.0 * abs(order) == len(own) else order * group.speed
+        direction = direction if rate else ""
+        parts.append((energy, omega, abs(omega + rate), direction))
+    return parts
 
 
 def _combine_parts(

@@ -1,0 +1,158 @@
+"""Modes of rotors of three and more blades in multi-blade coordinates."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import eig
+
+import sidtool
+from sidtool.formats.base.taylor import Array
+from tests.codes import codes, with_code
+
+#: Hinges of the blades from the axis, their centres from the hinges [m], mass [kg] and
+#: inertia [kg m^2] of a blade, stiffness of a hinge [N m/rad].
+OFFSET, ARM, BLADE, INERTIA, LAG = 0.1, 0.5, 2.0, 0.05, 60.0
+#: Mass of support and hub [kg], stiffness of the support along x and y [N/m].
+SUPPORT, KX, KY = 13.0, 4e3, 9e3
+
+
+def lagging_rotor(
+    speed: float, count: int, damping: float = 0.0, **changes: Any
+) -> sidtool.Scene:
+    """Blades with hinges for lead and lag on a support of two stiffnesses: ground
+    resonance of helicopters."""
+    bodies: dict[str, Any] = {"support": {"mass": 10.0, "inertia": 1.0}}
+    joints: dict[str, Any] = {
+        "axle": {"type": "revolute", "markers": ["support", "hub"]}
+    }
+    base = {"stiffness": [KX, KY, 1e4], "damping": [damping, damping, 0.0]}
+    forces: dict[str, Any] = {
+        "base": {"type": "bushing", "markers": ["ground", "support"]} | base
+    }
+    hinges = {}
+    for k in range(count):
+        angle = 2 * np.pi * k / count
+        out = np.array([np.cos(angle), np.sin(angle)])
+        across = np.array([-out[1], out[0]])
+        bodies[f"blade{k}"] = {
+            "mass": BLADE,
+            "inertia": INERTIA,
+            "markers": {"root": {"position": [-ARM, 0.0]}},
+            "initial": {
+                "position": ((OFFSET + ARM) * out).tolist(),
+                "velocity": (speed * (OFFSET + ARM) * across).tolist(),
+                "angle": angle,
+                "angular_velocity": speed,
+            },
+        }
+        hinges[f"hinge{k}"] = {"position": (OFFSET * out).tolist(), "angle": angle}
+        joints[f"lag{k}"] = {
+            "type": "revolute",
+            "markers": [f"hub.hinge{k}", f"blade{k}.root"],
+        }
+        forces[f"spring{k}"] = {
+            "type": "spring_damper",
+            "joint": f"lag{k}",
+            "stiffness": LAG,
+            "damping": 0.01 * damping,
+        }
+    bodies["hub"] = {
+        "mass": 3.0,
+        "inertia": 0.2,
+        "markers": hinges,
+        "initial": {"angular_velocity": speed},
+    }
+    motion = {"type": "constant", "value": speed}
+    scene = sidtool.Scene(
+        dimension="planar",
+        time={"end": 1.0, "output_step": 0.1},
+        bodies=bodies,
+        joints=joints,
+        forces=forces,
+        drives={"motor": {"joint": "axle", "of": "rate", "function": motion}},
+    )
+    return scene.with_(changes) if changes else scene
+
+
+def textbook(speed: float, count: int, damping: float = 0.0) -> Array:
+    """Eigenvalues of Coleman and Feingold's equations: x and y of the hub, and the
+    cyclic lag angles in axes that do not turn.
+
+    With S the static, J the moment of inertia of a blade about its hinge, of support
+    and all blades the mass M:
+    M x'' + c x' + Kx x - (N / 2) S ys'' = 0,  M y'' + c y' + Ky y + (N / 2) S yc'' = 0,
+    J (yc'' + 2 W ys' - W^2 yc) + d (yc' + W ys) + (k + e S W^2) yc + S y'' = 0, and
+    likewise of ys with -x''.
+    """
+    S, J = BLADE * ARM, INERTIA + BLADE * ARM**2
+    total = SUPPORT + count * BLADE
+    half, lag = count / 2, 0.01 * damping
+    M = np.diag([total, total, J, J])
+    M[0, 3], M[1, 2] = -half * S, half * S
+    M[2, 1], M[3, 0] = S, -S
+    C = np.diag([damping, damping, lag, lag])
+    C[2, 3], C[3, 2] = 2 * J * speed, -2 * J * speed
+    stiffness = LAG + OFFSET * S * speed**2 - J * speed**2
+    K = np.diag([KX, KY, stiffness, stiffness])
+    K[2, 3], K[3, 2] = lag * speed, -lag * speed
+    zero, one = np.zeros((4, 4)), np.eye(4)
+    A = np.block([[zero, one], [-K, -C]])
+    B = np.block([[one, zero], [zero, M]])
+    return np.asarray(eig(A, B, right=False))
+
+
+@pytest.mark.parametrize(
+    ("speed", "count", "damping"),
+    [(10.0, 3, 0.0), (18.0, 4, 0.0), (18.0, 5, 30.0), (26.0, 3, 30.0)],
+)
+def test_ground_resonance_is_that_of_coleman_and_feingold(
+    speed: float, count: int, damping: float
+) -> None:
+    modes = sidtool.linearise(lagging_rotor(speed, count, damping), about="start")
+    for value in textbook(speed, count, damping):
+        if value.imag >= 0.0:
+            assert np.abs(modes.eigenvalues - value).min() < 1e-6 * abs(value)
+    assert with_code(modes, "N744")
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_multipliers_are_those_of_floquet(count: int) -> None:
+    """The rotor on unequal springs has periodic equations; here they are constant."""
+    scene = lagging_rotor(18.0, count, 20.0)
+    found = sidtool.floquet(scene, 2 * np.pi / 18.0)
+    modes = sidtool.linearise(scene, about="start")
+    for value, hertz in zip(modes.eigenvalues, modes.inertial_frequencies, strict=True):
+        multiplier = np.exp(value * found.period)
+        both = np.stack([found.multipliers, found.multipliers.conj()])
+        near = np.abs(both - multiplier).min(axis=0)
+        k = int(near.argmin())
+        assert near[k] < 1e-6
+        orders = (hertz - found.inertial_frequencies[k]) * found.period
+        sums = (hertz + found.inertial_frequencies[k]) * found.period
+        assert min(abs(x - round(x)) for x in (orders, sums)) < 1e-4
+
+
+def test_rotors_that_have_no_such_coordinates_are_refused() -> None:
+    """Two blades, and three of which one is heavier."""
+    heavier = lagging_rotor(18.0, 3, **{"bodies.blade1.mass": 2.2})
+    for scene in (lagging_rotor(18.0, 2), heavier):
+        with pytest.raises(sidtool.SimulationError) as caught:
+            sidtool.linearise(scene, about="start")
+        assert {"N718", "N713"} <= set(codes(caught.value))
+
+
+def test_a_campbell_diagram_of_ground_resonance() -> None:
+    """Whirl: the lag mode goes backward below and forward above its own frequency."""
+    speeds = [10.0, 18.0]
+    found = [sidtool.linearise(lagging_rotor(s, 3), about="start") for s in speeds]
+    slowest = [int(modes.inertial_frequencies.argmin()) for modes in found]
+    whirl = [m.whirl[k] for m, k in zip(found, slowest, strict=True)]
+    assert whirl == ["backward", "forward"]
+    for modes, k, speed in zip(found, slowest, speeds, strict=True):
+        sign = 1.0 if whirl[speeds.index(speed)] == "backward" else -1.0
+        turning = abs(sign * modes.inertial_frequencies[k] + speed / (2 * np.pi))
+        assert_allclose(modes.rotating_frequencies[k], turning, rtol=1e-9)
