@@ -251,5 +251,5 @@ def linearise_projections(
             row, at = system.segment[s].row, system.segment[s].offset
             first = system.body[system.segment[s].body].vel
             for j in range(system.body[system.segment[s].body].nv):
-                C[k, row, first + j] = work.C[at + j]
+                C[k, row, first + j] += work.C[at + j]
     return 0

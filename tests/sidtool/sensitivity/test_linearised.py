@@ -249,3 +249,33 @@ def test_many_variables_take_the_adjoint() -> None:
     exact = direct.sensitivities().derivatives
     size = np.abs(exact).max()
     assert found.derivatives == pytest.approx(exact, rel=1e-8, abs=1e-9 * size)
+
+
+@pytest.mark.parametrize("method", ["adjoint", "direct"])
+def test_a_screw(method: str) -> None:
+    """Both terms of its constraint belong to one body; z = -g t^2 m p^2 / 2 (m p^2 + I)
+    with p, the way per radian.
+    """
+    mass, inertia, pitch, t = 2.0, 0.03, 0.4, 0.5
+    nut = {"mass": mass, "inertia": [0.02, 0.02, inertia]}
+    screw = {"type": "screw", "markers": ["ground", "nut"], "axis": [0.0, 0.0, 1.0]}
+    scene = sidtool.Scene(
+        dimension="spatial",
+        gravity=[0.0, 0.0, -G],
+        time={"end": t, "output_step": 0.1},
+        accuracy={"rtol": 1e-9, "integrator": "radau9"},
+        bodies={"nut": nut},
+        joints={"screw": screw | {"pitch": pitch}},
+    )
+    keys = ["nut.mass", "nut.inertia[2]", "screw.pitch"]
+    found = sidtool.sensitivity(scene, keys, "final(nut.z)", method=method)
+    p = pitch / 2.0 / math.pi
+    total = mass * p**2 + inertia
+    z = -G * t**2 / 2.0 * mass * p**2 / total
+    shares = [
+        1 / mass - p**2 / total,
+        -1 / total,
+        2 / pitch * (1 - mass * p**2 / total),
+    ]
+    assert found.values[0] == pytest.approx(z, rel=1e-9)
+    assert found.derivatives[0] == pytest.approx(z * np.array(shares), rel=1e-8)
