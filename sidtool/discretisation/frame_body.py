@@ -150,7 +150,7 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
         diagnostics=(
             *([_NO_STIFFENING] if arms or geometry.springs else []),
             *unsupported,
-            *_ring_notes(cuts),
+            *_ring_notes(model, cuts),
         ),
         geometry_mass=lambda: _frame_mass(geometry, members),
     )
@@ -429,16 +429,16 @@ def _element_at(ends: Array, at: float) -> int:
     return min(max(place, 0), len(ends) - 2)
 
 
-def _ring_notes(cuts: tuple[BeamCut, ...]) -> list[Diagnostic]:
-    """Return N129 on sections in rings of members, if there are some."""
-    names = dict.fromkeys(
+def _ring_notes(model: ModelFile, cuts: tuple[BeamCut, ...]) -> list[Diagnostic]:
+    """Return N156 on sections in rings of members, if shape functions lack static
+    answers to loads and weight.
+    """
+    members = dict.fromkeys(
         cut.name.partition(".")[0] for cut in cuts if cut.resultants is not None
     )
-    if not names:
+    if not members or getattr(model.reduction, "inertia_relief", False):
         return []
-    listed = ", ".join([*names][:4]) + (" and others" if len(names) > 4 else "")
-    limit = f"section forces of {listed} in a ring are those of the shape functions"
-    return [diagnose("N129", limit=limit)]
+    return [diagnose("N156", members=[*members])]
 
 
 def _frame_mass(geometry: FrameGeometry, members: list[Member]) -> GeometryMass:
