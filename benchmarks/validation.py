@@ -11,10 +11,10 @@ import numpy as np
 
 import sidtool
 
-from .problems import Problem, Row, bodies, motions
+from .problems import Problem, Row, bodies, motions, rotors
 
 PAGE = Path(__file__).parents[1] / "docs" / "validation.md"
-PROBLEMS = (*bodies.PROBLEMS, *motions.PROBLEMS)
+PROBLEMS = (*bodies.PROBLEMS, *motions.PROBLEMS, *rotors.PROBLEMS)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Reference problems of the validation page: bodies, and motions.
+"""Reference problems of the validation page: bodies, motions, rotors.
 
 Problems are set up as the tests do it, so that page and tests are of one source. A
 problem is a function whose docstring is the title and the words of its section.
