@@ -36,9 +36,11 @@ METHODS = (AUTO, ADJOINT, DIRECT, DIFFERENCES)
 STEP = 1e-5
 #: Variables whose columns are solved together, and numbers of these.
 COLUMNS, COLUMN_NUMBERS = 32, 20_000_000
-#: Cost of a linearisation in runs: of a few coordinates, coordinates that cost one run
-#: more by their square, and where derivatives by coordinates are differences.
-LINEARISATION_RUNS, COORDINATES_SQUARED, COORDINATES_PER_RUN = 4.0, 60.0, 8.0
+#: Cost of a linearisation in runs: of a few coordinates in the plane; coordinates that
+#: cost one run more by their square, those by which derivatives are differences, and
+#: all in space.
+LINEARISATION_RUNS = 4.0
+COORDINATES_SQUARED, DIFFERENCED_PER_RUN, SPATIAL_PER_RUN = 60.0, 3.0, 7.0
 #: Variables per functional from which the adjoint method is cheaper, for functionals of
 #: so few times.
 ADJOINT_VARIABLES, ADJOINT_TIMES = 8, 20
@@ -88,7 +90,7 @@ class LinearisedPoint:
         self._history = History(motion)
         run = LinearisedRun(motion, point.grid)
         self._motion = MotionDerivatives(run)
-        self._error = EXACT_ERROR if run.is_exact else DIFFERENCE_ERROR
+        self._error = DIFFERENCE_ERROR if len(run.differenced) else EXACT_ERROR
         self._terms = [t for t in point.terms if t.functional.needs_motion]
         #: which of all values are those of the motion
         needs = [t.functional.needs_motion for t in point.terms]
@@ -120,8 +122,9 @@ class LinearisedPoint:
         """
         size = run.nz + run.nv
         runs = LINEARISATION_RUNS + (size / COORDINATES_SQUARED) ** 2
-        if not run.is_exact:
-            runs += size / COORDINATES_PER_RUN
+        runs += len(run.differenced) / DIFFERENCED_PER_RUN
+        if not run.system.planar:
+            runs += size / SPATIAL_PER_RUN
         if runs + count / 2 > 6 + 4 * count:
             raise NotLinearisable(f"{size} coordinates for few variables")
         if needs_direct or count < ADJOINT_VARIABLES * len(self._terms):

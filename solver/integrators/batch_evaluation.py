@@ -22,6 +22,7 @@ from ..spatial.system_arrays import (
     F1,
     F2,
     F3,
+    I1,
     SYSTEM,
     WORK,
 )
@@ -147,12 +148,24 @@ def linearise_states(kernels, system, work, clocks, times, z, v, a, lambda_, out
         _write_derivatives(system, work, out[k])
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F1, F1, F3))
+@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, I1, F1, F1, F3))
 def differentiate_states(
-    kernels, system, work, clocks, times, z, v, a, lambda_, steps_z, steps_v, out
+    kernels,
+    system,
+    work,
+    clocks,
+    times,
+    z,
+    v,
+    a,
+    lambda_,
+    chosen,
+    steps_z,
+    steps_v,
+    out,
 ):
-    """Derivatives of (r, g) of states by all positions and velocities, (states,
-    coordinates, rows), by differences of fourth order with the given steps.
+    """Derivatives of (r, g) of states by some positions and velocities, (states,
+    chosen, rows), by differences of fourth order with the given steps.
     """
     for k in range(len(times)):
         work.interval_time[0] = clocks[k]
@@ -162,14 +175,15 @@ def differentiate_states(
             for point in range(4):
                 distance = _difference_point(point)
                 weight = _difference_weight(point)
-                if j < len(steps_z):
-                    known = z[k, j]
-                    z[k, j] = known + distance * steps_z[j]
+                i = chosen[j]
+                if i < len(steps_z):
+                    known = z[k, i]
+                    z[k, i] = known + distance * steps_z[i]
                     kernels.evaluate(system, work, times[k], z[k], v[k])
-                    z[k, j] = known
-                    weight /= steps_z[j]
+                    z[k, i] = known
+                    weight /= steps_z[i]
                 else:
-                    i = j - len(steps_z)
+                    i -= len(steps_z)
                     known = v[k, i]
                     v[k, i] = known + distance * steps_v[i]
                     kernels.evaluate(system, work, times[k], z[k], v[k])

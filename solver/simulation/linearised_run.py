@@ -22,6 +22,7 @@ from ..dynamics.equations_of_motion import kernel_pointers
 from ..integrators import batch_evaluation
 from ..integrators.radau_stages import radau_tableau
 from ..spatial import system_arrays as at
+from ..spatial.system_arrays import IntTable
 from ..system.characteristic_sizes import coordinate_sizes
 from ..system.system import System
 from ..system.work_arrays import new_memory, new_work_arrays, raise_pending
@@ -35,6 +36,9 @@ PERTURBATION = 1e-4
 #: Derivatives of `linearise` count as complete when a difference along a random change
 #: of the state agrees with them to this part; and states that are compared.
 COMPLETE, COMPARED_STATES = 1e-7, 40
+#: States at which each coordinate is tried, and sizes of the rows of residuals,
+#: relative to the largest one, below which they count as that.
+TRIED_STATES, SMALL_ROW = 10, 1e-6
 #: Numbers in the matrices of the steps that are treated together.
 BLOCK_NUMBERS = 4_000_000
 
@@ -66,7 +70,7 @@ class States:
     z: Array
     v: Array
 
-    def selected(self, rows: slice | Array) -> "States":
+    def selected(self, rows: slice | IntTable) -> "States":
         """Some of the states, as copies."""
         parts = (self.clocks, self.times, self.z, self.v)
         return States(*(np.ascontiguousarray(part[rows]) for part in parts))
@@ -152,7 +156,8 @@ class LinearisedRun:
     nz, nv, m : positions without counted rotations, velocities, constraints
     stages : (steps * s) states
     accelerations, multipliers : of the stages
-    is_exact : True if `linearise` is complete, else differences are used
+    differenced : coordinates by which derivatives are differences, as `linearise` is
+        not complete
     """
 
     def __init__(self, motion: Motion, grid: Grid) -> None:
@@ -189,7 +194,8 @@ class LinearisedRun:
             np.abs(self.stages.v).max(axis=0), sizes / (self.times[-1] - self.times[0])
         )
         self.steps_z = PERTURBATION * self._position_sizes(sizes)
-        self.is_exact = self._is_complete()
+        self.differenced = np.zeros(0, np.int64)
+        self.differenced = self._incomplete_coordinates()
 
     def _table(self, values: Array) -> Array:
         """States at the points of all steps, (steps, points, .)."""
@@ -272,50 +278,88 @@ class LinearisedRun:
         columns[:, :, self.nv :] *= -1.0
         return columns
 
-    def _residual_derivatives(self, rows: slice | Array, is_exact: bool) -> Array:
+    def _residual_derivatives(self, rows: slice | IntTable) -> Array:
         """(r, g) of some stages by positions and velocities, (., nz + nv, nv + m)."""
+        if len(self.differenced) == self.nz + self.nv:
+            return self._differences(rows, self.differenced)
+        found = self._known_derivatives(rows)
+        if len(self.differenced):
+            found[:, self.differenced] = self._differences(rows, self.differenced)
+        return found
+
+    def _states_with_forces(self, rows: slice | IntTable) -> tuple[Array, ...]:
+        """Some stages with accelerations and multipliers, as kernels take them."""
+        parts = self.accelerations[rows], self.multipliers[rows]
         states = self.stages.selected(rows)
-        given = [
-            np.ascontiguousarray(part[rows])
-            for part in (self.accelerations, self.multipliers)
-        ]
-        count, size = len(states.times), self.nv + self.m
-        common = self.kernels, self.system.arrays, self.work, *states.arguments
-        if not is_exact:
-            out = np.zeros((count, self.nz + self.nv, size))
-            batch_evaluation.differentiate_states(
-                *common, *given, self.steps_z, self.steps_v, out
-            )
-            return out
-        tangent = np.zeros((count, 2 * self.nv, size))
-        batch_evaluation.linearise_states(*common, *given, tangent)
-        to_tangent = position_rates(self.system, states.z, states.v).to_tangent
+        return (*states.arguments, *map(np.ascontiguousarray, parts))
+
+    def _differences(self, rows: slice | IntTable, chosen: IntTable) -> Array:
+        """Derivatives by some coordinates, as differences."""
+        given = self._states_with_forces(rows)
+        out = np.zeros((len(given[0]), len(chosen), self.nv + self.m))
+        batch_evaluation.differentiate_states(
+            *(self.kernels, self.system.arrays, self.work),
+            *(*given, chosen, self.steps_z, self.steps_v, out),
+        )
+        return out
+
+    def _known_derivatives(self, rows: slice | IntTable) -> Array:
+        """Derivatives by all coordinates that `linearise` knows."""
+        given = self._states_with_forces(rows)
+        tangent = np.zeros((len(given[0]), 2 * self.nv, self.nv + self.m))
+        batch_evaluation.linearise_states(
+            self.kernels, self.system.arrays, self.work, *given, tangent
+        )
+        to_tangent = position_rates(self.system, given[2], given[3]).to_tangent
         by_position = to_tangent.transpose(0, 2, 1) @ tangent[:, : self.nv]
         return np.concatenate([by_position, tangent[:, self.nv :]], axis=1)
 
-    def _is_complete(self) -> bool:
-        """Whether `linearise` agrees with differences along a random direction."""
-        count = len(self.stages.times)
-        rows = np.unique(np.linspace(0, count - 1, COMPARED_STATES).astype(int))
+    def _rows_between(self, count: int) -> IntTable:
+        """Rows of so many stages."""
+        last = len(self.stages.times) - 1
+        return np.unique(np.linspace(0, last, count).astype(np.int64))
+
+    def _incomplete_coordinates(self) -> IntTable:
+        """Coordinates by which `linearise` leaves something out."""
+        everything = np.arange(self.nz + self.nv)
+        if self._agrees():
+            return everything[:0]
+        rows = self._rows_between(TRIED_STATES)
+        steps = np.concatenate([self.steps_z[: self.nz], self.steps_v])[:, None]
+        exact = self._differences(rows, everything) * steps
+        error = np.abs(self._known_derivatives(rows) * steps - exact).max(axis=0)
+        sizes = self._row_sizes(np.abs(exact).max(axis=(0, 1)))
+        self.differenced = np.flatnonzero((error / sizes).max(axis=1) > COMPLETE / 10)
+        return self.differenced if self._agrees() else everything
+
+    def _row_sizes(self, changes: Array) -> Array:
+        """Sizes of changes of each of (r, g), not far below the others of r or g."""
+        sizes = changes.copy()
+        for part in (slice(0, self.nv), slice(self.nv, None)):
+            largest = changes[part].max(initial=0.0)
+            sizes[part] = np.maximum(changes[part], SMALL_ROW * largest)
+        return np.maximum(sizes, float(np.finfo(float).tiny))
+
+    def _agrees(self) -> bool:
+        """Whether derivatives agree with differences along a random direction."""
+        rows = self._rows_between(COMPARED_STATES)
         random = np.random.default_rng(0)
-        dz = random.standard_normal((len(rows), self.nz)) * self.steps_z
+        dz = random.standard_normal((len(rows), self.nz)) * self.steps_z[: self.nz]
         dv = random.standard_normal((len(rows), self.nv)) * self.steps_v
-        found = self._residual_derivatives(rows, True)
+        found = self._residual_derivatives(rows)
         change = np.einsum("nk,nkr->nr", np.concatenate([dz, dv], axis=1), found)
-        difference, states = np.zeros_like(change), self.stages.selected(rows)
-        a, multipliers = self.accelerations[rows], self.multipliers[rows]
+        difference = np.zeros_like(change)
+        clocks, times, z, v, *forces = self._states_with_forces(rows)
         for point, weight in ((-2, 1), (-1, -8), (1, 8), (2, -1)):
-            out, z = np.zeros_like(change), states.z.copy()
-            z[:, : self.nz] += point * dz
+            out, moved = np.zeros_like(change), z.copy()
+            moved[:, : self.nz] += point * dz
             batch_evaluation.residuals_of_states(
                 *(self.kernels, self.system.arrays, self.work),
-                *(states.clocks, states.times, z, states.v + point * dv),
-                *(a, multipliers, out),
+                *(clocks, times, moved, v + point * dv, *forces, out),
             )
             difference += weight / 12.0 * out
-        size = np.abs(difference).max(axis=1, keepdims=True)
-        error = np.abs(difference - change) / np.maximum(size, 1e-300)
-        return bool(error.max() < COMPLETE)
+        sizes = self._row_sizes(np.abs(difference).max(axis=0))
+        return bool((np.abs(difference - change) / sizes).max() < COMPLETE)
 
     # Steps
 
@@ -340,7 +384,7 @@ class LinearisedRun:
         """Matrices of some steps."""
         s, nz, nv, n = self.s, self.nz, self.nv, steps.stop - steps.start
         rows = self.stage_rows(steps)
-        columns = self._residual_derivatives(rows, self.is_exact)
+        columns = self._residual_derivatives(rows)
         self.solve(rows, columns)
         J = -columns[:, :, :nv].transpose(0, 2, 1).reshape(n, s, nv, nz + nv)
         Jz = np.ascontiguousarray(J[..., :nz])
