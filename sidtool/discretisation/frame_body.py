@@ -57,6 +57,8 @@ _SAME_PLACE = 1e-9
 _PIECES = 12
 _SI = unit_system("SI")
 _DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+#: What is expected of the members of a frame.
+_HELD = "members that hold each other, or fewer releases"
 _NO_STIFFENING = diagnose(
     "N129", limit="offsets of members and springs add no geometric stiffness"
 )
@@ -155,7 +157,7 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
         geometry_mass=lambda: _frame_mass(geometry, members),
     )
     if np.isrealobj(stiffness.data) and np.isrealobj(body.positions):
-        check_mechanism(body, "geometry")
+        check_mechanism(body, "geometry.members", _HELD)
     return body
 
 

@@ -136,6 +136,83 @@ def test_multipliers_are_those_of_floquet(count: int) -> None:
         assert min(abs(x - round(x)) for x in (orders, sums)) < 1e-4
 
 
+def flapping_rotor(speed: float) -> sidtool.Scene:
+    """Three blades with flap hinges in space, on a support that tilts and moves."""
+    bodies: dict[str, Any] = {
+        "support": {"mass": 8.0, "inertia": [0.4, 0.6, 0.5]},
+        "hub": {
+            "mass": 3.0,
+            "inertia": [0.1, 0.1, 0.2],
+            "initial": {"angular_velocity": [0.0, 0.0, speed]},
+            "markers": {},
+        },
+    }
+    joints: dict[str, Any] = {
+        "axle": {"type": "revolute", "markers": ["support", "hub"]}
+    }
+    stiffness = [4e3, 9e3, 2e4, 300.0, 500.0, 1e4]
+    forces: dict[str, Any] = {
+        "base": {
+            "type": "bushing",
+            "markers": ["ground", "support"],
+            "stiffness": stiffness,
+            "damping": [20.0, 20.0, 20.0, 1.0, 1.0, 1.0],
+        }
+    }
+    for k in range(3):
+        angle = 2 * np.pi * k / 3
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        across = np.array([-out[1], out[0], 0.0])
+        turn = [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
+        bodies["hub"]["markers"][f"hinge{k}"] = {
+            "position": (OFFSET * out).tolist(),
+            "quaternion": turn,
+        }
+        bodies[f"blade{k}"] = {
+            "mass": BLADE,
+            "inertia": [0.002, INERTIA, INERTIA],
+            "markers": {"root": {"position": [-ARM, 0.0, 0.0]}},
+            "initial": {
+                "position": ((OFFSET + ARM) * out).tolist(),
+                "quaternion": turn,
+                "velocity": (speed * (OFFSET + ARM) * across).tolist(),
+                "angular_velocity": [0.0, 0.0, speed],
+            },
+        }
+        joints[f"flap{k}"] = {
+            "type": "revolute",
+            "markers": [f"hub.hinge{k}", f"blade{k}.root"],
+            "axis": [0.0, 1.0, 0.0],
+        }
+        forces[f"spring{k}"] = {
+            "type": "spring_damper",
+            "joint": f"flap{k}",
+            "stiffness": 40.0,
+            "damping": 0.2,
+        }
+    motion = {"type": "constant", "value": speed}
+    return sidtool.Scene(
+        dimension="spatial",
+        time={"end": 1.0, "output_step": 0.1},
+        bodies=bodies,
+        joints=joints,
+        forces=forces,
+        drives={"motor": {"joint": "axle", "of": "rate", "function": motion}},
+    )
+
+
+def test_flapping_blades_in_space_have_the_multipliers_of_floquet() -> None:
+    """Cyclic flap couples with the tilt of the support, collective flap with heave."""
+    scene, speed = flapping_rotor(15.0), 15.0
+    found = sidtool.floquet(scene, 2 * np.pi / speed)
+    modes = sidtool.linearise(scene, about="start")
+    assert with_code(modes, "N744")
+    both = np.concatenate([found.multipliers, found.multipliers.conj()])
+    for value in modes.eigenvalues:
+        assert np.abs(both - np.exp(value * found.period)).min() < 1e-6
+    assert len(modes.eigenvalues) == len(found.multipliers) == 9
+
+
 def test_rotors_that_have_no_such_coordinates_are_refused() -> None:
     """Two blades, and three of which one is heavier."""
     heavier = lagging_rotor(18.0, 3, **{"bodies.blade1.mass": 2.2})
