@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -100,6 +100,9 @@ Indices = NDArray[np.int64]
 _ON_LINE, _ON_CURVE = 1e-9, 1e-4
 #: Fractions of the length as near as this are the same.
 _SAME_PLACE = 1e-9
+#: Elements do not end at a marker that is nearer than this to another end, relative to
+#: the length of an element.
+_LEAST_ELEMENT = 0.01
 #: Least number of pieces that pictures draw a beam in.
 _SECTIONS = 48
 
@@ -118,8 +121,13 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     beam, per_length, density = beam_properties(geometry, model.material, shear=shear)
     axis = beam.axis
     cuts = model.section_forces.fractions if model.section_forces else {}
+    named, places = dict(with_places(model.markers)), dict[str, float]()
+    for name, marker in named.items():
+        with name_marker_in_errors(name):
+            places[name] = _marker_fraction(marker, axis)
+    loaded = [*places.values(), *(lump.at for lump in geometry.masses)]
     ends = element_ends(
-        geometry, axis, per_length, settings.elements, list(cuts.values())
+        geometry, axis, per_length, settings.elements, list(cuts.values()), loaded
     )
     n, ndof = len(ends), 6 * len(ends)
     particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
@@ -143,25 +151,22 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         move = (rows.displacement, rows.rotation, dofs)
         particles.add(frames.places[0], lump.mass, tensor, *move)
     markers = []
-    for name, marker in with_places(model.markers):
-        with name_marker_in_errors(name):
-            at = _marker_fraction(marker, axis)
-            rows, dofs = _marker_rows(beam, ends, at)
-            frames = axis.at(np.array([at]))
-            markers.append(
-                MarkerRows(
-                    name=name,
-                    node=marker.node,
-                    position=frames.places[0],
-                    displacement=_without_zeros(rows.displacement, dofs, ndof),
-                    rotation=_without_zeros(rows.rotation, dofs, ndof),
-                    tangent=frames.axes[0, 0],
-                )
+    for name, at in places.items():
+        rows, dofs = _marker_rows(beam, ends, at)
+        frames = axis.at(np.array([at]))
+        markers.append(
+            MarkerRows(
+                name=name,
+                node=named[name].node,
+                position=frames.places[0],
+                displacement=_without_zeros(rows.displacement, dofs, ndof),
+                rotation=_without_zeros(rows.rotation, dofs, ndof),
+                tangent=frames.axes[0, 0],
             )
+        )
     outlines: tuple[BeamOutline, ...] = ()
     if np.isrealobj(matrices):  # a body with an imaginary step has no pictures
         outlines = (_outline(beam, elements, ndof),)
-    places = {name: _marker_fraction(m, axis) for name, m in model.markers.items()}
     return FiniteElementModel(
         positions=axis.at(ends).places,
         scalar_mass=None,
@@ -219,15 +224,24 @@ def element_ends(
     per_length: Profile,
     elements: int,
     cuts: list[float],
+    loaded: Sequence[float] = (),
 ) -> Array:
-    """(n + 1,) fractions between elements. Stations are among them, as the section or
-    its twist has corners there, and cuts for section forces; between two of them
-    elements have equal lengths."""
+    """(n + 1,) fractions between elements.
+
+    Between two places that are ends elements have equal lengths. Such places are
+    stations, as the section or its twist has corners there, cuts for section forces,
+    and places of markers and masses: a force inside of an element stretches and twists
+    it by too little.
+    """
     profiles = [per_length, axis.twist, *_sides(geometry)]
     stations = np.unique(np.concatenate([*(one.edges for one in profiles), cuts]))
     stations = stations[np.append(True, np.diff(stations) > 1e-12)]
+    for at in loaded:
+        inside = 0 < np.real(at) < 1
+        if inside and np.abs(stations - at).min() > _LEAST_ELEMENT / elements:
+            stations = np.sort(np.append(stations, at))
     parts = [
-        np.linspace(a, b, max(1, round(elements * (b - a))), endpoint=False)
+        np.linspace(a, b, max(1, round(elements * (b - a).real)), endpoint=False)
         for a, b in pairwise(stations.tolist())
     ]
     return np.concatenate([*parts, [1.0]])
@@ -299,8 +313,9 @@ def _marker_rows(
     beam: BeamProperties, ends: Array, at: float
 ) -> tuple[ElementRows, Indices]:
     """Return rows at a fraction of the length, and the degrees of freedom there."""
-    i = min(int(np.searchsorted(ends, at.real, side="right")) - 1, len(ends) - 2)
-    place = (at - ends[i]) / (ends[i + 1] - ends[i])
+    i = min(int(np.searchsorted(ends.real, at.real, side="right")) - 1, len(ends) - 2)
+    at_end = at == ends[i + 1]  # a quotient of complex numbers may round to less
+    place = 1.0 if at_end else (at - ends[i]) / (ends[i + 1] - ends[i])
     return BeamElement(beam, ends[i], ends[i + 1]).rows(place), _element_dofs(i)
 
 

@@ -181,6 +181,26 @@ def test_the_height_of_a_beam_along_y_is_in_the_plane() -> None:
     assert_allclose(along_y[[1, 0, 2]], along_x, atol=1e-9)
 
 
+def test_forces_at_a_marker_between_equal_elements() -> None:
+    """Stretch F x / EA and twist T x / GJ: elements end at the marker, though the beam
+    is cut into equal ones else."""
+    data = beam_data({"type": "beam", "elements": 8}, 1)
+    section = {"area": 1e-4, "iy": 1e-9, "iz": 2e-9, "torsion": 3e-9}
+    data["geometry"]["section"] = section | {"shape": "general"}
+    data["markers"]["nut"] = {"node": 9, "parameters": [0.6]}
+    data["reduction"] = {"method": "craig_bampton", "interfaces": ["nut"], "modes": 0}
+    sid = sid_from_model(validate_data(data, ModelFile))
+    nut = next(node for node in sid.nodes if node.id == "9")
+    stretch, twist = (
+        (rows @ np.linalg.solve(sid.Ke.m0, rows.T))[0, 0]
+        for rows in (nut.phi.m0, nut.psi.m0)
+    )
+    x = 0.6 * np.linalg.norm(data["geometry"]["end"])
+    E, nu = (data["material"][key] for key in ("youngs_modulus", "poissons_ratio"))
+    assert stretch == pytest.approx(x / (E * 1e-4), rel=1e-9)
+    assert twist == pytest.approx(x / (E / (2 * (1 + nu)) * 3e-9), rel=1e-9)
+
+
 def test_a_lumped_mass_at_the_tip() -> None:
     """3 EI / L^3 over the tip mass and 33/140 of the beam."""
     heavy = uniform("euler_bernoulli", 10, masses=[{"at": 1.0, "mass": 100.0}])
