@@ -66,6 +66,7 @@ from .joints import (
 from .laws import Expression, ForceFunction, Pid
 from .lookup import LookupTable
 from .outputs import (
+    DISPLACEMENTS,
     FRICTION_QUANTITIES,
     IN_BODY,
     INPUTS,
@@ -114,6 +115,7 @@ __all__ = [
     "Constant",
     "Coupling",
     "Cylindrical",
+    "DISPLACEMENTS",
     "Damping",
     "Distance",
     "Drive",

@@ -66,8 +66,10 @@ MOMENTA = (
     *(f"angular_momentum_{axis}" for axis in "xyz"),
 )
 TURNING = ("angle", "wx", "wy", "wz")
+#: Elastic displacements of a marker, in body axes.
+DISPLACEMENTS = ("ux", "uy", "uz")
 MARKER_QUANTITIES = POINT_QUANTITIES | frozenset(
-    ["ux", "uy", "uz", *STRESSES, *TURNING, *ORIENTATIONS]
+    [*DISPLACEMENTS, *STRESSES, *TURNING, *ORIENTATIONS]
 )
 #: Velocities of a body frame in its own axes end in this.
 IN_BODY = "_body"

@@ -24,6 +24,7 @@ from .connections import (
 from .joints import marker_names
 from .laws import states_of
 from .outputs import (
+    DISPLACEMENTS,
     ELASTIC,
     FRICTION_QUANTITIES,
     IN_BODY,
@@ -57,7 +58,7 @@ _RARE = {
     "planar": ("vx_body", "vy_body", "momentum_x", "momentum_y", "angular_momentum_z"),
 }
 _RARE_OF_MARKER = {"spatial": (*TURNING, *ORIENTATIONS), "planar": _BODY["planar"]}
-_DISPLACEMENT = {"spatial": ("ux", "uy", "uz"), "planar": ("ux", "uy")}
+_DISPLACEMENT = {"spatial": DISPLACEMENTS, "planar": DISPLACEMENTS[:2]}
 
 
 #: Markers and sections of a body in a message.

@@ -21,6 +21,7 @@ from .common import (
     print_result,
     print_warnings,
     read_scene_with_changes,
+    rigid_option,
 )
 
 if TYPE_CHECKING:
@@ -66,12 +67,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Take another SID for a body; may be given several times.",
 )
-@click.option(
-    "--rigid",
-    metavar="BODY",
-    multiple=True,
-    help="Take a body with a SID as rigid; may be given several times.",
-)
+@rigid_option
 @click.option(
     "--integrator", help="radau5, radau9 or radau13; default as in the scene."
 )

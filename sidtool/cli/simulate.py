@@ -30,6 +30,7 @@ from .common import (
     print_warnings,
     read_scene_with_changes,
     result_target,
+    rigid_option,
 )
 
 if TYPE_CHECKING:
@@ -86,13 +87,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Use another SID for a body; may be given several times.",
 )
-@click.option(
-    "--rigid",
-    "rigid",
-    metavar="BODY",
-    multiple=True,
-    help="Take a body with a SID as rigid; may be given several times.",
-)
+@rigid_option
 @click.option(
     "--input",
     "inputs",

@@ -1,5 +1,6 @@
 """Data of the bodies of a scene: SID, markers and elastic coordinates of each body."""
 
+import fnmatch
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from sidtool.formats.base.sid import (
 )
 from sidtool.formats.motion_kinds import named_by_kind
 from sidtool.formats.scene import (
+    DISPLACEMENTS,
     KIND,
     Body,
     ElasticInitial,
@@ -96,12 +98,15 @@ def elastic_outputs(scene: SceneFile) -> list[str]:
     """Outputs that only the flexibility of rigid bodies would give."""
     names = []
     for text in scene.outputs.record:
-        if has_wildcard(text):
+        if has_wildcard("." + text.rpartition(".")[2]):
             continue
         name = parse_output(text)
         elastic = is_elastic(name.quantity) or is_stress(name.quantity)
         elastic = elastic or is_section_force(name)
-        if elastic and is_taken_as_rigid(scene, name.owner):
+        # That of one marker is zero; patterns find those of flexible bodies.
+        elastic = elastic or (has_wildcard(text) and name.quantity in DISPLACEMENTS)
+        owners = fnmatch.filter(scene.bodies, name.owner)
+        if elastic and owners and all(is_taken_as_rigid(scene, n) for n in owners):
             names.append(text)
     return names
 

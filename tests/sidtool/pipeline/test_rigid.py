@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 import sidtool
+from sidtool.cli.main import run
 from sidtool.cli.simulate import simulate as command
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid_files import read_sid
@@ -41,6 +42,27 @@ def with_numbers() -> SceneFile:
     record = [t for t in scene.outputs.record if not t.startswith("rod.q")]
     content["outputs"]["record"] = record
     return SceneFile.model_validate(content)
+
+
+def test_patterns_of_elastic_outputs_are_left_out_of_rigid_bodies() -> None:
+    """As exact names are; of what stands for other bodies, too, the rest remains."""
+    record = ["piston.x", "*od.q1", "rod.*.uy", "r*d.*.ux"]
+    scene = read_scene(SCENE).with_({"outputs.record": record})
+    rigid = sidtool.simulate(scene, rigid=["rod"], base_folder=SLIDER_CRANK)
+    assert rigid.names == ("piston.x",)
+    assert "rod.*.uy" in str(only(rigid, "N240"))
+    flexible = sidtool.simulate(scene, base_folder=SLIDER_CRANK)
+    assert {"rod.q1", "rod.piston_pin.ux"} <= set(flexible.names)
+
+
+def test_rigid_takes_bodies_separated_by_commas(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["simulate", str(SCENE), "-o", str(tmp_path / "r.h5"), "--rigid"]
+    assert run([*command, "rod,crank"]) == 2
+    assert "'crank'" in capsys.readouterr().err
+    assert run([*command, "rod,"]) == 0
+    assert only(sidtool.read(tmp_path / "r.h5"), "N240").subject == "rod"
 
 
 def test_a_rigid_rod_moves_like_one_given_by_numbers() -> None:
