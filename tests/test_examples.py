@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.interpolate import BSpline
 from scipy.linalg import eigh
 
@@ -23,7 +24,15 @@ from .commands import blocks, run_page
 
 FOLDERS = sorted(path.name for path in EXAMPLES.iterdir() if path.is_dir())
 FILES = sorted(EXAMPLES.glob("*/*.toml")) + sorted(EXAMPLES.glob("*/rod_*.SID_FEM"))
-OWN = ("*.toml", "*.md", "*.py", "*.png", "*_stations.csv", "rod_*.SID_FEM")
+OWN = (
+    "*.toml",
+    "*.md",
+    "*.py",
+    "*.png",
+    "*_stations.csv",
+    "*_table.csv",
+    "rod_*.SID_FEM",
+)
 
 
 @pytest.fixture(scope="session")
@@ -82,9 +91,9 @@ def test_models_convert_to_sids_without_errors(ran, path: Path) -> None:
     folder = ran(path.parent.name)
     created = {sid.stem: sid for sid in folder.glob("*.SID_FEM")}
     sid = created.get(path.stem) or sidtool.convert(path)
-    checks = sidtool.validate(sid)
-    expected = ["I12"] if path.stem in ("rod_beam", "shaft", "crane") else []
-    assert [c.id for c in checks if c.failed] == expected
+    failed = {c.id for c in sidtool.validate(sid) if c.failed}
+    of_beam = sidtool.Model.load(path).discretisation.type == "beam"
+    assert failed <= ({"I12"} if of_beam else set())
 
 
 def test_the_bar_deflects_and_vibrates_by_beam_theory(ran) -> None:
@@ -160,6 +169,199 @@ def test_the_rocker_turns_back_where_crank_and_coupler_are_in_line(ran) -> None:
     assert len(times) == 6 and np.allclose(times, others, atol=1e-8)
     assert result.t[-1] == pytest.approx(0.25 + 6 * np.pi / 20, abs=1e-9)
     assert 1e-5 < np.abs(result["coupler.middle.uy"]).max() < 1e-3
+
+
+def test_the_geared_shafts_twist_as_three_inertias_on_two_springs(ran) -> None:
+    """Linear twist between the ends of the shafts, all seen from the motor."""
+    scene = ran("gear_train") / "scene.toml"
+    polar = np.pi * 0.016**4 / 32
+    k, J = 2.1e11 / 2.6 * polar / 0.4, 7850 * polar * 0.4
+    ends = np.array([[1 / 3, 1 / 6], [1 / 6, 1 / 3]]) * J
+    M, K = np.diag([0.002, 1e-4 + 0.008 / 9, 0.2 / 9]), np.zeros((3, 3))
+    for first, share in ((0, 1.0), (1, 1 / 9)):
+        M[first : first + 2, first : first + 2] += share * ends
+        K[first : first + 2, first : first + 2] += (
+            share * k * np.array([[1, -1], [-1, 1]])
+        )
+    hertz = np.sqrt(eigh(K, M, eigvals_only=True)[1:]) / (2 * np.pi)
+    modes = np.sort(sidtool.linearise(scene).frequencies)
+    assert modes[modes > 1.0][:2] == pytest.approx(hertz, rel=1e-6)
+    result = result_of(ran("gear_train"))
+    mean = 10.0 / M.sum() * (0.2 - 0.0005)
+    assert result["motor_bearing.angle_rate"][-1] == pytest.approx(mean, rel=0.2)
+    assert np.allclose(
+        result["load_bearing.angle"][-1],
+        -result["motor_bearing.angle"][-1] / 3,
+        rtol=0.02,
+    )
+
+
+def test_the_cam_loads_the_tappet_as_a_rigid_valve_train_does(ran) -> None:
+    """Force of the spring and of 0.38 kg, within the vibration of the rocker arm."""
+    folder = ran("valve_train")
+    result = result_of(folder)
+    angle = np.clip(np.abs(150.0 * result.t - 2.0) / np.radians(60.0), 0, 1)
+    s = 1 - angle
+    lift = 8e-3 * s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3)
+    bend = 8e-3 * (420 * s**2 - 1680 * s**3 + 2100 * s**4 - 840 * s**5)
+    rate = 150.0 / np.radians(60.0)
+    rocker = 7850 * 0.014 * 0.012 * 0.075 * (0.075**2 / 12 + 0.0075**2) / 0.03**2
+    mass = 0.12 + 1.5**2 * 0.09 + rocker
+    rigid = 1.5 * (250.0 + 25000.0 * 1.5 * lift) + mass * bend * rate**2
+    force = result["cam.force"]
+    assert force[0] == pytest.approx(rigid[0], rel=0.006)
+    assert np.sqrt(np.mean((force - rigid) ** 2)) < 0.05 * rigid.max()
+    assert force.min() > 0.0
+    assert sidtool.read(folder / "flying.h5")["cam.force"].min() == 0.0
+
+
+def test_the_press_takes_the_work_of_forming_from_its_flywheel(ran) -> None:
+    """452 J: a rise over 1 mm and a line over 19 mm; and what the guides rub off."""
+    result = result_of(ran("press"))
+    lowest = 10.0 + 0.019 * (2e4 + 1e4 * 0.019 / 0.029 / 2)
+    first = result.t < 0.4
+    assert -result["energy.supplied"][first][-1] == pytest.approx(lowest, rel=2e-3)
+    rubbed = np.trapezoid(
+        np.abs(result["guide.friction"] * result["slide.vy"]), result.t
+    )
+    assert result["energy.dissipated"][-1] == pytest.approx(rubbed, rel=0.02)
+    balance = result["energy.balance"]
+    assert np.ptp(balance) < 1e-6 * balance[0]
+    turns = [event.t for event in result.events if event.kind == "slip"]
+    speeds = np.interp(turns, result.t, result["slide.vy"])
+    assert len(turns) == 2 and np.abs(speeds).max() < 7e-3
+
+
+def test_the_feed_axis_follows_and_gives_way_as_its_stiffnesses_say(ran) -> None:
+    """Following error v / Kp; stretch, twist and controller under the cutting force."""
+    result = result_of(ran("feed_axis"))
+    t, x = result.t, result["table.x"] - 0.6
+    behind = 0.2 * 0.49 - np.interp(0.49, t, x)
+    assert behind == pytest.approx(0.2 / 40, rel=1e-6)
+    area, polar, E = np.pi * 0.032**2 / 4, np.pi * 0.032**4 / 32, 2.1e11
+    lead = 0.01 / (2 * np.pi)
+    flexibility = 0.6 / (E * area) + lead**2 * (0.6 / (E / 2.6 * polar) + 1 / 320)
+    assert np.interp(0.89, t, x) - x[-1] == pytest.approx(2000 * flexibility, rel=1e-4)
+    assert result["controller.torque"][-1] == pytest.approx(2000 * lead, rel=1e-5)
+
+
+def test_the_rotor_runs_up_as_jeffcotts(ran) -> None:
+    """A mass on two springs that turns; 17/35 of the shaft go with the disc."""
+    result = result_of(ran("run_up"))
+    m, e, c = 10.0, 1e-4, 60.0
+    shaft, stiffness = (
+        7850 * np.pi * 1e-4 * 0.6,
+        48 * 2.1e11 * np.pi / 4 * 1e-8 / 0.6**3,
+    )
+    M, J = m + 17 / 35 * shaft, 0.05 + shaft * 1e-4 / 2
+
+    def rates(t: float, state: np.ndarray) -> np.ndarray:
+        y, z, angle, vy, vz, w = state
+        cos, sin = m * e * np.cos(angle), m * e * np.sin(angle)
+        mass = np.array([[M, 0, -sin], [0, M, cos], [-sin, cos, J + m * e**2]])
+        force = [
+            cos * w**2 - stiffness * y - c * vy,
+            sin * w**2 - stiffness * z - c * vz,
+            4,
+        ]
+        return np.array([vy, vz, w, *np.linalg.solve(mass, force)])
+
+    way = solve_ivp(
+        rates, (0, 3), np.zeros(6), "DOP853", result.t, rtol=1e-8, atol=1e-11
+    ).y
+    whirl = np.hypot(result["disc.y"], result["disc.z"])
+    expected = np.hypot(way[0], way[1])
+    assert whirl.max() == pytest.approx(expected.max(), rel=0.005)
+    assert result.t[whirl.argmax()] == pytest.approx(
+        result.t[expected.argmax()], abs=0.01
+    )
+    assert result["disc.wx"][-1] == pytest.approx(way[5, -1], rel=1e-4)
+
+
+def test_the_load_of_a_rigid_crane_is_a_spherical_pendulum(ran) -> None:
+    """d.(a - support) + v.v = 0 with a = g + s d; shaping leaves less than half."""
+    folder = ran("slewing_crane")
+
+    def support(t: float) -> np.ndarray:
+        s = min(t / 10, 1.0)
+        angle = np.pi / 2 * s**3 * (10 - 15 * s + 6 * s**2)
+        rate = np.pi / 2 * (30 * s**2 - 60 * s**3 + 30 * s**4) / 10
+        gain = np.pi / 2 * (60 * s - 180 * s**2 + 120 * s**3) / 100
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        on = np.array([-np.sin(angle), np.cos(angle), 0.0])
+        rest = np.array([0.0, 0.0, 15.0])
+        return np.stack(
+            [20 * out + rest, 20 * rate * on, 20 * (gain * on - rate**2 * out)]
+        )
+
+    def rates(t: float, state: np.ndarray) -> np.ndarray:
+        place, speed, gain = support(t)
+        d, v, g = state[:3] - place, state[3:] - speed, np.array([0.0, 0.0, -9.81])
+        return np.concatenate([state[3:], g - (v @ v + d @ (g - gain)) / (d @ d) * d])
+
+    rigid = sidtool.read(folder / "rigid.h5")
+    start = [20.0, 0.0, 9.0, 0.0, 0.0, 0.0]
+    way = solve_ivp(rates, (0, 25), start, "DOP853", rigid.t, rtol=1e-9, atol=1e-9).y
+    found = np.stack([rigid[f"load.{axis}"] for axis in "xyz"])
+    assert np.abs(found - way[:3]).max() < 1e-5
+    swing = {}
+    for name in ("result", "shaped", "rigid"):
+        run = sidtool.read(folder / f"{name}.h5")
+        distance = [run[f"load.{axis}"] - run[f"jib.tip.{axis}"] for axis in "xy"]
+        swing[name] = np.hypot(*distance)[run.t > 14.0].max()
+    assert swing["result"] == pytest.approx(swing["rigid"], rel=0.05)
+    assert swing["shaped"] < 0.4 * swing["result"]
+
+
+def test_the_axle_carries_the_van_and_bends_between_its_springs(ran) -> None:
+    result = result_of(ran("vehicle_axle"))
+    area = np.pi / 4 * (0.07**2 - 0.058**2)
+    line, inertia = 7850 * area * 9.81, np.pi / 64 * (0.07**4 - 0.058**4)
+    weight = 750.0 * 9.81 + 1.6 * line
+    assert result["left_tyre.fy"][0] == pytest.approx(weight / 2, rel=1e-3)
+    wheel = weight / 2 - 25.0 * 9.81
+    at_spring = 0.3 * wheel - line * 0.3**2 / 2
+    middle = 0.8 * wheel - line * 0.8**2 / 2 - 0.5 * 700.0 * 9.81 / 2
+    peak = max(at_spring, middle) * 0.035 / inertia
+    assert result["axle.peak_von_mises"][0] == pytest.approx(peak, rel=0.005)
+    assert result["left_tyre.fy"].min() == 0.0 < result["right_tyre.fy"].min()
+
+
+def test_the_mast_answers_the_wind_as_den_hartogs_damper(ran) -> None:
+    """Both peaks are sqrt(1 + 2 / mu) static deflections; the mast has more modes."""
+    folder = ran("tuned_damper")
+    inertia = np.pi / 64 * (0.2**4 - 0.188**4)
+    height = np.sqrt(1 + 2 / 0.05) / (3 * 2.1e11 * inertia / 12.0**3)
+    table = np.loadtxt(folder / "response.csv", delimiter=",", skiprows=1)
+    low = table[table[:, 0] < 2.0]
+    size = low[:, 1]
+    peaks = size[1:-1][(size[1:-1] > size[:-2]) & (size[1:-1] > size[2:])]
+    assert peaks == pytest.approx([height, height], rel=0.02)
+    bare, damped = (
+        sidtool.read(folder / f"{n}.h5")["head.x"] for n in ("bare", "result")
+    )
+    assert np.abs(damped[-200:]).max() < 0.05 * np.abs(bare[-200:]).max()
+
+
+def test_the_platform_of_the_delta_robot_is_where_three_spheres_meet(ran) -> None:
+    folder = ran("delta_robot")
+    rigid, result = sidtool.read(folder / "rigid.h5"), result_of(folder)
+    out = np.radians([0.0, 120.0, 240.0])
+    for k in range(0, len(rigid.t), 100):
+        angle = np.array([rigid[f"motor{i}.angle"][k] for i in (1, 2, 3)])
+        reach = 0.2 - 0.05 + 0.3 * np.cos(angle)
+        centres = np.column_stack(
+            [reach * np.cos(out), reach * np.sin(out), -0.3 * np.sin(angle)]
+        )
+        place = np.array([rigid[f"platform.{axis}"][k] for axis in "xyz"])
+        distances = np.linalg.norm(place - centres, axis=1)
+        assert distances == pytest.approx(0.8, abs=1e-8)  # digits of the scene
+        assert place[2] < centres[:, 2].min()
+    for axis in "xyz":
+        assert np.abs(rigid[f"platform.rotation_{axis}"]).max() < 1e-8
+        difference = np.abs(result[f"platform.{axis}"] - rigid[f"platform.{axis}"])
+        assert difference.max() < 2e-3
+    assert 1e-4 < np.abs(result["arm1.elbow.uz"]).max() < 1e-3
 
 
 def test_the_motor_torque_balances_gravity(ran) -> None:

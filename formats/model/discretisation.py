@@ -98,8 +98,9 @@ class BeamDiscretisation(Table):
 
     Attributes
     ----------
-    elements : along the beam, of equal length between stations of its section or twist,
-        which lie between two elements; of a frame along each member
+    elements : along the beam, of equal length between places at which elements end:
+        stations of its section or twist, markers, lumped masses and section forces. Of
+        a frame: along each member
     theory : without or with deformation by shear
     mass : consistent (that of the displacement field and the turning cross-sections) or
         lumped (half of an element as a rigid piece that each of its nodes carries, with

@@ -29,10 +29,26 @@ EXAMPLE_TITLES = {
     "rotor": "a disc on a flexible shaft, and its critical speeds",
     "satellite": "a free body with two panels and a reaction wheel",
     "four_bar": "a linkage with a flexible coupler, and events",
+    "gear_train": "a motor, two shafts, a gear and a load in torsion",
+    "valve_train": "a cam from a table, a rocker arm and a valve",
+    "press": "a flywheel, a slide with dry friction, a part that is formed",
+    "feed_axis": "a table on a ball screw, with its controller",
+    "run_up": "a rotor with an unbalance through its critical speed",
+    "delta_robot": "three flexible arms and six rods move a platform",
+    "slewing_crane": "a turning jib with a load on a rope",
+    "vehicle_axle": "an axle with springs and tyres on a road from a file",
+    "tuned_damper": "a mast with a tuned mass damper in the wind",
     "controlled_arm": "an arm that a PID controller lifts",
 }
 #: Files of an example that are copied; commands create all others.
-_COPIED_FILES = ("*.toml", "*.py", "*.md", "*_stations.csv", "rod_*.SID_FEM")
+_COPIED_FILES = (
+    "*.toml",
+    "*.py",
+    "*.md",
+    "*_stations.csv",
+    "*_table.csv",
+    "rod_*.SID_FEM",
+)
 _PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 #: Folders of examples: in an installed package, and in a clone.
 _EXAMPLES = (_PACKAGE_FOLDER / "examples", _PACKAGE_FOLDER.parent / "examples")
