@@ -194,7 +194,9 @@ def _members(
         cut = asked is not None and (asked.members is None or name in asked.members)
         cuts = list(asked.fractions.values()) if asked and cut else []
         count = given.elements or settings.elements
-        ends = element_ends(own, beam.axis, per_length, count, cuts)
+        own_markers = (m.at for m in model.markers.values() if m.member == name)
+        loaded = [at for at in own_markers if not isinstance(at, str | tuple | None)]
+        ends = element_ends(own, beam.axis, per_length, count, cuts, loaded)
         inner = range(next_label, next_label + len(ends) - 2)
         next_label += len(inner)
         nodes = (labels[given.start], *inner, labels[given.end])

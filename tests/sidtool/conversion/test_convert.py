@@ -38,11 +38,12 @@ def sid(request: pytest.FixtureRequest) -> SID:
 
 
 def test_every_frontend_is_tested_here() -> None:
-    """Geometries of files have their own tests: of imports and of patches."""
+    """Geometries of files and frames have their own tests."""
     own = {("nurbs", settings["type"]) for settings in DISCRETISATIONS.values()}
-    of_files = {("patches", "iga"), ("mesh", "mesh"), ("matrices", "matrices")}
+    others = {("patches", "iga"), ("mesh", "mesh"), ("matrices", "matrices")}
+    others |= {("frame", "beam")}
     spatial = {(m.geometry.type, m.discretisation.type) for m in SPATIAL.values()}
-    assert own | of_files | spatial == set(DISCRETISERS)
+    assert own | others | spatial == set(DISCRETISERS)
 
 
 @pytest.mark.parametrize("name", SPATIAL)
