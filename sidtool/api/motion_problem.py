@@ -404,8 +404,7 @@ class Point:
                 continue
             if progress is not None:
                 progress(self.problem.variables[k].name, k, len(self.x))
-            if not reason and isinstance(one, StructureChange):
-                reason = one.reason
+            reason = reason or str(one)
             try:
                 found[k] = self.difference(k, good)
             except (StructureChange, InputError, SimulationError) as why:

@@ -143,7 +143,8 @@ class Sensitivities:
             parts.append("")
         cost = ""
         if self.runs:
-            cost = f"{self.runs} runs, {self.runs_per_variable:.1f} per variable, "
+            runs = "1 run" if self.runs == 1 else f"{self.runs} runs"
+            cost = f"{runs}, {self.runs_per_variable:.1f} per variable, "
         if self.methods:
             reason = f" ({self.reason})" if self.reason else ""
             cost = f"{self.method}{reason}, {cost}"

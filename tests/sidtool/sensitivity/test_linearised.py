@@ -279,3 +279,16 @@ def test_a_screw(method: str) -> None:
     ]
     assert found.values[0] == pytest.approx(z, rel=1e-9)
     assert found.derivatives[0] == pytest.approx(z * np.array(shares), rel=1e-8)
+
+
+@pytest.mark.parametrize("method", ["adjoint", "direct"])
+def test_a_static_start(method: str) -> None:
+    """A mass that rests on a spring, x = rest + m g / k, for all time."""
+    rest = {"gravity": [3.0, 0.0], "initial.state": "static"}
+    rest["block.initial.velocity"] = [0.0, 0.0]
+    scene = radau(scenes.oscillator(), **rest)
+    keys = ["block.mass", "spring.stiffness", "spring.rest", "gravity[0]"]
+    found = sidtool.sensitivity(scene, keys, "final(block.x)", method=method)
+    exact = [3.0 / 50.0, -6.0 / 50.0**2, 1.0, 2.0 / 50.0]
+    assert found.values[0] == pytest.approx(0.4 + 6.0 / 50.0, rel=1e-9)
+    assert found.derivatives[0] == pytest.approx(exact, rel=1e-8)
