@@ -63,7 +63,8 @@ def result_of(folder: Path) -> Result:
 @pytest.mark.parametrize("name", FOLDERS)
 def test_the_commands_run_and_leave_no_tracked_file_changed(ran, name: str) -> None:
     folder = ran(name)
-    rules = (EXAMPLES / ".gitignore").read_text(encoding="utf-8").split("\n")
+    text = (EXAMPLES / ".gitignore").read_text(encoding="utf-8")
+    rules = [rule.rstrip("/") for rule in text.split("\n")]
     for path in folder.iterdir():
         own = EXAMPLES / name / path.name
         if any(fnmatch.fnmatch(path.name, pattern) for pattern in OWN) and own.exists():
