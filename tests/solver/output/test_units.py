@@ -53,6 +53,10 @@ EXPECTED = {
     r"power": "W",
     r"v?q\d+": "",
     r"sigma_\w\w|von_mises|peak_von_mises": "Pa",
+    r"N|V[yz]": "N",
+    r"T|M[yz]": "N m",
+    r"inputs\.wind": "N",
+    r"inputs\.(left|right)": "m",
 }
 #: Of single outputs, as the text of the example says.
 SINGLE = {
