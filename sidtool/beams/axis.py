@@ -98,13 +98,11 @@ class Axis:
             parameter = self.parameters(np.array([best]))
             tangent, change = self.tangents(parameter)
             arm = self.place(parameter) - point
-            slope = 1 + (arm * change).sum()
+            slope: Any = 1 + (arm * change).sum()
             slope = slope if slope.real > 0.1 else 0.1
             after = best - (arm * tangent).sum() / self.length / slope
-            best, former = (
-                after if 0 < after.real < 1 else np.clip(after.real, 0, 1),
-                best,
-            )
+            former = best
+            best = after if 0 < after.real < 1 else np.clip(after.real, 0, 1)
             if abs(best - former) < 1e-15:
                 break
         place = self.place(self.parameters(np.array([best])))

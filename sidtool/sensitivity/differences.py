@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
@@ -129,7 +130,7 @@ def differentiate(
     return Difference(derivatives, errors, runs, float(kinds[np.argmax(counts)]))
 
 
-def _best(trials: Sequence[_Trial]) -> tuple[Array, Array, Array]:
+def _best(trials: Sequence[_Trial]) -> tuple[Array, Array, NDArray[np.intp]]:
     """Derivatives with the least errors, these errors, the numbers of their trials."""
     steps = np.array([trial.step for trial in trials])
     own = np.array([trial.errors for trial in trials])

@@ -120,7 +120,9 @@ def _contains(intervals: list[tuple[int, int]], k: int) -> bool:
 def _is_graded(lengths: Array, least: float) -> bool:
     """True if pieces become longer, and none before that as short as the least."""
     long = np.flatnonzero(lengths >= GRADING * least)
-    return bool(len(long)) and lengths[: long[0]].min(initial=np.inf) > 2.0 * least
+    if not len(long):
+        return False
+    return bool(lengths[: long[0]].min(initial=np.inf) > 2.0 * least)
 
 
 def _kink_time(series: ChebyshevSeries, first: int, last: int) -> float:

@@ -281,7 +281,7 @@ class _Period:
         found = []
         for first, second in ((resting, inertial), (turning, resting)):
             chosen = np.zeros(len(exponents))
-            size = 0.0
+            size = np.zeros(len(exponents))
             for parts in (second, first):
                 if not parts:
                     continue
