@@ -10,6 +10,7 @@ turn only. What is left is a system of s n_velocities equations for each step, s
 for all columns at once.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import Array
 
+from ..dynamics import control_laws as laws
 from ..dynamics.equations_of_motion import kernel_pointers
 from ..integrators import batch_evaluation
 from ..integrators.radau_stages import radau_tableau
@@ -31,8 +33,9 @@ from .position_rates import position_rates
 
 #: Stages of the methods whose runs can be linearised.
 STAGES = {"radau5": 3, "radau9": 5, "radau13": 7}
-#: Steps of differences by coordinates, relative to their sizes.
-PERTURBATION = 1e-4
+#: Steps of differences by coordinates, relative to their sizes: less than a stiff
+#: contact gives way. The check of derivatives takes another step, this part of it.
+PERTURBATION, CHECK_STEP = 1e-6, 0.1
 #: Derivatives of `linearise` count as complete when a difference along a random change
 #: of the state agrees with them to this part; and states that are compared.
 COMPLETE, COMPARED_STATES = 1e-7, 40
@@ -41,6 +44,21 @@ COMPLETE, COMPARED_STATES = 1e-7, 40
 TRIED_STATES, SMALL_ROW = 10, 1e-6
 #: Numbers in the matrices of the steps that are treated together.
 BLOCK_NUMBERS = 4_000_000
+
+
+#: Instructions of laws whose value or slope may jump; terms of smooth tables.
+_WITH_CORNERS = frozenset(
+    (
+        laws.MINIMUM,
+        laws.MAXIMUM,
+        laws.ABS,
+        laws.SIGN,
+        laws.LOOKUP_GRID,
+        laws.CALL,
+        laws.CALL_GIVEN,
+    )
+)
+_CUBIC = 4
 
 
 class NotLinearisable(Exception):
@@ -344,8 +362,9 @@ class LinearisedRun:
         """Whether derivatives agree with differences along a random direction."""
         rows = self._rows_between(COMPARED_STATES)
         random = np.random.default_rng(0)
-        dz = random.standard_normal((len(rows), self.nz)) * self.steps_z[: self.nz]
-        dv = random.standard_normal((len(rows), self.nv)) * self.steps_v
+        steps_z, steps_v = CHECK_STEP * self.steps_z, CHECK_STEP * self.steps_v
+        dz = random.standard_normal((len(rows), self.nz)) * steps_z[: self.nz]
+        dv = random.standard_normal((len(rows), self.nv)) * steps_v
         found = self._residual_derivatives(rows)
         change = np.einsum("nk,nkr->nr", np.concatenate([dz, dv], axis=1), found)
         difference = np.zeros_like(change)
@@ -464,6 +483,9 @@ def check_linearisable(motion: Motion, grid: Grid) -> None:
         "energies": motion.energies is not None,
         "a corner of a force that steps may pass": _has_passed_corners(motion, grid),
         "sampled control laws": any(force.sample_period for force in system.forces),
+        "a formula with corners": any(
+            _may_have_corners(force.code, system) for force in system.forces
+        ),
     }
     for reason, is_there in problems.items():
         if is_there:
@@ -472,10 +494,21 @@ def check_linearisable(motion: Motion, grid: Grid) -> None:
 
 def _has_passed_corners(motion: Motion, grid: Grid) -> bool:
     """Whether steps may pass corners of forces: fixed ones, or those over a rate."""
-    laws = [force.law for force in motion.system.forces]
-    over_rate = any(len(law.rate_features().corners) for law in laws)
-    is_fixed = grid.settings.step is not None
-    return over_rate or (is_fixed and any(len(law.features().corners) for law in laws))
+    own_laws = [force.law for force in motion.system.forces]
+    over_rate = any(len(law.rate_features().corners) for law in own_laws)
+    passed = any(len(law.features().corners) for law in own_laws)
+    return over_rate or (grid.settings.step is not None and passed)
+
+
+def _may_have_corners(code: Sequence[float], system: System) -> bool:
+    """Whether a law has a function that is not smooth, a limit, a table without a
+    smooth curve, or a function of a program."""
+    instructions = np.array(code[laws.HEADER_SIZE :]).reshape(-1, laws.INSTRUCTION_SIZE)
+    return any(
+        kind in _WITH_CORNERS
+        or (kind == laws.LOOKUP and system.arrays.drive[row, at.D_TERMS] < _CUBIC)
+        for kind, row in instructions[:, :2].astype(np.int64).tolist()
+    )
 
 
 def lagrange_matrix(nodes: Array, at: Array) -> Array:

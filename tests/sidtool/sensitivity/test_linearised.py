@@ -292,3 +292,86 @@ def test_a_static_start(method: str) -> None:
     exact = [3.0 / 50.0, -6.0 / 50.0**2, 1.0, 2.0 / 50.0]
     assert found.values[0] == pytest.approx(0.4 + 6.0 / 50.0, rel=1e-9)
     assert found.derivatives[0] == pytest.approx(exact, rel=1e-8)
+
+
+@pytest.mark.parametrize("method", ["adjoint", "direct"])
+def test_a_stiff_contact_that_is_never_lost(method: str) -> None:
+    """It gives way by 20 um, a metre from the origin: differences of coordinates stay
+    within the contact. A mass on a spring, pushed by F sin(w t).
+    """
+    k, w, F, end = 1e6, 500.0, 5.0, 0.3
+    table = {"deflection": [-1e-3, 0.0, 1.0], "force": [-k * 1e-3, 0.0, 0.0]}
+    push = {"type": "force", "marker": "block", "force": [0.0, -1.0]}
+    harmonic = {"type": "harmonic", "amplitude": F, "angular_frequency": w}
+    scene = scenes.scene(
+        gravity=[0.0, -G],
+        time={"end": end, "output_step": 0.1},
+        accuracy={"rtol": 1e-9},
+        initial={"state": "static"},
+        bodies={
+            "block": {"mass": 2.0, "inertia": 0.1, "initial": {"position": [0.0, 1.0]}}
+        },
+        joints={
+            "guide": {
+                "type": "prismatic",
+                "markers": ["ground", "block"],
+                "axis": [0.0, 1.0],
+            }
+        },
+        forces={
+            "contact": {
+                "type": "spring_damper",
+                "joint": "guide",
+                "rest": 1.0,
+                "table": table,
+            },
+            "push": push | {"function": harmonic},
+        },
+    )
+
+    def force(m: complex) -> complex:
+        own = np.sqrt(k / m)
+        x = -F / m / (own**2 - w**2) * (np.sin(w * end) - w / own * np.sin(own * end))
+        return m * G - k * x
+
+    of = "final(contact.force)"
+    found = sidtool.sensitivity(radau(scene), ["block.mass"], of, method=method)
+    assert found.values[0] == pytest.approx(force(2.0), rel=1e-6)
+    assert found.derivatives[0, 0] == pytest.approx(
+        np.imag(force(2.0 + 1e-20j)) / 1e-20, rel=1e-5
+    )
+    assert set(found.methods.values()) == {method}
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "sign(block.x + 9)",
+        "-clip(20*block.x, -3, 3)",
+        "-abs(block.x)",
+        "lookup(k, block.x)",
+        "max(1 - block.x, 0)",
+    ],
+)
+def test_formulas_with_corners_take_differences(value: str) -> None:
+    scene = radau(
+        scenes.oscillator(),
+        tables={"k": {"x": [-1.0, 0.0, 1.0], "values": [0.0, 1.0, 0.0]}},
+        **{
+            "forces.law": {
+                "type": "actuator",
+                "joint": "guide",
+                "function": {"type": "expression", "value": value},
+            }
+        },
+    )
+    with pytest.raises(sidtool.InputError, match="a formula with corners"):
+        sidtool.sensitivity(scene, ["block.mass"], "final(block.x)", method="direct")
+    smooth = scene.with_(
+        {
+            "tables.k.interpolation": "smooth",
+            "forces.law.function.value": "lookup(k, block.x)",
+        }
+    )
+    found = sidtool.sensitivity(smooth, ["block.mass"], "final(block.x)")
+    assert set(found.methods.values()) == {"direct"}
