@@ -18,7 +18,7 @@ POINTS, WEIGHTS = (-2.0, -1.0, 1.0, 2.0), (1 / 12, -8 / 12, 8 / 12, -1 / 12)
 NEGLIGIBLE = 1e-14
 #: States that are evaluated together.
 STATES_AT_ONCE = 10_000
-#: Times at which it is asked which coordinates an output depends on.
+#: Number of times at which the coordinates are sought that an output depends on.
 ASKED_TIMES = 7
 
 
@@ -114,8 +114,8 @@ def _output_derivatives(
     for first in range(0, len(columns), width):
         group = columns[first : first + width]
         changes = np.zeros((len(group), len(POINTS), 1, len(steps)))
-        for place, k in enumerate(group):
-            changes[place, :, 0, k] = np.multiply(POINTS, steps[k])
+        for index, k in enumerate(group):
+            changes[index, :, 0, k] = np.multiply(POINTS, steps[k])
         shape = len(group) * len(POINTS) * n, -1
         moved_z = np.tile(z, (len(group), len(POINTS), 1, 1))
         moved_z[..., :nz] += changes[..., :nz]

@@ -7,9 +7,8 @@ coordinates, each in the axes of its body, are sums of harmonics over the azimut
 
 with n = N / 2 for even N, which alternates and is not rotated. The a_n are seen from
 axes that do not turn: on supports that differ by direction the equations of a rotor of
-three or more blades are constant in them. At t = 0 they are the x_k in other words, so
-that only their rates differ: x' = a' - W G x with the generator G, which mixes the
-bodies.
+three or more blades are constant in them. At t = 0 they are equivalent to the x_k, and
+only their rates differ: x' = a' - W G x with the generator G, which mixes the bodies.
 
 References
 ----------

@@ -95,6 +95,13 @@ class RadauStages(Table):
 STAGES = TableType(RadauStages)
 
 
+def collocation_matrix(c: Array) -> Array:
+    """Coefficients a_ij of collocation with nodes c."""
+    powers = np.vander(c, len(c), increasing=True)
+    integrals = powers * c[:, None] / np.arange(1, len(c) + 1)
+    return np.asarray(integrals @ np.linalg.inv(powers))
+
+
 @cache
 def radau_tableau(stages: int) -> RadauTableau:
     """Coefficients of Radau IIA, from the zeros of its node polynomial.
@@ -107,8 +114,7 @@ def radau_tableau(stages: int) -> RadauTableau:
     if stages % 2 == 0:
         raise ValueError("Radau IIA is used with an odd number of stages")
     c = _radau_nodes(stages)
-    powers = np.vander(c, stages, increasing=True)
-    A = (powers * c[:, None] / np.arange(1, stages + 1)) @ np.linalg.inv(powers)
+    A = collocation_matrix(c)
     eigenvalues, vectors = np.linalg.eig(np.linalg.inv(A))
     real = int(np.argmin(abs(eigenvalues.imag)))
     pairs = [k for k in np.argsort(eigenvalues.imag) if eigenvalues[k].imag > 1e-9]

@@ -22,7 +22,7 @@ from sidtool.formats.base.sid import Array
 from ..dynamics import control_laws as laws
 from ..dynamics.equations_of_motion import kernel_pointers
 from ..integrators import batch_evaluation
-from ..integrators.radau_stages import radau_tableau
+from ..integrators.radau_stages import collocation_matrix, radau_tableau
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
 from ..system.characteristic_sizes import coordinate_sizes
@@ -519,10 +519,3 @@ def lagrange_matrix(nodes: Array, at: Array) -> Array:
             if k != j:
                 matrix[:, j] *= (at - other) / (node - other)
     return matrix
-
-
-def collocation_matrix(c: Array) -> Array:
-    """Coefficients a_ij of collocation with nodes c."""
-    powers = np.vander(c, len(c), increasing=True)
-    integrals = powers * c[:, None] / np.arange(1, len(c) + 1)
-    return np.asarray(integrals @ np.linalg.inv(powers))

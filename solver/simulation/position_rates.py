@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.sid_mass import skew
 
 from ..spatial import system_arrays as at
 from ..system.system import System
@@ -70,7 +71,7 @@ def position_rates(system: System, z: Array, v: Array) -> PositionRates:
             back /= (quaternion**2).sum(axis=1)[:, None, None]
             to_tangent[:, u + 3 : u + 6, turn] = back
             # R (dtheta x v) = -R [v] dtheta
-            cross = _cross_matrices(v[:, own])
+            cross = skew(v[:, own])
             by_position[:, x, turn] = -R @ cross @ back
             by_position[:, turn, turn] = 0.5 * _right_product(v[:, u + 3 : u + 6])
     rate = np.einsum("nij,nj->ni", Z, v)
@@ -85,15 +86,8 @@ def _planar_rotation(angle: Array) -> Array:
 def _spatial_rotation(p: Array) -> Array:
     """Rotation matrices (n, 3, 3) of quaternions of any length, scalar part first."""
     p = p / np.linalg.norm(p, axis=1, keepdims=True)
-    a, cross = p[:, 0, None, None], _cross_matrices(p[:, 1:])
+    a, cross = p[:, 0, None, None], skew(p[:, 1:])
     return np.eye(3) + 2.0 * a * cross + 2.0 * cross @ cross
-
-
-def _cross_matrices(x: Array) -> Array:
-    """Matrices (n, 3, 3) with x times y = matrix y."""
-    cross = np.zeros((len(x), 3, 3))
-    cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0] = x.T
-    return cross - cross.transpose(0, 2, 1)
 
 
 def _quaternion_rates(p: Array) -> Array:
