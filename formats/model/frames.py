@@ -152,6 +152,14 @@ class FrameGeometry(Table):
 
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
+        for table in ("points", "members", "sections"):
+            for name in getattr(self, table):
+                if "." in name:
+                    raise InputError(
+                        f"{name!r} cannot be a name",
+                        place=f"geometry.{table}",
+                        expected="a name without dots, which separate names in outputs",
+                    )
         for name, member in self.members.items():
             place = f"geometry.members.{name}"
             for end in ("start", "end"):
@@ -168,6 +176,12 @@ class FrameGeometry(Table):
         for name, spring in self.springs.items():
             for point in spring.points:
                 self._check_point(point, f"geometry.springs.{name}.points")
+            if spring.points[0] == spring.points[1]:
+                raise InputError(
+                    f"starts and ends at {spring.points[0]}",
+                    place=f"geometry.springs.{name}.points",
+                    expected="two points that differ",
+                )
         return self
 
     def _check_point(self, name: str, place: str) -> None:

@@ -263,22 +263,22 @@ def _spring(
     geometry: FrameGeometry, name: str, spring: FrameSpring, labels: Mapping[str, int]
 ) -> RawSpring:
     first, last = (numbers(geometry.points[point]) for point in spring.points)
-    axes, given = np.eye(3), spring.stiffness
+    place, given = f"geometry.springs.{name}", spring.stiffness
+    a, b = (labels[point] for point in spring.points)
     if not isinstance(given, tuple):
         along = last - first
         length = np.sqrt(along @ along)
         if not length.real > 0:
             raise InputError(
                 "has no direction between points at one place",
-                place=f"geometry.springs.{name}.stiffness",
+                place=f"{place}.stiffness",
                 expected="six numbers along and about x, y, z",
             )
         axes = np.zeros((3, 3), number_type(along))
         axes[0] = along / length
-        given = (given, 0.0, 0.0, 0.0, 0.0, 0.0)
-    place = f"geometry.springs.{name}"
-    a, b = (labels[point] for point in spring.points)
-    return RawSpring(0, (a, b), place, (axes, axes), given, (first + last) / 2)
+        return RawSpring(0, (a, b), place, (axes, axes), (given,), None, (0, 0))
+    axes, centre = np.eye(3), (first + last) / 2
+    return RawSpring(0, (a, b), place, (axes, axes), given, centre)
 
 
 def _check_connected(geometry: FrameGeometry) -> None:
@@ -390,15 +390,18 @@ def _cuts(
     for member in members:
         first[member.name] = count
         count += len(member.nodes) - 1
-    ends = {member.name: member.ends for member in members}
+    by_name = {member.name: member for member in members}
     markers = {}
     for name, marker in model.markers.items():
         if marker.point is not None:
             markers[name] = labels[marker.point] - 1
         elif marker.member is not None:
             assert not isinstance(marker.at, str | tuple | None)
-            number = _element_at(ends[marker.member], marker.at)
-            markers[name] = first[marker.member] + number
+            member = by_name[marker.member]
+            number = _element_at(member.ends, marker.at)
+            markers[name] = (
+                member.nodes[-1] - 1 if number is None else first[member.name] + number
+            )
     cuts: list[BeamCut] = []
     for member in members:
         if asked.members is not None and member.name not in asked.members:
@@ -427,10 +430,12 @@ def _both(spring: RawSpring) -> tuple[int, int]:
     return first, last
 
 
-def _element_at(ends: Array, at: float) -> int:
-    """Return the number of the element at a fraction; at a cut that beyond it."""
+def _element_at(ends: Array, at: float) -> int | None:
+    """Return the number of the element at a fraction; at a cut that beyond it, None
+    at the end of the member.
+    """
     place = int(np.searchsorted(np.real(ends), np.real(at) + _SAME_PLACE)) - 1
-    return min(max(place, 0), len(ends) - 2)
+    return max(place, 0) if place < len(ends) - 1 else None
 
 
 def _ring_notes(model: ModelFile, cuts: tuple[BeamCut, ...]) -> list[Diagnostic]:

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
@@ -270,7 +271,7 @@ def spring_matrix(
             for axes, k, (matrix, dofs) in zip(
                 spring.axes, spring.components, moved, strict=True
             ):
-                row = np.zeros(6)
+                row = np.zeros(6, number_type(axes))
                 row[3 * (k // 3) : 3 * (k // 3) + 3] = axes[k % 3]
                 ways.append(row)
                 rows.append((row[None] @ matrix, dofs))
@@ -291,7 +292,7 @@ def _check_free(spring: RawSpring, ways: list[Array], nodes: BarNodes) -> None:
     """Check that a spring of components has no force in rigid motion."""
     first, last = (nodes.place(n) for n in spring.nodes if n is not None)
     rigid = ways[0] - ways[1] @ translate_motion(last - first)
-    size = np.ptp(nodes.mesh.positions, axis=0).max()
+    size = np.ptp(nodes.mesh.positions.real, axis=0).max()
     scale = np.array([1.0] * 3 + [size if any(w[:3].any() for w in ways) else 1.0] * 3)
     if (np.abs(rigid) > _TURNING * scale).any():
         raise InputError(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
@@ -39,9 +40,9 @@ def _resolve_pins(
 ) -> tuple[Structure, list[Diagnostic]]:
     """Return bars and nodes without rotations that have neither stiffness nor mass.
 
-    Such a rotation about an axis of the model is removed, as by AUTOSPC of Nastran.
-    About another axis it follows a bar that is pinned there, unless a marker
-    fixes it.
+    The stiffness is that of all elements, such as springs and shells. Such a rotation
+    about an axis of the model is removed, as by AUTOSPC of Nastran. About another axis
+    it follows a bar that is pinned there, unless a marker fixes it.
     """
     bars, table = structure.bars, structure.nodes.table
     if not any(any(bar.pins) for bar in bars):
@@ -50,16 +51,18 @@ def _resolve_pins(
     if (points := structure.point_masses()) is not None:
         heavy = points.mass_matrix().diagonal()
     plain = [replace(bar, pins=((), ())) for bar in bars]
-    whole = structure.bar_stiffness(plain).diagonal().real
-    stiff = structure.bar_stiffness(bars).diagonal().real
+    others, _ = structure.other_elements()
+    whole = (structure.bar_stiffness(plain) + others).diagonal().real
+    stiff = (structure.bar_stiffness(bars) + others).diagonal().real
     unsupported = (stiff <= _FREE_STIFFNESS_TOLERANCE * whole) & (heavy.real <= 0)
     turning = table[:, 3:]
     unsupported &= np.isin(np.arange(structure.ndof), turning[turning >= 0])
     number = np.where(unsupported, -1, np.cumsum(~unsupported) - 1)
     structure = structure.with_nodes(np.where(table >= 0, number[table], -1))
     count = np.count_nonzero(unsupported)
-    limit = f"{count} rotations of nodes that no bar resists are left out (AUTOSPC)"
-    supported = whole[~unsupported], heavy[~unsupported]
+    limit = f"{count} rotations of nodes that nothing resists are left out (AUTOSPC)"
+    kept = np.flatnonzero(~unsupported)
+    supported = others[kept][:, kept], whole[kept], heavy[kept]
     bars = _without_free_rotations(structure, marked(structure), *supported)
     return (
         replace(structure, bars=bars),
@@ -68,11 +71,22 @@ def _resolve_pins(
 
 
 def _without_free_rotations(
-    structure: Structure, marked: set[int], whole: Array, heavy: Array
+    structure: Structure,
+    marked: set[int],
+    others: sp.csr_matrix,
+    whole: Array,
+    heavy: Array,
 ) -> tuple[Bar, ...]:
-    """Remove one pin for every rotation of a node that has no stiffness."""
+    """Remove one pin for every rotation of a node that has no stiffness.
+
+    Parameters
+    ----------
+    others : (ndof, ndof) stiffness of all elements but bars
+    whole : (ndof,) diagonal of the stiffness without pins
+    heavy : (ndof,) diagonal of the mass of points
+    """
     bars, nodes = structure.bars, structure.nodes
-    stiffness = structure.bar_stiffness(bars)
+    stiffness = sp.csr_matrix(structure.bar_stiffness(bars) + others)
     ends: dict[int, list[tuple[int, int]]] = {}
     for k, bar in enumerate(bars):
         for end, label in enumerate(bar.nodes):

@@ -294,7 +294,7 @@ class RawSpring:
     ----------
     nodes : labels; the second one None for the ground
     axes : (3, 3) rows x, y, z of its directions
-    stiffness : (6,) along and about its axes
+    stiffness : (6,) along and about its axes; (1,) with `components`
     location : (3,) where both ends are joined, as arms of the nodes; None where they
         are joined component by component
     components : those of each end from 0 that a spring of components joins

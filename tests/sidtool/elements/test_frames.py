@@ -221,6 +221,76 @@ def test_a_frame_is_that_of_a_deck(tmp_path: Path) -> None:
     assert_allclose(own, frequencies(sidtool.convert(read)), rtol=1e-8)
 
 
+def sprung_ring(
+    middle: list[float], released: list[str], turning: float, marked: bool
+) -> ModelFile:
+    """Three members in a ring, a spring between two of them, one released from it."""
+    points = {"a": [0, 0, 0], "b": middle, "c": middle, "d": [2.0, 0.0, 0.0]}
+    loose = {"section": STIFF, "releases": {"end": released}}
+    members = {
+        "ab": ("a", "b", loose),
+        "cd": ("c", "d", {"section": STIFF}),
+        "ad": ("a", "d", {"section": STIFF}),
+    }
+    spring = {"points": ["b", "c"], "stiffness": [1e6] * 3 + [turning] * 3}
+    markers = {"p": {"node": 1, "point": "a"}}
+    if marked:
+        markers["b"] = {"node": 2, "point": "b"}
+    return frame(points, members, geometry={"springs": {"s": spring}}, markers=markers)
+
+
+@pytest.mark.parametrize("middle", [[1.0, 0.0, 0.5], [1.0, 0.3, 0.2]])
+@pytest.mark.parametrize("marked", [False, True])
+def test_a_spring_carries_the_rotation_of_a_released_point(
+    middle: list[float], marked: bool
+) -> None:
+    """R^T K R = 0; through a ball joint the spring passes on no moment."""
+    load = {"d": [10.0, 20.0, 30.0, 4.0, 5.0, 6.0]}
+    ball = ["rx", "ry", "rz"]
+    body, soft = displacements(sprung_ring(middle, ball, 1e3, marked), ["a"], load)
+    assert (body.dof_table[body.node_sets["b"][0]] >= 0).all()
+    assert_rigid_motions_are_free(body)
+    _, none = displacements(sprung_ring(middle, ball, 0.0, False), ["a"], load)
+    assert_allclose(soft["d"], none["d"], rtol=1e-7)
+    for released in (["ry"], ["ry", "rz"]):
+        model = sprung_ring(middle, released, 1e3, marked)
+        assert_rigid_motions_are_free(finite_element_model(model))
+
+
+def assert_rigid_motions_are_free(body: FiniteElementModel) -> None:
+    rigid = body.rigid_body_modes(np.zeros(3))
+    energy = rigid.T @ (body.stiffness @ rigid)
+    assert np.abs(energy).max() < 1e-13 * np.abs(body.stiffness.data).max()
+
+
+def mass_on_springs(released: list[str]) -> ModelFile:
+    """A heavy point d on three oblique springs to a ring of members."""
+    points = {"a": [0, 0, 0], "b": [1.1, 0.3, 0.2], "c": [0.4, 0.9, 0.1]}
+    first = {"section": STIFF, "releases": {"start": released}}
+    members = {"ab": ("a", "b", first)} | {
+        a + b: (a, b, {"section": STIFF}) for a, b in ("bc", "ca")
+    }
+    springs = {f"k{n}": {"points": [n, "d"], "stiffness": 1e6} for n in points}
+    geometry = {"springs": springs, "masses": [{"point": "d", "mass": 1e7}]}
+    points["d"] = [0.37, 0.23, 0.91]
+    return frame(points, members, geometry=geometry, frame={"type": "buckens"})
+
+
+@pytest.mark.parametrize("released", [[], ["ry"]])
+def test_a_point_that_springs_alone_hold_does_not_turn(released: list[str]) -> None:
+    """Its stiffness is k sum e e^T by the directions e of the springs."""
+    model = mass_on_springs(released)
+    body = finite_element_model(model)
+    dofs = body.dof_table[body.node_sets["d"][0]]
+    assert (dofs[3:] < 0).all()
+    *others, place = model.geometry.points.values()
+    along = np.array([np.subtract(place, other) for other in others])
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    own = body.stiffness[dofs[:3]][:, dofs[:3]].toarray()
+    assert_allclose(own, 1e6 * along.T @ along, rtol=1e-12)
+    assert_rigid_motions_are_free(body)
+
+
 def hinged_crane(**changes: Any) -> ModelFile:
     """A post, a boom with a pin at the post, and a pinned strut: a determinate ring."""
     points = {"foot": [0, 0, 0], "knee": [0, 0, 1.5], "head": [0, 0, 3.0]}
@@ -306,17 +376,49 @@ def test_section_forces_of_a_ring_and_of_what_it_carries(tmp_path: Path) -> None
     )
 
 
-def test_derivatives_by_a_point_of_a_frame() -> None:
+@pytest.mark.parametrize("end", [{"point": "b"}, {"member": "m", "at": 1.0}])
+def test_a_load_at_the_end_of_a_member_is_beyond_its_last_section(end: Any) -> None:
+    """V = F along a cantilever, and M = F (L - x)."""
+    model = frame(
+        {"a": [0, 0, 0], "b": [1.0, 0, 0]},
+        {"m": ("a", "b", {"section": STIFF})},
+        markers={"p": {"node": 1, "point": "a"}, "tip": {"node": 2} | end},
+        reduction={"method": "attachment", "interfaces": ["tip"], "modes": 0},
+        section_forces={"stations": [0.0, 0.5, 1.0]},
+    )
+    found = section_forces(sidtool.convert(model), 0.1)
+    shear = [abs(found[f"c.m.s{k}.Vz"]) for k in (1, 2, 3)]
+    assert_allclose(shear, 0.1, rtol=1e-6)
+    bending = [abs(found[f"c.m.s{k}.My"]) for k in (1, 2, 3)]
+    assert_allclose(bending, [0.1, 0.05, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("model", "point", "axis"),
+    [
+        (
+            hinged_crane(
+                section_forces=None, reduction={"method": "modal", "modes": 3}
+            ),
+            "knee",
+            2,
+        ),
+        (mass_on_springs(["ry"]), "d", 1),
+    ],
+    ids=["crane", "springs"],
+)
+def test_derivatives_by_a_point_of_a_frame(
+    model: ModelFile, point: str, axis: int
+) -> None:
     """By differences of two conversions."""
-    model = hinged_crane(section_forces=None, reduction={"method": "modal", "modes": 3})
-    derivatives = sidtool.sid_derivatives(model, ["geometry.points.knee[2]"])
+    derivatives = sidtool.sid_derivatives(model, [f"geometry.points.{point}[{axis}]"])
     step = 1e-4
-    changed = [
-        frequencies(
-            sidtool.convert(model.with_({"geometry.points.knee": [0.0, 0.0, 1.5 + d]}))
-        )
-        for d in (step, -step)
-    ]
+    changed = []
+    for d in (step, -step):
+        place = [*model.geometry.points[point]]
+        place[axis] += d
+        moved = model.with_({f"geometry.points.{point}": place})
+        changed.append(frequencies(sidtool.convert(moved)))
     slope = (changed[0] - changed[1]) / (2 * step)
     (sid,) = derivatives.derivatives.values()
     own = frequencies(sidtool.convert(model))
@@ -329,6 +431,7 @@ def test_derivatives_by_a_point_of_a_frame() -> None:
 POINTS = {"a": [0, 0, 0], "b": [1, 0, 0], "c": [1, 0, 1]}
 TWO = {"ab": ("a", "b", {"section": TUBE}), "bc": ("b", "c", {"section": TUBE})}
 SPRING = {"points": ["a", "c"], "stiffness": [1.0, 2.0]}
+BETWEEN = {"points": ["c", "d"], "stiffness": [1e6] * 3 + [1e3] * 3}
 FREE = {"releases": {"start": ["rx", "ry", "rz"]}}
 
 
@@ -385,6 +488,13 @@ FREE = {"releases": {"start": ["rx", "ry", "rz"]}}
             "member bc moves freely between its pins",
         ),
         (
+            {"d": [1, 0, 1], "e": [1, 0, 2]},
+            {"bc": ("b", "c", {"section": TUBE, "releases": {"end": ["ry"]}})}
+            | {"de": ("d", "e", {"section": TUBE})},
+            {"geometry": {"springs": {"k": BETWEEN}}},
+            "without deforming",
+        ),
+        (
             {},
             {},
             {"markers": {"p": {"node": 1, "edge": "a"}}},
@@ -420,6 +530,20 @@ FREE = {"releases": {"start": ["rx", "ry", "rz"]}}
             {},
             {"geometry": {"springs": {"k": SPRING}}},
             "has 2 numbers",
+        ),
+        (
+            {},
+            {},
+            {"geometry": {"springs": {"k": {"points": ["a", "a"], "stiffness": 1.0}}}},
+            "springs.k.points: starts and ends at a",
+        ),
+        ({}, {"b.c": TWO["bc"]}, {}, "geometry.members: 'b.c' cannot be a name"),
+        ({"x.y": [2, 2, 2]}, {}, {}, "geometry.points: 'x.y' cannot be a name"),
+        (
+            {},
+            {},
+            {"geometry": {"sections": {"s.t": STIFF}}},
+            "geometry.sections: 's.t' cannot be a name",
         ),
     ],
 )
