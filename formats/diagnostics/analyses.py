@@ -222,13 +222,15 @@ ENTRIES = (
     Entry(
         "N741",
         ERROR,
-        "the motion does not return after {period:.6g} s: {body} misses its start",
+        "the motion does not return after {period:.6g} s: {reason}",
         "Largest difference of positions, velocities and deformations between the end "
-        "of the period and its start, in sizes of the mechanism and of the period, but "
-        "for whole revolutions: {size:.2g}; a motion returns below 1e-6.",
+        "of the period and its start, but for whole revolutions, or of accelerations "
+        "of equal states near the motion a period apart, in sizes of the mechanism and "
+        "of the period: {size:.2g}; a motion returns below 1e-6.",
         remedy="Begin in the periodic motion, as with initial = {{state = "
-        '"result"}} after a long run.',
-        example={"period": 0.5, "size": 0.3, "body": "arm"},
+        '"result"}} after a long run. Give the period of all functions of time, '
+        "best as a formula, and the functions over two periods.",
+        example={"period": 0.5, "size": 0.3, "reason": "arm misses its start"},
     ),
     Entry(
         "N742",

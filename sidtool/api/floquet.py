@@ -35,7 +35,8 @@ def floquet(
     """Find how small motions about the periodic motion of a scene grow in a period.
 
     The motion begins at the start of the scene and has to return to it, but for whole
-    revolutions.
+    revolutions. Functions of time have to be known over two periods, to see that they
+    repeat.
 
     Parameters
     ----------
@@ -47,8 +48,8 @@ def floquet(
     ------
     InputError : the scene or one of its SIDs cannot be used, or the period is not
         positive.
-    sidtool.SimulationError : the motion does not return (N741), or has no variational
-        equations (N742).
+    sidtool.SimulationError : the motion or its equations do not return (N741), or it
+        has no variational equations (N742).
     """
     if not isinstance(scene, SceneFile):
         expect_kind(path_of(scene, "scene", "a sidtool.Scene"), "scene")
@@ -64,9 +65,21 @@ def floquet(
             place="period",
             expected="a time above zero [s], or a formula",
         ) from None
-    programs = drives, forces
-    with compiled_scene(content, sids, base_folder, accept_defects, programs) as system:
-        return emit_warnings(to_user_class(floquet_modes(system), FloquetModes))
+    span["end"] = 2.0 * content.time.end - start
+    try:
+        longer = content.with_({"time": span})
+    except InputError as error:
+        raise InputError(
+            f"{error.problem}; the analysis compares two periods",
+            place=error.place,
+            expected=error.expected,
+        ) from None
+    options = sids, base_folder, accept_defects, (drives, forces)
+    with (
+        compiled_scene(content, *options) as system,
+        compiled_scene(longer, *options) as twice,
+    ):
+        return emit_warnings(to_user_class(floquet_modes(system, twice), FloquetModes))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

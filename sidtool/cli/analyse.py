@@ -325,18 +325,21 @@ def floquet(
 
     The motion begins at the start of the scene and has to return to it after the
     period, but for whole revolutions. The command prints Floquet's multipliers, by
-    which modes grow in a period, and their frequencies: in inertial axes, as fixed
-    sensors show them, and in the axes of the bodies. A motion is stable if no
-    multiplier is larger than one. For systems without constant axes, such as a flat
-    shaft in bearings of two stiffnesses, where analyse modes has no modes.
+    which modes grow in a period, and their frequencies: those of the largest harmonic
+    of the displacements, in inertial axes and in the axes of the bodies. Those of other
+    sensors differ by multiples of 1 / period. A motion is stable if no multiplier is
+    larger than one. Functions of time have to repeat, and to be known over two periods.
+    For systems without constant axes, such as a flat shaft in bearings of two
+    stiffnesses, where analyse modes has no modes.
 
     \b
     Examples:
       sidtool analyse floquet rotor.toml --period 2*pi/speed
       sidtool analyse floquet swing.toml --period 0.8 -o multipliers.json
 
-    Exit status: 0 multipliers were found; 1 the motion does not return, or has no
-    variational equations (friction, events, corners of forces); 2 the input is wrong.
+    Exit status: 0 multipliers were found; 1 the motion or its equations do not return,
+    or have no variational equations (friction, events, corners of forces); 2 the input
+    is wrong.
     """
     from ..api.floquet import floquet as find_multipliers
     from ..report.floquet import describe_floquet, floquet_data

@@ -26,8 +26,9 @@ def describe_floquet(modes: FloquetModes) -> str:
     summary = f"{found}: period {modes.period:.6g} s"
     frame = (
         "frame: multipliers are the same in all axes; inertial Hz is the largest "
-        "harmonic that fixed sensors see, rotating Hz that in the axes of the bodies; "
-        f"others differ by multiples of {1.0 / modes.period:.6g} Hz"
+        "harmonic of the displacements in inertial axes, rotating Hz that in the axes "
+        "of the bodies; those of other sensors differ by multiples of "
+        f"{1.0 / modes.period:.6g} Hz"
     )
     if not len(modes.multipliers):
         return f"{summary}\n\nno modes: nothing can move"
@@ -43,8 +44,10 @@ def floquet_rows(modes: FloquetModes) -> list[list[str]]:
             f"{abs(value):.6g}",
             f"{abs(exponent.imag) * modes.period:.6g}",
             f"{exponent.real:.4g}",
-            f"{modes.inertial_frequencies[k]:.6g}",
-            f"{modes.rotating_frequencies[k]:.6g}",
+            *(
+                f"{hertz[k]:.6g}" if value else "-"
+                for hertz in (modes.inertial_frequencies, modes.rotating_frequencies)
+            ),
         ]
         for k, (value, exponent) in enumerate(
             zip(modes.multipliers, modes.exponents, strict=True)

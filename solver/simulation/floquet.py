@@ -32,10 +32,12 @@ from ..analyses.operating_point import operating_point
 from ..analyses.reference_axes import axis_angular_velocities
 from ..analyses.state_matrix import linear_equations, small_motions
 from ..initial_state.integrator_start import run_settings
+from ..integrators import batch_evaluation
 from ..spatial import system_arrays as at
 from ..system.characteristic_sizes import coordinate_sizes
 from ..system.errors import SimulationError
 from ..system.system import System
+from ..system.work_arrays import new_memory, new_work_arrays, raise_pending
 from .frozen_run import StructureChange, record_grid, run_on_grid
 from .linearised_run import LinearisedRun, NotLinearisable
 from .motion_derivatives import MotionDerivatives, ParameterChange
@@ -55,6 +57,9 @@ TAKES_PART = 1e-6
 REPORTED_ERROR = 1e-6
 #: A motion returns if it misses its start by less, in sizes of the mechanism.
 RETURN_TOLERANCE = 1e-6
+#: Change of the states in which equations are compared, relative to their sizes: those
+#: of a motion at rest may depend on time only besides it.
+COMPARED_CHANGE = 1e-2
 #: Multipliers that differ by less are those of one, of which the mean is accurate:
 #: rounding moves a double one by its square root.
 EQUAL_MULTIPLIERS = 3e-4
@@ -74,11 +79,12 @@ class FloquetModes(WithDiagnostics):
         Complex factors by which modes grow in a period, one of each pair, the largest
         first.
     exponents : (n,)
-        Logarithm of the multipliers over the period [1/s]; the imaginary part is known
-        but for multiples of 2 pi / period.
+        Logarithm of the multipliers over the period [1/s], -inf for a multiplier of
+        zero; the imaginary part is known but for multiples of 2 pi / period.
     inertial_frequencies, rotating_frequencies : (n,)
-        [Hz] of the largest harmonic in inertial axes, and in those of the bodies. The
-        others differ by multiples of 1 / period.
+        [Hz] of the largest harmonic of the displacements in inertial axes, and in those
+        of the bodies; NaN for a multiplier of zero. Other sensors may show others, by
+        multiples of 1 / period apart.
     monodromy : (2 d, 2 d)
         Changes of the free coordinates and velocities after a period, scaled.
     error
@@ -100,23 +106,29 @@ class FloquetModes(WithDiagnostics):
     diagnostics: tuple[Diagnostic, ...] = field(default=())
 
 
-def floquet_modes(system: System) -> FloquetModes:
+def floquet_modes(system: System, longer: System) -> FloquetModes:
     """Multipliers of the motion of a scene whose time span is one period.
+
+    Parameters
+    ----------
+    longer
+        The same scene over two periods.
 
     Raises
     ------
     InputError
         The start cannot be assembled.
     SimulationError
-        The motion does not return to its start (N741), or has no variational equations
-        (N742).
+        The motion does not return to its start or its equations do not repeat (N741),
+        or it has no variational equations (N742).
     """
     point = operating_point(system, "start")
+    longer = operating_point(longer, "start").system
     count, error = FIRST_STEPS, np.inf
-    period = _Period(point.system, count)
+    period = _Period(point.system, longer, count)
     while error > TOLERANCE and count < MAX_STEPS and 2 * period.size < MAX_NUMBERS:
         count *= 2
-        finer = _Period(point.system, count)
+        finer = _Period(point.system, longer, count)
         error = _largest_distance(finer.multipliers, period.multipliers) / CHANGE
         period = finer
     values = period.multipliers
@@ -125,7 +137,9 @@ def floquet_modes(system: System) -> FloquetModes:
         key=lambda k: (-round(float(abs(values[k])), 9), abs(np.angle(values[k])))
     )
     values, vectors = values[chosen], period.vectors[:, chosen]
-    exponents = np.log(values.astype(complex)) / period.span
+    with np.errstate(divide="ignore"):
+        growth = np.log(np.abs(values)) / period.span
+    exponents = growth + 1j * (np.angle(values + 0.0) / period.span)
     inertial, rotating = period.frequencies(exponents, vectors)
     sizes = _mean_sizes(values)
     found = (
@@ -184,6 +198,8 @@ def _check_return(run: LinearisedRun, z: Array, v: Array) -> None:
     )
     worst, where = 0.0, ""
     for row, body in zip(system.arrays.body, system.bodies, strict=True):
+        if not row[at.NV]:
+            continue
         u, end = int(row[at.VEL]), int(row[at.VEL] + row[at.NV])
         speeds = np.abs(last_v - v)[u:end] / sizes[u:end] * period
         a, b = first[u], last[u]
@@ -194,7 +210,52 @@ def _check_return(run: LinearisedRun, z: Array, v: Array) -> None:
         if parts.max(initial=0.0) > worst:
             worst, where = float(parts.max()), body.name
     if worst > RETURN_TOLERANCE:
-        raise SimulationError(diagnose("N741", period=period, size=worst, body=where))
+        reason = f"{where} misses its start"
+        raise SimulationError(
+            diagnose("N741", period=period, size=worst, reason=reason)
+        )
+
+
+def _check_equations(run: LinearisedRun, longer: System) -> None:
+    """Check that states near the motion have the same accelerations a period later.
+
+    Parameters
+    ----------
+    longer : the system of the run over two periods
+
+    Raises
+    ------
+    SimulationError : they do not (N741), or have none (N742).
+    """
+    system, period = run.system, run.times[-1] - run.times[0]
+    states = run.stages.selected(run.s * np.arange(run.n_steps) + run.s // 2)
+    sizes = coordinate_sizes(system)
+    random = np.random.default_rng(0).standard_normal((2, *states.v.shape))
+    moves, speeds = COMPARED_CHANGE * sizes * random
+    Z = position_rates(system, states.z, states.v).Z
+    z, v = states.z.copy(), states.v + speeds / period
+    z[:, : run.nz] += (Z @ moves[:, :, None])[:, :, 0]
+    work, memory = new_work_arrays(longer), new_memory(longer, 0)
+    found = np.zeros((2, *v.shape))
+    for a, times in zip(found, (states.times, states.times + period), strict=True):
+        status = batch_evaluation.accelerations_of_states(
+            *(run.kernels, longer.arrays, work, memory, longer.clocks(times), times),
+            *(z, v, a, np.zeros((len(times), run.m))),
+        )
+        raise_pending(longer)
+        if status != 0:
+            reason = "a singular configuration"
+            raise SimulationError(diagnose("N742", reason=reason))
+    found *= period**2 / sizes
+    largest = np.abs(found).max(axis=(0, 1))
+    changes = np.abs(found[1] - found[0]).max(axis=0) / np.maximum(largest, 1.0)
+    if changes.max(initial=0.0) > RETURN_TOLERANCE:
+        k = int(changes.argmax())
+        ends = system.arrays.body[:, at.VEL] + system.arrays.body[:, at.NV]
+        body = system.bodies[int((ends <= k).argmin())].name
+        reason = f"forces or drives that move {body} do not repeat"
+        size = float(changes[k])
+        raise SimulationError(diagnose("N741", period=period, size=size, reason=reason))
 
 
 def _poses(system: System, z: Array, v: Array) -> dict[int, Array]:
@@ -228,12 +289,13 @@ class _Period:
     tangents, velocities : (steps + 1, nv, columns) changes at the ends of the steps
     """
 
-    def __init__(self, system: System, count: int) -> None:
+    def __init__(self, system: System, longer: System, count: int) -> None:
         run = self._run = _linearised_period(system, count)
         system = run.system
         self.span = float(run.times[-1] - run.times[0])
         z, v = (part[0].copy() for part in run.starts)
         _check_return(run, z, v)
+        _check_equations(run, longer)
         mechanics = equations_at(system, float(run.times[0]), z, v)
         mechanics.set_scale(z, stiffness=0.0)
         mechanics.evaluate(z, v)
@@ -241,6 +303,11 @@ class _Period:
         small = small_motions(mechanics, linear_equations(mechanics, z, v, omegas))
         scale = mechanics.scale[:, None]
         moved, speeds = small.position_directions, small.velocity_directions
+        self.size = 0
+        if not moved.shape[1]:  # nothing can move
+            self.monodromy = np.zeros((0, 0))
+            self.multipliers, self.vectors = np.zeros(0), np.zeros((0, 0))
+            return
         rates = position_rates(system, z[None], v[None])
         self._follow(np.concatenate([rates.Z[0] @ (scale * moved), scale * speeds]))
         end = np.concatenate([self.tangents[-1] / scale, self.velocities[-1] / scale])
@@ -270,6 +337,8 @@ class _Period:
         In inertial axes that of bodies that do not rotate, in body axes that of bodies
         that do, if they take part.
         """
+        if not len(exponents):
+            return np.zeros(0), np.zeros(0)
         resting: list[Array] = []
         turning: list[Array] = []
         inertial: list[Array] = []
@@ -278,7 +347,8 @@ class _Period:
             (turning if is_turning else resting).append(own)
         t = self._run.times[:-1] - self._run.times[0]
         orders = np.fft.fftfreq(len(t), 1.0 / len(t))
-        found = []
+        found, known = [], np.isfinite(exponents)
+        exponents = np.where(known, exponents, 0.0)
         for first, second in ((resting, inertial), (turning, resting)):
             chosen = np.zeros(len(exponents))
             size = np.zeros(len(exponents))
@@ -291,7 +361,8 @@ class _Period:
                 takes_part = harmonics.max(axis=0) > TAKES_PART * size
                 size = harmonics.max(axis=0)
                 chosen = np.where(takes_part, orders[harmonics.argmax(axis=0)], chosen)
-            found.append(np.abs(exponents.imag / (2.0 * np.pi) + chosen / self.span))
+            hertz = np.abs(exponents.imag / (2.0 * np.pi) + chosen / self.span)
+            found.append(np.where(known, hertz, np.nan))
         return found[0], found[1]
 
     def _bodies(self) -> Iterator[tuple[bool, Array, Array]]:

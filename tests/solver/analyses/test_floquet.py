@@ -16,6 +16,8 @@ import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.report.floquet import describe_floquet, floquet_data
+from sidtool.report.json_data import to_json_text
 from tests.codes import codes
 
 from .state_space_scenes import pendulum
@@ -198,6 +200,89 @@ def test_a_pendulum_at_rest_has_any_period(
     assert_allclose(complex(*mode["multiplier"]), np.exp(0.5j * omega), atol=1e-8)
     assert mode["inertial_frequency"] == pytest.approx(omega / (2 * np.pi), rel=1e-8)
     assert "stable: period 0.5 s" in capsys.readouterr().out
+
+
+def block_on_a_spring(force: str, **law: Any) -> sidtool.Scene:
+    """2 kg on 50 N/m at rest at x = 0.4 m, and a force along x."""
+    function = {"type": "expression", "value": force} | law
+    return sidtool.Scene(
+        dimension="planar",
+        gravity=[0.0, 0.0],
+        time={"end": 1.0, "output_step": 0.1},
+        bodies={"b": {"mass": 2.0, "initial": {"position": [0.4, 0.0]}}},
+        joints={"guide": {"type": "point_on_line", "markers": ["ground", "b"]}},
+        forces={
+            "spring": {
+                "type": "spring_damper",
+                "markers": ["ground", "b"],
+                "stiffness": 50.0,
+                "rest": 0.4,
+            },
+            "law": {
+                "type": "force",
+                "marker": "b",
+                "force": [1.0, 0.0],
+                "function": function,
+            },
+        },
+    )
+
+
+def test_a_body_at_rest_whose_stiffness_has_another_period_is_refused() -> None:
+    """Hill's equation x'' + (25 + 45 sin 2 pi t) x = 0 over one and two of its periods:
+    the multipliers of two are the squares of those of one."""
+    scene = block_on_a_spring("-90*sin(2*pi*t)*(b.x-0.4)")
+    for period in (0.9, 1.001):
+        with pytest.raises(sidtool.SimulationError) as caught:
+            sidtool.floquet(scene, period)
+        assert codes(caught.value) == ["N741"]
+    one, two = (sidtool.floquet(scene, period).multipliers for period in (1.0, 2.0))
+    near = np.minimum(np.abs(two - one**2), np.abs(two - one.conj() ** 2))
+    assert near.max() < 1e-8
+
+
+def test_functions_have_to_be_known_over_two_periods() -> None:
+    times = np.linspace(0.0, 2.0, 41)
+    table = {"type": "table", "times": times.tolist()}
+    table["values"] = (0.1 * np.sin(2 * np.pi * times) ** 3).tolist()
+    scene = shaken_pendulum(2.0, 0.3).with_({"drives.shake.function": table})
+    with pytest.raises(InputError, match="two periods"):
+        sidtool.floquet(scene, 1.5)
+
+
+def test_a_scene_in_which_drives_prescribe_all_has_no_modes() -> None:
+    scene = sidtool.Scene(
+        dimension="planar",
+        time={"end": 1.0, "output_step": 0.1},
+        bodies={"b": {"mass": 2.0, "inertia": 0.1}},
+        joints={"axle": {"type": "revolute", "markers": ["ground", "b"]}},
+        drives={
+            "motor": {
+                "joint": "axle",
+                "of": "rate",
+                "function": {"type": "constant", "value": 2.0},
+            }
+        },
+    )
+    found = sidtool.floquet(scene, "pi")
+    assert found.multipliers.shape == (0,) and found.is_stable
+    with pytest.raises(sidtool.SimulationError, match="b misses its start"):
+        sidtool.floquet(scene, 1.0)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_multiplier_of_zero_has_no_frequency() -> None:
+    """A filter of 1e-12 s forgets all within a period."""
+    scene = block_on_a_spring("-w", states={"w": {"rate": "-w*1e12"}})
+    found = sidtool.floquet(scene, 1.0)
+    assert found.multipliers[-1] == 0.0
+    assert np.isneginf(found.exponents[-1].real)
+    data = json.loads(to_json_text(floquet_data(found)))
+    first, *_, last = data["modes"]
+    assert last["exponent"] == [None, 0.0]
+    assert last["inertial_frequency"] is last["rotating_frequency"] is None
+    assert "nan" not in describe_floquet(found)
+    assert first["exponent"][0] == pytest.approx(0.0, abs=1e-8)
 
 
 def test_modes_that_are_too_fast_for_the_steps_are_reported(
