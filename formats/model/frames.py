@@ -191,7 +191,8 @@ class FrameGeometry(Table):
     def _points_differ(self) -> Self:
         """Two points at one place are a slip, unless a spring is between them."""
         joined = {frozenset(spring.points) for spring in self.springs.values()}
-        size = max(math.dist(a, b) for a in self.points.values() for b in self._corner)
+        first, *others = self.points.values()
+        size = max(math.dist(first, other) for other in others)
         found = sorted(self.points.items(), key=lambda item: item[1])
         for k, (name, place) in enumerate(found):
             for other, there in found[k + 1 :]:
@@ -205,11 +206,6 @@ class FrameGeometry(Table):
                         expected="one point, or a spring between the two",
                     )
         return self
-
-    @property
-    def _corner(self) -> tuple[Point3]:
-        """One of the points, alone."""
-        return (next(iter(self.points.values())),)
 
     @property
     def edge_names(self) -> Mapping[str, Any]:

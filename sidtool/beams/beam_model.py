@@ -7,10 +7,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sidtool.formats.base.complex_step import numbers, without_rounding
+from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import Material, ModelFile, NodeMarker
@@ -43,8 +42,9 @@ from .element import (
     MaterialPointCollector,
     ParticleCollector,
     RowCollector,
+    assemble,
     rotate_tensor,
-    scatter_rows,
+    rows_without_rounding,
 )
 from .station_section import StationSection, station_sections
 from .stress_points import StressCollector
@@ -132,7 +132,9 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     n, ndof = len(ends), 6 * len(ends)
     particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
     elements = [BeamElement(beam, *pair) for pair in pairwise(ends)]
-    matrices = np.stack([element.stiffness() for element in elements])
+    matrices = [(e.stiffness(), _element_dofs(i)) for i, e in enumerate(elements)]
+    stiffness = assemble(matrices, ndof)
+    stiffness.eliminate_zeros()
     stress = StressCollector(ndof) if model.stress else None
     for i, element in enumerate(elements):
         if stress is not None:
@@ -159,18 +161,18 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
                 name=name,
                 node=named[name].node,
                 position=frames.places[0],
-                displacement=_without_zeros(rows.displacement, dofs, ndof),
-                rotation=_without_zeros(rows.rotation, dofs, ndof),
+                displacement=rows_without_rounding(rows.displacement, dofs, ndof),
+                rotation=rows_without_rounding(rows.rotation, dofs, ndof),
                 tangent=frames.axes[0, 0],
             )
         )
     outlines: tuple[BeamOutline, ...] = ()
-    if np.isrealobj(matrices):  # a body with an imaginary step has no pictures
+    if np.isrealobj(stiffness):  # a body with an imaginary step has no pictures
         outlines = (_outline(beam, elements, ndof),)
     return FiniteElementModel(
         positions=axis.at(ends).places,
         scalar_mass=None,
-        stiffness=_assembled(matrices, ndof),
+        stiffness=stiffness,
         node_sets={"start": np.array([0]), "end": np.array([n - 1])},
         markers=tuple(markers),
         inertia_points=particles.points(),
@@ -247,15 +249,6 @@ def element_ends(
     return np.concatenate([*parts, [1.0]])
 
 
-def _assembled(matrices: Array, ndof: int) -> sp.csr_matrix:
-    """(ndof, ndof) of matrices (n, 12, 12) of elements in a row."""
-    dofs = np.array([_element_dofs(i) for i in range(len(matrices))])
-    index = (np.repeat(dofs, 12, axis=1).ravel(), np.tile(dofs, 12).ravel())
-    total = sp.csr_matrix((matrices.ravel(), index), shape=(ndof, ndof))
-    total.eliminate_zeros()
-    return total
-
-
 def _outline(
     beam: BeamProperties, elements: list[BeamElement], ndof: int
 ) -> BeamOutline:
@@ -301,8 +294,8 @@ def _cut(
         name=name,
         node=0,
         position=frames.places[0],
-        displacement=_without_zeros(rows.displacement, dofs, ndof),
-        rotation=_without_zeros(rows.rotation, dofs, ndof),
+        displacement=rows_without_rounding(rows.displacement, dofs, ndof),
+        rotation=rows_without_rounding(rows.rotation, dofs, ndof),
         tangent=frames.axes[0, 0],
     )
     beyond = tuple(marker for marker, place in places.items() if place.real > least)
@@ -322,13 +315,6 @@ def _marker_rows(
 def _element_dofs(i: int) -> Indices:
     """Return the degrees of freedom of element i."""
     return np.arange(6 * i, 6 * i + 12)
-
-
-def _without_zeros(dense: Array, dofs: Indices, ndof: int) -> sp.csr_matrix:
-    rows = scatter_rows(dense, dofs, ndof)
-    rows.data = without_rounding(rows.data, 1e-14)
-    rows.eliminate_zeros()
-    return rows
 
 
 def _marker_fraction(marker: NodeMarker, axis: Axis) -> float:

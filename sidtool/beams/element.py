@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sidtool.formats.base.complex_step import number_type
+from sidtool.formats.base.complex_step import number_type, without_rounding
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
 
@@ -368,3 +368,22 @@ def scatter_rows(rows: Array, dofs: Indices, ndof: int) -> sp.csr_matrix:
     count = len(rows)
     index = (np.repeat(np.arange(count), len(dofs)), np.tile(dofs, count))
     return sp.csr_matrix((rows.ravel(), index), shape=(count, ndof))
+
+
+def rows_without_rounding(rows: Array, dofs: Indices, ndof: int) -> sp.csr_matrix:
+    """As `scatter_rows`, without entries that are rounding."""
+    scattered = scatter_rows(rows, dofs, ndof)
+    scattered.data = without_rounding(scattered.data, 1e-14)
+    scattered.sum_duplicates()
+    scattered.eliminate_zeros()
+    return scattered
+
+
+def assemble(parts: Sequence[tuple[Array, Indices]], ndof: int) -> sp.csr_matrix:
+    """(ndof, ndof) sum of symmetric matrices (k, k) at degrees of freedom (k,)."""
+    if not parts:
+        return sp.csr_matrix((ndof, ndof))
+    i = np.concatenate([np.repeat(dofs, len(dofs)) for _, dofs in parts])
+    j = np.concatenate([np.tile(dofs, len(dofs)) for _, dofs in parts])
+    values = np.concatenate([(k + k.T).ravel() / 2 for k, _ in parts])
+    return sp.csr_matrix((values, (i, j)), shape=(ndof, ndof))

@@ -20,6 +20,7 @@ from sidtool.formats.model.geometry import MeshGeometry
 from ..beams.element import (
     MaterialPointCollector,
     ParticleCollector,
+    assemble,
     scatter_rows,
 )
 from ..elements.finite_element_model import (
@@ -38,7 +39,7 @@ from ..mesh.mesh import Mesh
 from ..mesh.unit_systems import UnitSystem
 from .bar_elements import Bar, bar_of_deck, bar_outline
 from .bar_nodes import BarNodes, bar_nodes, nearest_node, node_sets
-from .structure import Structure, add_bar_mass, assemble_bars, check_mechanism
+from .structure import Structure, add_bar_mass, check_mechanism
 from .structure_elements import (
     merge_particles,
     node_motion,
@@ -123,7 +124,7 @@ def bars_model(
         add_bar_mass(particles, bar, element, dofs)
     structure.add_masses(particles)
     others, inertia = structure.other_elements()
-    stiffness = sp.csr_matrix(others + assemble_bars(parts, ndof))
+    stiffness = sp.csr_matrix(others + assemble(parts, ndof))
     if len(imported.shells) <= _PLATES:
         motion = node_motion(nodes)
         outlines += shell_outlines(imported.shells, nodes, motion, units.length)

@@ -27,6 +27,7 @@ from ..beams.element import (
     BeamProperties,
     MaterialPointCollector,
     ParticleCollector,
+    assemble,
     scatter_rows,
 )
 from ..beams.stress_points import StressCollector
@@ -45,7 +46,7 @@ from ..mesh.unit_systems import unit_system
 from .bar_elements import Bar, BarElement, bar_outline
 from .bar_nodes import bar_nodes, node_sets
 from .frame_cuts import Connectivity, member_cuts
-from .structure import Structure, add_bar_mass, assemble_bars, check_mechanism
+from .structure import Structure, add_bar_mass, check_mechanism
 from .structure_elements import merge_particles
 from .supported_rotations import without_unsupported
 
@@ -131,7 +132,7 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
     if (masses := structure.point_masses()) is not None:
         inertia.append(masses)
     others, _ = structure.other_elements()
-    stiffness = sp.csr_matrix(others + assemble_bars(parts, ndof))
+    stiffness = sp.csr_matrix(others + assemble(parts, ndof))
     used = np.flatnonzero((nodes.table >= 0).any(axis=1))
     arms = any(
         any((*m.offsets.start, *m.offsets.end)) for m in geometry.members.values()
@@ -371,18 +372,22 @@ def _cuts(
     ----------
     particles : inertia points of all elements, as many of each
     """
-    asked, imported = model.section_forces, structure.imported
+    asked, geometry = model.section_forces, model.geometry
     if asked is None:
         return ()
+    assert isinstance(geometry, FrameGeometry)
     n, bars = len(structure.nodes.row), structure.bars
     joined = [[label - 1 for label in bar.nodes] for bar in bars]
-    joined += [[a - 1, b - 1] for a, b in map(_both, imported.springs)]
+    joined += [
+        [labels[point] - 1 for point in spring.points]
+        for spring in geometry.springs.values()
+    ]
     pairs = [(n + k, node) for k, ends in enumerate(joined) for node in ends]
     graph = Connectivity(np.array(pairs), n + len(joined))
     owners = np.concatenate(
         [
             np.repeat(n + np.arange(len(bars)), particles // len(bars)),
-            np.array([mass.node - 1 for mass in imported.masses], np.int64),
+            np.array([labels[mass.point] - 1 for mass in geometry.masses], np.int64),
         ]
     )
     first: dict[str, int] = {}
@@ -422,12 +427,6 @@ def _cuts(
             structure.ndof,
         )
     return tuple(cuts)
-
-
-def _both(spring: RawSpring) -> tuple[int, int]:
-    first, last = spring.nodes
-    assert last is not None
-    return first, last
 
 
 def _element_at(ends: Array, at: float) -> int | None:

@@ -15,10 +15,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from sidtool.formats.base.complex_step import without_rounding
 from sidtool.formats.base.taylor import Array
 
-from ..beams.element import ElementRows, Indices, scatter_rows
+from ..beams.element import ElementRows, Indices, rows_without_rounding, scatter_rows
 from ..elements.finite_element_model import BeamCut, MarkerRows
 from .bar_elements import BarElement
 
@@ -91,8 +90,8 @@ def member_cuts(
             name=f"{member}.{name}",
             node=0,
             position=frames.places[0],
-            displacement=_rows_without_zeros(rows.displacement, dofs, ndof),
-            rotation=_rows_without_zeros(rows.rotation, dofs, ndof),
+            displacement=rows_without_rounding(rows.displacement, dofs, ndof),
+            rotation=rows_without_rounding(rows.rotation, dofs, ndof),
             tangent=frames.axes[0, 0],
         )
         if mask is not None:
@@ -112,11 +111,3 @@ def member_cuts(
 
 def _resultants(rows: ElementRows, dofs: Indices, ndof: int) -> sp.csr_matrix:
     return scatter_rows(rows.resultants, dofs, ndof)
-
-
-def _rows_without_zeros(dense: Array, dofs: Indices, ndof: int) -> sp.csr_matrix:
-    rows = scatter_rows(dense, dofs, ndof)
-    rows.data = without_rounding(rows.data, 1e-14)
-    rows.sum_duplicates()
-    rows.eliminate_zeros()
-    return rows

@@ -11,9 +11,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
 
-from ..beams.element import GAUSS_WEIGHTS, ParticleCollector
+from ..beams.element import GAUSS_WEIGHTS, ParticleCollector, assemble
 from ..eigensolvers.factorisation import symmetric_factors
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.material_points import InertiaPoints
@@ -79,7 +78,7 @@ class Structure:
         for bar in bars:
             element, dofs = self.bar_element(bar)
             parts.append((element.stiffness(), dofs))
-        return assemble_bars(parts, self.ndof)
+        return assemble(parts, self.ndof)
 
     def point_masses(self) -> InertiaPoints | None:
         """Return the masses at nodes, None if there are none."""
@@ -142,15 +141,6 @@ def add_bar_mass(
     for rows, place, mass in zip(element.gauss_rows, places, masses, strict=True):
         move = (rows.displacement, rows.rotation, dofs)
         particles.add(place, mass, np.zeros((3, 3)), *move)
-
-
-def assemble_bars(parts: list[tuple[Array, Indices]], ndof: int) -> sp.csr_matrix:
-    if not parts:
-        return sp.csr_matrix((ndof, ndof))
-    i = np.concatenate([np.repeat(dofs, len(dofs)) for _, dofs in parts])
-    j = np.concatenate([np.tile(dofs, len(dofs)) for _, dofs in parts])
-    values = np.concatenate([(k + k.T).ravel() / 2 for k, _ in parts])
-    return sp.csr_matrix((values, (i, j)), shape=(ndof, ndof))
 
 
 def check_mechanism(

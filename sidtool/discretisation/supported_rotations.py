@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
@@ -57,17 +58,11 @@ def _resolve_pins(
     unsupported = (stiff <= _FREE_STIFFNESS_TOLERANCE * whole) & (heavy.real <= 0)
     turning = table[:, 3:]
     unsupported &= np.isin(np.arange(structure.ndof), turning[turning >= 0])
-    number = np.where(unsupported, -1, np.cumsum(~unsupported) - 1)
-    structure = structure.with_nodes(np.where(table >= 0, number[table], -1))
-    count = np.count_nonzero(unsupported)
-    limit = f"{count} rotations of nodes that nothing resists are left out (AUTOSPC)"
+    structure, found = _without(structure, unsupported)
     kept = np.flatnonzero(~unsupported)
     supported = others[kept][:, kept], whole[kept], heavy[kept]
     bars = _without_free_rotations(structure, marked(structure), *supported)
-    return (
-        replace(structure, bars=bars),
-        [diagnose("N129", limit=limit)] if unsupported.any() else [],
-    )
+    return replace(structure, bars=bars), found
 
 
 def _without_free_rotations(
@@ -136,10 +131,18 @@ def _without_idle(structure: Structure) -> tuple[Structure, list[Diagnostic]]:
     turning = table[:, 3:]
     idle = (stiff <= 0) & (heavy.real <= 0)
     idle &= np.isin(np.arange(ndof), turning[turning >= 0])
-    if not idle.any():
+    return _without(structure, idle)
+
+
+def _without(
+    structure: Structure, removed: NDArray[np.bool_]
+) -> tuple[Structure, list[Diagnostic]]:
+    """Return the structure without some degrees of freedom (ndof,), and N129."""
+    if not removed.any():
         return structure, []
-    number = np.where(idle, -1, np.cumsum(~idle) - 1)
-    count = np.count_nonzero(idle)
+    table = structure.nodes.table
+    number = np.where(removed, -1, np.cumsum(~removed) - 1)
+    count = np.count_nonzero(removed)
     limit = f"{count} rotations of nodes that nothing resists are left out (AUTOSPC)"
     reduced = structure.with_nodes(np.where(table >= 0, number[table], -1))
     return reduced, [diagnose("N129", limit=limit)]

@@ -30,6 +30,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid_mass import cross
 
 from ..initial_state.assembly import StateVectors, assemble
 from ..spatial import system_arrays as at
@@ -133,12 +134,6 @@ def _not_sought(system: System, start: StateVectors) -> tuple[Diagnostic, ...]:
 
 def _failure_note(search: _SteadyRotationSearch, reason: str) -> Diagnostic:
     return diagnose("N224", ", ".join(search.names), reason=reason)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """(3,) of two vectors; `np.cross` takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _project_forces(C: Array, forces: Array) -> Array:
@@ -440,13 +435,13 @@ class _SteadyRotationSearch:
                 there = carried @ arm
                 way = there - arm + time * group.drift
                 self._set_frame_motion(step, b, R.T @ way, R.T @ (time * axis.omega))
-                speed = group.drift + _cross(axis.omega, there)
+                speed = group.drift + cross(axis.omega, there)
                 self._set_frame_motion(v, b, Q.T @ speed, Q.T @ axis.omega)
                 gain = group.acceleration * axis.omega / axis.speed
-                change = _cross(gain, there)
+                change = cross(gain, there)
                 # axes of points do not turn, in those of other bodies drifts do
                 turned = speed - group.drift if is_point else -group.drift
-                change += _cross(axis.omega, turned)
+                change += cross(axis.omega, turned)
                 self._set_frame_motion(a, b, Q.T @ change, Q.T @ gain)
         if time:
             rates = mechanics.rotation_rates(StateVectors(z, v))
