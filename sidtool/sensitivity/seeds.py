@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.solver.analyses.output_derivatives import POINTS, WEIGHTS
 from sidtool.solver.simulation.frozen_run import Motion
 from sidtool.solver.spatial.system_arrays import IntTable
 
 from .functionals import Functional, History, Peak
 
-#: Points and weights of a difference of fourth order.
-POINTS, WEIGHTS = (-2.0, -1.0, 1.0, 2.0), (1 / 12, -8 / 12, 8 / 12, -1 / 12)
 #: Coordinates that change an output by less than this part are not among its states.
 NEGLIGIBLE = 1e-14
 #: States that are evaluated together.

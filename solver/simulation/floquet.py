@@ -14,7 +14,7 @@ A. H. Nayfeh, D. T. Mook: Nonlinear Oscillations, 1979, sections 5.2 and 5.3.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -193,16 +193,14 @@ def _check_return(run: LinearisedRun, z: Array, v: Array) -> None:
     last_z, last_v = steps.z[-1], steps.v[-1]
     sizes = coordinate_sizes(system)
     period = run.times[-1] - run.times[0]
-    first, last = (
-        _poses(system, state, speed) for state, speed in ((z, v), (last_z, last_v))
-    )
+    first, last = _poses(system, z, v), _poses(system, last_z, last_v)
     worst, where = 0.0, ""
-    for row, body in zip(system.arrays.body, system.bodies, strict=True):
+    bodies = zip(system.arrays.body, system.bodies, first, last, strict=True)
+    for row, body, a, b in bodies:
         if not row[at.NV]:
             continue
         u, end = int(row[at.VEL]), int(row[at.VEL] + row[at.NV])
         speeds = np.abs(last_v - v)[u:end] / sizes[u:end] * period
-        a, b = first[u], last[u]
         moves = np.abs(b - a) / system.length
         elastic = slice(row[at.POS] + row[at.NP] - row[at.NQ], row[at.POS] + row[at.NP])
         bends = np.abs(last_z - z)[elastic] / sizes[end - int(row[at.NQ]) : end]
@@ -258,24 +256,18 @@ def _check_equations(run: LinearisedRun, longer: System) -> None:
         raise SimulationError(diagnose("N741", period=period, size=size, reason=reason))
 
 
-def _poses(system: System, z: Array, v: Array) -> dict[int, Array]:
-    """Positions of each body, and of its axes of the size of the mechanism, by its
-    first velocity coordinate."""
+def _poses(system: System, z: Array, v: Array) -> list[Array]:
+    """Position of each body, and of its axes of the size of the mechanism; of states
+    of laws none."""
     Z = position_rates(system, z[None], v[None]).Z[0]
-    found = {}
-    for row in system.arrays.body:
-        place, R = _place(system, row, z, Z)
-        found[int(row[at.VEL])] = np.concatenate([place, R.ravel() * system.length])
-    return found
-
-
-def _place(system: System, row: Array, z: Array, Z: Array) -> tuple[Array, Array]:
-    """Position and rotation matrix of a body; of states of laws none."""
     axes = 2 if system.planar else 3
-    p, u, rd = int(row[at.POS]), int(row[at.VEL]), int(row[at.RD])
-    if rd < axes:
-        return np.zeros(0), np.zeros((0, 0))
-    return z[p : p + axes], Z[p : p + axes, u : u + axes]
+    found = []
+    for row in system.arrays.body:
+        p, u = int(row[at.POS]), int(row[at.VEL])
+        count = axes if row[at.RD] >= axes else 0
+        R = Z[p : p + count, u : u + count]
+        found.append(np.concatenate([z[p : p + count], R.ravel() * system.length]))
+    return found
 
 
 class _Period:
@@ -392,24 +384,18 @@ class _Period:
 
 def _start_changes(run: LinearisedRun, start: Array) -> list[ParameterChange]:
     """Changes of the start alone, a column each."""
-    count, n = len(run.stages.times), run.n_steps
-    residual = np.zeros((count, run.nv + run.m))
-    constraint = np.zeros((n - 1, 2 * run.m))
-    stretch, system = np.zeros(n), run.system
-    return [
-        ParameterChange(
-            residual,
-            None,
-            stretch,
-            constraint,
-            column,
-            0.0,
-            (system, system),
-            (run.times, run.times),
-            0.0,
-        )
-        for column in start.T
-    ]
+    nothing = ParameterChange(
+        residual=np.zeros((len(run.stages.times), run.nv + run.m)),
+        rates=None,
+        stretch=np.zeros(run.n_steps),
+        constraint=np.zeros((run.n_steps - 1, 2 * run.m)),
+        start=np.zeros(run.nz + run.nv),
+        step=0.0,
+        systems=(run.system, run.system),
+        times=(run.times, run.times),
+        relative_error=0.0,
+    )
+    return [replace(nothing, start=column) for column in start.T]
 
 
 def _mean_sizes(values: np.ndarray) -> Array:

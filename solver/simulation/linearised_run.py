@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import Array
 
+from ..analyses.output_derivatives import POINTS, WEIGHTS
 from ..dynamics import control_laws as laws
 from ..dynamics.equations_of_motion import kernel_pointers
 from ..integrators import batch_evaluation
@@ -129,14 +130,11 @@ class StepMatrices:
 
     def weighted(self, x: Array) -> Array:
         """H x of columns of stages (steps, s, rows, columns)."""
-        n, s, rows, columns = x.shape
-        return _by_stages(self.A, self.h, x.reshape(n, s, -1)).reshape(x.shape)
+        return _by_stages(self.A, self.h, x)
 
     def weighted_back(self, x: Array) -> Array:
         """H^T x."""
-        return _by_stages(self.A.T, self.h, x.reshape(*x.shape[:2], -1)).reshape(
-            x.shape
-        )
+        return _by_stages(self.A.T, self.h, x)
 
     def positions(self, x: Array) -> Array:
         """(1 - H turning)^-1 x of columns of stages."""
@@ -159,8 +157,9 @@ class StepMatrices:
 
 
 def _by_stages(A: Array, h: Array, x: Array) -> Array:
-    """h A x with A between the stages of x (steps, s, numbers)."""
-    return np.asarray((h[:, None, None] * A) @ x)
+    """h A x with A between the stages of x (steps, s, ...)."""
+    flat = x.reshape(*x.shape[:2], -1)
+    return np.asarray(((h[:, None, None] * A) @ flat).reshape(x.shape))
 
 
 class LinearisedRun:
@@ -369,14 +368,14 @@ class LinearisedRun:
         change = np.einsum("nk,nkr->nr", np.concatenate([dz, dv], axis=1), found)
         difference = np.zeros_like(change)
         clocks, times, z, v, *forces = self._states_with_forces(rows)
-        for point, weight in ((-2, 1), (-1, -8), (1, 8), (2, -1)):
+        for point, weight in zip(POINTS, WEIGHTS, strict=True):
             out, moved = np.zeros_like(change), z.copy()
             moved[:, : self.nz] += point * dz
             batch_evaluation.residuals_of_states(
                 *(self.kernels, self.system.arrays, self.work),
                 *(clocks, times, moved, v + point * dv, *forces, out),
             )
-            difference += weight / 12.0 * out
+            difference += weight * out
         sizes = self._row_sizes(np.abs(difference).max(axis=0))
         return bool((np.abs(difference - change) / sizes).max() < COMPLETE)
 
@@ -433,7 +432,7 @@ class LinearisedRun:
 
     def _weighted_blocks(self, h: Array, x: Array) -> Array:
         """H times stages of blocks (steps, s, rows, columns)."""
-        return _by_stages(self.A, h, x.reshape(*x.shape[:2], -1)).reshape(x.shape)
+        return _by_stages(self.A, h, x)
 
     def _own_columns(self, blocks: Array) -> Array:
         """Blocks (steps, s, rows, columns), each in the columns of its own stage."""

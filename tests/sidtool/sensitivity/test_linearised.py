@@ -197,7 +197,9 @@ def test_a_break_that_moves() -> None:
 
 
 def test_what_is_not_linearised() -> None:
-    """Friction and events: differences, with the reason; asked for alone, refused."""
+    """With friction differences of runs are taken and the reason is stated; a method of
+    the linearised run is refused.
+    """
     keys, of = ["block.initial.velocity[0]"], "final(block.x)"
     scene = radau(scenes.sliding_block())
     found = sidtool.sensitivity(scene, keys, of)
