@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -124,12 +125,12 @@ def inverse_dynamics(
 Found = TypeVar("Found")
 
 
-class _NamedNumbers:
+class _NamedNumbers(ABC):
     """Mapping from names to numbers: `keys()`, `in`, `len` and iteration."""
 
+    @abstractmethod
     def keys(self) -> tuple[str, ...]:
         """Return the names of the numbers."""
-        raise NotImplementedError
 
     def __contains__(self, name: object) -> bool:
         return name in self.keys()

@@ -78,6 +78,15 @@ method_option = click.option(
     ),
 )
 
+rigid_option = click.option(
+    "--rigid",
+    "rigid",
+    metavar="BODIES",
+    multiple=True,
+    callback=lambda _, __, texts: tuple(x for t in texts for x in listed_names(t)),
+    help="Take bodies with a SID as rigid, such as arm or arm1,arm2.",
+)
+
 changes_option = click.option(
     "--set",
     "changes",
@@ -523,14 +532,3 @@ def files_by_body(
             )
         files[body] = file
     return files
-
-
-#: Bodies to take as rigid, in any number of options.
-rigid_option = click.option(
-    "--rigid",
-    "rigid",
-    metavar="BODIES",
-    multiple=True,
-    callback=lambda _, __, texts: tuple(x for t in texts for x in listed_names(t)),
-    help="Take bodies with a SID as rigid, such as arm or arm1,arm2.",
-)

@@ -40,7 +40,7 @@ def planar(table: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
 @pytest.mark.parametrize("stiffened", [False, True])
 @pytest.mark.parametrize("frame", FRAMES)
-def test_a_free_bar_keeps_energy_and_momenta_for_many_periods(
+def test_energy_and_momenta_of_a_free_bar_are_constant_over_250_periods(
     frame: str, stiffened: bool, dimension: str
 ) -> None:
     """250 of its slowest vibration. Without stiffening by the quadratic inertia."""
