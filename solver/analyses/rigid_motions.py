@@ -94,7 +94,7 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
     rounding = ROUNDING * float(np.abs(matrix).max(initial=0.0))
     tolerance = FREE_MOTION * (fastest**2 + preload) + rounding
     known: list[tuple[complex, np.ndarray]] = []
-    for value in (0.0, *(1j * x for x in rates_), *(-1j * x for x in rates_)):
+    for value in (0.0, *(1j * x for x in rates_)):
         states = np.zeros((len(matrix), free.shape[1]), complex)
         states[:n_positions] = free
         states[n_positions : 2 * n_positions] = (
@@ -112,6 +112,8 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
         eigenvectors = states @ right[none].conj().T
         if eigenvectors.size:
             known.append((value, np.asarray(orth(eigenvectors))))
+            if value:
+                known.append((-value, known[-1][1].conj()))
     if not known:
         values, vectors = np.linalg.eig(matrix)
         return Spectrum(values, vectors, np.zeros(len(values), bool))
@@ -138,16 +140,17 @@ def _deflated_spectrum(
     fastest: float,
     preload: float,
 ) -> Spectrum:
-    """The spectrum of a matrix with known eigenvalues and vectors.
+    """The spectrum of a real matrix with known eigenvalues and vectors, in pairs.
 
-    Of each of them a second one may be near, which belongs to the same motion.
+    What is left is a real matrix, too: its eigenvalues are real or exact pairs. Of each
+    known one a second one may be near, which belongs to the same motion.
     """
     first = np.hstack([vectors for _, vectors in known])
-    first = np.asarray(orth(first, rcond=1e-8))
-    complement = np.asarray(kernel(first.conj().T))
-    own = first.conj().T @ matrix @ first
-    coupled = first.conj().T @ matrix @ complement
-    values, inner_vectors = np.linalg.eig(complement.conj().T @ matrix @ complement)
+    first = np.asarray(orth(np.hstack([first.real, first.imag]), rcond=1e-8))
+    complement = np.asarray(kernel(first.T))
+    own = first.T @ matrix @ first
+    coupled = first.T @ matrix @ complement
+    values, inner_vectors = np.linalg.eig(complement.T @ matrix @ complement)
     is_kept = np.ones(len(values), bool)
     tolerance = FREE_MOTION * (fastest + np.sqrt(preload))
     tolerance += second * float(np.abs(values).max(initial=0.0))
