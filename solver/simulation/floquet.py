@@ -296,9 +296,10 @@ class _Period:
         scale = mechanics.scale[:, None]
         moved, speeds = small.position_directions, small.velocity_directions
         self.size = 0
+        self.multipliers: np.ndarray = np.zeros(0)
+        self.vectors: np.ndarray = np.zeros((0, 0))
         if not moved.shape[1]:  # nothing can move
             self.monodromy = np.zeros((0, 0))
-            self.multipliers, self.vectors = np.zeros(0), np.zeros((0, 0))
             return
         rates = position_rates(system, z[None], v[None])
         self._follow(np.concatenate([rates.Z[0] @ (scale * moved), scale * speeds]))
