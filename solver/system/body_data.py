@@ -71,8 +71,12 @@ def with_held_frames(scene: SceneFile) -> SceneFile:
 
 
 def without_held_frames(scene: SceneFile) -> SceneFile:
-    """The scene that became this one, as files hold it."""
+    """The scene that became this one, as files hold it: the same object where it did
+    not change.
+    """
     held_markers = {f"{name} held" for name in scene.bodies}
+    if held_markers.isdisjoint(scene.joints):
+        return scene
     joints = {n: joint for n, joint in scene.joints.items() if n not in held_markers}
     markers = {n: m for n, m in scene.ground.markers.items() if n not in held_markers}
     ground = scene.ground.model_copy(update={"markers": markers})

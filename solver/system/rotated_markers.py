@@ -52,7 +52,7 @@ def with_rotated_markers(
     """
     rotated, joints = dict(data), dict(scene.joints)
     if rotations is None:
-        rotations = dict(_find_rotations(scene, data))
+        rotations = dict(find_rotations(scene, data))
     for name, rotation_ in rotations.items():
         first, second = marker_names(joints[name])
         body, marker = marker_reference(second)
@@ -85,22 +85,25 @@ def marker_rotations(scene: SceneFile, bodies: Iterable[BodyData]) -> dict[str, 
 
 
 def original_scene(scene: SceneFile) -> SceneFile:
-    """The scene that became that of a system, as files hold it."""
-    scene = without_held_frames(scene)
-    joints = dict(scene.joints)
-    for name, joint in joints.items():
+    """The scene that became that of a system, as files hold it: the same object where
+    it did not change.
+    """
+    scene, changed = without_held_frames(scene), {}
+    for name, joint in scene.joints.items():
         texts = marker_names(joint)
         if texts and texts[1].endswith(_suffix(name)):
             pair = texts[0], texts[1].removesuffix(_suffix(name)).removesuffix(".")
-            joints[name] = joint.model_copy(update={"markers": pair})
-    return scene.model_copy(update={"joints": joints})
+            changed[name] = joint.model_copy(update={"markers": pair})
+    if not changed:
+        return scene
+    return scene.model_copy(update={"joints": dict(scene.joints) | changed})
 
 
 def _suffix(joint: str) -> str:
     return f" turned by {joint}"
 
 
-def _find_rotations(
+def find_rotations(
     scene: SceneFile, data: Mapping[str, BodyData]
 ) -> Iterator[tuple[str, Array]]:
     """Joints that turn their second marker, and the rotation of that."""

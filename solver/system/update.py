@@ -5,7 +5,10 @@ values and functions of time change.
 """
 
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
+
+import numpy as np
 
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.scene import (
@@ -21,11 +24,12 @@ from sidtool.formats.toml.tables import Table
 from ..functions.features import Features, merge_features
 from ..functions.function_table import RealData, replacement_entry
 from ..spatial import system_arrays as at
-from .body_data import BodyData, rigid_body, rigid_nodes
+from .body_data import BodyData, rigid_body, rigid_nodes, with_held_frames
 from .body_table import constant_orientation, pack_marker
 from .build import build_system
 from .build_inputs import BuildInputs
 from .characteristic_sizes import mechanism_size
+from .rotated_markers import find_rotations, marker_rotations
 from .sid_packing import pack_sid
 from .system import System
 
@@ -46,9 +50,9 @@ def updated_system(
     functions of drives.
 
     None where more changes, or where numbers of the kind that changed may decide on
-    tables: orientations beside point masses and places of these, flexible bodies that
-    are held or taken as rigid, other breaks, and any beside laws or at static
-    equilibrium.
+    tables: orientations beside point masses and places of these, orientations that
+    rotate markers of joints, flexible bodies that are held or taken as rigid, other
+    breaks, and any beside laws or at static equilibrium.
 
     Parameters
     ----------
@@ -65,6 +69,8 @@ def updated_system(
     data = _changed_bodies(before, previous, scene)
     functions = _changed_functions(before, previous, scene)
     if data is None or functions is None:
+        return None
+    if data and not _keeps_rotated_markers(before, scene, data):
         return None
     return _with_changed_numbers(before, scene, data, *functions)
 
@@ -85,6 +91,18 @@ def _depends_on_numbers_only(before: System, sids: Mapping[str, SID]) -> bool:
     static = before.scene.initial.state == "static"
     return same and not (
         static or laws or states or before.drive_law_rows or before.make_continuous
+    )
+
+
+def _keeps_rotated_markers(
+    before: System, scene: SceneFile, changed: Mapping[str, BodyData]
+) -> bool:
+    """True if the second markers of joints are rotated as before."""
+    bodies = {one.name: changed.get(one.name, one) for one in before.bodies}
+    known = marker_rotations(before.scene, before.bodies)
+    found = dict(find_rotations(with_held_frames(scene), bodies))
+    return known.keys() == found.keys() and all(
+        np.array_equal(rotation, known[name]) for name, rotation in found.items()
     )
 
 
@@ -118,7 +136,9 @@ def _changed_bodies(
         if isinstance(body, RigidBody):
             same = body.markers == old.markers
             nodes = data.sid.nodes if same else rigid_nodes(body.markers)
-            bodies[name] = rigid_body(name, body, nodes)
+            bodies[name] = replace(
+                rigid_body(name, body, nodes), rotated_markers=data.rotated_markers
+            )
         else:
             bodies[name] = data
         if bodies[name].rotates != data.rotates:

@@ -12,6 +12,7 @@ import pytest
 import sidtool
 from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene
 from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.system.build import build_system
 from sidtool.solver.system.system import System
@@ -218,3 +219,28 @@ def test_what_may_change_tables_is_made_anew() -> None:
     ):
         assert updated_system(before, content.with_(changes), sids) is None
     assert updated_system(before, content, {"rod": soft_body(5, 4, nodes=2)}) is None
+
+
+def test_orientations_that_rotate_a_marker_of_a_joint_make_other_tables() -> None:
+    """A fixed joint keeps the relative orientation that the scene states."""
+    content, sids = turning_links()
+    content = content.with_({"base.initial.angle": 0.2})
+    before = build_system(content, sids)
+    assert updated_system(before, content.with_({"tip.initial.angle": 5.0}), sids) is (
+        None
+    )
+    heavier = content.with_({"tip.mass": 2.0})
+    found = updated_system(before, heavier, sids)
+    assert found is not None
+    assert_same(found, build_system(heavier, sids))
+
+
+def test_compiling_with_another_mass_keeps_the_tables() -> None:
+    for make in SCENES:
+        content, sids = make()
+        before = compile_scene(content, sids=sids)
+        name = next(n for n in content.bodies if n not in content.sid_bodies)
+        found = compile_scene(
+            content.with_({f"{name}.mass": 3.0}), sids=sids, before=before
+        )
+        assert found.arrays.body is before.arrays.body
