@@ -199,7 +199,8 @@ class LumpedMass(Table):
     ----------
     at : fraction of the length of the beam
     mass : [kg]
-    inertia : [xx, yy, zz] about its own centre [kg m^2]
+    inertia : [xx, yy, zz] about its own centre: about the tangent of the beam and the
+        axes y and z of its section there [kg m^2]
     """
 
     at: Number = Field(ge=0, le=1)

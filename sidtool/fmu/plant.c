@@ -457,7 +457,9 @@ static int64_t make_steps(Plant *plant, int64_t limit)
 
 /* Inputs that must not jump move to their new values until the end of the communication
    step: along a straight line, or along a cubic polynomial that begins with the rate so far
-   and ends with the mean rate of the step. True if one moves. */
+   and ends with the rate of the parabola through the values at the ends of this step and
+   of the piece before; after rest, of the parabola without rate at its begin. True if one
+   moves. */
 static int choose_courses(Plant *plant, double end)
 {
     int moves = 0;
@@ -468,12 +470,16 @@ static int choose_courses(Plant *plant, double end)
             continue;
         double rate, value = input_at(plant, i, plant->now, &rate);
         double length = end - plant->now, mean = (goal - value) / length;
-        double bend = inputs[i].continuity > 1 ? (mean - rate) / length : 0.0;
+        double before = is_constant ? 0.0 : plant->now - piece[0];
+        double mean_before = piece[2] + before * (piece[3] + before * piece[4]);
+        double change = mean - mean_before;
+        double last_rate = mean + change * length / (length + before);
+        int is_smooth = inputs[i].continuity > 1;
         piece[0] = plant->now;
         piece[1] = value;
-        piece[2] = bend == 0.0 ? mean : rate;
-        piece[3] = 2.0 * bend;
-        piece[4] = -bend / length;
+        piece[2] = is_smooth ? rate : mean;
+        piece[3] = is_smooth ? (3.0 * mean - 2.0 * rate - last_rate) / length : 0.0;
+        piece[4] = is_smooth ? (rate + last_rate - 2.0 * mean) / (length * length) : 0.0;
         moves = plant->must_restart = 1;
     }
     return moves;

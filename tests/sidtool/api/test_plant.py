@@ -21,6 +21,7 @@ ARM_HANGING = {
     "markers": {"pivot": {"position": [-0.4, 0.0]}},
 }
 VALUES = 3.0 * np.sin(7.0 * TIMES)
+INPUT_COMMAND = {"type": "input", "name": "command"}
 #: Of the outputs of a plant and of a run with the same steps.
 ROUNDING = 1e-12
 
@@ -136,6 +137,36 @@ def test_a_smooth_input_follows_a_ramp_without_a_lag() -> None:
     plant.set(torque=0.4)
     plant.advance(0.05)
     assert before == pytest.approx(0.2, abs=ROUNDING)
+
+
+@pytest.mark.parametrize("length", [0.02, 0.01])
+def test_a_smooth_position_accelerates_as_its_signal(length: float) -> None:
+    """A mass follows A (1 - cos(w t)): the force of the drive is m A w^2 cos(w t).
+
+    The values of steps of length h determine it to 2 h m A w^3.
+    """
+    amplitude, omega, mass = 0.1, 6.0, 2.0
+    scene = sidtool.Scene(
+        dimension="planar",
+        time={"end": 1.0, "output_step": 0.1},
+        accuracy={"rtol": 1e-9},
+        inputs={"command": {"interpolation": "smooth"}},
+        bodies={"cart": {"mass": mass, "inertia": 0.1}},
+        joints={"rail": {"type": "prismatic", "markers": ["ground", "cart"]}},
+        drives={"servo": {"joint": "rail", "function": INPUT_COMMAND}},
+    )
+    plant = scene.compile().plant(outputs=["servo.force", "cart.x", "cart.vx"])
+    for k in range(1, round(1.0 / length) + 1):
+        angle = omega * k * length
+        command = amplitude * (1.0 - np.cos(angle))
+        plant.set(command=float(command))
+        plant.advance(length)
+        third = mass * amplitude * omega**3
+        force = mass * amplitude * omega**2 * np.cos(angle)
+        rate = amplitude * omega * np.sin(angle)
+        assert plant["servo.force"] == pytest.approx(force, abs=2.01 * length * third)
+        assert plant["cart.vx"] == pytest.approx(rate, abs=length**2 * third / mass)
+        assert plant["cart.x"] == pytest.approx(command, abs=ROUNDING)
 
 
 def test_inputs_that_jump_between_steps_act_at_their_time() -> None:
