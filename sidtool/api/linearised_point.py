@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import Array
+from sidtool.formats.base.sid import SID, Array
 from sidtool.solver.simulation.frozen_run import Motion, StructureChange
 from sidtool.solver.simulation.linearised_run import LinearisedRun, NotLinearisable
 from sidtool.solver.simulation.motion_derivatives import (
@@ -23,6 +23,7 @@ from sidtool.solver.simulation.motion_derivatives import (
     MotionDerivatives,
     ParameterChange,
 )
+from sidtool.solver.simulation.sid_gradient import sid_gradient
 from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
 
@@ -46,8 +47,19 @@ COORDINATES_SQUARED, DIFFERENCED_PER_RUN, SPATIAL_PER_RUN = 60.0, 3.0, 7.0
 ADJOINT_VARIABLES, ADJOINT_TIMES = 8, 20
 #: Relative errors of derivatives of the equations of motion, exact or by differences.
 EXACT_ERROR, DIFFERENCE_ERROR = 1e-10, 1e-9
+#: Numbers of models from which gradients by SIDs are cheaper, and how well derivatives
+#: along all of them agree in both ways.
+SID_VARIABLES, AGREEMENT = 3, 1e-8
 #: A variable has no derivative about the run, or none at all.
 Failure: TypeAlias = StructureChange | InputError | SimulationError
+
+
+class SidDerivative(NamedTuple):
+    """Derivative of the SID of a body by a variable: a factor times a SID."""
+
+    body: str
+    sid: SID
+    factor: float
 
 
 class Point(Protocol):
@@ -63,9 +75,29 @@ class Point(Protocol):
 
     def size(self, k: int) -> float: ...
 
-    def neighbour_system(self, k: int, step: float) -> System: ...
+    def neighbour_along(self, direction: Array, step: float) -> System: ...
+
+    def model_derivatives(self, k: int) -> Sequence[SidDerivative]: ...
 
     def without_motion(self) -> Any: ...
+
+
+def combined(
+    parts: Sequence[Difference | Failure], factors: Array
+) -> Difference | Failure:
+    """The derivative by a variable that changes several numbers by factors, or why one
+    of these has none.
+    """
+    chosen = np.flatnonzero(factors).tolist() or [0]
+    pairs = [(parts[k], factors[k]) for k in chosen]
+    good = [(one, factor) for one, factor in pairs if isinstance(one, Difference)]
+    if len(good) < len(pairs):
+        return next(one for one, _ in pairs if not isinstance(one, Difference))
+    return replace(
+        good[0][0],
+        derivatives=sum(one.derivatives * factor for one, factor in good),
+        errors=sum(one.errors * abs(factor) for one, factor in good),
+    )
 
 
 class LinearisedPoint:
@@ -137,31 +169,82 @@ class LinearisedPoint:
         """Derivatives of all terms by some variables, or why one has none about the
         run.
         """
-        found: list[Difference | Failure] = []
-        for first in range(0, len(numbers), self._columns):
-            group = numbers[first : first + self._columns]
-            changes = [self._change(k) for k in group]
+        found: dict[int, Difference | Failure] = {**self._through_sids(numbers)}
+        others = [k for k in numbers if k not in found]
+        for first in range(0, len(others), self._columns):
+            group = others[first : first + self._columns]
+            changes = [self._change_by(k) for k in group]
             good = [c for c in changes if isinstance(c, ParameterChange)]
             rows = iter(self._derivatives(good) if good else ())
             for k, change in zip(group, changes, strict=True):
                 if isinstance(change, ParameterChange):
-                    row = next(rows)
-                    if isinstance(row, Difference):
-                        row = self._with_other_terms(k, row)
-                    found.append(row)
+                    found[k] = next(rows)
                 else:
-                    found.append(change)
-        return found
+                    found[k] = change
+        return [
+            self._with_other_terms(k, one) if isinstance(one, Difference) else one
+            for k, one in ((k, found[k]) for k in numbers)
+        ]
 
-    def _change(self, k: int) -> ParameterChange | Failure:
+    def _change_by(self, k: int) -> ParameterChange | Failure:
         """What a variable changes at fixed states."""
-        size = self._point.size(k)
-        step = STEP * size
+        direction = np.zeros(len(self._point.x))
+        direction[k] = 1.0
+        return self._change(direction, self._point.size(k))
+
+    def _change(self, direction: Array, size: float) -> ParameterChange | Failure:
+        """What variables change at fixed states along a direction, per unit of it."""
+        step, point = STEP * size, self._point
         try:
-            above, below = (self._point.neighbour_system(k, e) for e in (step, -step))
+            above, below = (point.neighbour_along(direction, e) for e in (step, -step))
             return self._motion.parameter_change((above, below), step, size)
         except (StructureChange, InputError, SimulationError) as why:
             return why
+
+    def _through_sids(self, numbers: Sequence[int]) -> dict[int, Difference]:
+        """Derivatives by numbers of models, from the gradients by all numbers of SIDs.
+
+        None where these are few, or where they change the start or a functional at
+        fixed states as well, which the derivative along all of them together shows.
+        """
+        parts = {k: self._point.model_derivatives(k) for k in numbers}
+        parts = {k: found for k, found in parts.items() if found}
+        if self.method != ADJOINT or len(parts) < SID_VARIABLES:
+            return {}
+        bodies = dict.fromkeys(one.body for found in parts.values() for one in found)
+        try:
+            gradients = {
+                b: sid_gradient(self._motion, self._gradient, b) for b in bodies
+            }
+        except NotLinearisable:
+            return {}
+        known = {
+            k: sum(
+                (one.factor * gradients[one.body].along(one.sid) for one in found),
+                np.zeros(len(self._values)),
+            )
+            for k, found in parts.items()
+        }
+        weights = np.random.default_rng(0).choice([-1.0, 1.0], len(self._point.x))
+        direction = np.zeros(len(weights))
+        for k in parts:
+            direction[k] = weights[k] * self._point.size(k)
+        change = self._change(direction, 1.0)
+        if not isinstance(change, ParameterChange):
+            return {}
+        (whole,) = self._derivatives([change])
+        if not isinstance(whole, Difference):
+            return {}
+        terms = np.array([direction[k] * known[k] for k in parts])
+        size = np.maximum(np.abs(terms).sum(axis=0), np.finfo(float).tiny)
+        difference = np.abs(terms.sum(axis=0) - whole.derivatives)
+        if (difference > AGREEMENT * size + whole.errors).any():
+            return {}
+        share = self._error + difference / size
+        return {
+            k: Difference(one, share * np.abs(one), 0, 0.0, self.method)
+            for k, one in known.items()
+        }
 
     def _derivatives(
         self, changes: Sequence[ParameterChange]

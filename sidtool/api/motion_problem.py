@@ -6,6 +6,7 @@ made of it.
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +18,6 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
-from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.storage.operating_system import processors
 from sidtool.formats.toml.files import locate_errors
@@ -33,8 +33,6 @@ from sidtool.solver.simulation.linearised_run import NotLinearisable
 from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
 
-from ..model_derivatives.design_variables import design_variable
-from ..model_derivatives.sid_derivatives import DifferentiableBody, SidDerivatives
 from ..sensitivity.differences import (
     CENTRAL,
     GOOD_ERROR,
@@ -50,10 +48,18 @@ from ..sensitivity.variables import (
     model_offsets,
     scene_changes,
 )
-from ..sweep.design import Designs
 from .compiled_scene import CompiledScene, Sids
-from .linearised_point import AUTO, DIFFERENCES, METHODS, Failure, LinearisedPoint
+from .linearised_point import (
+    AUTO,
+    DIFFERENCES,
+    METHODS,
+    Failure,
+    LinearisedPoint,
+    SidDerivative,
+    combined,
+)
 from .parallel_runs import map_in_threads
+from .varied_bodies import VariedBody, varied_models
 
 Programs = Mapping[str, Any]
 
@@ -115,7 +121,7 @@ class Problem:
         sids, programs, jobs = settings.sids, settings.programs, settings.jobs
         with locate_errors(scene):
             given_sids = dict(sids or {})
-            self.models = _models(scene, self.variables, given_sids)
+            self.models = varied_models(scene, self.variables, given_sids)
             record = recorded_outputs(self.functionals)
             self.scene = _with_outputs(scene, record)
             self._bodies = self.bodies(np.array([v.value for v in self.variables]))
@@ -216,52 +222,6 @@ def _with_outputs(scene: SceneFile, record: Sequence[str]) -> SceneFile:
         ) from None
 
 
-def _models(
-    scene: SceneFile, variables: Sequence[Variable], sids: Mapping[str, Any]
-) -> dict[str, ModelFile]:
-    """Models of the bodies of which the models have variables.
-
-    Raises
-    ------
-    InputError : a SID replaces that of such a body.
-    """
-    names = dict.fromkeys(e.body for v in variables for e in v.entries if e.body)
-    for name in names:
-        if name in sids:
-            raise InputError(
-                "replaces a body whose model is varied",
-                place=f"sids[{name!r}]",
-                expected="variables of other bodies",
-            )
-    designs = Designs(scene, {}, [])
-    return {name: designs.model(name) for name in names}
-
-
-class VariedBody:
-    """A body whose model has variables.
-
-    Attributes
-    ----------
-    sid : its SID
-    """
-
-    def __init__(self, model: ModelFile, keys: Sequence[str]) -> None:
-        self._model, self._keys = model, keys
-        self._body = DifferentiableBody(model)
-        self.sid = self._body.sid
-
-    @cached_property
-    def _derivatives(self) -> SidDerivatives:
-        variables = [design_variable(self._model, key) for key in self._keys]
-        values = {one.name: one.value for one in variables}
-        derivatives = {one.name: self._body.derivative(one) for one in variables}
-        return SidDerivatives(self.sid, values, derivatives)
-
-    def neighbour(self, offsets: Mapping[str, float]) -> SID:
-        """The SID changed along its derivatives by numbers of the model."""
-        return self._derivatives.neighbour(offsets)
-
-
 def _terms(functionals: Sequence[Functional], history: History | None) -> list[Term]:
     """A term for each functional, then their other peaks."""
     peaks = [[] if history is None else f.peaks(history) for f in functionals]
@@ -341,17 +301,48 @@ class Point:
         }
         return self.problem.system(x, sids)
 
-    def neighbour_system(self, k: int, step: float) -> System:
-        """The scene with one variable changed by a step.
+    def neighbour_along(self, direction: Array, step: float) -> System:
+        """The scene with the variables changed by a step along a direction.
 
         Raises
         ------
-        InputError : it does not fit.
+        InputError : they do not fit.
         """
-        x = self.x.copy()
-        x[k] += step
         with locate_errors(self.problem.scene):
-            return self._system(x)
+            return self._system(self.x + step * direction)
+
+    def model_derivatives(self, k: int) -> list[SidDerivative]:
+        """Derivatives of SIDs by a variable; none of one that changes the scene."""
+        entries = self.problem.variables[k].entries
+        if any(not entry.body for entry in entries):
+            return []
+        bodies = self.bodies
+        return [
+            SidDerivative(e.body, bodies[e.body].derivative(e.model_key), e.factor)
+            for e in entries
+        ]
+
+    def by_entries(self) -> tuple[Point, Array]:
+        """The point with each number that the variables change as a variable, and the
+        derivatives of these numbers by the variables, (n_variables, numbers).
+        """
+        variables = self.problem.variables
+        entries = {entry.key: entry for v in variables for entry in v.entries}
+        columns = {key: k for k, key in enumerate(entries)}
+        factors = np.zeros((len(variables), len(entries)))
+        for row, variable in zip(factors, variables, strict=True):
+            for entry in variable.entries:
+                row[columns[entry.key]] += entry.factor
+        changes = self.x - [variable.value for variable in variables]
+        values = [entry.value for entry in entries.values()] + changes @ factors
+        units = {entry.key: v.unit for v in variables for entry in v.entries}
+        numbers = [
+            Variable(key, entry.value, units[key], (entry._replace(factor=1.0),))
+            for key, entry in entries.items()
+        ]
+        problem = copy.copy(self.problem)
+        problem.variables, problem.x0, problem.steps = numbers, values, {}
+        return replace(self, problem=problem, x=values), factors
 
     def without_motion(self) -> Point:
         """The point with the terms alone that need no motion."""
@@ -392,7 +383,7 @@ class Point:
         reason = "as requested" if method == DIFFERENCES else ""
         if self.history is not None and method != DIFFERENCES:
             try:
-                found = LinearisedPoint(self, method).differences(numbers)
+                found = self._linearised_differences(method)
             except NotLinearisable as why:
                 reason = why.reason
                 if method != AUTO:
@@ -410,6 +401,20 @@ class Point:
             except (StructureChange, InputError, SimulationError) as why:
                 found[k] = why
         return found, reason
+
+    def _linearised_differences(self, method: str) -> list[Difference | Failure]:
+        """Derivatives about the linearised run, by variables or by the numbers that
+        they change, whichever are fewer.
+
+        Raises
+        ------
+        NotLinearisable : the run has something that is not linearised.
+        """
+        numbers, factors = self.by_entries()
+        if len(numbers.x) >= len(self.x):
+            return LinearisedPoint(self, method).differences(range(len(self.x)))
+        found = LinearisedPoint(numbers, method).differences(range(len(numbers.x)))
+        return [combined(found, row) for row in factors]
 
     def difference(self, k: int, good: float = GOOD_ERROR) -> Difference:
         """Derivatives of all terms by one variable.

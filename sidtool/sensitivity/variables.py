@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.toml.files import File, key_path
+from sidtool.formats.toml.files import File
 
 from ..model_derivatives.design_variables import ShapeVariable
-from ..sweep.design import Designs, value_at
+from ..sweep.design import Designs, places_of_key, value_at
 
 #: Tables of a scene whose numbers a wildcard may mean.
 _TABLES = ("parameters", "gravity", "bodies", "joints", "drives", "forces", "inputs")
@@ -170,7 +170,7 @@ def _number_at(content: File, key: str, place: str) -> float:
     """
     value: Any = content
     try:
-        for part in key_path(key, content.file_data(), type(content)):
+        for part in places_of_key(content, key):
             value = value_at(value, part)
     except (LookupError, AttributeError, TypeError, StopIteration):
         raise InputError(

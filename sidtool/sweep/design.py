@@ -291,7 +291,7 @@ class Designs:
 def unit_of_key(content: Any, key: str) -> str:
     """Return the unit of a key of a file from its description, "" if there is none."""
     try:
-        places = key_path(key, content.file_data(), type(content))
+        places = places_of_key(content, key)
         while isinstance(places[-1], int):  # a component of a vector
             places.pop()
         for place in places[:-1]:
@@ -301,6 +301,17 @@ def unit_of_key(content: Any, key: str) -> str:
     pairs = _UNIT.findall(_key_description(content, places[-1]))
     units = {bracketed or named for bracketed, named in pairs}
     return units.pop() if len(units) == 1 else ""
+
+
+def places_of_key(content: File, key: str) -> list[str | int]:
+    """Return the parts of a key from the top of a file.
+
+    Raises
+    ------
+    InputError : it has another form, or nothing has this name.
+    """
+    tables = {name: getattr(content, name, None) or {} for name in content.named}
+    return key_path(key, tables, type(content))
 
 
 def check_parameter(content: File, key: str, place: str) -> None:

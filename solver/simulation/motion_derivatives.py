@@ -126,7 +126,7 @@ class MotionDerivatives:
         self._points = lagrange_matrix(nodes, run.motion.points.fractions)
 
     @cached_property
-    def _ends(self) -> States:
+    def ends(self) -> States:
         """States after the projections of all steps but the last one."""
         run = self.run
         z, v = run.starts
@@ -136,7 +136,7 @@ class MotionDerivatives:
 
     @cached_property
     def _projection(self) -> _Projection:
-        run, ends = self.run, self._ends
+        run, ends = self.run, self.ends
         n, nz, nv, m = run.n_steps - 1, run.nz, run.nv, run.m
         C, G = np.zeros((n, m, nv)), np.zeros((n, m, nv))
         rates = np.zeros((n, nz, m))
@@ -209,7 +209,7 @@ class MotionDerivatives:
         stages = run.stages.moved(
             np.repeat(clocks, run.s), run.stage_times(times).ravel()
         )
-        ends = self._ends.moved(clocks[:-1].copy(), times[1:-1].copy())
+        ends = self.ends.moved(clocks[:-1].copy(), times[1:-1].copy())
         rates = None
         if self._orientations(start.system) != self._orientations(run.system):
             rates = position_rates(start.system, stages.z, stages.v).rate

@@ -95,7 +95,8 @@ def test_adjoint_and_direct_are_transposes() -> None:
     derivatives = MotionDerivatives(run)
     changes = []
     for k, value in enumerate(point.x):
-        pair = [point.neighbour_system(k, e * value) for e in (1e-5, -1e-5)]
+        one = np.eye(len(keys))[k]
+        pair = [point.neighbour_along(one, e * value) for e in (1e-5, -1e-5)]
         change = derivatives.parameter_change((pair[0], pair[1]), 1e-5 * value, value)
         changes.append(change)
     z, v = derivatives.direct(changes)

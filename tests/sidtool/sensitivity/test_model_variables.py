@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import sidtool
+from sidtool.api.motion_problem import Point
 from tests.places import ROOT
 
 pytestmark = pytest.mark.filterwarnings("ignore::sidtool.DiagnosticWarning")
@@ -19,6 +21,12 @@ def bar(end: float = 0.05) -> sidtool.Scene:
     """A clamped bar under its weight, given by its model."""
     scene = sidtool.Scene.load(ROOT / "examples/beam/scene.toml")
     return scene.with_({"bar.model": "beam.toml", "time.end": end})
+
+
+def coarse_bar() -> sidtool.Scene:
+    model = sidtool.Model.load(ROOT / "examples/beam/beam.toml")
+    coarse = {"discretisation.elements": 4, "reduction.modes": 3}
+    return bar().with_({"bar.model": model.with_(coarse)})
 
 
 def test_a_bar_under_its_weight() -> None:
@@ -61,3 +69,39 @@ def test_a_model_is_needed(tmp_path: Path) -> None:
             "rms(rod.q1)",
             sids={"rod": sid},
         )
+
+
+@pytest.mark.parametrize(
+    ("functional", "neighbours"),
+    [("final(bar.q1)", 1), ("final(bar.tip.y)", 4)],
+    ids=["state", "own"],
+)
+def test_an_adjoint_run_serves_all_numbers_of_a_model(
+    functional: str, neighbours: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One pair of neighbours checks the gradient by the SID; each number has its own
+    pair where the functional depends on shape functions itself.
+    """
+    keys = [f"bar.model.{key}" for key in KEYS]
+    calls = list[float]()
+    along = Point.neighbour_along
+
+    def counted(point: Point, direction: Any, step: float) -> Any:
+        calls.append(step)
+        return along(point, direction, step)
+
+    monkeypatch.setattr(Point, "neighbour_along", counted)
+    found = sidtool.sensitivity(coarse_bar(), keys, functional, method="adjoint")
+    assert len(calls) == 2 * neighbours
+    direct = sidtool.sensitivity(coarse_bar(), keys, functional, method="direct")
+    assert found.relative == pytest.approx(direct.relative, rel=1e-8, abs=1e-8)
+
+
+def test_groups_are_sums_of_the_numbers_that_they_change() -> None:
+    keys = [f"bar.model.{key}" for key in KEYS[:2]]
+    groups = [f"g{k}={keys[0]}:{k},{keys[1]}:{1e-6 * k}" for k in (1, 2, 3)]
+    single = sidtool.sensitivity(coarse_bar(), keys, "final(bar.q1)", method="direct")
+    found = sidtool.sensitivity(coarse_bar(), groups, "final(bar.q1)", method="direct")
+    by_modulus, by_density = single.derivatives[0]
+    exact = [k * (by_modulus + 1e-6 * by_density) for k in (1, 2, 3)]
+    assert found.derivatives[0] == pytest.approx(np.array(exact), rel=1e-12)
