@@ -46,6 +46,8 @@ MIN_INDEPENDENCE = 1e-5
 MAX_HALVINGS = 20
 #: Elastic coordinates are in equilibrium when they change by less, relative to all.
 CONVERGED = 1e-11
+#: Changes that no longer shrink are rounding below this part of the mechanism's size.
+ROUNDING = 1e-13
 #: Turns are counted when they differ less from what the mean speed makes them [rad].
 MAX_ROTATION_ERROR = 1.0
 MAX_ITERATIONS = 40
@@ -280,7 +282,7 @@ class PrescribedMotion:
 
     def deformed(self, z: Array) -> StateVectors | None:
         """The closed state near z whose elastic coordinates are in equilibrium."""
-        size, first = np.inf, np.inf
+        size, first, measured = np.inf, np.inf, False
         for _ in range(MAX_ITERATIONS):
             state = self._closed_state(z)
             if state is None or self.driven.all():
@@ -290,7 +292,10 @@ class PrescribedMotion:
                 break
             before, size = size, self._correction(left)[1]
             if not size <= CONTRACTION * before:
+                if measured and size <= ROUNDING:
+                    return state
                 self._measure_stiffness(state, left)
+                measured = True
                 size = self._correction(left)[1]
             first = min(first, max(size, self._elastic_size(state.z)))
             if not size <= DIVERGENCE_FACTOR * first:

@@ -390,3 +390,60 @@ def test_how_far_a_hinged_bar_starts_that_a_torque_turns(
     bent = 11.0 / 40.0 * 0.5 / (2.1e11 * 0.02 * 0.01**3 / 12.0)
     assert found.data["share"] == pytest.approx(bent, rel=0.1)
     assert found.code == ("N220" if bent > 0.01 else "N219")
+
+
+@pytest.mark.parametrize("reduction", ["modal", "craig_bampton"])
+@pytest.mark.parametrize("rate", [0.05, 5.0])
+def test_blades_far_from_the_ground_start_stretched(
+    rate: float, reduction: str
+) -> None:
+    """u(L) = rho w^2 / E (r L^2 / 2 + L^3 / 3), without vibration; bending shapes alone
+    stay straight. What rounding leaves of the forces is no lack of equilibrium."""
+    height, radius = 90.0, 0.3
+    hub = {"mass": 5.0, "inertia": [0.2] * 3, "markers": {}}
+    bodies: dict[str, Any] = {
+        "hub": hub | {"initial": {"position": [0.0, 0.0, height]}}
+    }
+    joints: dict[str, Any] = {
+        "axle": {
+            "type": "revolute",
+            "axis": [1, 0, 0],
+            "markers": ["ground.top", "hub"],
+        }
+    }
+    for k, angle in enumerate(2.0 * np.pi * np.arange(3) / 3.0):
+        # the axis of the bar, x, along the radius; to seven digits, as people write it
+        half = np.array([np.cos(angle / 2), np.sin(angle / 2)]) / np.sqrt(2.0)
+        turn = np.round([half[0], half[1], -half[0], -half[1]], 7)
+        root = np.round([0.0, -np.sin(angle), np.cos(angle)], 7) * radius
+        pose = {"quaternion": turn.tolist()}
+        hub["markers"][f"root{k}"] = pose | {"position": root.tolist()}
+        at = (root + [0.0, 0.0, height]).tolist()
+        bodies[f"blade{k}"] = {
+            "sid": "-",
+            "markers": {"root": 1, "tip": 2},
+            "initial": pose | {"position": at},
+        }
+        joints[f"root{k}"] = {
+            "type": "fixed",
+            "markers": [f"hub.root{k}", f"blade{k}.root"],
+        }
+    stretches = reduction == "craig_bampton"
+    shapes = {"interfaces": ["tip"], "modes": 2} if stretches else {"modes": 6}
+    blade = steel_bar(
+        elements=20, reduction={"method": reduction} | shapes, stiffening={}
+    )
+    described = scene(
+        bodies,
+        joints,
+        {"motor": {"joint": "axle", "function": polynomial(0.0, rate)}},
+        dimension="spatial",
+        ground={"markers": {"top": {"position": [0.0, 0.0, height]}}},
+        end=0.01,
+        record=["blade0.tip.ux", "blade1.tip.ux", "blade2.tip.ux"],
+        initial={"state": "static"},
+    )
+    run = simulate(compiled(described, blade0=blade, blade1=blade, blade2=blade))
+    stretch = rate**2 / WAVE**2 * (radius / 2.0 + 1.0 / 3.0)
+    expected = stretch if stretches else 0.0
+    assert run.values == pytest.approx(expected, abs=1e-6 * stretch + 1e-14)
