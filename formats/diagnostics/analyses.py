@@ -260,6 +260,16 @@ ENTRIES = (
         example={"bodies": "blade1, blade2, blade3"},
     ),
     Entry(
+        "N745",
+        WARNING,
+        "the law has a corner at this state: its slope is the mean of both sides",
+        "Changes of the force to both sides of the state, over 1e-6 of the size of the "
+        "mechanism, differ by more than 2 % of their sum. Small motions about a corner "
+        "are not linear: contacts that touch, dampers of two slopes at rest.",
+        remedy="Analyse about a state beside it, or smooth the law.",
+        example={"subject": "bump_stop"},
+    ),
+    Entry(
         "N714",
         WARNING,
         "growing, by up to exp({rate:.4g} t/s)",

@@ -121,23 +121,28 @@ class DenseEquations:
         The sum is what is left of them in equilibrium: rounding, if nothing but springs
         and loads acts. The state is evaluated.
         """
-        system, zero = self.system, np.zeros(self.system.n_velocities)
-        self.evaluate(z, zero)
-        total = self.force
+        zero = np.zeros(self.system.n_velocities)
+        total = self.force_at(z, zero)
         sizes = [self.weight, float(np.linalg.norm(total)), *self._elastic_sizes(z)]
-        table = system.arrays.force
-        for k, element in enumerate(system.forces):
-            if not element.is_force:
-                continue
-            others = table.copy()
-            others[k, at.F_KIND] = at.PRESCRIBED_VALUE  # no force
-            arrays = system.arrays.replaced(force=others)
-            work_arrays.evaluate(
-                replace(system, arrays=arrays), self.work, self.t, z, zero
-            )
-            sizes.append(float(np.linalg.norm(total - self.force)))
+        for k, element in enumerate(self.system.forces):
+            if element.is_force:
+                others = self.force_at(z, zero, without=k)
+                sizes.append(float(np.linalg.norm(total - others)))
         self.evaluate(z, zero)
         return float(np.linalg.norm(sizes))
+
+    def force_at(self, z: Array, v: Array, without: int | None = None) -> Array:
+        """Scaled generalised forces (n,) at a state, which is evaluated; those without
+        a force of the scene by its number leave out what else it does."""
+        if without is None:
+            self.evaluate(z, v)
+        else:
+            table = self.system.arrays.force.copy()
+            table[without, at.F_KIND] = at.PRESCRIBED_VALUE  # no force
+            arrays = self.system.arrays.replaced(force=table)
+            others = replace(self.system, arrays=arrays)
+            work_arrays.evaluate(others, self.work, self.t, z, v)
+        return self.force
 
     def _elastic_sizes(self, z: Array) -> Iterator[float]:
         """Size of the scaled elastic forces Ke q of each body."""

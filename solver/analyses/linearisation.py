@@ -28,7 +28,7 @@ from .multi_blade import mixing_matrix
 from .operating_point import operating_point
 from .reference_axes import axis_angular_velocities, frame_rotation_matrix
 from .rigid_motions import spectrum
-from .state_matrix import SmallMotions, state_matrix
+from .state_matrix import SmallMotions, corner_notes, state_matrix
 from .steady_axes import SteadyAxes, steady_axes
 from .whirl import Whirl, mode_whirl
 
@@ -155,6 +155,7 @@ def linearise(
         *axes.diagnostics,
         *(() if causes else _growth_notes(modes)),
         *mechanics.notes(),
+        *corner_notes(mechanics, z, v),
         *point.law_diagnostics,
     )
     return replace(modes, diagnostics=without(found, system.scene.diagnostics.ignore))

@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.sid_mass import skew
 
 from ..spatial import system_arrays as at
@@ -28,6 +29,9 @@ from .reference_axes import (
 
 #: Perturbation, relative to the size of the mechanism.
 PERTURBATION = 1e-6
+#: A force has a corner where its changes to both sides differ by more than this part of
+#: their sum, and than rounding of all forces.
+CORNER, CORNER_ROUNDING = 0.02, 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,19 +380,14 @@ def _state_derivatives(
     """Central differences by positions and by velocities, at fixed a and lambda."""
     n, rows = len(v), len(multipliers)
     derivatives = []
-    deltas = PERTURBATION * coordinate_sizes(mechanics.system) / mechanics.scale
+    deltas = _perturbations(mechanics)
     for moves in (True, False):
         change = StateDerivatives(
             np.zeros((n, n)), *(np.zeros((rows, n)) for _ in range(3))
         )
         for k, delta in enumerate(deltas):
-            step = np.zeros(n)
-            step[k] = delta
             for sign in (1.0, -1.0):
-                if moves:
-                    mechanics.evaluate(mechanics.displaced(z, sign * step), v)
-                else:
-                    mechanics.evaluate(z, v + sign * step * mechanics.scale)
+                mechanics.evaluate(*_neighbour(mechanics, z, v, k, sign * delta, moves))
                 C, weight = mechanics.jacobian, sign / (2.0 * delta)
                 left = mechanics.force + C.T @ multipliers - mechanics.mass @ a
                 change.force[:, k] += weight * left
@@ -398,6 +397,61 @@ def _state_derivatives(
                 change.gamma[:, k] += weight * (mechanics.gamma - C @ a)
         derivatives.append(change)
     return derivatives[0], derivatives[1]
+
+
+def _perturbations(mechanics: DenseEquations) -> Array:
+    """Steps (n,) of the scaled coordinates for differences."""
+    return PERTURBATION * coordinate_sizes(mechanics.system) / mechanics.scale
+
+
+def _neighbour(
+    mechanics: DenseEquations, z: Array, v: Array, k: int, step: float, moves: bool
+) -> tuple[Array, Array]:
+    """The state with another scaled position (`moves`) or velocity coordinate k."""
+    change = np.zeros(len(v))
+    change[k] = step
+    if moves:
+        return mechanics.displaced(z, change), v
+    return z, v + change * mechanics.scale
+
+
+def corner_notes(mechanics: DenseEquations, z: Array, v: Array) -> Iterator[Diagnostic]:
+    """Forces with a corner at the state: their slope is the mean of two (N745).
+
+    Changes to both sides differ by a part of themselves at a corner, by a part that
+    vanishes with the step where a force is smooth.
+    """
+    deltas, force = _perturbations(mechanics), mechanics.force_at
+    ends = [
+        [_neighbour(mechanics, z, v, k, h, moves) for h in (deltas[k], -deltas[k])]
+        for moves in (True, False)
+        for k in range(len(v))
+    ]
+    least = CORNER_ROUNDING * mechanics.force_size(z)
+
+    def differences(case: int, without: int | None = None) -> Array:
+        """f(+h) - f(-h) and f(+h) + f(-h) - 2 f(0), (2, n)."""
+        after, before = (force(*end, without) for end in ends[case])
+        return np.array([after - before, after + before - 2.0 * force(z, v, without)])
+
+    def is_corner(found: Array) -> bool:
+        change, asymmetry = np.abs(found).max(axis=1, initial=0.0)
+        return bool(asymmetry > max(CORNER * change, least))
+
+    corners = {
+        case: found
+        for case in range(len(ends))
+        if is_corner(found := differences(case))
+    }
+    names = {
+        element.name
+        for k, element in enumerate(mechanics.system.forces)
+        for case, found in corners.items()
+        if element.is_force and is_corner(found - differences(case, k))
+    }
+    mechanics.evaluate(z, v)
+    if corners:
+        yield diagnose("N745", ", ".join(sorted(names)) or "forces")
 
 
 def _frame_matrix(mechanics: DenseEquations) -> Array:

@@ -40,6 +40,7 @@ from .input_effects import (
 )
 from .linearisation import linearised_at, steady_residual
 from .operating_point import operating_point
+from .state_matrix import corner_notes
 from .state_space_forms import (
     DescriptorForm,
     SecondOrderForm,
@@ -195,6 +196,7 @@ def state_space(
         *axes.diagnostics,
         *response_change_notes(evaluation.names, changes),
         *mechanics.notes(),
+        *corner_notes(mechanics, z, v),
         *point.law_diagnostics,
         *(derivative_note(effect) for effect in effects if effect.order),
         *((diagnose("N728", names=integrals),) if integrals else ()),

@@ -1,4 +1,4 @@
-"""Static equilibria of weak controllers: at their limits they hold nothing more."""
+"""Equilibria at limits of controllers, and modes about corners of forces."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sidtool.solver.analyses.linearisation import linearise
 from sidtool.solver.analyses.static_equilibrium import Equilibrium, static_equilibrium
 from sidtool.solver.system.errors import SimulationError
 from tests.codes import codes, only
@@ -81,3 +82,42 @@ def test_what_no_motor_can_hold_is_named(i: float) -> None:
     none, limit = failure.value.diagnostics
     assert (none.code, none.data["body"]) == ("N701", "body")
     assert (limit.code, limit.subject) == ("N511", "motor")
+
+
+@pytest.mark.parametrize(
+    ("position", "named"),
+    [(0.0, "damper, stop"), (0.001, "damper"), (-0.001, "damper")],
+)
+def test_modes_name_forces_with_a_corner_at_the_state(
+    position: float, named: str
+) -> None:
+    """A stop that is touched, and a damper of two slopes at rest: sqrt(k / m) has the
+    mean stiffness at the corner, that of one side beside it."""
+    soft, hard, own, damping = 200.0, 1000.0, 1e4, 0.5
+    stop = {"deflection": [-0.1, 0.0, 0.1], "force": [-0.1 * soft, 0.0, 0.1 * hard]}
+    law = f"-{damping}*body.vx - {damping}*min(body.vx, 0)"
+    described = scene(
+        {
+            "body": {
+                "mass": MASS,
+                "inertia": 0.1,
+                "initial": {"position": [position, 0]},
+            }
+        },
+        {"guide": {"type": "prismatic", "axis": [1, 0], "markers": ["ground", "body"]}},
+        forces={
+            "stop": {"type": "spring_damper", "joint": "guide", "table": stop},
+            "spring": {"type": "spring_damper", "joint": "guide", "stiffness": own},
+            "damper": {
+                "type": "actuator",
+                "joint": "guide",
+                "function": {"type": "expression", "value": law},
+            },
+        },
+        record=["body.x"],
+    )
+    modes = linearise(compiled(described), "start", frozen=True)
+    assert only(modes, "N745").subject == named
+    k = own + {0.0: (soft + hard) / 2, 0.001: hard, -0.001: soft}[position]
+    seen = 2.0 * np.pi * modes.frequencies[0]
+    assert seen == pytest.approx(np.sqrt(k / MASS), rel=1e-6)
