@@ -66,6 +66,7 @@ from .joints import (
 from .laws import Expression, ForceFunction, Pid
 from .lookup import LookupTable
 from .outputs import (
+    BODY_STRESSES,
     DISPLACEMENTS,
     FRICTION_QUANTITIES,
     IN_BODY,
@@ -77,6 +78,7 @@ from .outputs import (
     SCENE_QUANTITIES,
     SECTION_FORCES,
     STATE,
+    STRESS_NORM,
     STRESSES,
     TURNING,
     VALUE,
@@ -150,7 +152,9 @@ __all__ = [
     "OutputName",
     "OutputTimes",
     "Outputs",
+    "BODY_STRESSES",
     "PEAK_STRESS",
+    "STRESS_NORM",
     "Pid",
     "Piece",
     "Placement",

@@ -10,8 +10,8 @@ wx_body wy_body wz_body are velocities in the axes of the body, which are the st
 a result. Quantities of a marker: x y z, vx vy vz, ax ay az, angle, wx wy wz, ux uy uz
 for its elastic displacement in the body frame,
 and, of a SID with stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sigma_xz
-and von_mises [Pa]. The largest von_mises over all nodes with stress is peak_von_mises
-of the body.
+and von_mises [Pa]. Of a body, over all nodes with stress: peak_von_mises, the largest
+von_mises, and norm_von_mises, its 8-norm, which has no kinks.
 
 A beam whose SID has sections has the section forces N Vy Vz [N], T My Mz [N m] at
 BODY.SECTION, in the axes of the deformed section, on the part before it: a positive N
@@ -50,9 +50,9 @@ from ..base.stress import COMPONENTS as STRESS_COMPONENTS
 from .joints import COORDINATES
 
 POINT_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"])
-#: Stresses at a marker of a flexible body, and the largest one of the whole body.
+#: Stresses at a marker of a flexible body; the largest one and the 8-norm of the body.
 STRESSES = (*(f"sigma_{pair}" for pair in STRESS_COMPONENTS), "von_mises")
-PEAK_STRESS = "peak_von_mises"
+BODY_STRESSES = PEAK_STRESS, STRESS_NORM = "peak_von_mises", "norm_von_mises"
 #: At a section of a beam.
 SECTION_FORCES = ("N", "Vy", "Vz", "T", "My", "Mz")
 #: Of bodies and markers.
@@ -76,7 +76,7 @@ IN_BODY = "_body"
 VELOCITIES = ("vx", "vy", "vz", "wx", "wy", "wz")
 BODY_QUANTITIES = (
     POINT_QUANTITIES
-    | frozenset(["angle", PEAK_STRESS, *VELOCITIES, *ORIENTATIONS, *MOMENTA])
+    | frozenset(["angle", *BODY_STRESSES, *VELOCITIES, *ORIENTATIONS, *MOMENTA])
     | frozenset(name + IN_BODY for name in VELOCITIES)
 )
 JOINT_QUANTITIES = frozenset(["fx", "fy", "fz", "mx", "my", "mz"])
@@ -215,7 +215,7 @@ def is_section_force(name: OutputName) -> bool:
 
 def is_stress(quantity: str) -> bool:
     """True for what only a flexible body with stress rows has."""
-    return quantity in STRESSES or quantity == PEAK_STRESS
+    return quantity in (*STRESSES, *BODY_STRESSES)
 
 
 def marker_reference(text: str) -> tuple[str, str]:

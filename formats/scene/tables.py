@@ -78,8 +78,9 @@ class Outputs(Table):
     record: Texts = Field(
         default=(),
         description="of bodies x, vx, ax, angle, wz, q1, q*, peak_von_mises, "
-        "quaternion_0 to _3, rotation_x, momentum_x, angular_momentum_x; of markers x, "
-        "vx, ax, ux, angle, wz, quaternion_0 to _3, rotation_x, sigma_xx, von_mises; "
+        "norm_von_mises, quaternion_0 to _3, rotation_x, momentum_x, "
+        "angular_momentum_x; of markers x, vx, ax, ux, angle, wz, quaternion_0 to _3, "
+        "rotation_x, sigma_xx, von_mises; "
         "of sections of beams N, Vy, Vz, T, My, Mz; "
         "of joints angle, angle_rate, displacement, ... as they have them; of joints, "
         "drives and forces fx, mz and, along their coordinate, force or torque, power; "

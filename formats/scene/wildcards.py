@@ -24,6 +24,7 @@ from .connections import (
 from .joints import marker_names
 from .laws import states_of
 from .outputs import (
+    BODY_STRESSES,
     DISPLACEMENTS,
     ELASTIC,
     FRICTION_QUANTITIES,
@@ -31,7 +32,6 @@ from .outputs import (
     INPUTS,
     MOMENTA,
     ORIENTATIONS,
-    PEAK_STRESS,
     RATE,
     SCENE_QUANTITIES,
     SECTION_FORCES,
@@ -211,7 +211,7 @@ def _flexible_outputs(
             )
     nodes_with_stress = set(stress_nodes(sid)) if sid is not None and elastic else set()
     if nodes_with_stress:
-        yield f"{name}.{PEAK_STRESS}"
+        yield from _qualified_names(name, BODY_STRESSES)
     for section in sid.sections if sid is not None and elastic else ():
         yield from _qualified_names(f"{name}.{section.name}", SECTION_FORCES)
     for marker, node in body.markers.items():

@@ -30,9 +30,9 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, expand_names, is_elastic, parse_output
 from sidtool.formats.scene.outputs import (
     BODY_QUANTITIES,
+    BODY_STRESSES,
     MARKER_QUANTITIES,
     MOMENTA,
-    PEAK_STRESS,
 )
 from sidtool.solver.system.body_damping import sid_with_damping
 
@@ -288,7 +288,7 @@ FRAME_NODE_NAME = "frame"
 #: Quantities relative to the body frame.
 RELATIVE_QUANTITIES = ("ux", "uy", "uz")
 #: Quantities of a body that do not depend on its frame.
-BODY_QUANTITIES_OF_FRAME = (*MOMENTA, PEAK_STRESS)
+BODY_QUANTITIES_OF_FRAME = (*MOMENTA, *BODY_STRESSES)
 
 
 def frame_change_to(sid: SID, frame: str) -> FrameChange:

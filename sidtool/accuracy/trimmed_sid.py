@@ -11,7 +11,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.formats.diagnostics import Diagnostic, WithDiagnostics, without
 from sidtool.formats.result import AccuracyReport
-from sidtool.formats.scene import PEAK_STRESS, SceneFile
+from sidtool.formats.scene import BODY_STRESSES, SceneFile
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_subset import select_shape_functions
 
@@ -136,7 +136,7 @@ def _names_all_nodes(text: str, body: str) -> bool:
     some.
     """
     owner, _, rest = text.partition(".")
-    return text == f"{body}.{PEAK_STRESS}" or (
+    return text in [f"{body}.{quantity}" for quantity in BODY_STRESSES] or (
         "*" in owner + rest.partition(".")[0] and "." in rest
     )
 

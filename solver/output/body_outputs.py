@@ -14,9 +14,16 @@ from sidtool.formats.base.stress import (
     node_stress,
     peak_stress,
     stress_nodes,
+    stress_norm,
     von_mises,
 )
-from sidtool.formats.scene import MOMENTA, PEAK_STRESS, STRESSES, OutputName
+from sidtool.formats.scene import (
+    MOMENTA,
+    PEAK_STRESS,
+    STRESS_NORM,
+    STRESSES,
+    OutputName,
+)
 
 from ..system.rotations import to_3d, to_rotation_matrices
 from ..system.system import System
@@ -92,12 +99,15 @@ def momentum_column(evaluated: EvaluatedForces, owner: str, quantity: str) -> Ar
 
 
 def stress_column(system: System, samples: Samples, name: OutputName) -> Array:
-    """BODY.MARKER.sigma_xx to .von_mises, or BODY.peak_von_mises, (nt,) [Pa]."""
+    """BODY.MARKER.sigma_xx to .von_mises, or BODY.peak_von_mises and .norm_von_mises,
+    (nt,) [Pa]."""
     b = system.index(name.owner)
     data = system.bodies[b]
     q, _ = elastic_coordinates(system, samples, b)
     if name.quantity == PEAK_STRESS:
         return peak_stress(data.sid, q)
+    if name.quantity == STRESS_NORM:
+        return stress_norm(data.sid, q)
     stress = node_stress(data.sid, data.node(name.marker).id, q)
     if name.quantity == STRESSES[-1]:
         return von_mises(stress)

@@ -11,7 +11,12 @@ from numpy.testing import assert_allclose
 import sidtool
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
-from sidtool.formats.base.stress import node_stress, peak_stress, stress_nodes
+from sidtool.formats.base.stress import (
+    node_stress,
+    peak_stress,
+    stress_nodes,
+    stress_norm,
+)
 from sidtool.formats.base.taylor import Array
 
 from .test_section_forces import L, bar, simulated
@@ -55,6 +60,24 @@ def test_rectangle() -> None:
     assert found == pytest.approx(axial / (h * w) + bent, rel=1e-9)
     found = peak_stress(sid, loaded(sid, 0.0, 0.0, 0.0, torque, 0.0, 0.0))
     assert found == pytest.approx(np.sqrt(3) * torque / (0.231 * h * w**2), rel=3e-3)
+
+
+def test_the_norm_of_the_stress_over_a_bar() -> None:
+    """F / A everywhere under tension; F (L - x) y / I at each node bent by a tip force,
+    and (sum s^8 / n)^(1/8) of that."""
+    h, w, force = 0.03, 0.02, 400.0
+    sid = stressed({"shape": "rectangle", "height": h, "width": w})
+    pulled = loaded(sid, force, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert stress_norm(sid, pulled) == pytest.approx(force / (h * w), rel=1e-9)
+    bent = loaded(sid, 0.0, force, 0.0, 0.0, 0.0, 0.0)
+    nodes = [node.position for node in sid.nodes if node.sigma is not None]
+    x, y, _ = np.array(nodes).T
+    stress = np.abs(force * (L - x) * y / (w * h**3 / 12))
+    expected = np.mean(stress**8) ** 0.125
+    assert stress_norm(sid, np.array([bent, -2.0 * bent])) == pytest.approx(
+        [expected, 2.0 * expected], rel=1e-6
+    )
+    assert expected < peak_stress(sid, bent) <= expected * len(x) ** 0.125
 
 
 @pytest.mark.parametrize("thickness", [None, 0.004])

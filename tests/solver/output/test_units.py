@@ -52,7 +52,7 @@ EXPECTED = {
     r"torque": "N m",
     r"power": "W",
     r"v?q\d+": "",
-    r"sigma_\w\w|von_mises|peak_von_mises": "Pa",
+    r"sigma_\w\w|von_mises|peak_von_mises|norm_von_mises": "Pa",
     r"N|V[yz]": "N",
     r"T|M[yz]": "N m",
     r"inputs\.wind": "N",
