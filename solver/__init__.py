@@ -148,13 +148,12 @@ def compile_scene(
     rotating, rotation_notes = steady_rotation(system)
     if rotating is not None:
         return replace(checked(rotating, keep_joints), diagnostics=rotation_notes)
-    equilibrium_scene, states, equilibrium_notes = start_in_equilibrium(system)
+    equilibrium_scene, equilibrium_notes = start_in_equilibrium(system)
     rotation_scene, velocity_notes = start_in_steady_rotation(
         checked(equilibrium_scene, True)
     )
-    system_at_start = checked(rotation_scene, keep_joints).with_states(states)
     return replace(
-        system_at_start,
+        checked(rotation_scene, keep_joints),
         diagnostics=(*rotation_notes, *equilibrium_notes, *velocity_notes),
     )
 

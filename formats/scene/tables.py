@@ -133,10 +133,13 @@ class Start(Table):
     )
     rotations: Takes[dict[str, float] | None, Mapping[str, float] | None] = Field(
         default=None,
-        description="counted rotations of joints, with their whole turns [rad]",
+        description="counted rotations of joints, with their whole turns [rad], of "
+        "results; static: from which the equilibrium is sought",
     )
     states: Takes[dict[str, float] | None, Mapping[str, float] | None] = Field(
-        default=None, description="states of laws, by FORCE.state.NAME"
+        default=None,
+        description="states of laws, by FORCE.state.NAME, of results; static: from "
+        "which the equilibrium is sought",
     )
     sids: Takes[dict[str, str] | None, Mapping[str, str] | None] = Field(
         default=None,
@@ -150,7 +153,12 @@ class Start(Table):
         if self.state != "result" and not (self.file is None is self.bodies):
             raise ValueError('`state = "result"` beside `file`')
         for key in ("time", "rotations", "states", "sids"):
-            if self.state != "result" and getattr(self, key) is not None:
+            of_static = self.state == "static" and key in ("rotations", "states")
+            if (
+                self.state != "result"
+                and not of_static
+                and getattr(self, key) is not None
+            ):
                 raise ValueError(f'`state = "result"` beside `{key}`')
         return self
 

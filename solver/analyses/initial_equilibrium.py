@@ -11,6 +11,7 @@ from sidtool.formats.scene import SceneFile
 
 from ..initial_state.assembly import StateVectors, assemble
 from ..initial_state.displacement_report import position_notes
+from ..initial_state.given_state import whole_turns
 from ..spatial import system_arrays as at
 from ..system.characteristic_sizes import coordinate_sizes
 from ..system.errors import SimulationError
@@ -25,9 +26,9 @@ from .static_equilibrium import MAX_ITERATIONS, static_equilibrium
 
 def start_in_equilibrium(
     system: System, max_iterations: int = MAX_ITERATIONS
-) -> tuple[SceneFile, dict[str, float], tuple[Diagnostic, ...]]:
-    """The scene of a system with its bodies in equilibrium, states of its laws there by
-    name, and what is reported of it.
+) -> tuple[SceneFile, tuple[Diagnostic, ...]]:
+    """The scene of a system with its bodies and the states of its laws in equilibrium,
+    and what is reported of it.
 
     Gravity and loads are those at the start, drives hold their values there. Stated
     velocities stay as they are; see `start_in_steady_rotation` for what they do. Where
@@ -51,19 +52,23 @@ def start_in_equilibrium(
         z = relative_equilibrium(integrated)
         if z is not None:
             found = with_bodies(system, scene_at(integrated, z))
-            return found, {}, assembly_notes(*assemble(integrated))
+            return found, assembly_notes(*assemble(integrated))
         equilibrium = static_equilibrium(system, max_iterations)
     except SimulationError as error:
         raise InputError(
             str(error), place="initial.state", expected="a scene that can rest"
         ) from None
     system = equilibrium.system
+    found = scene_at(system, equilibrium.z)
     states = {
         data.name: float(equilibrium.v[system.arrays.body[b, at.VEL]])
         for b, data in enumerate(system.bodies)
         if is_state(system, b)
     }
-    return scene_at(system, equilibrium.z), states, equilibrium.diagnostics
+    if states:
+        start = found.initial.model_copy(update={"states": states})
+        found = found.model_copy(update={"initial": start})
+    return found, equilibrium.diagnostics
 
 
 def assembly_notes(system: System, start: StateVectors) -> tuple[Diagnostic, ...]:
@@ -73,8 +78,8 @@ def assembly_notes(system: System, start: StateVectors) -> tuple[Diagnostic, ...
 
 
 def with_bodies(system: System, other: SceneFile) -> SceneFile:
-    """The scene of a system with bodies that start as those of another scene, and do
-    not deform further where nothing else is stated."""
+    """The scene of a system with bodies that start as those of another scene, turned as
+    often, and do not deform further where nothing else is stated."""
     bodies = dict(other.bodies)
     for data in system.flexible:
         start = bodies[data.name].initial
@@ -85,11 +90,11 @@ def with_bodies(system: System, other: SceneFile) -> SceneFile:
             bodies[data.name] = bodies[data.name].model_copy(
                 update={"initial": initial}
             )
-    return system.scene.model_copy(update={"bodies": bodies})
+    return system.scene.model_copy(update={"bodies": bodies, "initial": other.initial})
 
 
 def scene_at(system: System, z: Array) -> SceneFile:
-    """The scene with its bodies at some positions."""
+    """The scene with its bodies at some positions, and their whole turns."""
     bodies = dict(system.scene.bodies)
     for b, data in enumerate(system.bodies):
         if data.name in bodies:
@@ -99,7 +104,11 @@ def scene_at(system: System, z: Array) -> SceneFile:
             bodies[data.name] = bodies[data.name].model_copy(
                 update={"initial": initial}
             )
-    return system.scene.model_copy(update={"bodies": bodies})
+    start = system.scene.initial
+    if turns := whole_turns(system, z):
+        turns = {**(start.rotations or {}), **turns}
+        start = start.model_copy(update={"rotations": turns})
+    return system.scene.model_copy(update={"bodies": bodies, "initial": start})
 
 
 def _body_pose(system: System, z: Array, b: int) -> dict[str, Any]:

@@ -26,6 +26,9 @@ from ..system.sid_packing import quaternion
 from ..system.system import System
 from ..system.work_arrays import new_work_arrays
 
+#: Rotations that differ by less from the expected ones are those nearest to them [rad].
+_MOST_OF_HALF_A_TURN = 3.0
+
 
 def place_prescribed_bodies(system: System, z: Array, v: Array) -> None:
     """Gives bodies with prescribed frames the coordinates that their joints prescribe
@@ -93,6 +96,20 @@ def initial_rotations(system: System) -> Array:
     return np.array(angles[: system.n_rotation_counters])
 
 
+def whole_turns(system: System, z: Array) -> dict[str, float]:
+    """Counted rotations at some positions that the start would take for others, by
+    name [rad]: those more than half a turn from what they are nearest to."""
+    expected, found = initial_rotations(system), {}
+    known = z[len(z) - system.n_rotation_counters :]
+    for rotation in system.rotations:
+        if not rotation.is_counted:
+            continue
+        part = slice(rotation.entry, rotation.entry + len(rotation.angles))
+        if np.linalg.norm(known[part] - expected[part]) > _MOST_OF_HALF_A_TURN:
+            found |= zip(rotation.angles, map(float, known[part]), strict=True)
+    return found
+
+
 def store_rotations(system: System, work: WorkArrays, z: Array) -> None:
     """Stores in z how far its markers turned, as evaluated last."""
     z[len(z) - system.n_rotation_counters :] = work.rotation_counter[
@@ -149,10 +166,7 @@ def initial_estimate(system: System) -> StateVectors:
     z, v = np.zeros(system.n_positions), np.zeros(system.n_velocities)
     for row, data in zip(system.arrays.body.tolist(), system.bodies, strict=True):
         if not data.is_scene_body:
-            given_states = (system.scene.initial.states or {}).get(
-                data.name, data.initial_state
-            )
-            v[row[at.VEL] : row[at.VEL] + row[at.NV]] = given_states
+            v[row[at.VEL] : row[at.VEL] + row[at.NV]] = data.initial_state
             continue
         initial = system.scene.initial_of(data.name)
         rigid = row[at.NP] - row[at.NQ]

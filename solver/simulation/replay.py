@@ -267,6 +267,8 @@ def _scene_with_outputs(
         else:  # other laws may read its length
             content["forces"][name]["function"] = {"type": "constant", "value": 0.0}
     content["outputs"] = {"record": list(record)}
+    if scene.initial.state == "static":  # the states of the result take its place
+        content["initial"] = {}
     try:
         return validate_data(content, SceneFile, source="scene of the result")
     except InputError as error:

@@ -113,7 +113,8 @@ def build_system(
     laws = compile_laws(scene, forces, drives, sampled)
     drive_index = _add_drive_functions(scene, functions, drives, laws)
     frames = eliminated_frames(scene, data, laws)
-    data |= state_bodies(laws)
+    carriers = state_bodies(laws, scene.initial.states or {})
+    data |= carriers
     table = LawTable(scene, data, functions, laws, forces)
     elements = compile_forces(scene, functions, planar, forces, table.rows)
     drive_law_rows, elements = _add_drive_laws(elements, scene, table)
@@ -123,7 +124,7 @@ def build_system(
     }
     scene = _with_given_functions(scene, functions.given_functions, forces, drives)
     others = [name for name in scene.bodies if name not in frames]
-    order = (GROUND_NAME, *frames, *others, *state_bodies(laws))
+    order = (GROUND_NAME, *frames, *others, *carriers)
     parts = BuildInputs(
         scene,
         data,

@@ -167,8 +167,16 @@ def _check_sample_time(law: CompiledLaw, scene: SceneFile, place: str) -> None:
         )
 
 
-def state_bodies(laws: Mapping[str, CompiledLaw]) -> dict[str, BodyData]:
-    """The bodies that carry the states of all laws."""
+def state_bodies(
+    laws: Mapping[str, CompiledLaw], given: Mapping[str, float]
+) -> dict[str, BodyData]:
+    """The bodies that carry the states of all laws.
+
+    Parameters
+    ----------
+    given
+        States at the start, in place of those of the laws.
+    """
     return {
         state_body(force, name): BodyData(
             state_body(force, name),
@@ -177,7 +185,7 @@ def state_bodies(laws: Mapping[str, CompiledLaw]) -> dict[str, BodyData]:
             False,
             {},
             is_scene_body=False,
-            initial_state=state.initial,
+            initial_state=given.get(state_body(force, name), state.initial),
         )
         for force, parts in laws.items()
         for name, state in _all_states(parts).items()

@@ -28,7 +28,8 @@ class CountedRotation:
     Attributes
     ----------
     name
-        Of its angle, after the force or joint that needs it first.
+        Of its angle, after its joint; after the force that needs it, if it is between
+        markers or begins at another angle than the first one.
     kind
         Kind of its measure, see `dynamics.force_measures`.
     data
@@ -158,10 +159,12 @@ class RotationTable:
     def _add(
         self, element: ForceRow, counted: bool, rest_angle: float = 0.0, drive: int = -1
     ) -> CountedRotation:
-        coordinate = element.coordinate[1] if element.coordinate else "turn"
+        joint, coordinate = element.coordinate or (element.name, "turn")
         entry = sum(len(rotation.angles) for rotation in self.rotations)
         kind, a, b, data = _rotation_key(element)
-        name = f"{element.name}.{coordinate}"
+        # The first one begins at the first spring of its joint, whatever is recorded.
+        is_first = not any(t.is_counted for t in self._at(element))
+        name = f"{joint if is_first else element.name}.{coordinate}"
         self.rotations.append(
             CountedRotation(name, kind, a, b, data, entry, counted, rest_angle, drive)
         )

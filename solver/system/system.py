@@ -277,14 +277,6 @@ class System:
         part = np.clip(np.searchsorted(edges, times) - 1, 0, len(edges) - 2)
         return np.asarray(0.5 * (edges[part] + edges[part + 1]))
 
-    def with_states(self, values: Mapping[str, float]) -> System:
-        """The system whose laws start with these states, see `laws.state_body`."""
-        bodies = tuple(
-            replace(data, initial_state=values.get(data.name, data.initial_state))
-            for data in self.bodies
-        )
-        return replace(self, bodies=bodies)
-
     def index(self, body: str) -> int:
         """Row of a body in the tables."""
         return self._body_rows[body]

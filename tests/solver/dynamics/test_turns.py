@@ -88,14 +88,14 @@ def test_turns_are_counted_between_outputs(integrator: str) -> None:
     """Some eighty radians lie between two of them, and loose steps are large."""
     content = rotor("spatial", 200.0)
     result = simulate(compile_scene(content), integrator=integrator, rtol=1e-3)
-    assert result.position_names[-1] == "spring.angle"
+    assert result.position_names[-1] == "axle.angle"
     assert result.positions[:, -1] == pytest.approx(200.0 * np.sin(result.t), abs=1.0)
 
 
 def test_a_step_that_turns_too_far_is_told() -> None:
     content = rotor("spatial", 60.0)
     found = stopped(content, step=0.05).diagnostics[0]
-    assert (found.code, found.subject, found.data["limit"]) == ("N318", "spring", 2.5)
+    assert (found.code, found.subject, found.data["limit"]) == ("N318", "axle", 2.5)
     result = simulate(compile_scene(content), step=0.02)
     assert result["rotor.wz"] == pytest.approx(60.0 * np.cos(result.t), abs=1e-3)
 

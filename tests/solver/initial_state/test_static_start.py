@@ -9,7 +9,9 @@ import pytest
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import SceneFile
+from sidtool.pipeline.extra_outputs import outputs
 from sidtool.solver import compile_scene
+from sidtool.solver.simulation.replay import scene_of
 from sidtool.solver.simulation.simulate import simulate
 from tests.places import SLIDER_CRANK
 
@@ -138,3 +140,31 @@ def test_what_cannot_rest_is_refused() -> None:
     with pytest.raises(InputError, match="equilibrium") as error:
         compile_scene(falling)
     assert "initial.state" in str(error.value)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+@pytest.mark.parametrize("twist", [4.0, -9.0])
+def test_a_spring_rests_wound_by_more_than_half_a_turn(
+    dimension: str, twist: float
+) -> None:
+    """A torque T winds it by T / k, and the run begins with these turns."""
+    stiffness = 10.0
+    spring = {"type": "spring_damper", "joint": "hinge", "stiffness": stiffness}
+    winding = {"type": "constant", "value": stiffness * twist}
+    inertia = 0.3 if dimension == "planar" else [0.1, 0.2, 0.3]
+    wound = scene(
+        dimension,
+        bodies={"box": {"mass": 1.0, "inertia": inertia}},
+        joints={"hinge": {"type": "revolute", "markers": PAIR}},
+        forces={
+            "spring": spring | {"damping": 0.1},
+            "motor": {"type": "actuator", "joint": "hinge", "function": winding},
+        },
+        outputs={"record": ["hinge.angle"]},
+    )
+    result = simulate(compile_scene(wound))
+    assert result["hinge.angle"] == pytest.approx(twist, abs=1e-8)
+    torque = outputs(result, ["spring.torque"])["spring.torque"]
+    assert torque == pytest.approx(-stiffness * twist, abs=1e-6)
+    again = simulate(compile_scene(scene_of(result)))
+    assert again["hinge.angle"] == pytest.approx(twist, abs=1e-8)
