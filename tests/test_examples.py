@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 from scipy.interpolate import BSpline
 from scipy.linalg import eigh
 
@@ -363,6 +363,50 @@ def test_the_platform_of_the_delta_robot_is_where_three_spheres_meet(ran) -> Non
         difference = np.abs(result[f"platform.{axis}"] - rigid[f"platform.{axis}"])
         assert difference.max() < 2e-3
     assert 1e-4 < np.abs(result["arm1.elbow.uz"]).max() < 1e-3
+
+
+def test_the_scara_sags_as_a_tapering_beam_and_follows_as_two_rods(ran) -> None:
+    """Timoshenko's cantilever under the tool and its own weight; both links as rigid
+    rods with a PD controller at each joint, of which the rate passes a lag."""
+    folder = ran("scara")
+    result, rigid = result_of(folder), sidtool.read(folder / "rigid.h5")
+    L, b, density, E, g, part = 0.25, 0.04, 2700.0, 7e10, 9.81, 2.0
+    x = np.linspace(0.0, L, 4001)
+    h = 0.02 - 0.01 * x / L
+    line = density * b * h
+    beyond = np.array([trapezoid(line[k:], x[k:]) for k in range(0, len(x), 20)])
+    beyond_x = [trapezoid((line * x)[k:], x[k:]) for k in range(0, len(x), 20)]
+    x, h, line = x[::20], h[::20], line[::20]
+    shear = g * (part + beyond)
+    moment = g * (part * (L - x) + np.array(beyond_x) - beyond * x)
+    bending = moment * (L - x) / (E * b * h**3 / 12)
+    sag = trapezoid(bending + shear / (5 / 6 * E / 2.66 * b * h), x)
+    assert result["link.tool.uz"][0] == pytest.approx(-sag, rel=0.03)  # a wide beam
+
+    mass, centre = beyond[0], beyond_x[0] / beyond[0]
+    about_elbow = trapezoid(line * (x**2 + b**2 / 12), x) + part * L**2 + 0.001
+    first = mass * centre + part * L
+    arm = 0.09 + 7.0 * 0.19**2 + (mass + part) * 0.3**2
+    p, d, lag = np.array([4000.0, 1000.0]), np.array([120.0, 30.0]), 0.0005
+    ends = np.array([0.9, -1.4])
+
+    def rates(t: float, state: np.ndarray) -> np.ndarray:
+        q, w, past = state[:2], state[2:4], state[4:]
+        s = min(t / 0.4, 1.0)
+        error = ends * s**3 * (10.0 - 15.0 * s + 6.0 * s**2) - q
+        torque = p * error + d * (error - past) / lag
+        c, sine = np.cos(q[1]), 0.3 * first * np.sin(q[1])
+        both = about_elbow + 0.3 * first * c
+        M = np.array([[arm + 2 * both - about_elbow, both], [both, about_elbow]])
+        force = [sine * w[1] * (2 * w[0] + w[1]), -sine * w[0] ** 2]
+        return np.concatenate(
+            [w, np.linalg.solve(M, torque + force), (error - past) / lag]
+        )
+
+    options = {"method": "Radau", "rtol": 1e-9, "atol": 1e-11, "t_eval": rigid.t}
+    states = solve_ivp(rates, (0.0, rigid.t[-1]), np.zeros(6), **options).y
+    for k, joint in enumerate(("shoulder", "elbow")):
+        assert rigid[f"{joint}.angle"] == pytest.approx(states[k], abs=2e-6)
 
 
 def test_the_motor_torque_balances_gravity(ran) -> None:

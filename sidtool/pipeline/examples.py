@@ -34,6 +34,7 @@ EXAMPLE_TITLES = {
     "press": "a flywheel, a slide with dry friction, a part that is formed",
     "feed_axis": "a table on a ball screw, with its controller",
     "run_up": "a rotor with an unbalance through its critical speed",
+    "scara": "a Nastran deck as a link, two motors with PD controllers",
     "delta_robot": "three flexible arms and six rods move a platform",
     "slewing_crane": "a turning jib with a load on a rope",
     "vehicle_axle": "an axle with springs and tyres on a road from a file",
