@@ -29,6 +29,8 @@ ENDING_SIGNALS = {
 PATIENCE, PAUSE = 2.0, 0.05
 #: How often the parent of a process is looked for where it cannot be waited for [s].
 PARENT_PAUSE = 1.0
+#: Windows waits for at most 63 processes, two of which are those of a pool itself.
+MAX_POOL_PROCESSES = 61 if WINDOWS else 10_000
 #: Windows ends a program so long after its console was closed [s].
 CLOSING = 5.0
 #: Error numbers of Windows: refused, as the file is open in another program.

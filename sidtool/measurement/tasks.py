@@ -33,6 +33,7 @@ from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import (
     ENDING_SIGNALS,
     IGNORED,
+    MAX_POOL_PROCESSES,
     busy_seconds,
     end_with_parent,
     handle_signal,
@@ -185,8 +186,9 @@ def make_executor(jobs: int, dask: str | None) -> Iterator[tuple[Executor, int]]
     elif jobs == 1:
         yield SerialExecutor(), 1
     else:
-        with _process_pool(jobs) as executor:
-            yield executor, jobs
+        width = min(jobs, MAX_POOL_PROCESSES)
+        with _process_pool(width) as executor:
+            yield executor, width
 
 
 @contextmanager

@@ -14,6 +14,7 @@ import pytest
 
 import sidtool
 from sidtool.cli.main import run
+from sidtool.measurement import tasks
 from sidtool.measurement.tasks import make_executor
 from sidtool.study import StudyInterrupted, run_study
 from tests.places import posix
@@ -166,3 +167,14 @@ def test_a_signal_to_all_processes_ends_none_of_a_pool() -> None:
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             os.kill(process, getattr(signal, name))
         assert executor.submit(os.getpid).result() > 0
+
+
+def test_a_pool_has_no_more_processes_than_the_system_takes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Pools of Windows have at most 61, also on processors with 64 cores and more."""
+    with make_executor(100, None) as (_, width):
+        assert width >= 61
+    monkeypatch.setattr(tasks, "MAX_POOL_PROCESSES", 2)
+    with make_executor(100, None) as (_, width):
+        assert width == 2
