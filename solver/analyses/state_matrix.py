@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -32,6 +33,11 @@ PERTURBATION = 1e-6
 #: A force has a corner where its changes to both sides differ by more than this part of
 #: their sum, and than rounding of all forces.
 CORNER, CORNER_ROUNDING = 0.02, 1e-11
+#: A force is curved within a step where they differ by more. Shorter steps are this
+#: part of the one before, and so many.
+CURVED, SHORTER_STEP, MAX_SHORTER_STEPS = 1e-5, 0.125, 5
+#: Changes of forces are known where they are larger than rounding by so much.
+RESOLVED = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,26 +383,58 @@ def _out_of_plane_momenta(system: System) -> Array:
 def _state_derivatives(
     mechanics: DenseEquations, z: Array, v: Array, a: Array, multipliers: Array
 ) -> tuple[StateDerivatives, StateDerivatives]:
-    """Central differences by positions and by velocities, at fixed a and lambda."""
-    n, rows = len(v), len(multipliers)
+    """Central differences by positions and by velocities, at fixed a and lambda.
+
+    Forces that are curved within a step, such as those of a stiff contact that is
+    pressed lightly, get shorter steps; a corner stays one, and keeps its step.
+    """
+    rows = len(multipliers)
+    mechanics.evaluate(z, v)
+    middle = mechanics.force.copy()
+    least = CORNER_ROUNDING * mechanics.force_size(z)
+
+    def differences(
+        k: int, delta: float, moves: bool
+    ) -> tuple[float, bool, list[Array]]:
+        """How much forces are curved, whether that is known, and derivatives by k."""
+        ends = []
+        for step in (delta, -delta):
+            mechanics.evaluate(*_neighbour(mechanics, z, v, k, step, moves))
+            C, value = mechanics.jacobian, np.zeros(rows)
+            value[: len(mechanics.residual)] = mechanics.residual
+            left = mechanics.force + C.T @ multipliers - mechanics.mass @ a
+            rates, gamma = mechanics.constraint_rates.copy(), mechanics.gamma - C @ a
+            ends.append((left, value, rates, gamma, mechanics.force.copy()))
+        columns = [(f - g) / (2.0 * delta) for f, g in zip(*ends, strict=True)]
+        change, asymmetry = _change_and_asymmetry(ends[0][-1], middle, ends[1][-1])
+        curvature = asymmetry / max(change, 1e-300) if asymmetry > least else 0.0
+        return curvature, change > RESOLVED * least, columns[:-1]
+
     derivatives = []
-    deltas = _perturbations(mechanics)
     for moves in (True, False):
-        change = StateDerivatives(
-            np.zeros((n, n)), *(np.zeros((rows, n)) for _ in range(3))
-        )
-        for k, delta in enumerate(deltas):
-            for sign in (1.0, -1.0):
-                mechanics.evaluate(*_neighbour(mechanics, z, v, k, sign * delta, moves))
-                C, weight = mechanics.jacobian, sign / (2.0 * delta)
-                left = mechanics.force + C.T @ multipliers - mechanics.mass @ a
-                change.force[:, k] += weight * left
-                residual = mechanics.residual
-                change.value[: len(residual), k] += weight * residual
-                change.rate[:, k] += weight * mechanics.constraint_rates
-                change.gamma[:, k] += weight * (mechanics.gamma - C @ a)
-        derivatives.append(change)
+        found = []
+        for k, delta in enumerate(_perturbations(mechanics)):
+            first = best = differences(k, delta, moves)
+            for _ in range(MAX_SHORTER_STEPS):
+                if best[0] <= CURVED:
+                    break
+                delta *= SHORTER_STEP
+                shorter = differences(k, delta, moves)
+                if not shorter[1]:
+                    break
+                best = min(best, shorter, key=itemgetter(0))
+            found.append(best[2] if best[0] <= CORNER else first[2])
+        parts = [np.column_stack(part) for part in zip(*found, strict=True)]
+        derivatives.append(StateDerivatives(*parts))
     return derivatives[0], derivatives[1]
+
+
+def _change_and_asymmetry(
+    after: Array, middle: Array, before: Array
+) -> tuple[float, float]:
+    """Largest f(+h) - f(-h) and f(+h) + f(-h) - 2 f(0) of some forces."""
+    change = np.abs(after - before).max(initial=0.0)
+    return float(change), float(np.abs(after + before - 2.0 * middle).max(initial=0.0))
 
 
 def _perturbations(mechanics: DenseEquations) -> Array:
@@ -438,10 +476,22 @@ def corner_notes(mechanics: DenseEquations, z: Array, v: Array) -> Iterator[Diag
         change, asymmetry = np.abs(found).max(axis=1, initial=0.0)
         return bool(asymmetry > max(CORNER * change, least))
 
+    def is_curve(case: int) -> bool:
+        """True if what differs over a step is smooth in the shortest one."""
+        moves, k = case < len(v), case % len(v)
+        h = deltas[k] * SHORTER_STEP**MAX_SHORTER_STEPS
+        after, before = (
+            force(*_neighbour(mechanics, z, v, k, step, moves)).copy()
+            for step in (h, -h)
+        )
+        middle = force(z, v)
+        change, asymmetry = _change_and_asymmetry(after, middle, before)
+        return change > RESOLVED * least and asymmetry <= CORNER * change
+
     corners = {
         case: found
         for case in range(len(ends))
-        if is_corner(found := differences(case))
+        if is_corner(found := differences(case)) and not is_curve(case)
     }
     names = {
         element.name

@@ -353,3 +353,106 @@ def test_a_loop_in_python_around_the_plant_moves_as_predicted() -> None:
         x = whole[:n, :n] @ x + whole[:n, n:] @ u
     sizes = np.abs(expected).max(axis=0)
     assert np.all(np.abs(found - np.array(expected)).max(axis=0) < 1e-6 * sizes)
+
+
+@pytest.mark.parametrize("mass", [10.0, 0.1, 0.01])
+def test_a_contact_has_its_stiffness_at_the_load(mass: float) -> None:
+    """Hertz: f = k x^1.5 under the weight, at depths of 21 um to 0.2 um of 1 m.
+
+    x = (m g / k)^(2/3), the slope is 1.5 k x^0.5.
+    """
+    hertz = 1e9
+    law = f"{hertz}*max(-rail.displacement, 0)**1.5"
+    scene = sidtool.Scene(
+        dimension="planar",
+        gravity=[0.0, -GRAVITY],
+        time={"end": 0.1, "output_step": 0.1},
+        initial={"state": "static"},
+        bodies={
+            "box": {
+                "mass": mass,
+                "inertia": 0.1,
+                "markers": {"far": {"position": [1.0, 0.0]}},
+            }
+        },
+        joints={
+            "rail": {
+                "type": "prismatic",
+                "markers": ["ground", "box"],
+                "axis": [0.0, 1.0],
+            }
+        },
+        forces={
+            "contact": {
+                "type": "actuator",
+                "joint": "rail",
+                "function": {"type": "expression", "value": law},
+            }
+        },
+    )
+    slope = 1.5 * hertz * (mass * GRAVITY / hertz) ** (1.0 / 3.0)
+    space = scene.state_space(outputs=["contact.force"])
+    assert np.abs(space.eigenvalues) == pytest.approx(math.sqrt(slope / mass), rel=1e-8)
+    assert np.abs(space.C).max() == pytest.approx(slope, rel=1e-8)
+    assert "N745" not in codes(space)
+
+
+def test_von_mises_stress_changes_as_its_components() -> None:
+    """v^2 = s V s: dv = s V ds / v, also where a high mode changes v by far more.
+
+    The peak changes as the stress at its point.
+    """
+    beam = sidtool.Model(
+        title="beam",
+        material={"youngs_modulus": 7e10, "poissons_ratio": 0.3, "density": 2700.0},
+        geometry={
+            "type": "beam",
+            "start": [0.0, 0.0, 0.0],
+            "end": [1.0, 0.0, 0.0],
+            "section": {"shape": "L", "height": 0.03, "width": 0.02, "thickness": 2e-3},
+        },
+        discretisation={"type": "beam", "elements": 4},
+        frame={"type": "tangent", "marker": "root", "clamp": "start"},
+        markers={
+            "root": {"node": 1, "edge": "start"},
+            "tip": {"node": 2, "edge": "end"},
+        },
+        reduction={"method": "attachment", "interfaces": ["tip"], "modes": 10},
+        stress={"peak_points": 3, "first_node": 101},
+    )
+    scene = sidtool.Scene(
+        dimension="spatial",
+        gravity=[0.0, 0.0, -GRAVITY],
+        time={"end": 0.1, "output_step": 0.1},
+        initial={"state": "static"},
+        inputs={"push": {}},
+        bodies={"beam": {"model": beam, "markers": {"root": 1, "tip": 2}}},
+        joints={"wall": {"type": "fixed", "markers": ["ground", "beam.root"]}},
+        forces={
+            "push": {
+                "type": "force",
+                "marker": "beam.tip",
+                "force": [0.0, 1.0, 0.5],
+                "torque": [0.1, 0.0, 0.0],
+                "function": {"type": "input", "name": "push"},
+            }
+        },
+    )
+    parts = ("xx", "yy", "zz", "xy", "yz", "xz")
+    outputs, nodes = ["beam.peak_von_mises"], (101, 102, 103)
+    for node in nodes:
+        outputs += [f"beam.{node}.von_mises"]
+        outputs += [f"beam.{node}.sigma_{part}" for part in parts]
+    space = scene.state_space(outputs=outputs)
+    values, rates = np.asarray(space.outputs), space.C
+    normal = 1.5 * np.eye(3) - 0.5
+    form = np.block([[normal, np.zeros((3, 3))], [np.zeros((3, 3)), 3.0 * np.eye(3)]])
+    largest = np.abs(rates[1::7]).max()
+    for k, _ in enumerate(nodes):
+        own = slice(2 + 7 * k, 8 + 7 * k)
+        value = values[1 + 7 * k]
+        expected = values[own] @ form @ rates[own] / value
+        assert_allclose(rates[1 + 7 * k], expected, rtol=0.0, atol=1e-6 * largest)
+    peak = 1 + 7 * int(np.argmax(values[1::7]))
+    assert values[0] == pytest.approx(values[peak])
+    assert_allclose(rates[0], rates[peak], rtol=0.0, atol=1e-6 * largest)
