@@ -30,19 +30,6 @@ from .loop_state import copy
 from .projection import evaluate_accelerations
 
 
-@inner(float64(int64))
-def _difference_point(k):
-    """Point k of a difference of fourth order, in steps."""
-    return k - 2.0 if k < 2 else k - 1.0
-
-
-@inner(float64(int64))
-def _difference_weight(k):
-    """Weight of point k: (1, -8, 8, -1) / 12."""
-    weight = 1.0 if k == 0 or k == 3 else 8.0
-    return (-weight if k == 1 or k == 3 else weight) / 12.0
-
-
 @inner(types.void(SYSTEM, WORK, F1, F1, float64, F1))
 def _add_residual(system, work, a, lambda_, weight, out):
     """out += weight (r, g) at the state that was just evaluated."""
@@ -148,7 +135,9 @@ def linearise_states(kernels, system, work, clocks, times, z, v, a, lambda_, out
         _write_derivatives(system, work, out[k])
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, I1, F1, F1, F3))
+@entry(
+    types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2, F2, I1, F1, F1, F1, F1, F3)
+)
 def differentiate_states(
     kernels,
     system,
@@ -162,19 +151,20 @@ def differentiate_states(
     chosen,
     steps_z,
     steps_v,
+    points,
+    weights,
     out,
 ):
     """Derivatives of (r, g) of states by some positions and velocities, (states,
-    chosen, rows), by differences of fourth order with the given steps.
+    chosen, rows), by differences with the given steps, and points in these.
     """
     for k in range(len(times)):
         work.interval_time[0] = clocks[k]
         for j in range(out.shape[1]):
             for i in range(out.shape[2]):
                 out[k, j, i] = 0.0
-            for point in range(4):
-                distance = _difference_point(point)
-                weight = _difference_weight(point)
+            for point in range(len(points)):
+                distance, weight = points[point], weights[point]
                 i = chosen[j]
                 if i < len(steps_z):
                     known = z[k, i]
@@ -223,34 +213,58 @@ def solve_columns(kernels, system, work, memory, clocks, times, z, v, columns):
     return 0
 
 
-@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F1, F3, F3, F3))
+@inner(types.void(SYSTEM, WORK, float64, F2))
+def _add_jacobian(system, work, weight, out):
+    """out += weight C at the state that was just evaluated, (rows, n_velocities)."""
+    for s in range(len(system.segment)):
+        row, at = system.segment[s].row, system.segment[s].offset
+        first = system.body[system.segment[s].body].vel
+        for j in range(system.body[system.segment[s].body].nv):
+            out[row, first + j] += weight * work.C[at + j]
+
+
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F2, F1, F1, F1, F3, F3, F3))
 def linearise_projections(
-    kernels, system, work, memory, clocks, times, z, v, steps_z, C, G, rates
+    kernels,
+    system,
+    work,
+    memory,
+    clocks,
+    times,
+    z,
+    v,
+    z_dot,
+    steps,
+    points,
+    weights,
+    C,
+    G,
+    C_dot,
 ):
     """Derivatives of the projection (18) at states that meet the constraints.
 
     Parameters
     ----------
-    steps_z : steps of differences of fourth order
-    C : (states, rows, n_velocities) constraint Jacobian
+    z_dot : rates of the positions
+    steps : of differences along the motion [s]
+    points, weights : of these differences, in steps
+    C, C_dot : (states, rows, n_velocities) constraint Jacobian and its rate
     G : (states, rows, n_velocities) correction that a residual of 1 is removed by
-    rates : (states, positions, rows) derivatives of the rates of the constraints
     """
     dz, dv = memory.dx, memory.real.x
     for k in range(len(times)):
         work.interval_time[0] = clocks[k]
-        for j in range(rates.shape[1]):
-            known = z[k, j]
-            for i in range(system.n_rows):
-                rates[k, j, i] = 0.0
-            for point in range(4):
-                distance = _difference_point(point)
-                weight = _difference_weight(point)
-                z[k, j] = known + distance * steps_z[j]
-                kernels.evaluate(system, work, times[k], z[k], v[k])
-                for i in range(system.n_rows):
-                    rates[k, j, i] += weight / steps_z[j] * work.row[i, C_RATE]
-            z[k, j] = known
+        for i in range(system.n_rows):
+            for j in range(C.shape[2]):
+                C[k, i, j] = C_dot[k, i, j] = 0.0
+        for point in range(len(points)):
+            distance = points[point] * steps[k]
+            for j in range(z_dot.shape[1]):
+                z[k, j] += distance * z_dot[k, j]
+            kernels.evaluate(system, work, times[k] + distance, z[k], v[k])
+            _add_jacobian(system, work, weights[point] / steps[k], C_dot[k])
+            for j in range(z_dot.shape[1]):
+                z[k, j] -= distance * z_dot[k, j]
         kernels.evaluate(system, work, times[k], z[k], v[k])
         for i in range(system.n_rows):
             for j in range(system.n_rows):
@@ -259,11 +273,5 @@ def linearise_projections(
             if status != 0:
                 return status
             copy(dv, G[k, i])
-            for j in range(C.shape[2]):
-                C[k, i, j] = 0.0
-        for s in range(len(system.segment)):
-            row, at = system.segment[s].row, system.segment[s].offset
-            first = system.body[system.segment[s].body].vel
-            for j in range(system.body[system.segment[s].body].nv):
-                C[k, row, first + j] += work.C[at + j]
+        _add_jacobian(system, work, 1.0, C[k])
     return 0

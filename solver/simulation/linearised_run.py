@@ -40,6 +40,8 @@ PERTURBATION, CHECK_STEP = 1e-6, 0.1
 #: Derivatives of `linearise` count as complete when a difference along a random change
 #: of the state agrees with them to this part; and states that are compared.
 COMPLETE, COMPARED_STATES = 1e-7, 40
+#: Points and weights of a difference of second order.
+SECOND_ORDER = np.array([-1.0, 1.0]), np.array([-0.5, 0.5])
 #: States at which each coordinate is tried, and sizes of the rows of residuals,
 #: relative to the largest one, below which they count as that.
 TRIED_STATES, SMALL_ROW = 10, 1e-6
@@ -175,6 +177,7 @@ class LinearisedRun:
     accelerations, multipliers : of the stages
     differenced : coordinates by which derivatives are differences, as `linearise` is
         not complete
+    difference : points and weights of these
     """
 
     def __init__(self, motion: Motion, grid: Grid) -> None:
@@ -211,6 +214,7 @@ class LinearisedRun:
             np.abs(self.stages.v).max(axis=0), sizes / (self.times[-1] - self.times[0])
         )
         self.steps_z = PERTURBATION * self._position_sizes(sizes)
+        self.difference = POINTS, WEIGHTS
         self.differenced = np.zeros(0, np.int64)
         self.differenced = self._incomplete_coordinates()
 
@@ -316,7 +320,7 @@ class LinearisedRun:
         out = np.zeros((len(given[0]), len(chosen), self.nv + self.m))
         batch_evaluation.differentiate_states(
             *(self.kernels, self.system.arrays, self.work),
-            *(*given, chosen, self.steps_z, self.steps_v, out),
+            *(*given, chosen, self.steps_z, self.steps_v, *self.difference, out),
         )
         return out
 
@@ -346,6 +350,10 @@ class LinearisedRun:
         exact = self._differences(rows, everything) * steps
         error = np.abs(self._known_derivatives(rows) * steps - exact).max(axis=0)
         sizes = self._row_sizes(np.abs(exact).max(axis=(0, 1)))
+        self.difference = SECOND_ORDER
+        second = np.abs(self._differences(rows, everything) * steps - exact) / sizes
+        if second.max(initial=0.0) > COMPLETE / 10:
+            self.difference = POINTS, WEIGHTS
         self.differenced = np.flatnonzero((error / sizes).max(axis=1) > COMPLETE / 10)
         return self.differenced if self._agrees() else everything
 

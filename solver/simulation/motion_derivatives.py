@@ -16,6 +16,7 @@ import numpy as np
 
 from sidtool.formats.base.sid import Array
 
+from ..analyses.output_derivatives import POINTS, WEIGHTS
 from ..integrators import batch_evaluation
 from ..output.dense_output import StepStates
 from ..spatial import system_arrays as at
@@ -29,6 +30,8 @@ SAFETY = 10.0
 #: Changes of residuals that matter not, relative to the forces, for a change of a
 #: number by its own size.
 NEGLIGIBLE = 1e-3
+#: Step of differences along the motion, in steps of the run or their mean.
+RATE_STEP = 1e-3
 #: Rounding of residuals, relative to the forces.
 ROUNDING = 10.0 * float(np.finfo(float).eps)
 TINY = float(np.finfo(float).tiny)
@@ -79,7 +82,8 @@ class _Projection:
     Attributes
     ----------
     C, G : (steps, m, nv)
-    rates : (steps, nz, m)
+    rates : (steps, nv, m) derivatives of the rates of the constraints by tangent
+        vectors of positions
     to_tangent : (steps, nv, nz) of the states before them
     Z : (steps, nz, nv) of the states after them
     """
@@ -137,20 +141,29 @@ class MotionDerivatives:
     @cached_property
     def _projection(self) -> _Projection:
         run, ends = self.run, self.ends
-        n, nz, nv, m = run.n_steps - 1, run.nz, run.nv, run.m
-        C, G = np.zeros((n, m, nv)), np.zeros((n, m, nv))
-        rates = np.zeros((n, nz, m))
+        n, shape = run.n_steps - 1, (run.n_steps - 1, run.m, run.nv)
+        C, G, C_dot = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        own = position_rates(run.system, ends.z, ends.v)
+        lengths = np.diff(run.times)
+        steps = RATE_STEP * np.maximum(lengths[:-1], lengths.mean())
         copies = ends.selected(slice(None))
         status = batch_evaluation.linearise_projections(
             *(run.kernels, run.system.arrays, run.work, run.memory),
-            *(*copies.arguments, run.steps_z, C, G, rates),
+            *(*copies.arguments, own.rate, steps, POINTS, WEIGHTS, C, G, C_dot),
         )
         if status != 0:
             raise NotLinearisable("a singular configuration")
+        Z_dot = np.zeros_like(own.Z)
+        for point, weight in zip(POINTS, WEIGHTS, strict=True):
+            moved = copies.z.copy()
+            moved[:, : run.nz] += point * steps[:, None] * own.rate
+            Z = position_rates(run.system, moved, ends.v).Z
+            Z_dot += weight / steps[:, None, None] * Z
+        turned = own.to_tangent @ (own.by_position @ own.Z - Z_dot)
+        rates = np.ascontiguousarray((C_dot + C @ turned).transpose(0, 2, 1))
         before = run.stages.selected(slice(run.s - 1, (n + 1) * run.s - 1, run.s))
         to_tangent = position_rates(run.system, before.z, before.v).to_tangent
-        Z = position_rates(run.system, ends.z, ends.v).Z
-        return _Projection(C, G, rates, to_tangent, Z)
+        return _Projection(C, G, rates, to_tangent, own.Z)
 
     # Parameters
 
@@ -340,8 +353,8 @@ class MotionDerivatives:
         values, speeds = C @ tangent, C @ V
         values[:, :, -len(changes) :] += given[:, :m]
         tangent = tangent - G.transpose(0, 2, 1) @ values
+        speeds += rates.transpose(0, 2, 1) @ tangent
         Z = projection.Z[part] @ tangent
-        speeds += rates.transpose(0, 2, 1) @ Z
         speeds[:, :, -len(changes) :] += given[:, m:]
         V = V - G.transpose(0, 2, 1) @ speeds
         return np.concatenate([Z, V], axis=1)
@@ -450,10 +463,10 @@ class MotionDerivatives:
         n, size = len(C), nz + self.run.nv
         one, Ct = np.eye(self.run.nv), C.transpose(0, 2, 1)
         keeps = one - Ct @ G
-        by_z = to_tangent.transpose(0, 2, 1) @ keeps @ Z.transpose(0, 2, 1)
+        by_tangent = to_tangent.transpose(0, 2, 1) @ keeps
         back = np.zeros((n, size, size))
-        back[:, :nz, :nz] = by_z
-        back[:, :nz, nz:] = -by_z @ rates @ G
+        back[:, :nz, :nz] = by_tangent @ Z.transpose(0, 2, 1)
+        back[:, :nz, nz:] = -by_tangent @ rates @ G
         back[:, nz:, nz:] = keeps
         return back
 
@@ -465,11 +478,10 @@ class MotionDerivatives:
         part = slice(steps.start, min(steps.stop, self.run.n_steps - 1))
         G, nexts = projection.G[part], nexts[: part.stop - part.start]
         by_speed = -G @ nexts[:, nz:]
-        by_z = nexts[:, :nz] + projection.rates[part] @ by_speed
+        by_tangent = projection.Z[part].transpose(0, 2, 1) @ nexts[:, :nz]
+        by_tangent += projection.rates[part] @ by_speed
         gradient.constraint[part, m:] = by_speed
-        gradient.constraint[part, :m] = -G @ (
-            projection.Z[part].transpose(0, 2, 1) @ by_z
-        )
+        gradient.constraint[part, :m] = -G @ by_tangent
 
     def neighbours(
         self, change: ParameterChange, z: Array | float = 0.0, v: Array | float = 0.0

@@ -348,7 +348,7 @@ def _markers_of_frames(system: System) -> set[int]:
 
 
 def _places(pairs: list[tuple[IntTable, IntTable]], first: int, count: int) -> IntTable:
-    """Where the coordinates of bodies stand in a second system."""
+    """Where the coordinates of bodies are in a second system."""
     return np.concatenate([new[first] + np.arange(old[count]) for old, new in pairs])
 
 
@@ -441,7 +441,7 @@ class _StageDerivatives:
             self._by = np.zeros((n, 2 * count, rows))
             batch_evaluation.differentiate_states(
                 *(*self._given, *self._states, run.multipliers),
-                *(chosen, steps_z, steps_v, self._by),
+                *(chosen, steps_z, steps_v, *run.difference, self._by),
             )
         else:
             tangent = np.zeros((n, 2 * nv, rows))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -378,3 +379,29 @@ def test_formulas_with_corners_take_differences(value: str) -> None:
     )
     found = sidtool.sensitivity(smooth, ["block.mass"], "final(block.x)")
     assert set(found.methods.values()) == {"direct"}
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [heavy_top(), sidtool.Scene.load(CRANK).with_({"time.end": 0.2})],
+    ids=["space", "driven"],
+)
+def test_rates_of_constraints_by_positions(scene: sidtool.Scene) -> None:
+    """From the rate of the constraint Jacobian along the motion: those of differences
+    of the rates of the constraints, at fixed velocities.
+    """
+    body = next(iter(scene.bodies))
+    point = point_of(scene, [f"{body}.mass"], [f"final({body}.x)"])
+    assert point.history is not None and point.grid is not None
+    run = LinearisedRun(point.history.motion, point.grid)
+    derivatives = MotionDerivatives(run)
+    found, ends = derivatives._projection, derivatives.ends
+    for k in range(run.nv):
+        parts = []
+        for sign in (1.0, -1.0):
+            z = ends.z.copy()
+            z[:, : run.nz] += sign * 1e-6 * found.Z[:, :, k]
+            parts.append(run.constraints(run.system, replace(ends, z=z))[:, run.m :])
+        expected = (parts[0] - parts[1]) / 2e-6
+        size = 1.0 + np.abs(expected).max()
+        assert np.abs(found.rates[:, k] - expected).max() < 1e-8 * size
