@@ -328,9 +328,9 @@ def _drift_text(result: Result) -> str:
     return "joints closed to " + ", ".join(parts) if parts else "not measured"
 
 
-#: Largest number of leading coordinates of a mode, and their minimum amplitude relative
-#: to the largest one.
-MAX_LEADING_COORDINATES, LEADING_TOLERANCE = 3, 1e-6
+#: Largest number of leading coordinates of a mode, and the decimals of their amplitudes
+#: relative to the largest one: those that agree to them keep the order of the names.
+MAX_LEADING_COORDINATES, AMPLITUDE_DECIMALS = 3, 6
 #: Damping ratios below this are rounding.
 DAMPING_ROUNDING = 1e-12
 
@@ -415,9 +415,8 @@ def mode_rows(modes: Linearisation) -> list[list[str]]:
         zip(modes.frequencies, modes.damping_ratios, strict=True)
     ):
         sizes = np.abs(modes.shapes[k])
-        order = [
-            i for i in np.argsort(-sizes) if sizes[i] > LEADING_TOLERANCE * sizes.max()
-        ]
+        sizes = np.round(sizes / sizes.max(), AMPLITUDE_DECIMALS)
+        order = [i for i in np.argsort(-sizes, kind="stable") if sizes[i] > 0.0]
         leading = ", ".join(modes.names[i] for i in order[:MAX_LEADING_COORDINATES])
         columns = [f"{hertz:.6g}"]
         if has_rotating_axes(modes):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from sidtool.formats.base.compliance_shares import DIRECTIONS
 from sidtool.formats.base.sid import SID, Array
@@ -20,6 +21,7 @@ from sidtool.formats.motion_kinds import (
     node_extent,
 )
 
+from ..eigensolvers.eigenpairs import equal_frequencies, rotation_to_axes
 from ..validate.frequencies import held_modes, to_hertz
 from .tables import counted_noun, format_numbers, named_values, text_table
 
@@ -196,7 +198,8 @@ class NaturalMode:
 def natural_modes(sid: SID) -> tuple[NaturalMode, ...]:
     """Return the natural modes of (Ke, Me), lowest first; empty for a rigid body.
 
-    The effective mass of mode y is (Ct^T y)^2 / (y^T Me y), by axis.
+    The effective mass of mode y is (Ct^T y)^2 / (y^T Me y), by axis. Of equal
+    frequencies, the modes are those along the axes, x before y before z.
     """
     if sid.nq == 0:
         return ()
@@ -314,11 +317,15 @@ def is_at_rest(node: Any, sid: SID) -> bool:
 def _mode_matrix(sid: SID) -> tuple[Array, Array]:
     """Return modes in columns; the unit matrix if Me is not a mass matrix."""
     try:
-        return held_modes(sid)
+        squares, shapes = held_modes(sid)
     except np.linalg.LinAlgError:
         masses = np.diag(sid.Me.m0)
         safe = np.where(masses > 0, masses, np.inf)
         return np.diag(sid.Ke.m0) / safe, np.eye(sid.nq)
+    groups = equal_frequencies(squares, shapes, csr_matrix(sid.Ke.m0))
+    motion = sid.shapes[0].reshape(-1, sid.nq) @ shapes
+    directions = np.tile([1.0, 2.0, 3.0], len(sid.nodes))
+    return squares, shapes @ rotation_to_axes(groups, motion, directions)
 
 
 def _mode_label(sid: SID, shape: Array) -> str:

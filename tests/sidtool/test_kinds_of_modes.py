@@ -20,11 +20,11 @@ E, G, RHO, LENGTH = 7.0e10, 7.0e10 / 2.6, 2700.0, 0.8
 NAMES = {"chord": "chord", "back": "chord", "tangent": "held", "buckens": "free"}
 
 
-def round_bar(direction: str, frame: str) -> SID:
+def round_bar(direction: str, frame: str, iz: float = 0.7e-7) -> SID:
     """A bar whose torsion, stretch and bending have other frequencies."""
     data = slender(DIRECTIONS[direction], frame)
     section: dict[str, Any] = {"shape": "general", "area": 1e-3}
-    section |= {"iy": 1.2e-7, "iz": 0.7e-7, "torsion": 0.9e-7}
+    section |= {"iy": 1.2e-7, "iz": iz, "torsion": 0.9e-7}
     data["geometry"]["section"] = section
     data["discretisation"]["elements"] = 16
     data["reduction"] = {"method": "modal", "modes": 9}
@@ -48,6 +48,19 @@ def test_torsion_is_called_torsion(direction: str) -> None:
         "axial",
         "bending",
     }
+
+
+@pytest.mark.parametrize("rounding", [-1e-13, 1e-13])
+def test_bending_of_equal_frequencies_is_along_the_axes(rounding: float) -> None:
+    """Whichever of the two rounding makes the lower one, as another processor does."""
+    sid = round_bar("x", "tangent", iz=1.2e-7)
+    stiffness = sid.Ke.m0.copy()
+    stiffness[0, 0] *= 1.0 + rounding
+    stiffness[0, 1] = stiffness[1, 0] = 1e-14 * stiffness[0, 0]
+    modes = natural_modes(replace(sid, Ke=Taylor(stiffness)))
+    assert [mode.kind for mode in modes[:2]] == ["bending y", "bending z"]
+    assert modes[0].effective_mass[2] < 1e-9 * modes[0].effective_mass[1]
+    assert modes[1].effective_mass[1] < 1e-9 * modes[1].effective_mass[2]
 
 
 @pytest.mark.parametrize("frame", FRAMES)

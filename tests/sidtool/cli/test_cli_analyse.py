@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.result import read_result
+from sidtool.report.result import mode_rows
 from tests.places import SLIDER_CRANK
 
 PENDULUM = """
@@ -158,3 +160,12 @@ def test_a_body_that_can_fall_is_reported_in_one_line(
     )
     assert run(["analyse", "static", str(pendulum)]) == 1
     assert "N701" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_rounding_does_not_order_the_coordinates_of_a_mode(seed: int) -> None:
+    """Equal amplitudes of shafts on one axis; another processor rounds otherwise."""
+    modes = sidtool.linearise(SLIDER_CRANK / "slider_crank.toml", about="start")
+    rounding = np.random.default_rng(seed).uniform(-1e-13, 1e-13, modes.shapes.shape)
+    rows = mode_rows(replace(modes, shapes=1.0 + rounding))
+    assert {row[-1] for row in rows} == {", ".join(modes.names[:3])}
