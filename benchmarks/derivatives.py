@@ -41,7 +41,7 @@ CHANGES = {
 #: Tolerance of the reference, runs to time.
 FINE, TIMED = 1e-10, 20
 #: Numbers of variables of which the cost is measured, and how often.
-COUNTS, TURNS = (1, 10, 100), 5
+COUNTS, TURNS = (1, 10, 60, 1000), 5
 #: Measurements of each scene, noise relative to the range of the output.
 TRIALS, NOISE = {"block": 1000, "bar": 200}, 0.01
 

@@ -19,6 +19,7 @@ alone: the residual is differentiated by such coordinates in a second system.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,8 @@ from .motion_derivatives import AdjointGradient, MotionDerivatives
 
 #: Flags of bodies whose residual has other terms.
 OTHER_TERMS = at.HAS_CT1 | at.HAS_KE1 | at.STIFFENED
+#: Blocks whose first-order terms enter.
+WITH_FIRST_ORDER = "J", "Cr", "Oe"
 #: Directions in which markers move: translations, then rotations.
 IN_PLANE, IN_SPACE = (0, 1, 5), (0, 1, 2, 3, 4, 5)
 
@@ -78,27 +81,30 @@ class SidGradient:
         """Derivatives of the functionals by a number of which the SID has this
         derivative, (n,).
         """
-        q, every = self.selected, slice(None)
-        rows = {
-            "mass": np.array([derivative.mass]),
-            "mdCM": derivative.mdCM.m0,
-            "J": derivative.J.m0,
-            "ksigma": derivative.ksigma.m0[q],
-        }
-        for name in ("Ct", "Cr", "Oe"):
-            rows[name] = getattr(derivative, name).m0[q]
-        for name in ("Me", "Ke", "De"):
-            rows[name] = getattr(derivative, name).m0[np.ix_(q, q)]
-        for name, own in (("Cr", q), ("Oe", q), ("J", every)):
+        selects = len(self.selected) < derivative.nq
+        q: IntTable | slice = self.selected if selects else slice(None)
+        parts = [np.array([derivative.mass])]
+        parts += [derivative.mdCM.m0, derivative.J.m0, derivative.ksigma.m0[q]]
+        parts += [getattr(derivative, name).m0[q] for name in ("Ct", "Cr", "Oe")]
+        parts += [getattr(derivative, name).m0[q][:, q] for name in ("Me", "Ke", "De")]
+        for name in WITH_FIRST_ORDER:
             term = getattr(derivative, name).m1
-            if term is not None:
-                rows[f"{name} m1"] = term[q][:, own]
-        total = sum(self.blocks[name] @ x.ravel() for name, x in rows.items())
-        for name, gradient in self.nodes.items():
+            if term is None:
+                parts.append(np.zeros(self.blocks[f"{name} m1"].shape[1]))
+            else:
+                parts.append(term[q] if name == "J" else term[q][:, q])
+        for name in self.nodes:
             node = derivative.node(name)
-            shapes = node.phi.m0[:, q].ravel(), node.psi.m0[:, q].ravel()
-            total = total + gradient @ np.concatenate([node.position, *shapes])
-        return np.asarray(total)
+            parts += [node.position, node.phi.m0[:, q], node.psi.m0[:, q]]
+        return np.asarray(self._joined @ np.concatenate([x.ravel() for x in parts]))
+
+    @cached_property
+    def _joined(self) -> Array:
+        """All gradients in the order of `along`, (n, .)."""
+        names = "mass", "mdCM", "J", "ksigma", "Ct", "Cr", "Oe", "Me", "Ke", "De"
+        first = [self.blocks[f"{name} m1"] for name in WITH_FIRST_ORDER]
+        blocks = [self.blocks[name] for name in names]
+        return np.concatenate([*blocks, *first, *self.nodes.values()], axis=1)
 
 
 def sid_gradient(
