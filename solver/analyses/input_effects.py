@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -16,7 +17,12 @@ from sidtool.formats.diagnostics import (
 from sidtool.formats.scene import INPUTS, unit_of
 
 from ..system.system import System
-from .output_derivatives import INPUT_PERTURBATION, OutputEvaluation
+from .output_derivatives import (
+    AGREEMENT,
+    MAX_REFINEMENTS,
+    REFINEMENT,
+    OutputEvaluation,
+)
 from .state_matrix import (
     LinearEquations,
     Sources,
@@ -24,6 +30,8 @@ from .state_matrix import (
 
 #: What the name of an input of the scene gets as its derivative, by the order.
 DERIVATIVE_NAMES = ("", ".rate", ".acceleration")
+#: Change of an input, relative to its value or to 1.
+INPUT_PERTURBATION = 1e-4
 _SQUARED = "\N{SUPERSCRIPT TWO}"
 
 
@@ -79,9 +87,10 @@ def input_effects(
     mechanics = evaluation.mechanics
     numbers = mechanics.system.arrays.real_data
     continuity = mechanics.system.scene.inputs[name].continuity
-    changes, order = [], 0
+    changes, steps, order = [], list[float](), 0
     for k, factor in enumerate(_COEFFICIENTS):
-        change = _equation_changes(evaluation, equations, coefficients.start + k)
+        step, change = _equation_changes(evaluation, equations, coefficients.start + k)
+        steps.append(step)
         is_used = k <= continuity
         if is_used and any(part.any() for part in change):
             order = k
@@ -95,7 +104,7 @@ def input_effects(
     outputs = np.zeros((len(evaluation.names), len(_COEFFICIENTS)))
     for k, factor in enumerate(_COEFFICIENTS[: order + 1]):
         number = coefficients.start + k
-        outputs[:, k] = evaluation.by_input(number, factor, found, k)
+        outputs[:, k] = evaluation.by_input(number, factor, found, k, steps[k])
     return InputEffects(
         name,
         order,
@@ -116,17 +125,19 @@ _COEFFICIENTS = (1.0, 1.0, 0.5)
 
 def _equation_changes(
     evaluation: OutputEvaluation, equations: LinearEquations, k: int
-) -> list[Array]:
+) -> tuple[float, list[Array]]:
     """Derivatives of f + C^T lambda - M a, and of the constraints their values, rates
-    and gamma - C a, by a number of the real data."""
+    and gamma - C a, by a number of the real data; and the step at which they agree
+    best with those of the next shorter one."""
     mechanics = evaluation.mechanics
     numbers = mechanics.system.arrays.real_data
     a, multipliers = equations.accelerations, equations.multipliers
     given = float(numbers[k])
-    delta, ends = INPUT_PERTURBATION * max(abs(given), 1.0), []
-    try:
+
+    def differences(step: float) -> list[Array]:
+        ends = []
         for sign in (1.0, -1.0):
-            numbers[k] = given + sign * delta
+            numbers[k] = given + sign * step
             mechanics.evaluate(evaluation.z, evaluation.v)
             C, force = mechanics.jacobian, mechanics.force
             residual = np.zeros(len(C))
@@ -139,11 +150,25 @@ def _equation_changes(
                     mechanics.gamma - C @ a,
                 )
             )
+        return [(p - m) / (2.0 * step) for p, m in zip(*ends, strict=True)]
+
+    step = INPUT_PERTURBATION * max(abs(given), 1.0)
+    found: list[tuple[float, float, list[Array]]] = []
+    try:
+        coarse = differences(step)
+        for _ in range(MAX_REFINEMENTS):
+            fine = differences(step / REFINEMENT)
+            pairs = zip(fine, coarse, strict=True)
+            error = max(np.abs(f - c).max(initial=0.0) for f, c in pairs)
+            found.append((float(error), step, coarse))
+            if error <= AGREEMENT * max(np.abs(c).max(initial=0.0) for c in coarse):
+                break
+            step, coarse = step / REFINEMENT, fine
     finally:
         numbers[k] = given
         mechanics.evaluate(evaluation.z, evaluation.v)
-    plus, minus = ends
-    return [(p - m) / (2.0 * delta) for p, m in zip(plus, minus, strict=True)]
+    _, step, best = min(found, key=itemgetter(0))
+    return step, best
 
 
 def derivative_note(effects: InputEffects) -> Diagnostic:

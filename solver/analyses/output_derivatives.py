@@ -29,8 +29,6 @@ from .state_matrix import LinearEquations, Responses
 #: Largest displacement, in sizes of the mechanism or radians, and largest change of a
 #: velocity, in those per second.
 PERTURBATION = 1e-5
-#: Change of an input, relative to its value or to 1.
-INPUT_PERTURBATION = 1e-4
 #: Factor between steps that are compared, and how many are.
 REFINEMENT, MAX_REFINEMENTS = 16.0, 5
 #: Differences agree within this part of the largest change of their output.
@@ -157,13 +155,14 @@ class OutputEvaluation:
         return np.einsum("kpo,p->ok", values, WEIGHTS) / steps
 
     def by_input(
-        self, coefficient: int, factor: float, changes: Responses, k: int
+        self, coefficient: int, factor: float, changes: Responses, k: int, step: float
     ) -> Array:
         """Derivatives (outputs,) by an input, which changes a number of the real data
-        by a factor, and the state as column k of some changes."""
+        by a factor, and the state as column k of some changes, at most half a step
+        away."""
         numbers = self.system.arrays.real_data
         value = float(numbers[coefficient])
-        step = INPUT_PERTURBATION * max(abs(value), 1.0)
+        step *= 0.25  # the points are farther away, and fourth order needs less
         largest = self._largest(changes, k)
         if largest > 0.0:
             step = min(step, PERTURBATION / largest)

@@ -456,3 +456,27 @@ def test_von_mises_stress_changes_as_its_components() -> None:
     peak = 1 + 7 * int(np.argmax(values[1::7]))
     assert values[0] == pytest.approx(values[peak])
     assert_allclose(rates[0], rates[peak], rtol=0.0, atol=1e-6 * largest)
+
+
+@pytest.mark.parametrize("opening", [1.0, 0.01, 2e-4])
+def test_an_input_has_its_effect_at_its_value(opening: float) -> None:
+    """A force 100 sqrt(u) on a spring of 10 N/m moves by 5 / sqrt(u) per input."""
+    scene = sidtool.Scene(
+        dimension="planar",
+        time={"end": 0.1, "output_step": 0.1},
+        inputs={"u": {"initial": opening}},
+        bodies={"cart": {"mass": 1.0, "inertia": 0.1}},
+        joints={"rail": {"type": "prismatic", "markers": ["ground", "cart"]}},
+        forces={
+            "spring": {"type": "spring_damper", "joint": "rail", "stiffness": 10.0},
+            "valve": {
+                "type": "actuator",
+                "joint": "rail",
+                "function": {"type": "expression", "value": "100*sqrt(u)"},
+            },
+        },
+    )
+    space = scene.state_space(outputs=["rail.displacement", "valve.force"])
+    gain = space.D - space.C @ np.linalg.solve(space.A, space.B)
+    exact = np.array([5.0, 50.0]) / math.sqrt(opening)
+    assert_allclose(gain[:, 0], exact, rtol=1e-7)
