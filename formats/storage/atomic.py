@@ -109,8 +109,7 @@ def atomic_path(
             raise
         raise OSError(error.errno, error.strerror, os.fspath(given_path)) from error
     finally:
-        temporary.unlink(missing_ok=True)
-        _living.discard(temporary)
+        _remove_temporary(temporary)
 
 
 @contextmanager
@@ -130,8 +129,7 @@ def temporary_folder(target: Path) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        _remove(folder)
-        _living.discard(folder)
+        _remove_temporary(folder)
 
 
 def _move_into_place(temporary: Path, target: Path, given_path: Path | None) -> None:
@@ -206,6 +204,16 @@ def _remove_leftovers(folder: Path) -> None:
             if _is_leftover(path):
                 with suppress(OSError):
                     _remove(path)
+
+
+def _remove_temporary(path: Path) -> None:
+    """Remove what this process has written, or leave it to the next one.
+
+    Windows removes no open file, as libhdf5 leaves one on a full disk.
+    """
+    with suppress(OSError):
+        _remove(path)
+    _living.discard(path)
 
 
 def _remove(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import stat
@@ -15,7 +16,7 @@ import pytest
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.storage import operating_system
-from sidtool.formats.storage.atomic import atomic_path
+from sidtool.formats.storage.atomic import atomic_path, temporary_folder
 from sidtool.formats.storage.operating_system import (
     cache_folder,
     has_ended,
@@ -87,6 +88,29 @@ def test_a_file_that_another_has_open_stays_and_the_new_one_is_beside(
             temporary.write_bytes(b"new")
     assert target.read_bytes() == b"old"
     assert (tmp_path / "table.new1.csv").read_bytes() == b"new"
+
+
+def test_a_file_that_cannot_be_removed_does_not_hide_why_it_was_to_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a full disk libhdf5 leaves its file open; Windows does not remove that."""
+
+    def refuse(path: Path, missing_ok: bool = False) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    target = tmp_path / "motion.h5"
+    target.write_bytes(b"old")
+    for write in (atomic_path, temporary_folder):
+        with monkeypatch.context() as patch, pytest.raises(OSError) as caught:
+            patch.setattr(Path, "unlink", refuse)
+            patch.setattr(Path, "rmdir", refuse)
+            with write(target):
+                raise OSError(errno.ENOSPC, "No space left on device")
+        assert caught.value.errno == errno.ENOSPC
+    assert target.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 3
+    with atomic_path(target) as temporary:
+        temporary.write_bytes(b"new")
+    assert list(tmp_path.iterdir()) == [target]
 
 
 @pytest.mark.parametrize(
