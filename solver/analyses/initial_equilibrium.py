@@ -104,11 +104,11 @@ def scene_at(system: System, z: Array) -> SceneFile:
             bodies[data.name] = bodies[data.name].model_copy(
                 update={"initial": initial}
             )
-    start = system.scene.initial
+    of_scene = system.scene.initial
     if turns := whole_turns(system, z):
-        turns = {**(start.rotations or {}), **turns}
-        start = start.model_copy(update={"rotations": turns})
-    return system.scene.model_copy(update={"bodies": bodies, "initial": start})
+        turns = {**(of_scene.rotations or {}), **turns}
+        of_scene = of_scene.model_copy(update={"rotations": turns})
+    return system.scene.model_copy(update={"bodies": bodies, "initial": of_scene})
 
 
 def _body_pose(system: System, z: Array, b: int) -> dict[str, Any]:

@@ -99,7 +99,7 @@ def initial_rotations(system: System) -> Array:
 def whole_turns(system: System, z: Array) -> dict[str, float]:
     """Counted rotations at some positions that the start would take for others, by
     name [rad]: those more than half a turn from what they are nearest to."""
-    expected, found = initial_rotations(system), {}
+    expected, found = initial_rotations(system), dict[str, float]()
     known = z[len(z) - system.n_rotation_counters :]
     for rotation in system.rotations:
         if not rotation.is_counted:
