@@ -20,6 +20,7 @@ import math
 import os
 import platform
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -69,10 +70,11 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SEAL_SIGNATURE = b"\x89SID\r\n\x1a\n"
 
 
-class SealedFile:
-    """A sealed HDF5 file that is written piece by piece, wholly or not at all.
+class NewFile:
+    """An HDF5 file that is written piece by piece, wholly or not at all.
 
-    Its root names this program in the attribute written_by.
+    libhdf5 may crash after an error of the file below it. That file never fails, so
+    that `put` and `close` report a full disk.
 
     Attributes
     ----------
@@ -83,6 +85,8 @@ class SealedFile:
     InputError : see `atomic_path`.
     """
 
+    user_block = 0
+
     def __init__(
         self, path: str | os.PathLike[str], use_fallback_folder: bool = False
     ) -> None:
@@ -90,8 +94,9 @@ class SealedFile:
 
         self.target = GrowingFile(path, use_fallback_folder)
         with undisturbed():
-            self._file = h5py.File(cast(Any, self.target), "w", userblock_size=BLOCK)
-            self._file.attrs["written_by"] = written_by()
+            self._file = h5py.File(
+                cast(Any, self.target), "w", userblock_size=self.user_block
+            )
 
     def put(self, fill: Callable[[h5py.File], None]) -> None:
         """Puts some content into the file.
@@ -103,6 +108,39 @@ class SealedFile:
         with undisturbed():
             fill(self._file)
         self.target.check()
+
+    def close(self) -> None:
+        """Gives the complete file its name.
+
+        Raises
+        ------
+        OSError : there is no place for it; nothing is left.
+        """
+        with undisturbed():
+            self._file.close()
+        self.target.close()
+
+    def discard(self) -> None:
+        """Leaves no trace."""
+        with undisturbed():
+            self._file.close()
+        self.target.discard()
+
+
+class SealedFile(NewFile):
+    """A new HDF5 file with a check sum.
+
+    Its root names this program in the attribute written_by.
+    """
+
+    user_block = BLOCK
+
+    def __init__(
+        self, path: str | os.PathLike[str], use_fallback_folder: bool = False
+    ) -> None:
+        super().__init__(path, use_fallback_folder)
+        with undisturbed():
+            self._file.attrs["written_by"] = written_by()
 
     def close(self) -> None:
         """Seals the file, which takes its place.
@@ -119,11 +157,16 @@ class SealedFile:
         self.target.write((SEAL_SIGNATURE + digest).ljust(BLOCK, b"\0"))
         self.target.close()
 
-    def discard(self) -> None:
-        """Leaves no trace."""
-        with undisturbed():
-            self._file.close()
-        self.target.discard()
+
+@contextmanager
+def closed_or_discarded(file: NewFile) -> Iterator[NewFile]:
+    """Close a file at the end of the block, or discard it after an exception."""
+    try:
+        yield file
+        file.close()
+    except BaseException:
+        file.discard()
+        raise
 
 
 def write_sealed(
@@ -137,13 +180,8 @@ def write_sealed(
     ------
     InputError, OSError : see `atomic_path`.
     """
-    file = SealedFile(path)
-    try:
+    with closed_or_discarded(SealedFile(path)) as file:
         file.put(fill)
-        file.close()
-    except BaseException:
-        file.discard()
-        raise
 
 
 def check_seal(path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -22,7 +23,11 @@ from sidtool.formats.field import Field
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.result import Result
 from sidtool.formats.storage.atomic import atomic_path, temporary_folder
-from sidtool.formats.storage.hdf5_files import put_texts
+from sidtool.formats.storage.hdf5_files import (
+    NewFile,
+    closed_or_discarded,
+    put_texts,
+)
 from sidtool.formats.storage.operating_system import flush_to_disk, replace_file
 from sidtool.solver.output.body_outputs import FrameMotion, frame_motion
 from sidtool.solver.output.energies import elastic_coordinates
@@ -275,37 +280,47 @@ def write_vtkhdf(path: Path, mesh: ExportMesh) -> None:
 
     VTKHDF/CellData/body numbers the bodies, whose names are the dataset /bodies.
     """
-    n, count = mesh.n_points, len(mesh.t)
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
-        root = file.create_group("VTKHDF")
-        root.attrs["Version"] = np.array([2, 0])
-        root.attrs.create("Type", b"UnstructuredGrid", dtype="S16")
-        for name, value in (
-            ("NumberOfPoints", n),
-            ("NumberOfCells", len(mesh.types)),
-            ("NumberOfConnectivityIds", len(mesh.connectivity)),
-        ):
-            root[name] = np.full(1, value, np.int64)
-        root["Connectivity"], root["Offsets"] = mesh.connectivity, mesh.offsets
-        root["Types"] = mesh.types
-        root["CellData/body"] = mesh.body
-        put_texts(file, "bodies", [part.name for part in mesh.parts])
-        _write_steps(root, mesh.t, n)
-        data = root.create_group("PointData")
-        places = {"points": _create_rows(root, "Points", n, count, 3)}
-        for name, width in POINT_DATA.items():
-            places[name] = _create_rows(data, name, n, count, width)
+    n = mesh.n_points
+    with closed_or_discarded(NewFile(path)) as new:
+        new.put(partial(_write_cells, mesh))
         for k, step in enumerate(mesh.steps()):
-            for name, dataset in places.items():
-                dataset[k * n : (k + 1) * n] = step[name]
+            new.put(partial(_write_step, slice(k * n, (k + 1) * n), step))
 
 
-def _create_rows(
-    group: h5py.Group, name: str, n: int, count: int, width: int
-) -> h5py.Dataset:
+def _write_cells(mesh: ExportMesh, file: h5py.File) -> None:
+    """Write all but the motion, and create the datasets of that."""
+    n, count = mesh.n_points, len(mesh.t)
+    root = file.create_group("VTKHDF")
+    root.attrs["Version"] = np.array([2, 0])
+    root.attrs.create("Type", b"UnstructuredGrid", dtype="S16")
+    for name, value in (
+        ("NumberOfPoints", n),
+        ("NumberOfCells", len(mesh.types)),
+        ("NumberOfConnectivityIds", len(mesh.connectivity)),
+    ):
+        root[name] = np.full(1, value, np.int64)
+    root["Connectivity"], root["Offsets"] = mesh.connectivity, mesh.offsets
+    root["Types"] = mesh.types
+    root["CellData/body"] = mesh.body
+    put_texts(file, "bodies", [part.name for part in mesh.parts])
+    _write_steps(root, mesh.t, n)
+    data = root.create_group("PointData")
+    _create_rows(root, "Points", n, count, 3)
+    for name, width in POINT_DATA.items():
+        _create_rows(data, name, n, count, width)
+
+
+def _write_step(rows: slice, step: Mapping[str, Array], file: h5py.File) -> None:
+    root = file["VTKHDF"]
+    root["Points"][rows] = step["points"]
+    for name in POINT_DATA:
+        root["PointData"][name][rows] = step[name]
+
+
+def _create_rows(group: h5py.Group, name: str, n: int, count: int, width: int) -> None:
     shape = (n * count, width) if width > 1 else (n * count,)
     chunks = (max(n, 1), width) if width > 1 else (max(n, 1),)
-    return group.create_dataset(
+    group.create_dataset(
         name, shape, "f4", chunks=chunks, compression="gzip", compression_opts=1
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import shutil
 from importlib import import_module
@@ -31,6 +32,7 @@ from sidtool.view.export import (
     write_pvd,
     write_vtkhdf,
 )
+from tests.formats.test_growing import little_room
 from tests.places import SLIDER_CRANK
 
 from ..beams import clamped_beam
@@ -309,6 +311,18 @@ def test_thousands_of_bodies_are_named(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "m.vtkhdf") as file:
         body = file["VTKHDF/CellData/body"][()]
         assert tuple(file["bodies"].asstr()[body]) == names
+
+
+@pytest.mark.parametrize("room", [0, 600, 9000])
+def test_a_full_disk_ends_no_export_half_written(
+    room: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """libhdf5 ended the process when the file could not grow."""
+    little_room(monkeypatch, room, tmp_path)
+    with pytest.raises(OSError) as caught:
+        write_vtkhdf(tmp_path / "m.vtkhdf", still_points(300, 1.0))
+    assert caught.value.errno == errno.ENOSPC
+    assert list(tmp_path.iterdir()) == []
 
 
 def still_points(count: int, x: float) -> ExportMesh:
