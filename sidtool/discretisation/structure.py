@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.taylor import Array
 
 from ..beams.element import GAUSS_WEIGHTS, ParticleCollector, assemble
 from ..eigensolvers.factorisation import symmetric_factors
@@ -30,10 +31,12 @@ from .structure_elements import (
 
 Indices = NDArray[np.int64]
 
-#: Relative eigenvalue below which a deformation has no energy.
+#: Relative energy below which a deformation has none.
 _MECHANISM_TOLERANCE = 1e-13
-#: Shift of the eigenvalue search, relative to the largest eigenvalue.
-_EIGENVALUE_SHIFT = 1e-9
+#: Relative stiffness to the ground that makes the matrix of the iteration regular.
+_SHIFT = 1e-12
+#: Further vectors of the iteration, and its steps at most.
+_SPARE_VECTORS, _MOST_STEPS = 6, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,11 +155,8 @@ def check_mechanism(
     """Check that only rigid motions have no energy, and that all of them have
     inertia.
     """
-    count = min(7, body.ndof)
-    k, m = body.stiffness, body.mass
-    heavy = m.diagonal() > 0
-    gram = body.rigid_body_modes(body.positions.mean(axis=0))
-    gram = gram.T @ (m @ gram)
+    rigid = body.rigid_body_modes(body.positions.mean(axis=0))
+    gram = rigid.T @ (body.mass @ rigid)
     size = np.sqrt(gram.diagonal())
     if (
         not size.all()
@@ -167,40 +167,48 @@ def check_mechanism(
             place=place,
             expected="a density above zero, or masses with inertia or off one line",
         )
-    largest = float((k.diagonal()[heavy] / m.diagonal()[heavy]).max())
-    shift = _EIGENVALUE_SHIFT * largest
-    try:
-        if (
-            body.ndof <= 600
-        ):  # with exchanged matrices, because massless motions have m = 0
-            raised = (k + shift * m).toarray()
-            first = body.ndof - count
-            inverse = scipy.linalg.eigh(
-                m.toarray(),
-                raised,
-                eigvals_only=True,
-                subset_by_index=[first, body.ndof - 1],
-            )
-            values = 1 / inverse - shift
-        else:
-            factors = symmetric_factors(
-                sp.csr_matrix(k + shift * m), body.dof_positions
-            )
-            values = sp.linalg.eigsh(
-                k,
-                count,
-                m,
-                sigma=-shift,
-                OPinv=sp.linalg.LinearOperator(k.shape, factors.solve),
-                return_eigenvectors=False,
-                v0=np.ones(body.ndof),
-            )
-    except (np.linalg.LinAlgError, RuntimeError):  # of SuperLU: singular
-        values = np.zeros(count)
-    if max(values) < _MECHANISM_TOLERANCE * largest:
+    energies = _least_energies(body, min(rigid.shape[1] + 1, body.ndof))
+    if energies.max() < _MECHANISM_TOLERANCE:
         raise InputError(
             "the elements move without deforming: the body is a mechanism, or lies on "
             "one line that nothing twists",
             place=place,
             expected=expected,
         )
+
+
+def _least_energies(body: FiniteElementModel, count: int) -> Array:
+    """(count,) smallest eigenvalues of the stiffness scaled to a unit diagonal.
+
+    Their scale is the stiffness at the degrees of freedom themselves: neither small
+    masses nor small elements elsewhere change it. Many motions of nearly no energy,
+    which do not converge, are found by simultaneous inverse iteration with the Ritz
+    values of each step (G. H. Golub, C. F. Van Loan, "Matrix computations", 2013,
+    8.2.5); it ends when their largest does not change.
+    """
+    diagonal = body.stiffness.diagonal()
+    if diagonal.min() <= 0:
+        return np.zeros(count)
+    scale = sp.diags_array(1 / np.sqrt(diagonal))
+    scaled = sp.csr_matrix(scale @ body.stiffness @ scale)
+    if body.ndof <= 600:
+        return np.asarray(
+            scipy.linalg.eigvalsh(scaled.toarray(), subset_by_index=[0, count - 1])
+        )
+    raised = sp.csr_matrix(scaled + _SHIFT * sp.eye_array(body.ndof))
+    try:
+        factors = symmetric_factors(raised, body.dof_positions)
+    except RuntimeError:  # of SuperLU: singular
+        return np.zeros(count)
+    vectors = np.random.default_rng(0).standard_normal(
+        (body.ndof, count + _SPARE_VECTORS)
+    )
+    values = np.full(count, np.inf)
+    for _ in range(_MOST_STEPS):
+        before = values
+        vectors, _ = np.linalg.qr(factors.solve(vectors))
+        ritz, turn = np.linalg.eigh(vectors.T @ (scaled @ vectors))
+        vectors, values = vectors @ turn, ritz[:count]
+        if values[-1] < _MECHANISM_TOLERANCE or values[-1] > 0.9 * before[-1]:
+            break
+    return values

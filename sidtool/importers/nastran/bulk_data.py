@@ -56,6 +56,7 @@ from .masses import pmass, point_masses
 from .properties import (
     check_no_extra_mass,
     corner_thicknesses,
+    fields_after_nodes,
     material_name,
     materials_of,
     other_properties,
@@ -225,7 +226,7 @@ def _read_element(content: BulkData, card: Card) -> None:
     ]
     flat = full in ("quad4", "tri3", "quad8", "tri6")
     angle = 4 if full == "quad8" else 0
-    own = [word if not _is_zero(word) else "" for word in card.words[2 + most :]]
+    own = fields_after_nodes(full, card.words[2 + most :])
     if content.shells and flat and any(own[:angle] + own[angle + 1 :]):
         raise InputError(
             f"element {label} has an offset or thicknesses of its own",
@@ -239,10 +240,6 @@ def _read_element(content: BulkData, card: Card) -> None:
     order = _ORDERS.get(kind, range(len(nodes)))
     listed = [nodes[i] for i in order]
     content.elements.append((label, property_, kind, listed, card.place))
-
-
-def _is_zero(word: str) -> bool:
-    return bool(word) and not word.upper().strip("+-.0ED")
 
 
 def _read_spc(content: BulkData, card: Card) -> None:

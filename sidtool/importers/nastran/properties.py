@@ -28,6 +28,23 @@ _CORNERS = {
 _ROUNDED = 1e-9
 
 
+def fields_after_nodes(kind: str, words: list[str]) -> list[str]:
+    """Return the fields of an element after its nodes, without zeros that are defaults.
+
+    A thickness of zero at a corner is one, unless all of them are zero.
+    """
+    own = [word if not _is_zero(word) else "" for word in words]
+    if kind in _CORNERS:
+        first, end, _ = _CORNERS[kind]
+        if any(own[first:end]):
+            own[first:end] = words[first:end]
+    return own
+
+
+def _is_zero(word: str) -> bool:
+    return bool(word) and not word.upper().strip("+-.0ED")
+
+
 def corner_thicknesses(kind: str, words: list[str]) -> list[str]:
     """Return T1, T2, ... and TFLAG from the fields after the nodes of an element."""
     first, end, flag = _CORNERS[kind]

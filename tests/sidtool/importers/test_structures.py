@@ -303,3 +303,43 @@ def test_elements_with_stiff_normals_are_shells_too(tmp_path: Path) -> None:
         frequencies(body(tmp_path, t)) for t in (text, text.replace("QUAD4", "QUADR"))
     )
     assert_allclose(other, own, rtol=1e-12)
+
+
+@pytest.mark.parametrize("triangles", [False, True])
+def test_a_corner_may_have_no_thickness(triangles: bool, tmp_path: Path) -> None:
+    """Elements whose thickness falls to zero have the mass of its mean."""
+    zero = ",,,\n,,,0.0,0.0,0.004" if triangles else ",,\n,,,0.0,0.0,0.004,0.004"
+    cards = strip(4, 4, (0.4, 0.4), triangles=triangles, tail=zero)
+    sid = body(tmp_path, bulk(*cards, "PSHELL,1,1,0.004,1,,1", MATERIAL))
+    mean = 0.004 / 3 if triangles else 0.002
+    assert sid.mass == pytest.approx(RHO * 0.4**2 * mean, rel=1e-9)
+
+
+@pytest.mark.parametrize("zero", ["0.0", "0.", "0"])
+def test_corners_without_any_thickness_take_that_of_the_property(
+    zero: str, tmp_path: Path
+) -> None:
+    cards = strip(2, 2, (0.4, 0.4), tail=",,\n,,," + ",".join([zero] * 4))
+    sid = body(tmp_path, bulk(*cards, "PSHELL,1,1,0.004,1,,1", MATERIAL))
+    assert sid.mass == pytest.approx(RHO * 0.4**2 * 0.004, rel=1e-9)
+
+
+@pytest.mark.parametrize("count", [4, 12])
+def test_a_tiny_stiff_element_makes_no_mechanism_of_a_plate(
+    count: int, tmp_path: Path
+) -> None:
+    """A wire of 0.1 um at its corner leaves a plate its frequencies.
+
+    Its eigenvalues are 1e17 times those of the plate.
+    """
+    plate = [*strip(count, count, (0.4, 0.4)), "PSHELL,1,1,0.004,1,,1"]
+    last = (count + 1) ** 2
+    wire = [
+        grid(last + 1, [0.4, 0.4, 1e-7], TURN),
+        f"CBAR,9999,9,{last},{last + 1},1.,0.,0.",
+        "PBAR,9,1,1e-16,1e-33,1e-33,2e-33",
+    ]
+    without = frequencies(body(tmp_path, bulk(*plate, MATERIAL)))
+    assert_allclose(
+        frequencies(body(tmp_path, bulk(*plate, *wire, MATERIAL))), without, rtol=1e-6
+    )
