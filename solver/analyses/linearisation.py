@@ -35,8 +35,6 @@ from .whirl import Whirl, mode_whirl
 #: A state is near another one that differs by less than this part of the sizes; what is
 #: left of the accelerations there, relative to them.
 NEAR_STATE, STEADY_RESIDUAL = 0.05, 1e-6
-#: Directions whose rates are below this part of the largest are free.
-SINGULAR = 1e-13
 #: Ways below this share of the sizes lead nowhere; frequencies that differ by less than
 #: this share are the same, and those below this share of the square of the highest are
 #: rounding.
@@ -214,19 +212,15 @@ def unsteady_notes(
     mechanics.evaluate(z, v)
     if np.abs(residual).max(initial=0.0) <= FORCE_ROUNDING * force:
         return ()
-    # rows of stiff coordinates are larger than those of soft ones by up to 1e15
-    row_sizes = np.linalg.norm(matrix, axis=1)
-    row_sizes[row_sizes == 0.0] = 1.0
-    rows, rates = matrix / row_sizes[:, None], forces / row_sizes
-    shift = np.linalg.lstsq(rows, rates, rcond=SINGULAR)[0]
+    shift = np.linalg.lstsq(matrix, forces, rcond=1e-10)[0]
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
     displacement = np.abs(moved @ shift) / sizes
-    remaining = np.abs(rows @ shift - rates).max(initial=0.0)
+    remaining = np.abs(matrix @ shift - forces).max(initial=0.0)
     names = velocity_names(mechanics.system)
     first = names[int(np.argmax(np.abs(motion @ residual) / sizes))]
     if displacement.max(
         initial=0.0
-    ) < NEAR_STATE and remaining <= STEADY_RESIDUAL * np.abs(rates).max(initial=0.0):
+    ) < NEAR_STATE and remaining <= STEADY_RESIDUAL * np.abs(residual).max(initial=0.0):
         if displacement.max(initial=0.0) < NO_DISPLACEMENT:
             return ()
         near_z = mechanics.displaced(z, moved @ shift)

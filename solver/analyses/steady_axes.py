@@ -186,10 +186,8 @@ def lowest_changing_mode(
         np.linalg.norm(vectors[n_positions:], axis=0)
         + spin * np.linalg.norm(vectors[:n_positions], axis=0)
     )
-    # that of a row is rounding of its own entries, which differ by up to 1e15
-    noise = ROUNDING * np.linalg.norm(matrix, axis=1)[:, None]
-    beyond = np.maximum(np.abs(change @ vectors) - noise, 0.0)
-    changes = np.linalg.norm(beyond, axis=0) / sizes
+    noise = ROUNDING * np.linalg.norm(matrix, 2)
+    changes = (np.linalg.norm(change @ vectors, axis=0) - noise) / sizes
     changing = np.abs(values)[~(changes < MODE_TOLERANCE)]
     return float(changing.min(initial=np.inf))
 
