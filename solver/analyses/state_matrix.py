@@ -36,6 +36,9 @@ CORNER, CORNER_ROUNDING = 0.02, 1e-11
 #: A force is curved within a step where they differ by more. Shorter steps are this
 #: part of the one before, and so many.
 CURVED, SHORTER_STEP, MAX_SHORTER_STEPS = 1e-5, 0.125, 5
+#: The asymmetry of a corner falls as the step, that of a curve by less than this part
+#: of it.
+SMOOTH = 0.5
 #: Changes of forces are known where they are larger than rounding by so much.
 RESOLVED = 100.0
 
@@ -476,22 +479,19 @@ def corner_notes(mechanics: DenseEquations, z: Array, v: Array) -> Iterator[Diag
         change, asymmetry = np.abs(found).max(axis=1, initial=0.0)
         return bool(asymmetry > max(CORNER * change, least))
 
-    def is_curve(case: int) -> bool:
-        """True if what differs over a step is smooth in the shortest one."""
+    def is_curve(case: int, asymmetry: float) -> bool:
+        """True if what differs over a step falls with its square, or is rounding."""
         moves, k = case < len(v), case % len(v)
-        h = deltas[k] * SHORTER_STEP**MAX_SHORTER_STEPS
-        after, before = (
-            force(*_neighbour(mechanics, z, v, k, step, moves)).copy()
-            for step in (h, -h)
-        )
-        middle = force(z, v)
-        change, asymmetry = _change_and_asymmetry(after, middle, before)
-        return change > RESOLVED * least and asymmetry <= CORNER * change
+        h = deltas[k] * SHORTER_STEP
+        ends = [force(*_neighbour(mechanics, z, v, k, step, moves)) for step in (h, -h)]
+        _, shorter = _change_and_asymmetry(ends[0], force(z, v), ends[1])
+        return shorter < SMOOTH * SHORTER_STEP * asymmetry
 
     corners = {
         case: found
         for case in range(len(ends))
-        if is_corner(found := differences(case)) and not is_curve(case)
+        if is_corner(found := differences(case))
+        and not is_curve(case, float(np.abs(found[1]).max()))
     }
     names = {
         element.name

@@ -121,3 +121,24 @@ def test_modes_name_forces_with_a_corner_at_the_state(
     k = own + {0.0: (soft + hard) / 2, 0.001: hard, -0.001: soft}[position]
     seen = 2.0 * np.pi * modes.frequencies[0]
     assert seen == pytest.approx(np.sqrt(k / MASS), rel=1e-6)
+
+
+@pytest.mark.parametrize("stiffness", [50.0, 1e3, 1e6, 1e8])
+@pytest.mark.parametrize("gravity", [0.0, G])
+def test_a_spring_between_markers_has_no_corner(
+    stiffness: float, gravity: float
+) -> None:
+    """To both sides of its line it is stretched alike, by the square of the way: that
+    is a curve, whatever the load. A mass on it swings with sqrt(k / m)."""
+    spring = {"type": "spring_damper", "markers": ["ground", "body"], "rest": 0.5}
+    described = scene(
+        {"body": {"mass": MASS, "initial": {"position": [0.0, -0.5]}}},
+        {},
+        forces={"spring": spring | {"stiffness": stiffness}},
+        gravity=[0.0, -gravity],
+        record=["body.y"],
+    )
+    modes = linearise(compiled(described))
+    assert "N745" not in codes(modes)
+    fastest = 2.0 * np.pi * modes.frequencies.max()
+    assert fastest == pytest.approx(np.sqrt(stiffness / MASS), rel=1e-6)
