@@ -11,7 +11,7 @@ a result. Quantities of a marker: x y z, vx vy vz, ax ay az, angle, wx wy wz, ux
 for its elastic displacement in the body frame,
 and, of a SID with stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sigma_xz
 and von_mises [Pa]. Of a body, over all nodes with stress: peak_von_mises, the largest
-von_mises, and norm_von_mises, its 8-norm, which has no kinks.
+von_mises, and norm_von_mises, its 8-norm, which is smooth where it is not zero.
 
 A beam whose SID has sections has the section forces N Vy Vz [N], T My Mz [N m] at
 BODY.SECTION, in the axes of the deformed section, on the part before it: a positive N

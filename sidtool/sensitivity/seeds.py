@@ -7,8 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sidtool.formats.base.sid import Array
+from sidtool.formats.scene import parse_output
+from sidtool.formats.scene.outputs import is_stress
 from sidtool.solver.analyses.output_derivatives import POINTS, WEIGHTS
 from sidtool.solver.simulation.frozen_run import Motion
+from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.spatial.system_arrays import IntTable
 
 from .functionals import Functional, History, Peak
@@ -19,6 +22,9 @@ NEGLIGIBLE = 1e-14
 STATES_AT_ONCE = 10_000
 #: Number of times at which the coordinates are sought that an output depends on.
 ASKED_TIMES = 7
+#: Steps of elastic coordinates for stresses, which are curved near zero, as parts of
+#: the largest deformation of the motion.
+STRESS_STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +74,7 @@ def functional_seeds(
     seeds = np.zeros((len(states.t), len(steps)))
     if functional is None:
         return seeds
+    steps = _steps_for(functional.output, history.motion, steps)
     times, weights = functional.times, functional.weights
     if times is None:
         own = _columns(functional.output, history, steps, nz)
@@ -85,6 +92,23 @@ def functional_seeds(
     for (part, share), weight, row in zip(rows, weights, found, strict=True):
         seeds[part] += weight * np.outer(share, row)
     return seeds
+
+
+def _steps_for(output: str, motion: Motion, steps: Array) -> Array:
+    """Steps of differences for an output: shorter for stresses of small deformations,
+    of whose size the coordinates of a body are together."""
+    name = parse_output(output)
+    if not is_stress(name.quantity):
+        return steps
+    row = motion.system.arrays.body[motion.system.index(name.owner)]
+    end = row[at.POS] + row[at.NP]
+    elastic = slice(end - row[at.NQ], end)
+    sizes = np.abs(motion.steps.z[:, elastic]) / steps[elastic]
+    shorter = min(1.0, STRESS_STEP * float(sizes.max(initial=0.0)))
+    changed = steps.copy()
+    if shorter > 0.0:
+        changed[elastic] *= shorter
+    return changed
 
 
 def _columns(output: str, history: History, steps: Array, nz: int) -> IntTable:
