@@ -458,7 +458,7 @@ static int64_t make_steps(Plant *plant, int64_t limit)
 /* Inputs that must not jump move to their new values until the end of the communication
    step: along a straight line, or along a cubic polynomial that begins with the rate so far
    and ends with the rate of the parabola through the values at the ends of this step and
-   of the piece before; after rest, of the parabola without rate at its begin. True if one
+   of the piece before; after rest, of the parabola without rate at its start. True if one
    moves. */
 static int choose_courses(Plant *plant, double end)
 {

@@ -53,6 +53,8 @@ MAX_ITERATIONS = 300
 #: Forces that drive the motion vanish when below this part of the single forces, the
 #: largest ones met: nothing is left of the sum of forces that balance.
 FORCE_TOLERANCE = 1e-10
+#: Rest of the forces that is rounding.
+FORCE_ROUNDING = 1e-14
 #: Perturbation of positions, relative to the size of the mechanism.
 PERTURBATION = 1e-5
 #: Largest rotation [rad], and displacement in sizes of the mechanism, of one step.
@@ -142,13 +144,24 @@ def static_equilibrium(
     state_positions, velocities = state_entries(system)
     start.z[state_positions] = start.v[velocities]
     z = mechanics.closed(start.z)
-    best, largest = np.inf, mechanics.force_size(z)
+    best, largest, is_refined = np.inf, mechanics.force_size(z), False
     for iteration in range(max_iterations):
         motion, force, multipliers, size = _force_balance(mechanics, z)
         largest = max(largest, size)
         if np.linalg.norm(force) >= FORCE_TOLERANCE * largest:
             largest = max(largest, mechanics.force_size(z))
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
+        is_last = is_refined or iteration + 1 == max_iterations
+        if FORCE_ROUNDING < residual < FORCE_TOLERANCE and not is_last:
+            # one step more, which is quadratic here, as derivatives see what is left
+            is_refined = True
+            step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
+            refined = mechanics.closed(mechanics.displaced(z, step))
+            if np.linalg.norm(_force_balance(mechanics, refined)[1]) < np.linalg.norm(
+                force
+            ):
+                z = refined
+            continue
         if motion.shape[1] == 0 or residual < FORCE_TOLERANCE or size == 0.0:
             found = (
                 *find_state_warnings(system, z[None]),
