@@ -264,8 +264,9 @@ ENTRIES = (
         WARNING,
         "the law has a corner at this state: its slope is the mean of both sides",
         "Changes of the force to both sides of the state, over 1e-6 of the size of the "
-        "mechanism, differ by more than 2 % of their sum. Small motions about a corner "
-        "are not linear: contacts that touch, dampers of two slopes at rest.",
+        "mechanism, differ by more than 2 % of their sum; and what differs falls with "
+        "the step, not with its square, over an eighth of it. Small motions about a "
+        "corner are not linear: contacts that touch, dampers of two slopes at rest.",
         remedy="Analyse about a state beside it, or smooth the law.",
         example={"subject": "bump_stop"},
     ),

@@ -153,7 +153,7 @@ def linearise(
         *axes.diagnostics,
         *(() if causes else _growth_notes(modes)),
         *mechanics.notes(),
-        *corner_notes(mechanics, z, v),
+        *corner_notes(mechanics, small),
         *point.law_diagnostics,
     )
     return replace(modes, diagnostics=without(found, system.scene.diagnostics.ignore))

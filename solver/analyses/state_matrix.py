@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,13 @@ CURVED, SHORTER_STEP, MAX_SHORTER_STEPS = 1e-5, 0.125, 5
 SMOOTH = 0.5
 #: Changes of forces are known where they are larger than rounding by so much.
 RESOLVED = 100.0
+
+
+class Direction(NamedTuple):
+    """A scaled coordinate of which the position or else the velocity changes."""
+
+    coordinate: int
+    is_position: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +84,8 @@ class SmallMotions:
         The axes in which each body is seen, see `body_axes`.
     changes
         What follows from (y, w).
+    corners
+        See `LinearEquations`.
     blades
         Groups of bodies in multi-blade coordinates.
     """
@@ -89,6 +99,7 @@ class SmallMotions:
     v: Array
     omegas: Array
     changes: Responses
+    corners: tuple[Direction, ...] = ()
     blades: tuple[BladeGroup, ...] = ()
 
 
@@ -143,6 +154,7 @@ def small_motions(
         v,
         equations.omegas,
         changes.selected(selected),
+        equations.corners,
         equations.blades,
     )
 
@@ -209,6 +221,8 @@ class LinearEquations:
         See `DenseEquations.multipliers`.
     by_position, by_velocity
         Derivatives; those by velocities are seen in the axes.
+    corners
+        Directions in which forces seem to have a corner, see `corner_notes`.
     """
 
     z: Array
@@ -229,6 +243,7 @@ class LinearEquations:
     constraint_sizes: Array
     by_position: StateDerivatives
     by_velocity: StateDerivatives
+    corners: tuple[Direction, ...] = ()
     blades: tuple[BladeGroup, ...] = ()
 
     def particular(self, right: Array) -> Array:
@@ -309,7 +324,7 @@ def linear_equations(
     else:
         a, multipliers = mechanics.accelerations()
     W = frame_rotation_matrix(mechanics, omegas) + mixing_matrix(mechanics, blades)
-    by_z, by_v = _state_derivatives(mechanics, z, v, a, multipliers)
+    by_z, by_v, corners = _state_derivatives(mechanics, z, v, a, multipliers)
     by_v = replace(by_v, force=by_v.force - M @ W, gamma=by_v.gamma - C @ W)
     return LinearEquations(
         z,
@@ -330,6 +345,7 @@ def linear_equations(
         mechanics.constraint_sizes,
         by_z,
         by_v,
+        corners,
         blades,
     )
 
@@ -385,8 +401,9 @@ def _out_of_plane_momenta(system: System) -> Array:
 
 def _state_derivatives(
     mechanics: DenseEquations, z: Array, v: Array, a: Array, multipliers: Array
-) -> tuple[StateDerivatives, StateDerivatives]:
-    """Central differences by positions and by velocities, at fixed a and lambda.
+) -> tuple[StateDerivatives, StateDerivatives, tuple[Direction, ...]]:
+    """Central differences by positions and by velocities, at fixed a and lambda, and
+    directions in which forces seem to have a corner.
 
     Forces that are curved within a step, such as those of a stiff contact that is
     pressed lightly, get shorter steps; a corner stays one, and keeps its step.
@@ -397,12 +414,12 @@ def _state_derivatives(
     least = CORNER_ROUNDING * mechanics.force_size(z)
 
     def differences(
-        k: int, delta: float, moves: bool
+        direction: Direction, delta: float
     ) -> tuple[float, bool, list[Array]]:
-        """How much forces are curved, whether that is known, and derivatives by k."""
+        """How much forces are curved, whether that is known, and derivatives."""
         ends = []
         for step in (delta, -delta):
-            mechanics.evaluate(*_neighbour(mechanics, z, v, k, step, moves))
+            mechanics.evaluate(*_neighbour(mechanics, z, v, direction, step))
             C, value = mechanics.jacobian, np.zeros(rows)
             value[: len(mechanics.residual)] = mechanics.residual
             left = mechanics.force + C.T @ multipliers - mechanics.mass @ a
@@ -413,23 +430,27 @@ def _state_derivatives(
         curvature = asymmetry / max(change, 1e-300) if asymmetry > least else 0.0
         return curvature, change > RESOLVED * least, columns[:-1]
 
-    derivatives = []
+    derivatives, corners = [], []
     for moves in (True, False):
         found = []
         for k, delta in enumerate(_perturbations(mechanics)):
-            first = best = differences(k, delta, moves)
+            direction = Direction(k, moves)
+            first = best = differences(direction, delta)
             for _ in range(MAX_SHORTER_STEPS):
                 if best[0] <= CURVED:
                     break
                 delta *= SHORTER_STEP
-                shorter = differences(k, delta, moves)
+                shorter = differences(direction, delta)
                 if not shorter[1]:
                     break
                 best = min(best, shorter, key=itemgetter(0))
-            found.append(best[2] if best[0] <= CORNER else first[2])
+            if best[0] > CORNER:
+                best = first
+                corners.append(direction)
+            found.append(best[2])
         parts = [np.column_stack(part) for part in zip(*found, strict=True)]
         derivatives.append(StateDerivatives(*parts))
-    return derivatives[0], derivatives[1]
+    return derivatives[0], derivatives[1], tuple(corners)
 
 
 def _change_and_asymmetry(
@@ -446,61 +467,54 @@ def _perturbations(mechanics: DenseEquations) -> Array:
 
 
 def _neighbour(
-    mechanics: DenseEquations, z: Array, v: Array, k: int, step: float, moves: bool
+    mechanics: DenseEquations, z: Array, v: Array, direction: Direction, step: float
 ) -> tuple[Array, Array]:
-    """The state with another scaled position (`moves`) or velocity coordinate k."""
+    """The state a step away in a direction."""
     change = np.zeros(len(v))
-    change[k] = step
-    if moves:
+    change[direction.coordinate] = step
+    if direction.is_position:
         return mechanics.displaced(z, change), v
     return z, v + change * mechanics.scale
 
 
-def corner_notes(mechanics: DenseEquations, z: Array, v: Array) -> Iterator[Diagnostic]:
+def corner_notes(
+    mechanics: DenseEquations, small: SmallMotions
+) -> Iterator[Diagnostic]:
     """Forces with a corner at the state: their slope is the mean of two (N745).
 
     Changes to both sides differ by a part of themselves at a corner, by a part that
-    vanishes with the step where a force is smooth.
+    vanishes with the step where a force is smooth. A force of the scene is named where
+    what it alone does has a corner.
     """
-    deltas, force = _perturbations(mechanics), mechanics.force_at
-    ends = [
-        [_neighbour(mechanics, z, v, k, h, moves) for h in (deltas[k], -deltas[k])]
-        for moves in (True, False)
-        for k in range(len(v))
-    ]
+    if not small.corners:
+        return
+    z, v, deltas = small.z, small.v, _perturbations(mechanics)
     least = CORNER_ROUNDING * mechanics.force_size(z)
+    numbers = [k for k, one in enumerate(mechanics.system.forces) if one.is_force]
 
-    def differences(case: int, without: int | None = None) -> Array:
+    def differences(direction: Direction, step: float, without: int | None) -> Array:
         """f(+h) - f(-h) and f(+h) + f(-h) - 2 f(0), (2, n)."""
-        after, before = (force(*end, without) for end in ends[case])
-        return np.array([after - before, after + before - 2.0 * force(z, v, without)])
+        after, middle, before = (
+            mechanics.force_at(*_neighbour(mechanics, z, v, direction, h), without)
+            for h in (step, 0.0, -step)
+        )
+        return np.array([after - before, after + before - 2.0 * middle])
 
-    def is_corner(found: Array) -> bool:
-        change, asymmetry = np.abs(found).max(axis=1, initial=0.0)
-        return bool(asymmetry > max(CORNER * change, least))
-
-    def is_curve(case: int, asymmetry: float) -> bool:
-        """True if what differs over a step falls with its square, or is rounding."""
-        moves, k = case < len(v), case % len(v)
-        h = deltas[k] * SHORTER_STEP
-        ends = [force(*_neighbour(mechanics, z, v, k, step, moves)) for step in (h, -h)]
-        _, shorter = _change_and_asymmetry(ends[0], force(z, v), ends[1])
-        return shorter < SMOOTH * SHORTER_STEP * asymmetry
-
-    corners = {
-        case: found
-        for case in range(len(ends))
-        if is_corner(found := differences(case))
-        and not is_curve(case, float(np.abs(found[1]).max()))
-    }
-    names = {
-        element.name
-        for k, element in enumerate(mechanics.system.forces)
-        for case, found in corners.items()
-        if element.is_force and is_corner(found - differences(case, k))
-    }
+    names, found = set(), False
+    for direction in small.corners:
+        step = deltas[direction.coordinate]
+        whole = differences(direction, step, None)
+        shorter = differences(direction, SHORTER_STEP * step, None)
+        falls = SMOOTH * SHORTER_STEP * np.abs(whole[1]).max()
+        if np.abs(shorter[1]).max() < falls:
+            continue
+        found = True
+        for k in numbers:
+            alone = np.abs(whole - differences(direction, step, k)).max(axis=1)
+            if alone[1] > max(CORNER * alone[0], least):
+                names.add(mechanics.system.forces[k].name)
     mechanics.evaluate(z, v)
-    if corners:
+    if found:
         yield diagnose("N745", ", ".join(sorted(names)) or "forces")
 
 

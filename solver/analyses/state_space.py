@@ -196,7 +196,7 @@ def state_space(
         *axes.diagnostics,
         *response_change_notes(evaluation.names, changes),
         *mechanics.notes(),
-        *corner_notes(mechanics, z, v),
+        *corner_notes(mechanics, chosen.small),
         *point.law_diagnostics,
         *(derivative_note(effect) for effect in effects if effect.order),
         *((diagnose("N728", names=integrals),) if integrals else ()),

@@ -151,16 +151,15 @@ def static_equilibrium(
         if np.linalg.norm(force) >= FORCE_TOLERANCE * largest:
             largest = max(largest, mechanics.force_size(z))
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
-        is_last = is_refined or iteration + 1 == max_iterations
-        if FORCE_ROUNDING < residual < FORCE_TOLERANCE and not is_last:
+        may_refine = not is_refined and iteration + 1 < max_iterations
+        if FORCE_ROUNDING < residual < FORCE_TOLERANCE and may_refine:
             # one step more, which is quadratic here, as derivatives see what is left
-            is_refined = True
             step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
             refined = mechanics.closed(mechanics.displaced(z, step))
-            if np.linalg.norm(_force_balance(mechanics, refined)[1]) < np.linalg.norm(
-                force
-            ):
+            remaining = _force_balance(mechanics, refined)[1]
+            if np.linalg.norm(remaining) < np.linalg.norm(force):
                 z = refined
+            is_refined = True
             continue
         if motion.shape[1] == 0 or residual < FORCE_TOLERANCE or size == 0.0:
             found = (
