@@ -152,13 +152,11 @@ class Start(Table):
             raise ValueError("the name of a result as `file`")
         if self.state != "result" and not (self.file is None is self.bodies):
             raise ValueError('`state = "result"` beside `file`')
-        for key in ("time", "rotations", "states", "sids"):
-            of_static = self.state == "static" and key in ("rotations", "states")
-            if (
-                self.state != "result"
-                and not of_static
-                and getattr(self, key) is not None
-            ):
+        of_results = ["time", "sids"]
+        if self.state != "static":
+            of_results += ["rotations", "states"]
+        for key in of_results:
+            if self.state != "result" and getattr(self, key) is not None:
                 raise ValueError(f'`state = "result"` beside `{key}`')
         return self
 

@@ -118,7 +118,11 @@ class NewFile:
         """
         with undisturbed():
             self._file.close()
+        self._complete()
         self.target.close()
+
+    def _complete(self) -> None:
+        """Writes what stands before the content, which is complete."""
 
     def discard(self) -> None:
         """Leaves no trace."""
@@ -142,20 +146,12 @@ class SealedFile(NewFile):
         with undisturbed():
             self._file.attrs["written_by"] = written_by()
 
-    def close(self) -> None:
-        """Seals the file, which takes its place.
-
-        Raises
-        ------
-        OSError : there is no place for it; nothing is left.
-        """
-        with undisturbed():
-            self._file.close()
+    def _complete(self) -> None:
+        """Writes the seal."""
         self.target.seek(BLOCK)
         digest = hashlib.file_digest(cast(Any, self.target), "sha256").digest()
         self.target.seek(0)
         self.target.write((SEAL_SIGNATURE + digest).ljust(BLOCK, b"\0"))
-        self.target.close()
 
 
 @contextmanager
