@@ -29,6 +29,7 @@ from .operating_point import operating_point
 from .reference_axes import axis_angular_velocities, frame_rotation_matrix
 from .rigid_motions import spectrum
 from .state_matrix import SmallMotions, corner_notes, state_matrix
+from .static_equilibrium import FORCE_ROUNDING
 from .steady_axes import SteadyAxes, steady_axes
 from .whirl import Whirl, mode_whirl
 
@@ -46,9 +47,6 @@ SAG_ADVICE = (
 FROZEN_ADVICE = "With --frozen (frozen = true) they are those of one instant."
 #: Axes in which modes are seen.
 INERTIAL, ROTATING = "inertial", "rotating with each body"
-#: Accelerations below this part of those of the forces are rounding.
-FORCE_ROUNDING = 1e-12
-
 #: Damping ratios are negative below this; smaller ones are rounding.
 INSTABILITY_TOLERANCE = 1e-6
 

@@ -53,8 +53,9 @@ MAX_ITERATIONS = 300
 #: Forces that drive the motion vanish when below this part of the single forces, the
 #: largest ones met: nothing is left of the sum of forces that balance.
 FORCE_TOLERANCE = 1e-10
-#: Rest of the forces that is rounding.
-FORCE_ROUNDING = 1e-14
+#: What is left of the forces, or of the accelerations that they cause, is rounding
+#: below this part of them.
+FORCE_ROUNDING = 1e-12
 #: Perturbation of positions, relative to the size of the mechanism.
 PERTURBATION = 1e-5
 #: Largest rotation [rad], and displacement in sizes of the mechanism, of one step.
