@@ -440,6 +440,8 @@ def test_a_warmup_that_stores_nothing_has_failed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One kernel stands for all."""
+    # Imported before `find_kernel` is replaced, which it would keep.
+    import sidtool.fmu.kernel_objects  # noqa: F401
     from sidtool.solver.compiler import kernel_cache, precompile
 
     kernel = scaled(2.0)
