@@ -5,6 +5,7 @@ taylor              matrices that depend on the elastic coordinates
 compliance_shares   static compliance that the shape functions represent
 sid                 Standard Input Data of one flexible body
 stress              stresses at the nodes of a SID
+units               units as texts, with their factors to SI
 progress            progress of long computations
 interruptible       calls of machine code that signals can end
 html                tables for notebooks and reports

@@ -12,6 +12,7 @@ from typing import Any, Literal, Self
 from pydantic import model_validator
 
 from ..base.errors import InputError
+from ..base.units import Exponents, parse_unit
 from ..storage.atomic import atomic_path
 from ..storage.unreadable import read_text
 from ..toml.constructor_types import Field, Numbers, OptionalNumbers
@@ -24,7 +25,7 @@ Matrix = tuple[Row, ...]
 #: Start of the first comment of a file that `write_stations` writes.
 STATIONS_MARK = "sidtool stations of a beam"
 #: Column -> exponents of metre, kilogram, second, radian of its unit.
-COLUMNS: dict[str, tuple[int, int, int, int]] = {
+COLUMNS: dict[str, Exponents] = {
     "position": (1, 0, 0, 0),
     "mass_per_length": (-1, 1, 0, 0),
     "EA": (1, 1, -2, 0),
@@ -48,28 +49,6 @@ NEEDED = ("position", "mass_per_length", "EA", "EI_y", "EI_z", "GJ")
 _MATRIX_NEEDED = ("position", "stiffness", "mass")
 #: Columns that are above zero at every station.
 _POSITIVE = ("mass_per_length", "EA", "EI_y", "EI_z", "GJ", "GA_y", "GA_z")
-_POUND_FORCE = 4.4482216152605
-#: Unit -> value in SI units, exponents of metre, kilogram, second, radian.
-_UNITS: dict[str, tuple[float, tuple[int, int, int, int]]] = {
-    "m": (1.0, (1, 0, 0, 0)),
-    "km": (1e3, (1, 0, 0, 0)),
-    "cm": (1e-2, (1, 0, 0, 0)),
-    "mm": (1e-3, (1, 0, 0, 0)),
-    "in": (0.0254, (1, 0, 0, 0)),
-    "ft": (0.3048, (1, 0, 0, 0)),
-    "kg": (1.0, (0, 1, 0, 0)),
-    "g": (1e-3, (0, 1, 0, 0)),
-    "t": (1e3, (0, 1, 0, 0)),
-    "lb": (0.45359237, (0, 1, 0, 0)),
-    "s": (1.0, (0, 0, 1, 0)),
-    "N": (1.0, (1, 1, -2, 0)),
-    "kN": (1e3, (1, 1, -2, 0)),
-    "MN": (1e6, (1, 1, -2, 0)),
-    "GN": (1e9, (1, 1, -2, 0)),
-    "lbf": (_POUND_FORCE, (1, 1, -2, 0)),
-    "rad": (1.0, (0, 0, 0, 1)),
-    "deg": (math.pi / 180, (0, 0, 0, 1)),
-}
 _SI_UNITS = {
     (1, 0, 0, 0): "m",
     (-1, 1, 0, 0): "kg/m",
@@ -78,8 +57,6 @@ _SI_UNITS = {
     (1, 1, 0, 0): "kg m",
     (0, 0, 0, 1): "rad",
 }
-_NAMES = "|".join(sorted(_UNITS, key=len, reverse=True))
-_FACTOR = re.compile(rf"({_NAMES})(?:\^?(-?\d+))?")
 _HEADER = re.compile(r"\s*([A-Za-z]\w*)\s*(?:[\[(](.*)[\])])?\s*")
 _ENTRY = re.compile(r"([KM])([1-6])([1-6])")
 #: Positions with this unit are fractions of the length.
@@ -328,33 +305,16 @@ def _column_name(cell: str) -> tuple[str, str]:
     )
 
 
-def _unit_factor(unit: str, wanted: tuple[int, int, int, int], cell: str) -> float:
+def _unit_factor(text: str, wanted: Exponents, cell: str) -> float:
     """Return the value of a unit in SI units."""
-    factor, exponents = 1.0, [0, 0, 0, 0]
-    text = unit.replace("\N{SUPERSCRIPT TWO}", "2").replace(
-        "\N{SUPERSCRIPT THREE}", "3"
-    )
-    for k, part in enumerate(re.split(r"/", text)):
-        part = re.sub(r"[\s*\N{MIDDLE DOT}\N{DOT OPERATOR}]+", "", part)
-        sign, at = (1 if k == 0 else -1), 0
-        while at < len(part):
-            match = _FACTOR.match(part, at)
-            if match is None:
-                break
-            value, base = _UNITS[match[1]]
-            power = sign * int(match[2] or 1)
-            factor *= value**power
-            exponents = [e + power * b for e, b in zip(exponents, base, strict=True)]
-            at = match.end()
-        if at < len(part):
-            exponents = [99, 0, 0, 0]
-    if tuple(exponents) != wanted:
+    unit = parse_unit(text)
+    if unit is None or unit.exponents != wanted:
         raise InputError(
-            f"has the unit {unit!r}",
+            f"has the unit {text!r}",
             place=cell.strip(),
             expected=f"a unit such as {_SI_UNITS[wanted]}",
         )
-    return factor
+    return unit.factor
 
 
 def _matrices(entries: dict[str, Row], count: int) -> list[list[list[float]]]:

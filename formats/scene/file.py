@@ -7,7 +7,6 @@ the other; reading a whole scene costs milliseconds.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -22,7 +21,7 @@ from .base import Table, as_tuples
 from .inputs import without_tables
 from .laws import Expression
 from .scene_checks import check_scene
-from .signal_files import is_finite_number, relocate_signal_files
+from .signal_files import relocate_signal_files, with_signal
 from .tables import SceneTables
 from .values import expected_names
 
@@ -102,32 +101,22 @@ def with_inputs(scene: Scene, inputs: Mapping[str, Any]) -> Scene:
     return scene.with_(changes) if changes else scene
 
 
-def read_input_table(path: str | Path) -> tuple[list[float], list[float]]:
-    """Times [s] and values from a CSV file with two columns, with or without a header.
+def read_input_table(
+    path: str | Path, unit: str | None = None
+) -> tuple[list[float], list[float]]:
+    """Times [s] and values of an input from the first two columns of a file.
+
+    Parameters
+    ----------
+    unit : of the input, to which values are converted
 
     Raises
     ------
-    InputError : the file cannot be read, or holds other rows.
+    InputError : see `with_signal`.
     """
-    try:
-        with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            rows = list(enumerate(csv.reader(file), 1))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"cannot be read: {error}", source=path) from None
-    rows = [(line, row) for line, row in rows if "".join(row).strip()]
-    if rows and not is_finite_number(rows[0][1][0]):
-        rows = rows[1:]
-    for line, row in rows:
-        if len(row) != 2 or not all(map(is_finite_number, row)):
-            raise InputError(
-                f"found {','.join(row)!r}",
-                source=path,
-                place=f"line {line}",
-                expected="a time and a value",
-            )
-    if not rows:
-        raise InputError("holds no values", source=path, expected="columns t and value")
-    return [float(row[0]) for _, row in rows], [float(row[1]) for _, row in rows]
+    data = {"file": str(path), "unit": unit}
+    data = with_signal(data, {"time": "times", "value": "values"}, ())
+    return list(data["times"]), list(data["values"])
 
 
 def read_scene(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:

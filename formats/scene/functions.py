@@ -18,7 +18,7 @@ from ..toml.constructor_types import (
     Takes,
 )
 from .base import Table
-from .signal_files import with_signal
+from .signal_files import SCALE, with_signal
 
 SIGNAL_FILE = (
     "CSV file, HDF5 file or result of sidtool with the times and values, relative to "
@@ -124,7 +124,7 @@ class Spline(Table):
     file: str | None = Field(default=None, description=SIGNAL_FILE)
     time: str | int | None = Field(default=None, description=TIME_COLUMN)
     value: str | int | None = Field(default=None, description=VALUE_COLUMN)
-    scale: float = Field(default=1.0, description="factor of the values of a file")
+    scale: float | None = Field(default=None, description=SCALE)
     times: Takes[Values, ArrayLike] = Field(
         default=(), min_length=2, description="[s], growing; or a file"
     )

@@ -8,7 +8,7 @@ from pydantic import model_validator
 from ..toml.constructor_types import Field, Number, OptionalNumbers
 from .base import Table
 from .functions import SIGNAL_FILE, TIME_COLUMN, VALUE_COLUMN
-from .signal_files import with_signal
+from .signal_files import SCALE, with_signal
 
 #: How an input goes on between its values, by the number of continuous derivatives
 #: plus one.
@@ -40,7 +40,7 @@ class Input(Table):
     file: str | None = Field(default=None, description=SIGNAL_FILE)
     time: str | int | None = Field(default=None, description=TIME_COLUMN)
     value: str | int | None = Field(default=None, description=VALUE_COLUMN)
-    scale: float = Field(default=1.0, description="factor of the values of a file")
+    scale: float | None = Field(default=None, description=SCALE)
     times: OptionalNumbers = Field(
         default=None, min_length=1, description="of a table for runs [s], growing"
     )

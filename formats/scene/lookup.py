@@ -10,7 +10,7 @@ from pydantic import model_validator
 from ..base.errors import InputError
 from ..toml.constructor_types import Field
 from .base import Table
-from .signal_files import Values, with_signal
+from .signal_files import SCALE, Values, with_signal
 
 _KEYS = {"x": "x", "y": "y", "values": "values"}
 
@@ -36,7 +36,7 @@ class LookupTable(Table):
     values: Values | tuple[Values, ...] | str = Field(
         description="one for each x, or a row over y for each x; or their column"
     )
-    scale: float = Field(default=1.0, description="factor of the values of a file")
+    scale: float | None = Field(default=None, description=SCALE)
     interpolation: Literal["hold", "linear", "smooth"] = Field(
         default="linear", description="between the points of one variable"
     )

@@ -3,7 +3,10 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from ..base.errors import InputError
+from ..base.units import parse_unit
 from ..toml.expressions import check_names
 from .accuracy import check_wanted
 from .bodies import RigidBody
@@ -11,6 +14,7 @@ from .connections import multipliers, owner_table
 from .drives import Drive
 from .events import check_quantity
 from .force_checks import check_force, check_input, check_reference
+from .forces import PointForce
 from .functions import Given
 from .joint_checks import check_drives, check_joint
 from .laws import states_of
@@ -36,6 +40,7 @@ from .outputs import (
     parse_output,
 )
 from .tables import SceneTables
+from .units import units_of_takers
 from .values import (
     check_initial,
     check_length,
@@ -79,6 +84,8 @@ def check_scene(scene: SceneTables, fitting: SceneTables | None = None) -> None:
     check_drives(scene)
     for name, force in _changed_parts("forces", scene, fitting):
         check_force(force, f"forces.{name}", scene)
+    for name, signal in scene.inputs.items():
+        _check_input_unit(name, signal.unit, scene)
     for index, output in enumerate(scene.outputs.record):
         if has_wildcard(output):
             continue  # what it stands for is known with the SIDs
@@ -101,6 +108,36 @@ def _check_inputs(scene: SceneTables) -> None:
             problem = error.problem.replace("a parameter", "an input")
             raise_failure(f"inputs.{name}", problem, error.expected or "")
         check_input(signal, f"inputs.{name}", scene.time)
+
+
+def _check_input_unit(name: str, text: str | None, scene: SceneTables) -> None:
+    """Check that what takes an input takes its unit: values are not converted.
+
+    A force at a point takes kN where its components are those of one kN.
+    """
+    unit = parse_unit(text or "")
+    if unit is None:
+        return
+    for key, taken in units_of_takers(name, scene):
+        table, owner = key.split(".")[:2]
+        force = scene.forces.get(owner) if table == "forces" else None
+        known = parse_unit(taken)
+        if isinstance(force, PointForce):
+            parts = np.concatenate(
+                [np.atleast_1d(force.force or 0.0), np.atleast_1d(force.torque or 0.0)]
+            )
+            if unit.factor != 1.0 and np.isclose(np.linalg.norm(parts), 1.0):
+                raise_failure(
+                    f"inputs.{name}.unit",
+                    f"{key} takes {text} as if it were an SI unit",
+                    f"an SI unit, or components of {unit.factor:g} in the force",
+                )
+        elif known and unit != known:
+            raise_failure(
+                f"inputs.{name}.unit",
+                f"{key} takes {taken}, not {text}",
+                f"{taken}, or a formula that converts the input",
+            )
 
 
 def _changed_parts(

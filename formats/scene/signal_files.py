@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..base.errors import InputError
+from ..base.units import column_factor, split_unit
 from ..storage.unreadable import read_text
 from ..toml.messages import nearest_key
 from .base import as_tuples
@@ -19,13 +19,21 @@ Column = str | int | None
 Values = tuple[float, ...]
 
 _HDF5 = (".h5", ".hdf5")
-#: Name of a column before its unit in brackets.
-_WITHOUT_UNIT = re.compile(r"\s*[\[(].*[\])]\s*$")
+SCALE = (
+    "factor of the values of a file, instead of that of the unit in its header to SI"
+)
 #: Tables of a scene whose entries may name files of signals.
 SIGNAL_TABLES = ("drives", "forces", "inputs", "tables")
 
 
-def read_columns(path: str | Path, columns: Sequence[Column]) -> list[Values]:
+class SignalColumn(NamedTuple):
+    """The numbers of a column, and the unit in brackets behind its name, or ""."""
+
+    values: Values
+    unit: str = ""
+
+
+def read_columns(path: str | Path, columns: Sequence[Column]) -> list[SignalColumn]:
     """Read columns of a table: CSV, or HDF5 by its ending.
 
     Of a CSV file the separator is a comma, a semicolon, a tab or spaces. A header is
@@ -53,7 +61,9 @@ def read_columns(path: str | Path, columns: Sequence[Column]) -> list[Values]:
 def with_signal(data: Any, keys: Mapping[str, str], required: tuple[str, ...]) -> Any:
     """Return data of a table with the columns of its `file` in place of their names.
 
-    Lists become tuples, which validation expects behind a validator.
+    Numbers become those of SI units, or of the `unit` of an input, by the unit in the
+    header. Where data have a `scale`, values have this factor instead. Lists become
+    tuples, which validation expects behind a validator.
 
     Parameters
     ----------
@@ -62,14 +72,14 @@ def with_signal(data: Any, keys: Mapping[str, str], required: tuple[str, ...]) -
 
     Raises
     ------
-    InputError : see `read_columns`; or numbers are given as well.
+    InputError : see `read_columns`; numbers are given as well; or a unit does not fit.
     """
     if not isinstance(data, Mapping):
         return data
     content = {key: as_tuples(value) for key, value in data.items()}
     if content.get("file") is None:
         return content
-    path, scale = str(content.pop("file")), content.pop("scale", 1.0)
+    path, scale = str(content.pop("file")), content.pop("scale", None)
     named = [key for key in keys if key in content or key not in required]
     for key, target in keys.items():
         if target != key and target in content:
@@ -77,10 +87,17 @@ def with_signal(data: Any, keys: Mapping[str, str], required: tuple[str, ...]) -
                 f"gives {target} beside a file", source=path, expected="one of them"
             )
     columns = read_columns(path, [content.pop(key, None) for key in named])
-    numbers = {keys[key]: values for key, values in zip(named, columns, strict=True)}
-    if "values" in numbers and scale != 1.0:
-        numbers["values"] = tuple(scale * value for value in numbers["values"])
-    return content | numbers
+    for key, column in zip(named, columns, strict=True):
+        target = keys[key]
+        unit = {"times": "s", "values": content.get("unit") or ""}.get(target, "")
+        is_scaled = target == "values" and scale is not None
+        try:
+            factor = scale if is_scaled else column_factor(column.unit, unit)
+        except InputError as error:
+            error.place = f"the column of {target}"
+            raise error.located(path) from None
+        content[target] = tuple(factor * value for value in column.values)
+    return content
 
 
 def relocate_signal_files(data: Mapping[str, Any], folder: Path) -> None:
@@ -96,7 +113,7 @@ def relocate_signal_files(data: Mapping[str, Any], folder: Path) -> None:
             waiting += [each for each in part if isinstance(each, dict)]
 
 
-def _read_text(path: Path, columns: Sequence[Column]) -> list[Values]:
+def _read_text(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:
     lines = read_text(path, "a table (CSV)").splitlines()
     numbered = [(k, line) for k, line in enumerate(lines, 1) if line.strip()]
     numbered = [(k, line) for k, line in numbered if not line.lstrip().startswith("#")]
@@ -120,7 +137,11 @@ def _read_text(path: Path, columns: Sequence[Column]) -> list[Values]:
                     expected=f"a number in column {index + 1}",
                 )
             values.append(float(row[index]))
-    return [tuple(values) for values in result]
+    units = [split_unit(header[k])[1] if header else "" for k in indices]
+    return [
+        SignalColumn(tuple(values), unit)
+        for values, unit in zip(result, units, strict=True)
+    ]
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
@@ -135,7 +156,7 @@ def _index(column: Column, default: int, header: list[str], width: int) -> int:
     if isinstance(column, int) and 1 <= column <= width:
         return column - 1
     if isinstance(column, str):
-        names = [_WITHOUT_UNIT.sub("", name).strip() for name in header]
+        names = [split_unit(name)[0] for name in header]
         for known in (header, names):
             if column in known:
                 return known.index(column)
@@ -153,7 +174,7 @@ def is_finite_number(text: str) -> bool:
         return False
 
 
-def _read_hdf5(path: Path, columns: Sequence[Column]) -> list[Values]:
+def _read_hdf5(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:
     import h5py
     import numpy as np
 
@@ -178,7 +199,7 @@ def _read_hdf5(path: Path, columns: Sequence[Column]) -> list[Values]:
                         place=str(name),
                         expected="a row of finite numbers",
                     )
-                found.append(tuple(values.tolist()))
+                found.append(SignalColumn(tuple(values.tolist())))
             return found
     except (OSError, TypeError, ValueError) as error:
         raise InputError(

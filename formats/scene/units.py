@@ -1,5 +1,7 @@
 """Units of outputs, for axes and tables."""
 
+from collections.abc import Iterator
+
 from .connections import FORCES, THREAD_MULTIPLIER, force_coordinate, is_turned
 from .drives import Drive, driven_coordinate
 from .forces import Force, PointForce
@@ -96,17 +98,29 @@ def _input_unit(name: str, scene: SceneTables | None) -> str:
     stated = scene.inputs[name].unit
     if stated is not None:
         return stated
+    return next((unit for _, unit in units_of_takers(name, scene)), "")
+
+
+def units_of_takers(name: str, scene: SceneTables) -> Iterator[tuple[str, str]]:
+    """Yield key and unit of each force, drive and controller that takes an input alone.
+
+    The unit is empty of a force at a point, which the input scales.
+    """
     for owner, force in scene.forces.items():
         function = getattr(force, "function", None)
+        key = f"forces.{owner}.function"
         if isinstance(function, InputFunction) and function.name == name:
-            return _law_unit(OutputName(owner, "", VALUE), scene)
-    for drive in scene.drives.values():
+            yield key, _law_unit(OutputName(owner, "", VALUE), scene)
+        if isinstance(function, Pid):
+            reference = function.reference
+            if isinstance(reference, InputFunction) and reference.name == name:
+                yield f"{key}.reference", unit_of(function.measured, scene)
+    for owner, drive in scene.drives.items():
         function = drive.function
         if isinstance(function, InputFunction) and function.name == name:
             along = _effort_unit(driven_coordinate(drive, scene.joints))
             unit = "rad" if along == "N m" else "m"
-            return unit + _RATES[drive.of]
-    return ""
+            yield f"drives.{owner}.function", unit + _RATES[drive.of]
 
 
 def _effort_unit(coordinate: str) -> str:

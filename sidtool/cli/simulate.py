@@ -239,7 +239,10 @@ def _with_input_tables(scene: Scene, texts: tuple[str, ...]) -> Scene:
 
     files = files_by_body("--input", texts, [*scene.inputs], "NAME")
     with locate_errors(scene):
-        tables = {name: read_input_table(file) for name, file in files.items()}
+        tables = {
+            name: read_input_table(file, scene.inputs[name].unit)
+            for name, file in files.items()
+        }
         return with_inputs(scene, tables)
 
 

@@ -11,6 +11,8 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.formats.base.units import column_factor, split_unit
+from sidtool.formats.scene.units import unit_of
 
 
 @dataclass(frozen=True)
@@ -29,18 +31,20 @@ class Measurement:
 def read_measurements(path: Path) -> dict[str, Measurement]:
     """Read measured outputs from a table (CSV): `t` and a column for each output.
 
-    Units in brackets behind a name are ignored, empty cells are left out.
+    Units in brackets behind a name are converted to SI, empty cells are left out.
 
     Raises
     ------
-    InputError : the file cannot be read, or holds something else.
+    InputError : the file cannot be read, or holds something else; or a unit does not
+        fit its output.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             rows = [row for row in csv.reader(stream) if row]
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {error}", source=path) from None
-    names = [name.partition("[")[0].strip() for name in rows[0]] if rows else []
+    heads = [split_unit(name) for name in rows[0]] if rows else []
+    names = [name for name, _ in heads]
     if names[:1] != ["t"] or len(names) < 2:
         raise InputError(
             f"has the columns {', '.join(names) or 'none'}",
@@ -56,11 +60,24 @@ def read_measurements(path: Path) -> dict[str, Measurement]:
             source=path,
             expected=f"{len(names)} numbers in each row",
         ) from None
-    columns = dict(zip(names[1:], table[:, 1:].T, strict=True))
     try:
+        table *= [_unit_factor(name, unit) for name, unit in heads]
+        columns = dict(zip(names[1:], table[:, 1:].T, strict=True))
         return as_measurements(table[:, 0], columns)
     except InputError as error:
         raise error.located(path) from None
+
+
+def _unit_factor(name: str, unit: str) -> float:
+    try:
+        wanted = "s" if name == "t" else unit_of(name)
+    except InputError:
+        wanted = ""  # the only column of a file may have any name
+    try:
+        return column_factor(unit, wanted)
+    except InputError as error:
+        error.place = f"column {name}"
+        raise
 
 
 def as_measurements(

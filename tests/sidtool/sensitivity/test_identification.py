@@ -102,10 +102,27 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert all(Path(name).stat().st_size > 300 for name in files)
 
 
+def test_measurements_in_other_units(tmp_path: Path) -> None:
+    """Milliseconds and millimetres of the same block; without noise it is found."""
+    x = position(T, *TRUE.values(), *REST).real
+    table = tmp_path / "measured.csv"
+    rows = np.column_stack([1e3 * T, 1e3 * x])
+    head = "t [ms],block.x [mm]"
+    np.savetxt(table, rows, "%.17g", ",", header=head, comments="")
+    scene = scenes.oscillator().with_({"spring.stiffness": 60.0})
+    found = sidtool.identify(scene, "spring.stiffness", table)
+    assert found.x["spring.stiffness"] == pytest.approx(50.0, rel=1e-6)
+    of = f"error(block.x, {table})"
+    true = scenes.oscillator()
+    assert sidtool.sensitivity(true, "spring.stiffness", of).values[0] < 1e-7
+
+
 @pytest.mark.parametrize(
     "text",
     [
         "",
+        "t [mm],block.x\n0,1\n1,2\n",
+        "t,block.x [s]\n0,1\n1,2\n",
         "time,x\n0,1\n",
         "t,block.x\n0,one\n",
         "t,block.x\n1,0\n0,0\n",

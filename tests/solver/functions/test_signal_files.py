@@ -139,16 +139,121 @@ def test_columns_of_files(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     for text in ("t;z [m]\n0;1\n1;2\n", "# comment\nt\tz (m)\n0\t1\n\n1\t2\n"):
         file.write_text(text, encoding="utf-8")
-        assert read_columns(file, ["t", "z"]) == [(0.0, 1.0), (1.0, 2.0)]
+        found = read_columns(file, ["t", "z"])
+        assert found == [((0.0, 1.0), ""), ((1.0, 2.0), "m")]
     file.write_text("0 5 1\n1 5 2\n", encoding="utf-8")
-    assert read_columns(file, [None, 3]) == [(0.0, 1.0), (1.0, 2.0)]
+    assert read_columns(file, [None, 3]) == [((0.0, 1.0), ""), ((1.0, 2.0), "")]
     with h5py.File(tmp_path / "a.h5", "w") as stored:
         stored["run/t"], stored["run/z"] = [0.0, 1.0], [1.0, 2.0]
-    assert read_columns(tmp_path / "a.h5", ["run/t", "run/z"])[1] == (1.0, 2.0)
+    assert read_columns(tmp_path / "a.h5", ["run/t", "run/z"])[1].values == (1.0, 2.0)
     result = simulated(cart())
     sidtool.write(tmp_path / "r.h5", result)
     t, x = read_columns(tmp_path / "r.h5", [None, "rb.displacement"])
-    assert t == tuple(result.t) and x == tuple(result["rb.displacement"])
+    assert t.values == tuple(result.t)
+    assert x.values == tuple(result["rb.displacement"])
+
+
+@pytest.mark.parametrize(
+    ("head", "per_second", "per_metre"),
+    [
+        ("t [ms],z [mm]", 1e3, 1e3),
+        ("t (s),z (m)", 1.0, 1.0),
+        ("t [min],z [in]", 1.0 / 60.0, 1.0 / 0.0254),
+        ("t,z", 1.0, 1.0),
+        ("t [\u00b5s],z [cm]", 1e6, 1e2),
+    ],
+)
+def test_columns_are_in_the_units_of_their_header(
+    head: str, per_second: float, per_metre: float, tmp_path: Path
+) -> None:
+    """The same motion, 0.1 sin(6 t) in m and s; the drive does not know of its file."""
+    table = np.column_stack([T * per_second, Z * per_metre])
+    np.savetxt(
+        tmp_path / "road.csv",
+        table,
+        "%.17g",
+        ",",
+        header=head,
+        comments="",
+        encoding="utf-8",
+    )
+    function = {"type": "table", "file": str(tmp_path / "road.csv")}
+    result = simulated(cart(function))
+    assert_allclose(result["ra.displacement"], 0.1 * np.sin(6 * result.t), atol=1e-6)
+
+
+def test_lookups_are_in_the_units_of_their_header(tmp_path: Path) -> None:
+    """A damper by its data sheet: kN over mm/s."""
+    file = tmp_path / "damper.csv"
+    file.write_text("v [mm/s],f [kN]\n-2000,-0.004\n2000,0.004\n", encoding="utf-8")
+    table = {"file": str(file), "x": "v", "values": "f"}
+    found = simulated(formula("-lookup(d, rb.displacement_rate)", d=table))
+    damping = 2.0  # N s/m, mass 1 kg, from 0.3 m with 1.5 m/s
+    exact = 0.3 + 1.5 / damping * (1.0 - np.exp(-damping * found.t))
+    assert_allclose(found["rb.displacement"], exact, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("unit", "head", "values"),
+    [("N", "t [ms],f [kN]", [2000.0, 5000.0]), ("V", "t [ms],u [V]", [2.0, 5.0])],
+)
+def test_inputs_are_in_their_own_unit(
+    unit: str, head: str, values: list[float], tmp_path: Path
+) -> None:
+    file = tmp_path / "f.csv"
+    file.write_text(f"{head}\n0,2\n500,5\n", encoding="utf-8")
+    inputs = {"u": {"unit": unit, "file": str(file)}}
+    record = {"record": ["inputs.u"]}
+    result = simulated(cart(inputs=inputs, outputs=record))
+    middle = result.t < 0.5 - 1e-9
+    assert_allclose(result["inputs.u"][middle], values[0])
+    assert_allclose(result["inputs.u"][result.t > 0.5 + 1e-9], values[1])
+
+
+@pytest.mark.parametrize("head", ["t [mm],z", "t,z [g]", "t [s],z [min]"])
+def test_units_that_do_not_fit_are_refused(head: str, tmp_path: Path) -> None:
+    """Times are times; g is a mass and gravity. A scale says what the values are."""
+    file = tmp_path / "a.csv"
+    file.write_text(f"{head}\n0,1\n1,2\n", encoding="utf-8")
+    function = {"type": "table", "file": str(file)}
+    with pytest.raises(InputError, match="has the unit"):
+        validate_data(cart(function), SceneFile)
+    if "mm" not in head:
+        scene = validate_data(cart(function | {"scale": 0.5}), SceneFile)
+        assert scene.drives["road"].function.values == (0.5, 1.0)
+
+
+def pushed(unit: str, **changes: Any) -> dict[str, Any]:
+    """A cart that an input pushes alone."""
+    function = {"type": "input", "name": "u"}
+    push = {"type": "actuator", "joint": "rb", "function": function} | changes
+    return cart(inputs={"u": {"initial": 2.0, "unit": unit}}, forces={"push": push})
+
+
+def test_an_input_has_the_unit_of_what_takes_it() -> None:
+    """2 kN would act as 2 N: refused; a formula may convert, and a vector of 1 kN."""
+    assert simulated(pushed("N"))["push.force"][-1] == 2.0
+    assert simulated(pushed("V"))["push.force"][-1] == 2.0
+    for unit in ("kN", "N m", "mm"):
+        with pytest.raises(InputError, match="takes N, not"):
+            validate_data(pushed(unit), SceneFile)
+    formula_ = {"type": "expression", "value": "1000*u"}
+    assert simulated(pushed("kN", function=formula_))["push.force"][-1] == 2000.0
+    point = pushed("kN")
+    force = {"type": "force", "marker": "b", "function": {"type": "input", "name": "u"}}
+    point["forces"]["push"] = force | {"force": [1.0, 0.0]}
+    with pytest.raises(InputError, match="SI unit"):
+        validate_data(point, SceneFile)
+    point["forces"]["push"] = force | {"force": [1000.0, 0.0]}
+    assert_allclose(simulated(point)["push.fx"][-1], 2000.0)
+    drive = {"joint": "ra", "of": "acceleration", "function": force["function"]}
+    for unit, fits in (("m/s^2", True), ("m/s\u00b2", True), ("mm/s^2", False)):
+        data = cart(inputs={"u": {"unit": unit}}, drives={"servo": drive})
+        if fits:
+            validate_data(data, SceneFile)
+        else:
+            with pytest.raises(InputError, match="takes m/s"):
+                validate_data(data, SceneFile)
 
 
 @pytest.mark.parametrize(
