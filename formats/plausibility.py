@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .base.errors import InputError
 from .base.sid import SID
 from .diagnostics import Diagnostic, diagnose
 from .geometric_stiffening import elastic_basis
@@ -18,6 +19,9 @@ _MAX_WAVE_SPEED, _MAX_LENGTH = 2e4, 150.0
 #: Weight on earth [m/s2], and the sag under it, in sizes of the body, that soft bodies
 #: without gravity may have.
 _EARTH_GRAVITY, _MAX_SAG = 9.81, 30.0
+#: Mass per cubed size [kg/m3], from gas between galaxies to more than a neutron star,
+#: and first frequency times size [m/s]: other bodies are numbers without meaning.
+_DENSITIES, _WAVE_SPEEDS = (1e-27, 1e20), (1e-12, 1e12)
 #: Negative damping that is none, relative to the largest.
 _ROUNDING = 1e-9
 
@@ -47,6 +51,39 @@ def material_warnings(youngs_modulus: float, density: float) -> list[Diagnostic]
         )
         if not limits[0] <= value <= limits[1]
     ]
+
+
+def check_body(sid: SID) -> None:
+    """Refuse a body whose mass, inertia or first frequency no body can have.
+
+    Raises
+    ------
+    InputError : mass or inertia are not finite and above zero, the mean density is not
+        that of matter, or waves are slower or faster than any.
+    """
+    moments = sid.J.m0[:3, 0]
+    numbers = np.array([sid.mass, *moments])
+    expected = "lengths, sections, densities and moduli in consistent units"
+    if not (np.isfinite(numbers).all() and sid.mass > 0.0 and moments.max() > 0.0):
+        listed = ", ".join(f"{moment:.3g}" for moment in moments)
+        raise InputError(
+            f"the body has a mass of {sid.mass:.3g} kg and moments of inertia of "
+            f"{listed} kg m2",
+            expected=f"numbers above zero: {expected}",
+        )
+    size = body_size(sid)
+    if not _DENSITIES[0] < sid.mass / size**3 < _DENSITIES[1]:
+        raise InputError(
+            f"the body has a mass of {sid.mass:.3g} kg and a size of {size:.3g} m",
+            expected=expected,
+        )
+    hertz = first_frequency(sid)
+    if hertz > 0.0 and not _WAVE_SPEEDS[0] < hertz * size < _WAVE_SPEEDS[1]:
+        raise InputError(
+            f"the body has a first frequency of {hertz:.3g} Hz and a size of "
+            f"{size:.3g} m",
+            expected=expected,
+        )
 
 
 def body_warnings(sid: SID, gravity: float | None = None) -> list[Diagnostic]:

@@ -395,6 +395,17 @@ ENTRIES = (
         },
     ),
     Entry(
+        "N146",
+        WARNING,
+        "{count:d} point masses are below zero, together {total}",
+        "Point masses of the mesh file (CONM2, CMASS2, *MASS, MASS21) are added with "
+        "their sign. The mass matrix stays that of a body as long as elements have "
+        "more mass at these nodes.",
+        remedy="Check the signs of the point masses.",
+        units={"total": "kg"},
+        example={"count": 1, "total": -0.2},
+    ),
+    Entry(
         "N150",
         WARNING,
         "the mesh differs from its geometry: mass {mass:+.3g}, centre {centre:.3g} m "

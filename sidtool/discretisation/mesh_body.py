@@ -91,6 +91,9 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         geometry.file, geometry.ignore, geometry.part, density, bending=bending
     )
     found = (*imported.diagnostics, *engine_notes)
+    if negative := [m.mass for m in imported.masses if m.mass < 0]:
+        total = sum(negative) * units.mass
+        found += (diagnose("N146", count=len(negative), total=total),)
     imported = replace(imported, diagnostics=found)
     try:
         if density == 0 and not imported.is_structure:

@@ -157,7 +157,14 @@ def check_mechanism(
     """
     rigid = body.rigid_body_modes(body.positions.mean(axis=0))
     gram = rigid.T @ (body.mass @ rigid)
-    size = np.sqrt(gram.diagonal())
+    inertia = gram.diagonal()
+    if inertia.min() < 0:
+        raise InputError(
+            "a rigid motion of the body has negative inertia",
+            place=place,
+            expected="masses that no negative one (CONM2) exceeds",
+        )
+    size = np.sqrt(inertia)
     if (
         not size.all()
         or np.linalg.cond(gram / np.outer(size, size)) > 1 / _MECHANISM_TOLERANCE

@@ -144,10 +144,13 @@ def _run_job(
         or not result.exists()
         or not result.stat().st_size
     ):
+        says = errors[0] if errors else "nothing, and ended early"
         raise InputError(
-            "CalculiX says: " + (errors[0] if errors else "nothing, and ended early"),
+            f"CalculiX says: {says}",
             source=source,
-            expected="a deck that CalculiX solves",
+            expected="*DENSITY of all materials, or geometry.density"
+            if "no density" in says
+            else "a deck that CalculiX solves",
         )
     return tuple(dict.fromkeys(m for kind, m in messages if kind == "WARNING"))
 

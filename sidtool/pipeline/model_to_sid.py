@@ -18,7 +18,7 @@ from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.diagnostics import Diagnostic, without
 from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
-from sidtool.formats.plausibility import body_warnings, material_warnings
+from sidtool.formats.plausibility import body_warnings, check_body, material_warnings
 from sidtool.formats.sid_mass import skew
 from sidtool.formats.toml.files import locate_errors
 
@@ -184,6 +184,7 @@ def _convert(
     sid, basis, initial = sid_of_basis(model, body, frame, basis, held, begin=begin)
     compliance_shares = None if quality is None else quality.carried
     sid = replace(sid, carried=compliance_shares)
+    check_body(sid)
     found += body_warnings(sid)
     kept = without(found, model.diagnostics.ignore)
     sid = replace(sid, diagnostics=kept)

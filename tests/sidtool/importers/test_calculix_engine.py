@@ -203,6 +203,15 @@ def test_unsupported_requests_to_calculix_are_refused(
     assert "part.inp" in str(caught.value)
 
 
+@pytest.mark.needs("ccx")
+def test_a_missing_density_is_refused_with_its_remedy(tmp_path: Path) -> None:
+    text = plate_deck("S4", 0.3, shell(0.005), 2).replace(f"*DENSITY\n{RHO!r}\n", "")
+    (tmp_path / "part.inp").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        _convert(tmp_path)
+    assert "geometry.density" in str(caught.value.expected)
+
+
 def test_without_calculix_the_message_names_the_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
