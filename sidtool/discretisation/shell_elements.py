@@ -126,7 +126,7 @@ def shell_batch(kind: str, corners: Array, laws: ShellLaws) -> ShellBatch:
     inner = 4 if kind == "quad4" else 0
     total = np.zeros((ne, size + inner, size + inner))
     sampled = _sampled_shear(kind, corners, normals)
-    shear_law = _stabilised(kind, corners, laws)
+    shear_law = _stabilised(kind, corners, laws) * laws.flexural[:, None, None]
     places, masses, tensors, moves, turns = [], [], [], [], []
     points, weights = _RULES[kind]
     for reference, weight in zip(points, weights, strict=True):

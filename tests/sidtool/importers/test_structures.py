@@ -343,3 +343,39 @@ def test_a_tiny_stiff_element_makes_no_mechanism_of_a_plate(
     assert_allclose(
         frequencies(body(tmp_path, bulk(*plate, *wire, MATERIAL))), without, rtol=1e-6
     )
+
+
+def test_membranes_resist_no_motion_out_of_their_plane(tmp_path: Path) -> None:
+    """A box girder of rods and of membranes (PSHELL with MID1 alone), and the bar with
+    its bending and shear stiffness: the webs alone carry the shear.
+    """
+    count, length, side, area, t = 40, 8.0, 0.2, 4e-4, 1e-3
+    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    cards = [
+        grid(4 * i + k + 1, [length * i / count, side / 2 * y, side / 2 * z], TURN)
+        for i in range(count + 1)
+        for k, (y, z) in enumerate(corners)
+    ]
+    label = 0
+    for i in range(count + 1):
+        ring = [4 * i + k + 1 for k in range(4)]
+        label += 1
+        cards.append(f"CQUAD4,{label},2,{','.join(map(str, ring))}")
+        for a, b in zip(ring, ring[1:] + ring[:1], strict=True) if i < count else ():
+            label += 2
+            cards.append(f"CQUAD4,{label - 1},1,{a},{b},{b + 4},{a + 4}")
+            cards.append(f"CROD,{label},3,{a},{a + 4}")
+    cards += [f"PSHELL,1,1,{t}", f"PSHELL,2,2,{t}", f"PROD,3,1,{area}", MATERIAL]
+    cards.append(f"MAT1,2,{E!r},,{NU},1.-3")
+    box = body(tmp_path, bulk(*cards), modes=2)
+    wall = t * side
+    inertia = area * side**2 + wall * side**2 / 2 + wall * side**2 / 6
+    section = 4 * area + 4 * wall
+    share = 2 * wall / section
+    bar = [grid(i + 1, [length * i / count, 0, 0]) for i in range(count + 1)]
+    bar += [f"CBAR,{i + 1},1,{i + 1},{i + 2},0.,1.,0." for i in range(count)]
+    bar += [f"PBAR,1,1,{section!r},{inertia!r},{inertia!r},{2 * inertia!r}"]
+    bar += [",,,,,,,,", f",{share!r},{share!r}", MATERIAL]
+    line = body(tmp_path, bulk(*bar), modes=2)
+    assert_allclose(box.mass, line.mass, rtol=1e-4)
+    assert_allclose(frequencies(box), frequencies(line), rtol=5e-3)
