@@ -53,12 +53,16 @@ _SI_UNITS = {
     (1, 0, 0, 0): "m",
     (-1, 1, 0, 0): "kg/m",
     (1, 1, -2, 0): "N",
+    (2, 1, -2, 0): "N m",
     (3, 1, -2, 0): "N m^2",
+    (0, 1, 0, 0): "kg",
     (1, 1, 0, 0): "kg m",
     (0, 0, 0, 1): "rad",
 }
 _HEADER = re.compile(r"\s*([A-Za-z]\w*)\s*(?:[\[(](.*)[\])])?\s*")
 _ENTRY = re.compile(r"([KM])([1-6])([1-6])")
+#: Exponents of metre and second of entries between forces, of K and M.
+_ENTRY_EXPONENTS = {"K": (1, -2), "M": (-1, 0)}
 #: Positions with this unit are fractions of the length.
 _FRACTION = {"", "-", "1", "%"}
 #: Rows and columns of a matrix of another program, in the order N, Vy, Vz, T, My, Mz.
@@ -212,8 +216,8 @@ def read_stations(path: str | Path, order: str = "sidtool") -> StationTable:
 
     The first line that is no comment (#) is the header: names of `StationTable` with
     units in brackets, SI units where there are none. A position in `1`, `-` or `%` is a
-    fraction of the length. `K11` to `K66` and `M11` to `M66` are entries of matrices in
-    SI units; those above the diagonal suffice.
+    fraction of the length. `K11` to `K66` and `M11` to `M66` are entries of matrices,
+    of which those above the diagonal suffice.
 
     Raises
     ------
@@ -248,8 +252,12 @@ def _columns_of(text: str) -> dict[str, Any]:
         name, unit = _column_name(cell)
         if name in data or name in entries:
             raise InputError("appears twice", place=name, expected="one column")
-        if _ENTRY.fullmatch(name):
-            entries[name] = values
+        entry = _ENTRY.fullmatch(name)
+        if entry:
+            metres, seconds = _ENTRY_EXPONENTS[entry[1]]
+            metres += sum(int(index) > 3 for index in entry.groups()[1:])
+            factor = _unit_factor(unit, (metres, 1, seconds, 0), cell) if unit else 1.0
+            entries[name] = tuple(factor * value for value in values)
         elif name == "position" and unit in _FRACTION:
             scale = 0.01 if unit == "%" else 1.0
             data["fraction"] = [scale * value for value in values]
@@ -297,7 +305,7 @@ def _column_name(cell: str) -> tuple[str, str]:
             unit = "m"
         return known, unit
     if match and _ENTRY.fullmatch(name):
-        return name, ""
+        return name, (match[2] or "").strip()
     raise InputError(
         "is no column of stations",
         place=cell.strip(),
@@ -332,7 +340,7 @@ def _matrices(entries: dict[str, Row], count: int) -> list[list[list[float]]]:
 def write_stations(
     path: str | Path, table: StationTable, comments: Sequence[str]
 ) -> None:
-    """Write a table of stations as CSV, see `read_stations`.
+    """Write a table of stations as CSV, see `read_stations`, matrices in own order.
 
     Parameters
     ----------
@@ -351,10 +359,11 @@ def write_stations(
         values = getattr(table, name)
         if name != "position" and values:
             columns[f"{name} [{_SI_UNITS[exponents]}]"] = values
+    rows = MATRIX_ORDERS[table.order]
     for letter, matrices in (("K", table.stiffness), ("M", table.mass)):
         for i in range(6):
             for j in range(i, 6):
-                entries = tuple(matrix[i][j] for matrix in matrices)
+                entries = tuple(matrix[rows[i]][rows[j]] for matrix in matrices)
                 if any(entries):
                     columns[f"{letter}{i + 1}{j + 1}"] = entries
     lines = [f"# {line}" for line in (STATIONS_MARK, *comments)]

@@ -129,6 +129,7 @@ def _read_elastodyn(
     notes = _complete(columns, length)
     if unused:
         notes.append(f"columns without effect: {', '.join(unused)}")
+    notes += _elastodyn_damping(lines)
     content: dict[str, Any] = {name: v.tolist() for name, v in columns.items()}
     table = StationTable(**content)
     return ImportedStations(table, straight_geometry(length), tuple(notes))
@@ -162,6 +163,37 @@ def _complete(columns: dict[str, Array], length: float | None) -> list[str]:
     return notes
 
 
+def _elastodyn_damping(lines: Sequence[str]) -> list[str]:
+    """A note on damping ratios of the modes of the file [%], which no table holds."""
+    names = [f"Bld{a}Dmp({n})" for a in ("Fl", "Ed") for n in (1, 2)]
+    names += [f"Twr{a}Dmp({n})" for a in ("FA", "SS") for n in (1, 2)]
+    found = {name: _value(lines, name, 0.0) for name in names}
+    given = [f"{name} = {value:g} %" for name, value in found.items() if value]
+    ratio = max(found.values()) / 100.0
+    remedy = f'damping = {{ type = "modal", ratio = {ratio:g} }} of the body in a scene'
+    return [f"damping is not in the table: {', '.join(given)}; {remedy}"] * bool(given)
+
+
+def _beamdyn_damping(lines: Sequence[str]) -> list[str]:
+    """A note on damping proportional to the stiffness, which no table holds."""
+    head = next(
+        (k for k, line in enumerate(lines) if re.match(r"\s*mu1\b", line)), None
+    )
+    if head is None or not _value(lines, "damp_type", 1.0):
+        return []
+    for line in lines[head + 1 : head + 4]:
+        try:
+            factors = [float(word) for word in line.split()[:6]]
+        except ValueError:
+            continue
+        if len(factors) == 6 and any(factors):
+            text = ", ".join(f"{mu:g}" for mu in factors)
+            law = f"alpha = 0.0, beta = {np.mean(factors):g}"
+            remedy = f'damping = {{ type = "rayleigh", {law} }} of the model'
+            return [f"damping is not in the table: mu = {text} s; {remedy}"]
+    return []
+
+
 def _read_beamdyn(lines: Sequence[str], folder: Path) -> ImportedStations:
     """A primary file: reference axis, initial twist, and its blade file."""
     members = int(_value(lines, "member_total", 1.0))
@@ -180,13 +212,31 @@ def _read_beamdyn(lines: Sequence[str], folder: Path) -> ImportedStations:
         raise unreadable_error(path, "the blade file of BeamDyn", error) from None
     found = _read_beamdyn_blade(blade, None)
     steps = np.linalg.norm(np.diff(points[:, :3], axis=0), axis=1)
-    covered = np.concatenate([[0.0], np.cumsum(steps)])
-    fractions = np.array(found.table.fraction)
-    twist = -np.radians(np.interp(fractions, covered / covered[-1], points[:, 3]))
-    data = found.table.file_data() | {"twist": twist.tolist()}
-    return ImportedStations(
-        StationTable(**data), _curved_geometry(points[:, :3]), found.notes
-    )
+    covered = np.concatenate([[0.0], np.cumsum(steps)]) / np.sum(steps)
+    table = _twisted(found.table, covered, -np.radians(points[:, 3]))
+    return ImportedStations(table, _curved_geometry(points[:, :3]), found.notes)
+
+
+def _twisted(table: StationTable, at: Array, twist: Array) -> StationTable:
+    """The table with a twist that is linear between its values at fractions `at`.
+
+    These become stations, too, where linear pieces between the others are not enough.
+    """
+    fractions = np.array(table.fraction)
+    own = np.interp(fractions, at, twist)
+    between = np.abs(np.interp(at, fractions, own) - twist) > 1e-9
+    further = [x for x in at[between] if np.abs(fractions - x).min() > 1e-9]
+    order = np.argsort(np.concatenate([fractions, further]), kind="stable")
+    data: dict[str, Any] = {}
+    for name in ("stiffness", "mass"):
+        values = np.array(getattr(table, name))
+        rows = values.reshape(len(fractions), -1).T
+        added = np.array([np.interp(further, fractions, row) for row in rows]).T
+        joined = np.concatenate([values, added.reshape(-1, 6, 6)])
+        data[name] = joined[order].tolist()
+    places = np.concatenate([fractions, further])[order]
+    data |= {"fraction": places.tolist(), "twist": np.interp(places, at, twist)}
+    return StationTable(**data)
 
 
 def _read_beamdyn_blade(lines: Sequence[str], length: float | None) -> ImportedStations:
@@ -214,7 +264,8 @@ def _read_beamdyn_blade(lines: Sequence[str], length: float | None) -> ImportedS
         stiffness=matrices[:, 0].tolist(),
         mass=matrices[:, 1].tolist(),
     )
-    return ImportedStations(table, straight_geometry(length))
+    notes = tuple(_beamdyn_damping(lines))
+    return ImportedStations(table, straight_geometry(length), notes)
 
 
 def _rows(lines: Sequence[str], start: int, count: int) -> Array:

@@ -481,14 +481,105 @@ def test_beamdyn_files_become_tables(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     found = read_openfast(tmp_path / "primary.dat")
-    assert_allclose(found.table.stiffness, own["stiffness"])
-    assert_allclose(found.table.mass, own["mass"])
-    assert_allclose(found.table.twist, -np.radians([4.0, 0.0]))
+    assert_allclose(found.table.stiffness[::2], own["stiffness"])
+    assert_allclose(found.table.mass[::2], own["mass"])
+    assert_allclose(found.table.twist, -np.radians([4.0, 2.0, 0.0]))
     assert found.geometry["through"] == [[0.1, 0.0, 4.0]]
     write_stations(tmp_path / "x.csv", found.table, [])
     again = read_stations(tmp_path / "x.csv")
-    assert_allclose(again.stiffness, own["stiffness"])
-    assert_allclose(again.mass, own["mass"])
+    assert_allclose(again.stiffness[::2], own["stiffness"])
+    assert_allclose(again.mass[::2], own["mass"])
+
+
+def beamdyn_files(folder: Path, twist: list[float]) -> Path:
+    """A straight, uniform blade of two stations, with key points of other twists."""
+    own = matrices(UNIFORM)
+    rows = [1, 2, 0, 4, 5, 3]
+    parts = [np.array(own[k][0])[rows][:, rows] for k in ("stiffness", "mass")]
+    text = "\n".join(" ".join(map(repr, r)) for part in parts for r in part.tolist())
+    (folder / "props.dat").write_text(
+        " 2  station_total - stations\n 1  damp_type - Damping type: 0, 1\n"
+        "--- DAMPING COEFFICIENT ---\n   mu1 mu2 mu3 mu4 mu5 mu6\n"
+        "   (-) (-) (-) (-) (-) (-)\n 0.001 0.001 0.001 0.001 0.001 0.001\n"
+        f"--- Distributed Properties ---\n0.0\n{text}\n1.0\n{text}\n",
+        encoding="utf-8",
+    )
+    points = np.linspace(0.0, LENGTH, len(twist))
+    lines = [
+        f"0 0 {z!r} {phi!r}" for z, phi in zip(points.tolist(), twist, strict=True)
+    ]
+    path = folder / "primary.dat"
+    path.write_text(
+        "1 member_total - members\nkp_xr kp_yr kp_zr initial_twist\n"
+        " (m) (m) (m) (deg)\n" + "\n".join(lines) + "\n--- MESH\n"
+        '"props.dat"    BldFile - Name of file\n',
+        encoding="utf-8",
+    )
+    return path
+
+
+@pytest.mark.parametrize("twist", [[0.0, 30.0, 0.0], [10.0, 10.0, 40.0, 0.0]])
+def test_twist_of_key_points_between_stations(
+    twist: list[float], tmp_path: Path
+) -> None:
+    """Two stations, the twist is that of the key points: the same blade by columns."""
+    found = read_openfast(beamdyn_files(tmp_path, twist))
+    at = np.linspace(0.0, 1.0, len(twist))
+    data = {k: [v[0]] * len(at) for k, v in UNIFORM.items() if k != "position"}
+    data |= {"fraction": at.tolist(), "twist": (-np.radians(twist)).tolist()}
+    bodies = [
+        finite_element_model(model(sections, elements=12))
+        for sections in (found.table.file_data(), data)
+    ]
+    assert_allclose(frequencies(bodies[0], 4), frequencies(bodies[1], 4), rtol=1e-9)
+    straight = read_openfast(beamdyn_files(tmp_path, [0.0, 5.0, 10.0]))
+    assert straight.table.fraction == (0.0, 1.0)
+
+
+def test_damping_of_openfast_is_named(tmp_path: Path) -> None:
+    """A table of stations holds none: the notes name a law that is the same."""
+    notes = read_openfast(beamdyn_files(tmp_path, [0.0, 0.0])).notes
+    assert any("mu = 0.001" in note and "beta = 0.001" in note for note in notes)
+    file = tmp_path / "blade.dat"
+    damped = "  0.477   BldFlDmp(1) - Damping (%)\n    BlFract"
+    file.write_text(ELASTODYN.replace("    BlFract", damped), encoding="utf-8")
+    assert any("ratio = 0.00477" in note for note in read_openfast(file, 20.0).notes)
+    file.write_text(ELASTODYN, encoding="utf-8")
+    assert not any("damping" in note for note in read_openfast(file, 20.0).notes)
+
+
+def test_matrices_in_other_units_and_orders(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """kN and t are converted; what the command writes has the order it says."""
+    own = matrices(eccentric())
+    rows = [1, 2, 0, 4, 5, 3]
+    units = {"K": ("kN", "kN m", "kN m^2"), "M": ("t/m", "t", "t m")}
+    heads, columns = ["position [mm]"], [[0.0, 1e3 * LENGTH]]
+    for letter, name in (("K", "stiffness"), ("M", "mass")):
+        given = np.array(own[name])[:, rows][:, :, rows]
+        for i in range(6):
+            for j in range(i, 6):
+                unit = units[letter][(i > 2) + (j > 2)]
+                heads.append(f"{letter}{i + 1}{j + 1} [{unit}]")
+                columns.append((given[:, i, j] / 1e3).tolist())
+    lines = [
+        ",".join(heads),
+        *(",".join(map(repr, row)) for row in zip(*columns, strict=True)),
+    ]
+    file, target = tmp_path / "bd.csv", tmp_path / "own.csv"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    words = ["stations", str(file), "--order", "beamdyn", "-o", str(target)]
+    assert run(words) == 0
+    assert 'sections = "own.csv"' in capsys.readouterr().out
+    table = read_stations(target)
+    assert_allclose(table.stiffness, own["stiffness"], rtol=1e-12)
+    assert_allclose(table.mass, own["mass"], rtol=1e-12)
+    file.write_text(
+        "\n".join(lines).replace("K11 [kN]", "K11 [kN m]"), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="K11"):
+        read_stations(file)
 
 
 HEADER = (
