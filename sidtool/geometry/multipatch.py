@@ -266,7 +266,7 @@ def _join_along_seams(
         p, v, m = _side_data(patches, own, seam.first)
         q, w, n = (seam.turn.of(net) for net in _side_data(patches, own, seam.second))
         if not (_are_equal_nets(p, q, tolerance * size) and _are_proportional(v, w)):
-            raise incompatible_sides(seam.first, seam.second)
+            raise _differently_refined(patches, seam)
         yield m.ravel(), n.ravel()
 
 
@@ -277,6 +277,22 @@ def _side_data(
     patch = patches[side.patch]
     values = (patch.points, patch.weights.ravel(), own[side.patch])
     return [side_net(patch, side, value) for value in values]
+
+
+def _differently_refined(patches: Mapping[str, NurbsPatch], seam: Seam) -> InputError:
+    """Two sides have the same control points in their file, but not when refined."""
+    counts = []
+    for side in (seam.first, seam.second):
+        shape = patches[side.patch].shape
+        along = [n for k, n in enumerate(shape) if k != side.direction]
+        counts.append(" x ".join(map(str, along)))
+    return InputError(
+        f"the sides {seam.first.name} and {seam.second.name} are refined differently: "
+        f"{counts[0]} and {counts[1]} functions along them",
+        place="discretisation",
+        expected="equal degrees and knots of both in the file, and the same number of "
+        "elements or functions in all directions",
+    )
 
 
 def incompatible_sides(first: Side, second: Side) -> InputError:

@@ -206,6 +206,35 @@ def test_seams_that_do_not_match_are_refused(tmp_path: Path) -> None:
         sid_from_model(path)
 
 
+def test_patches_turned_against_each_other(tmp_path: Path) -> None:
+    """Their side runs along u of one and v of the other: one rectangle with as many
+    elements in both directions; with others the error names the refinement.
+    """
+    knots = (np.array([0.0, 0.0, 1.0, 1.0]),) * 2
+
+    def rectangle(a: list[float], u: list[float], v: list[float]) -> NurbsPatch:
+        start, along, across = map(np.array, (a, u, v))
+        points = np.array(
+            [[start + i * along + j * across for j in (0, 1)] for i in (0, 1)]
+        )
+        return NurbsPatch((1, 1), knots, points, np.ones((2, 2)))
+
+    lower = rectangle([0.0, 0.0], [1.0, 0.0], [0.0, 1.0])
+    upper = rectangle([1.0, 1.0], [0.0, 1.0], [-1.0, 0.0])
+    written(tmp_path / "patches.json", {"a": lower, "b": upper})
+    settings = {"type": "iga", "degrees": [3, 3], "elements": [4, 4]}
+    found = hertz(patches_model(tmp_path, "a.bottom", settings))
+    whole = rectangle([0.0, 0.0], [1.0, 0.0], [0.0, 2.0])
+    written(tmp_path / "patches.json", {"a": whole})
+    settings["elements"] = [4, 8]
+    one = hertz(patches_model(tmp_path, "a.bottom", settings))
+    assert_allclose(found, one, rtol=1e-4)
+    written(tmp_path / "patches.json", {"a": lower, "b": upper})
+    with pytest.raises(InputError) as caught:
+        sid_from_model(patches_model(tmp_path, "a.bottom", settings))
+    assert caught.value.place == "discretisation" and "refined" in str(caught.value)
+
+
 GISMO = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <xml><Geometry type="TensorNurbs2" id="7">
