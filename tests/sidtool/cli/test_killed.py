@@ -157,6 +157,42 @@ def test_the_next_run_removes_files_of_a_killed_one(
     assert names(folder) == before | {"other.h5"}
 
 
+SIMULATE = ["simulate", "slider_crank.toml", "--set", "time.end=0.1"]
+
+
+@pytest.mark.parametrize(
+    ("module", "stop", "table_is_complete"),
+    [
+        ("sidtool.formats.result.hdf5", "ResultFile.add", False),
+        ("sidtool.formats.storage.atomic", "flush_to_disk", False),
+        ("sidtool.formats.result.hdf5", "ResultFile.finish", True),
+    ],
+)
+def test_a_killed_simulation_writes_no_half_file(
+    module: str,
+    stop: str,
+    table_is_complete: bool,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each target is as before or complete, and the next run removes the rests."""
+    monkeypatch.chdir(folder)
+    result, table = folder / "r.h5", folder / "r.csv"
+    for target in (result, table):
+        target.write_bytes(b"as before")
+    before = names(folder)
+    command = [*SIMULATE, "--force", "-o", result.name, "-o", table.name]
+    assert killed(folder, command, None, f"module.{stop}", module).returncode == KILLED
+    assert result.read_bytes() == b"as before"
+    assert (table.read_bytes() != b"as before") == table_is_complete
+    rests = names(folder) - before
+    assert rests and all(name.endswith(".part") for name in rests)
+    assert run([*SIMULATE, "-o", "other.h5", "-o", "other.csv"]) == 0
+    assert names(folder) == before | {"other.h5", "other.csv"}
+    if table_is_complete:
+        assert table.read_bytes() == (folder / "other.csv").read_bytes()
+
+
 def gone() -> int:
     """The number of a process that has ended."""
     with subprocess.Popen([sys.executable, "-c", ""]) as process:
