@@ -19,6 +19,8 @@ Column = str | int | None
 Values = tuple[float, ...]
 
 _HDF5 = (".h5", ".hdf5")
+#: Attributes of a dataset that name its unit.
+_UNIT_KEYS = ("units", "unit")
 SCALE = (
     "factor of the values of a file, instead of that of the unit in its header to SI"
 )
@@ -27,7 +29,7 @@ SIGNAL_TABLES = ("drives", "forces", "inputs", "tables")
 
 
 class SignalColumn(NamedTuple):
-    """The numbers of a column, and the unit in brackets behind its name, or ""."""
+    """The numbers of a column, and the unit that its file states, or ""."""
 
     values: Values
     unit: str = ""
@@ -183,10 +185,15 @@ def _read_hdf5(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:
             is_result = file.attrs.get("format") == "sidtool result"
             found = []
             for name in columns:
+                unit: object = ""
                 if is_result:
                     content = _result_column(file, name)
                 elif isinstance(name, str) and name in file:
                     content = file[name][()]
+                    attributes = file[name].attrs
+                    unit = next(
+                        (attributes[k] for k in _UNIT_KEYS if k in attributes), ""
+                    )
                 else:
                     raise InputError(
                         f"has no dataset {name!r}",
@@ -199,7 +206,8 @@ def _read_hdf5(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:
                         place=str(name),
                         expected="a row of finite numbers",
                     )
-                found.append(SignalColumn(tuple(values.tolist())))
+                text = unit.decode() if isinstance(unit, bytes) else str(unit)
+                found.append(SignalColumn(tuple(values.tolist()), text.strip()))
             return found
     except (OSError, TypeError, ValueError) as error:
         raise InputError(

@@ -182,6 +182,15 @@ def test_columns_are_in_the_units_of_their_header(
     assert_allclose(result["ra.displacement"], 0.1 * np.sin(6 * result.t), atol=1e-6)
 
 
+def test_datasets_are_in_the_units_of_their_attributes(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "road.h5", "w") as stored:
+        stored["t"], stored["z"] = 1e3 * T, 1e3 * Z
+        stored["t"].attrs["units"], stored["z"].attrs["unit"] = "ms", np.bytes_("mm")
+    function = {"type": "table", "file": str(tmp_path / "road.h5")}
+    result = simulated(cart(function | {"time": "t", "value": "z"}))
+    assert_allclose(result["ra.displacement"], 0.1 * np.sin(6 * result.t), atol=1e-6)
+
+
 def test_lookups_are_in_the_units_of_their_header(tmp_path: Path) -> None:
     """A damper by its data sheet: kN over mm/s."""
     file = tmp_path / "damper.csv"
