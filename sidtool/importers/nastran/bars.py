@@ -14,8 +14,10 @@ from ...mesh.connections import BarSection, RawBar, Vector
 from .cards import Card, is_real
 from .content import BarProperty, BulkData, duplicate_error
 
-#: Whether the y axis, and the offsets of both ends, are in directions of the nodes.
-_GLOBAL = ("", "GGG", "BGG")
+#: Whether the y axis, and the offsets of both ends, are in directions of the nodes;
+#: the flags of former NASTRAN: a vector (1), a node (2).
+_VECTOR, _NODE = "1", "2"
+_GLOBAL = ("", "GGG", "BGG", _VECTOR, _NODE)
 
 
 def bar(content: BulkData, card: Card) -> None:
@@ -171,8 +173,8 @@ def _principal_axis(up: Vector, along: Array, turn: float) -> Vector:
 
 def _orientation_vector(content: BulkData, card: Card, start: int) -> Vector:
     """X1, X2, X3 in the directions of the first node, or from it to the node G0."""
-    words = card.words[4:7]
-    if words[0] and not is_real(words[0]):
+    words, flag = card.words[4:7], card.word(7)
+    if flag == _NODE or (words[0] and not is_real(words[0]) and flag != _VECTOR):
         if any(words[1:]):
             raise InputError(
                 f"{card.name} {card.word(0)} has {', '.join(words)} as X1, X2, X3",

@@ -51,6 +51,7 @@ from .content import (
     property_node_sets,
 )
 from .coordinate_systems import CoordinateSystems, systems_of
+from .former_cards import current_cards
 from .laminates import mat2, mat8, pcomp, shells_of
 from .masses import pmass, point_masses
 from .properties import (
@@ -122,9 +123,10 @@ def bulk_data(
     """Read all cards of a file, with nodes in the basic system."""
     content = BulkData(shells=shells, density=density)
     stops = content.stops
-    for card in read_cards(path):
+    for written in read_cards(path):
         with stops.collect_errors():
-            _read_card(content, card, ignored)
+            for card in current_cards(written):
+                _read_card(content, card, ignored)
     systems = {
         n: (content.system if s < 0 else s, p) for n, (s, p) in content.local.items()
     }

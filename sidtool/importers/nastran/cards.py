@@ -20,6 +20,8 @@ from ...mesh.deck_text import (
 from ...mesh.imported_mesh import MOST_MEMBERS
 
 #: A real number whose exponent has no letter, as in 2.1+11.
+#: Blanks behind a sign or before an exponent, which Nastran skips.
+_BLANKS = re.compile(r"(?<=^[+-]) +|(?<=[\d.]) +(?=[EeDd+-])|(?<=[EeDd]) +")
 _EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
 #: Name of the card that represents case control.
 CASE_CONTROL = "CASE CONTROL"
@@ -78,7 +80,8 @@ def real_number(word: str, what: str, place: str) -> float:
     ------
     InputError : it is none.
     """
-    return parse_numbers([_EXPONENT.sub(r"\1E\2", word)], place, what)[0]
+    closed = _BLANKS.sub("", word)
+    return parse_numbers([_EXPONENT.sub(r"\1E\2", closed)], place, what)[0]
 
 
 def is_real(word: str) -> bool:
@@ -97,7 +100,8 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
     included.enter(path)
     lines = list(enumerate(read_lines(path), start=1))
     start, control = _split_case_control(lines)
-    cards: list[Card] = []
+    collector = _CardCollector()
+    cards = collector.cards
     nested = path.name if len(included.open) > 1 else ""
     for number, raw in lines[start:]:
         text = raw.split("$")[0].rstrip().expandtabs(8)
@@ -116,9 +120,9 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
         if first == "INCLUDE":
             cards += _included_cards(path, text, place, included)
             continue
-        _add_line(cards, text, place)
+        collector.add(text, place)
     included.open.pop()
-    return control + cards
+    return control + collector.finish()
 
 
 def _split_case_control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
@@ -165,20 +169,60 @@ def _included_cards(
     return read_cards(named_file(path, name), included)
 
 
-def _add_line(cards: list[Card], text: str, place: str) -> None:
-    """A line as a new card, or as the continuation of the last one."""
-    name, words, after = _split_fields(text, place)
-    if name and name[0] not in "+*":
-        cards.append(Card(name.rstrip("*"), place, words, after))
-        return
-    mark = name.lstrip("+*")
-    if not cards or (mark and mark != cards[-1].after.lstrip("+*")):
-        raise InputError(
-            f"continues no card: {text[:30]!r}",
-            place=place,
-            expected="continuations right behind their card",
-        )
-    card = cards[-1]
+class _CardCollector:
+    """Lines as cards; continuations with a mark may stand apart from their card."""
+
+    def __init__(self) -> None:
+        self.cards: list[Card] = []
+        self._apart: list[tuple[str, list[str], str, str, str]] = []
+
+    def add(self, text: str, place: str) -> None:
+        """Add a line as a new card, or as a continuation."""
+        name, words, after = _split_fields(text, place)
+        if name and name[0] not in "+*":
+            self.cards.append(Card(name.rstrip("*"), place, words, after))
+            return
+        mark = name.lstrip("+*")
+        if self.cards and (not mark or _matches(self.cards[-1].after, mark)):
+            _continue(self.cards[-1], words, after)
+        else:
+            self._apart.append((mark, words, after, text, place))
+
+    def finish(self) -> list[Card]:
+        """Return the cards with all continuations.
+
+        Raises
+        ------
+        InputError : a continuation belongs to no card, or to several.
+        """
+        waiting = self._apart
+        while waiting:
+            left = []
+            for line in waiting:
+                mark, words, after, _, _ = line
+                owners = [c for c in self.cards if mark and _matches(c.after, mark)]
+                if len(owners) == 1:
+                    _continue(owners[0], words, after)
+                else:
+                    left.append(line)
+            if len(left) == len(waiting):
+                *_, text, place = left[0]
+                raise InputError(
+                    f"continues no card, or several: {text[:30]!r}",
+                    place=place,
+                    expected="continuations right behind their card, or a mark that "
+                    "one card has at its end",
+                )
+            waiting = left
+        return self.cards
+
+
+def _matches(after: str, mark: str) -> bool:
+    """Return whether marks are the same; the first character at the end is any."""
+    return mark in (after.lstrip("+*"), after[1:])
+
+
+def _continue(card: Card, words: list[str], after: str) -> None:
     card.words += words
     card.after = after
 

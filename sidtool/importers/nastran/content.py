@@ -240,10 +240,7 @@ _DAMPING = """
 """
 #: Alternatives to refused cards.
 ALTERNATIVES = {
-    **dict.fromkeys(
-        ("CTUBE", "CBEND"),
-        "CROD or CBAR with the same section",
-    ),
+    "CBEND": "CBAR with the same section",
     **dict.fromkeys(
         ("CELAS3", "CELAS4", "CBUSH1D", "CBUSH2D", "CGAP"),
         "a force in the scene between markers",
