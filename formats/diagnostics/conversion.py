@@ -260,7 +260,7 @@ ENTRIES = (
         INFO,
         "own shells, bars and springs instead of those of CalculiX: {reason}",
         "The deck has what CalculiX does not have, or joins by rigid knots as large "
-        "as the sections are thick.",
+        "as the sections are thick; or CalculiX is not installed.",
         example={"reason": "edges where its shells meet"},
     ),
     Entry(

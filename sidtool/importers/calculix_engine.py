@@ -76,6 +76,11 @@ class CalculixResult:
     warnings: tuple[str, ...]
 
 
+def is_installed() -> bool:
+    """Whether there is CalculiX (``ccx``)."""
+    return shutil.which("ccx") is not None
+
+
 def run_calculix(lines: list[str], source: Path) -> CalculixResult:
     """Compute matrices and mesh of a deck's free body by CalculiX (``ccx``).
 
@@ -88,7 +93,7 @@ def run_calculix(lines: list[str], source: Path) -> CalculixResult:
     ------
     InputError : CalculiX is not installed, or refuses the deck.
     """
-    if shutil.which("ccx") is None:
+    if not is_installed():
         raise InputError(
             "CalculiX (ccx) is not installed",
             place="geometry.engine",

@@ -12,6 +12,7 @@ from sidtool.formats.base.errors import InputError
 from ...mesh.imported_mesh import RawMass
 from ...mesh.materials import AnisotropicMaterial, CylindricalMaterial, ElasticMaterial
 from ..abaqus.element_types import calculix_type
+from ..calculix_engine import is_installed
 from .bulk_data import bulk_data
 from .cards import Card
 from .constraints import equations_of
@@ -59,9 +60,9 @@ def is_bulk(file: str | Path) -> bool:
 def beyond_calculix(
     path: Path, ignored: Iterable[str], density: float | None = None
 ) -> str:
-    """Return a text on content that the elements of sidtool have but a CalculiX deck
-    has not; "" for none. Shells of sidtool have corner nodes only, so decks with CQUAD8
-    or CTRIA6 are left to CalculiX.
+    """Return why the elements of sidtool are used: content that a CalculiX deck has
+    not, or no CalculiX; "" for none. Shells of sidtool have corner nodes only, so decks
+    with CQUAD8 or CTRIA6 are left to CalculiX.
 
     Raises
     ------
@@ -95,11 +96,10 @@ def beyond_calculix(
             [w for n, w in content.shell_fields.items() if any(w[len(angles[n]) :])],
         ),
     )
-    return (
-        ", ".join(what for what, is_present in held if is_present)
-        if True in flat
-        else ""
-    )
+    if True not in flat:
+        return ""
+    beyond = ", ".join(what for what, is_present in held if is_present)
+    return beyond or ("" if is_installed() else "CalculiX (ccx) is not installed")
 
 
 def _extent(mass: RawMass) -> tuple[float, ...]:

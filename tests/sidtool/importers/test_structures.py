@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import WARNING
+from sidtool.importers.nastran.bulk_data import read_bdf
 from tests.codes import with_code
 
 from .bars.decks import MATERIAL, NU, RHO, E, G, body, bulk
@@ -86,6 +87,18 @@ def test_a_tilted_plate_has_the_frequencies_of_leissa(
     rigidity = E * depth**3 / 12 / (1 - NU**2)
     own = frequencies(sid)[:3] * 2 * np.pi * side**2 * np.sqrt(RHO * depth / rigidity)
     assert_allclose(own, LEISSA, rtol=close)
+
+
+def test_a_plate_without_calculix_has_own_shells(tmp_path: Path) -> None:
+    """`ccx` is hidden from tests without the mark."""
+    side, depth = 0.4, 0.004
+    cards = strip(10, 10, (side, side), turn=np.eye(3))
+    text = bulk(*cards, f"PSHELL,1,1,{depth},1,,1", MATERIAL)
+    sid = body(tmp_path, text, geometry={"engine": "calculix"})
+    assert "not installed" in str(with_code(sid, "N132")[0].data["reason"])
+    rigidity = E * depth**3 / 12 / (1 - NU**2)
+    own = frequencies(sid)[:3] * 2 * np.pi * side**2 * np.sqrt(RHO * depth / rigidity)
+    assert_allclose(own, LEISSA, rtol=0.015)
 
 
 def test_a_stiffener_below_a_strip_bends_it_about_their_common_axis(
@@ -379,3 +392,39 @@ def test_membranes_resist_no_motion_out_of_their_plane(tmp_path: Path) -> None:
     line = body(tmp_path, bulk(*bar), modes=2)
     assert_allclose(box.mass, line.mass, rtol=1e-4)
     assert_allclose(frequencies(box), frequencies(line), rtol=5e-3)
+
+
+def layered_shear(folder: Path, plies: str, *materials: str) -> np.ndarray:
+    """Transverse shear stiffness (2, 2) of a square of a PCOMP."""
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    cards = [grid(k, corner) for k, corner in enumerate(corners, 1)]
+    cards += ["CQUAD4,1,1,1,2,3,4", f"PCOMP,1{plies}", *materials]
+    (folder / "one.bdf").write_text(bulk(*cards), encoding="utf-8")
+    (shell,) = read_bdf(folder / "one.bdf", bending=True).shells
+    return np.asarray(shell.section.shear)
+
+
+@pytest.mark.parametrize("bottom", ["", "0.", "-.02"])
+def test_plies_of_one_material_shear_like_a_plate(bottom: str, tmp_path: Path) -> None:
+    """5/6 G t, of three plies in other directions and wherever the nodes are."""
+    plies = f",{bottom},,,,,,,\n,1,.002,,,1,.005,30.,\n,1,.003,90."
+    shear = layered_shear(tmp_path, plies, MATERIAL)
+    assert_allclose(shear, 5 / 6 * G * 0.01 * np.eye(2), rtol=1e-12, atol=1e-3)
+
+
+def test_the_core_of_a_sandwich_carries_its_shear(tmp_path: Path) -> None:
+    """G d^2/c between thin stiff skins (H. G. Allen, "Analysis and design of
+    structural sandwich panels", 1969), with both moduli of a honeycomb.
+    """
+    skin, core, g1, g2 = 1e-4, 0.02, 4e8, 2e8
+    plies = f",,,,,,,,\n,1,{skin},,,2,{core},,\n,1,{skin},"
+    honeycomb = f"MAT8,2,1000.,1000.,.25,1000.,{g1!r},{g2!r},72."
+    shear = layered_shear(tmp_path, plies, MATERIAL, honeycomb)
+    expected = np.diag([g1, g2]) * (core + skin) ** 2 / core
+    assert_allclose(shear, expected, rtol=1e-4, atol=1.0)
+
+
+def test_layers_without_a_membrane_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as error:
+        layered_shear(tmp_path, ",,,,,,,BEND,\n,1,.01,", MATERIAL)
+    assert "BEND" in error.value.problem
