@@ -34,6 +34,8 @@ _DIMENSION_COUNTS = {
     "CHAN2": 4,
     "HAT": 4,
 }
+#: Shear area of a circle, as a share of its area.
+_CIRCLE_SHEAR = 0.9
 #: Types whose shear centre is not the centroid; CBAR assumes that they coincide.
 _ECCENTRIC_TYPES = ("T", "T1", "T2", "CHAN", "CHAN1", "CHAN2", "HAT", "BOX1")
 #: Types whose orientation is not defined in words; PBAR describes them by I12.
@@ -231,8 +233,8 @@ def section_of(kind: str, sizes: Sequence[float]) -> SectionProperties:
 
     BAR: width along z, height along y; BOX: the same, thickness of the walls along z
     and of those along y. Torsion of a bar by Roark (table 10.1), of a box by Bredt.
-    Shear areas of circles and tubes are those of G. R. Cowper (J. Appl. Mech. 33,
-    1966) for nu = 0, from which those of Nastran differ by 2e-3; of a box its webs.
+    The shear area of a circle is 0.9 of its area, as Nastran has it; those of tubes are
+    of G. R. Cowper (J. Appl. Mech. 33, 1966) for nu = 0; of a box its webs.
     """
     if kind in ("ROD", "TUBE", "TUBE2"):
         outer = sizes[0]
@@ -241,7 +243,7 @@ def section_of(kind: str, sizes: Sequence[float]) -> SectionProperties:
             raise ValueError(sizes)
         i = math.pi / 4 * (outer**4 - inner**4)
         m = (inner / outer) ** 2
-        share = 6 * (1 + m) ** 2 / (7 + 34 * m + 7 * m**2)
+        share = 6 * (1 + m) ** 2 / (7 + 34 * m + 7 * m**2) if m else _CIRCLE_SHEAR
         area = math.pi * (outer**2 - inner**2)
         return SectionProperties(area, i, i, 2 * i, (share, share))
     if kind in _PLATES:
