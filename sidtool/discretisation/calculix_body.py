@@ -129,9 +129,9 @@ def calculix_model(
             if geometry.order == 2 or ours:
                 names = read_deck_names(deck_file, left_out)
                 taken = quadratic_deck(lines, names, shells_only=ours)
-                result = run_calculix(taken.lines, path)
+                result = run_calculix(taken.lines, path, notify)
             else:
-                result = run_calculix(lines, path)
+                result = run_calculix(lines, path, notify)
                 taken = QuadraticDeck(lines, read_deck_names(deck_file, left_out), {})
         body = _expanded_mesh(result, taken.names)
         alternative = _quadratic_alternative(taken, path, units)
@@ -163,7 +163,7 @@ def _quadratic_alternative(
         return None
 
     def discretise() -> FiniteElementModel:
-        body = _expanded_mesh(run_calculix(better.lines, path), better.names)
+        body = _expanded_mesh(run_calculix(better.lines, path, notify), better.names)
         return _checked_body(body, better.names, units)
 
     own, new = (
@@ -369,6 +369,7 @@ def _checked_body(
     unmarked = FiniteElementModel(
         mesh.positions, None, k, {}, (), full_mass=m, internal=body.internal
     )
+    notify("checking the matrices of CalculiX")
     check_definite(m, k)
     scalar = scalar_mass(m, table)
     if scalar is None:
@@ -473,7 +474,8 @@ def refine_positions(
     places = positions - centre
     largest = float((stiffness.diagonal() / mass.diagonal()).max())
     before = np.inf
-    for _ in range(_MAX_ITERATIONS):
+    for step in range(1, _MAX_ITERATIONS + 1):
+        notify(f"refining positions, step {step} of at most {_MAX_ITERATIONS}")
         body = FiniteElementModel(places, None, stiffness, {}, ())
         first, _ = softest_deformation(stiffness, mass, places, body.table)
         if abs(first - before) < _CONVERGENCE_TOLERANCE * before:

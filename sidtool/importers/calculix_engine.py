@@ -12,6 +12,8 @@ import re
 import shutil
 import subprocess
 import tempfile
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,6 +47,10 @@ _ORDERS = {
     "hex20": (*range(12), *range(16, 20), *range(12, 16)),
     "wedge15": (*range(9), *range(12, 15), *range(9, 12)),
 }
+#: Ending of what a job writes -> its name.
+_PRODUCTS = {".dof": "matrices", ".frd": "mesh"}
+#: Seconds between two reports of a job.
+_REPORT_INTERVAL = 10.0
 _PROBLEM = re.compile(
     r"^ *\*(ERROR|WARNING)(.*(?:(?<=:)\n.*)?(?:\n {6,}\S.*)*)", re.MULTILINE
 )
@@ -81,13 +87,16 @@ def is_installed() -> bool:
     return shutil.which("ccx") is not None
 
 
-def run_calculix(lines: list[str], source: Path) -> CalculixResult:
+def run_calculix(
+    lines: list[str], source: Path, report: Callable[[str], None] = lambda _: None
+) -> CalculixResult:
     """Compute matrices and mesh of a deck's free body by CalculiX (``ccx``).
 
     Parameters
     ----------
     lines : lines of the deck, without steps
     source : file that messages name
+    report : called from time to time with what CalculiX does
 
     Raises
     ------
@@ -102,8 +111,14 @@ def run_calculix(lines: list[str], source: Path) -> CalculixResult:
     moved, centre = centre_nodes(lines)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        messages = _run_job(folder, "body", [*lines, _MATRICES], source, ".dof")
-        _run_job(folder, "mesh", [*without_layers(moved), _MESH], source, ".frd")
+        jobs = (
+            ("body", [*lines, _MATRICES], ".dof"),
+            ("mesh", [*without_layers(moved), _MESH], ".frd"),
+        )
+        messages, _ = (
+            _run_job(folder, job, text, source, product, report)
+            for job, text, product in jobs
+        )
         dofs = np.array(
             [
                 line.split(".")
@@ -125,27 +140,36 @@ def run_calculix(lines: list[str], source: Path) -> CalculixResult:
 
 
 def _run_job(
-    folder: Path, job: str, lines: list[str], source: Path, product: str
+    folder: Path,
+    job: str,
+    lines: list[str],
+    source: Path,
+    product: str,
+    report: Callable[[str], None],
 ) -> tuple[str, ...]:
     """Run a job and return its warnings."""
     text = "\n".join(lines)
     (folder / f"{job}.inp").write_text(text, "latin-1", errors="replace")
-    done = subprocess.run(
-        ["ccx", job],
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        env={**os.environ, "OMP_NUM_THREADS": str(processors())},
-        check=False,
-    )
-    problems = _PROBLEM.findall(done.stdout.decode("latin-1"))
+    with (
+        (folder / f"{job}.out").open("wb") as output,
+        subprocess.Popen(
+            ["ccx", job],
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "OMP_NUM_THREADS": str(processors())},
+        ) as process,
+    ):
+        _wait(process, f"CalculiX writes the {_PRODUCTS[product]}", report)
+    text = (folder / f"{job}.out").read_text("latin-1")
+    problems = _PROBLEM.findall(text)
     messages = [(kind, " ".join(message.split())) for kind, message in problems]
     errors = [message for kind, message in messages if kind == "ERROR"]
     result = folder / f"{job}{product}"
     if (
         errors
-        or done.returncode < 0
+        or process.returncode < 0
         or not result.exists()
         or not result.stat().st_size
     ):
@@ -158,6 +182,24 @@ def _run_job(
             else "a deck that CalculiX solves",
         )
     return tuple(dict.fromkeys(m for kind, m in messages if kind == "WARNING"))
+
+
+def _wait(
+    process: subprocess.Popen[bytes], what: str, report: Callable[[str], None]
+) -> None:
+    """Wait for a process, which an interruption ends, too."""
+    begin = time.monotonic()
+    try:
+        while True:
+            try:
+                process.wait(_REPORT_INTERVAL)
+            except subprocess.TimeoutExpired:
+                report(f"{what}, for {time.monotonic() - begin:.0f} s now")
+            else:
+                return
+    except BaseException:
+        process.kill()
+        raise
 
 
 def _read_matrix(path: Path, size: int) -> sp.csr_matrix:

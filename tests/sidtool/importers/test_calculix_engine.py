@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-import subprocess
+import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -212,6 +213,18 @@ def test_a_missing_density_is_refused_with_its_remedy(tmp_path: Path) -> None:
     assert "geometry.density" in str(caught.value.expected)
 
 
+@pytest.mark.needs("ccx")
+def test_calculix_reports_that_it_is_at_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calculix_engine, "_REPORT_INTERVAL", 1e-3)
+    path = model_file(tmp_path, plate_deck("S8R", 0.3, shell(0.005), 3), 2)
+    stages: list[str] = []
+    sid_from_model(path, stages.append)
+    for stage in ("matrices", "mesh", "refining positions, step 1"):
+        assert any(stage in text for text in stages)
+
+
 def test_without_calculix_the_message_names_the_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -388,19 +401,19 @@ def test_content_skipped_by_geometry_ignore_is_noted(tmp_path: Path) -> None:
 
 
 @pytest.mark.needs("ccx")
+@pytest.mark.skipif(os.name == "nt", reason="a script of the shell")
 def test_warnings_of_calculix_are_diagnostics(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each once, on however many lines they are."""
-    run = subprocess.run
-    text = b"\n *WARNING in e_c3d: not\n       meant\n"
-
-    def warn(*given: Any, **options: Any) -> Any:
-        done = run(*given, **options)
-        done.stdout += 2 * text
-        return done
-
-    monkeypatch.setattr(calculix_engine.subprocess, "run", warn)
+    text = " *WARNING in e_c3d: not\\n       meant\\n"
+    own = tmp_path / "programs" / "ccx"
+    own.parent.mkdir()
+    lines = ["#!/bin/sh", f'{shutil.which("ccx")} "$@"', f"printf '\\n{2 * text}'", ""]
+    own.write_text("\n".join(lines), encoding="utf-8")
+    own.chmod(0o755)
+    path = os.pathsep.join((str(own.parent), os.environ["PATH"]))
+    monkeypatch.setenv("PATH", path)
     sid = sid_from_model(
         model_file(tmp_path, plate_deck("S8R", 0.3, shell(0.005), 3), 2)
     )
