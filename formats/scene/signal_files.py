@@ -131,6 +131,12 @@ def _read_text(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:
     indices = [_index(c, k, header, width) for k, c in enumerate(columns)]
     result: list[list[float]] = [[] for _ in indices]
     for line, row in rows:
+        if any(row[width:]):
+            raise InputError(
+                f"found {len(row)} cells",
+                place=f"line {line}",
+                expected=f"{width}, and decimal points",
+            )
         for values, index in zip(result, indices, strict=True):
             if index >= len(row) or not is_finite_number(row[index]):
                 raise InputError(
@@ -160,6 +166,11 @@ def _index(column: Column, default: int, header: list[str], width: int) -> int:
     if isinstance(column, str):
         names = [split_unit(name)[0] for name in header]
         for known in (header, names):
+            if known.count(column) > 1:
+                raise InputError(
+                    f"has {known.count(column)} columns {column!r}",
+                    expected="one, or the number of the column",
+                )
             if column in known:
                 return known.index(column)
     asked = "a further column" if column is None else f"column {column!r}"

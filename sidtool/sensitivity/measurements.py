@@ -45,14 +45,16 @@ def read_measurements(path: Path) -> dict[str, Measurement]:
         raise InputError(f"cannot be read: {error}", source=path) from None
     heads = [split_unit(name) for name in rows[0]] if rows else []
     names = [name for name, _ in heads]
-    if names[:1] != ["t"] or len(names) < 2:
+    if names[:1] != ["t"] or len(names) < 2 or len(set(names)) < len(names):
         raise InputError(
             f"has the columns {', '.join(names) or 'none'}",
             source=path,
-            expected="t, then outputs of the scene",
+            expected="t, then outputs of the scene, each once",
         )
     try:
         numbers = [[float(cell.strip() or "nan") for cell in row] for row in rows[1:]]
+        if any(len(row) != len(names) for row in numbers):
+            raise ValueError
         table = np.array(numbers, float).reshape(-1, len(names))
     except ValueError:
         raise InputError(

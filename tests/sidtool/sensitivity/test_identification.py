@@ -121,6 +121,8 @@ def test_measurements_in_other_units(tmp_path: Path) -> None:
     "text",
     [
         "",
+        "t,block.x,block.x\n0,1,1\n2,3,3\n",
+        "t,block.x\n0,1,1,2\n2,3,3,4\n",
         "t [mm],block.x\n0,1\n1,2\n",
         "t,block.x [s]\n0,1\n1,2\n",
         "time,x\n0,1\n",

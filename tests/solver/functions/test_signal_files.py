@@ -141,6 +141,8 @@ def test_columns_of_files(tmp_path: Path) -> None:
         file.write_text(text, encoding="utf-8")
         found = read_columns(file, ["t", "z"])
         assert found == [((0.0, 1.0), ""), ((1.0, 2.0), "m")]
+    file.write_text("t,z\n0,1,\n1,2,\n", encoding="utf-8")
+    assert read_columns(file, ["z"])[0].values == (1.0, 2.0)
     file.write_text("0 5 1\n1 5 2\n", encoding="utf-8")
     assert read_columns(file, [None, 3]) == [((0.0, 1.0), ""), ((1.0, 2.0), "")]
     with h5py.File(tmp_path / "a.h5", "w") as stored:
@@ -272,6 +274,9 @@ def test_an_input_has_the_unit_of_what_takes_it() -> None:
         ("t,z\n0,1\n1,x\n", "z", "line 3: found '1 x'; expected a number in column 2"),
         ("t,z\n0,1\n1\n", "z", "line 3: found '1'; expected a number in column 2"),
         ("0,1\n1,2\n", 3, "has not column 3; expected 1 to 2"),
+        ("t,z [m],z [mm]\n0,1,1\n1,2,2\n", "z", "has 2 columns 'z'; expected one"),
+        ("t,z\n0,1\n0,5,1,2\n", "z", "line 3: found 4 cells; expected 2"),
+        ("t,z\n0,1\n1,1,234.5\n", "z", "line 3: found 3 cells; expected 2"),
         ("# nothing\n", "z", "holds no values"),
     ],
 )
