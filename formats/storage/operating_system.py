@@ -9,8 +9,8 @@ import stat
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path, PureWindowsPath
 from typing import Any
@@ -463,6 +463,34 @@ def signal_handler(number: int) -> Handler:
 def handle_signal(number: int, handler: Handler) -> Handler:
     """Answer a signal with `handler(number, frame)`; what answered it before."""
     return signal.signal(number, handler)
+
+
+@contextmanager
+def hold_ending_signals() -> Iterator[None]:
+    """Let signals that end a program wait, also in processes that are started inside.
+
+    Such a process holds them until it calls `ignore_ending_signals`. Otherwise a signal
+    to all processes of a terminal or a job ends it while it imports modules. Windows
+    cannot hold signals.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    held = present_signals(ENDING_SIGNALS)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, held)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def ignore_ending_signals() -> None:
+    """Ignore signals that end a program, and forget those that were held."""
+    numbers = present_signals(ENDING_SIGNALS)
+    for number in numbers:
+        signal.signal(number, IGNORED)
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
 
 
 def is_usual_interrupt(handler: Handler) -> bool:

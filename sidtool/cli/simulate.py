@@ -179,8 +179,8 @@ def simulate(
 
     Exit status: 0 done, or ended by an event; 1 the run stopped early, or a body
     deformed by more than its own size, so that its numbers are meaningless (the files
-    hold the motion so far); 130 or 143 ended by a signal (likewise); 2 the input is
-    wrong, and nothing is written.
+    hold the motion so far); 128 + N ended by signal N, 130 by Ctrl-C (likewise); 2 the
+    input is wrong, and nothing is written.
     """
     from sidtool.solver.system.errors import SimulationError
 

@@ -174,8 +174,8 @@ def study(
           --model rod=rod_q4.toml --model rod=rod_iga.toml
 
     Exit status: 0 done, also if no setting reaches the wanted error; 1 the scene or its
-    reference could not be run to the end; 129, 130 or 143 a signal ended it (finished
-    points are kept with -o); 2 the input is wrong.
+    reference could not be run to the end; 128 + N signal N ended it, 130 for Ctrl-C
+    (finished points are kept with -o); 2 the input is wrong.
     """
     from ..api.study import study as asked_study
     from ..study import StoppedEarly, StudyInterrupted
@@ -406,8 +406,8 @@ def sweep(
       sidtool sweep arm.toml --over parameters.h=0.01:0.02:11 \\
           --over parameters.load=1,2,5 --of "arm.tip.*.max" -o h.csv -o h.png
 
-    Exit status: 0 done; 1 some runs failed, and their rows say why; 129, 130 or 143 a
-    signal ended it (finished runs are kept with -o); 2 the input is wrong.
+    Exit status: 0 done; 1 some runs failed, and their rows say why; 128 + N signal N
+    ended it, 130 for Ctrl-C (finished runs are kept with -o); 2 the input is wrong.
     """
     from ..api.sweep import sweep as asked_sweep
     from ..study import StudyInterrupted

@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import (
     FIRST_COMPLETED,
+    BrokenExecutor,
     Executor,
     Future,
     ProcessPoolExecutor,
@@ -31,13 +32,11 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import (
-    ENDING_SIGNALS,
-    IGNORED,
     MAX_POOL_PROCESSES,
     busy_seconds,
     end_with_parent,
-    handle_signal,
-    present_signals,
+    hold_ending_signals,
+    ignore_ending_signals,
 )
 
 from ..pipeline.model_cache import model_digest
@@ -167,6 +166,24 @@ class SerialExecutor(Executor):
         return done
 
 
+class _ProcessExecutor(ProcessPoolExecutor):
+    """Pool whose processes ignore the signals that end a study, also while they start.
+
+    The process of the study handles these signals, and ends its workers.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        with hold_ending_signals():
+            super().__init__(jobs, context, _start_worker, (os.getpid(),))
+
+    def submit(  # type: ignore[override]
+        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+    ) -> Future[Any]:
+        with hold_ending_signals():  # this starts processes
+            return super().submit(fn, *args, **kwargs)
+
+
 @contextmanager
 def make_executor(jobs: int, dask: str | None) -> Iterator[tuple[Executor, int]]:
     """Return the executor, and the number of simultaneous tasks.
@@ -196,8 +213,7 @@ def _process_pool(jobs: int) -> Iterator[Executor]:
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     others = set(multiprocessing.active_children())
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(jobs, context, _ignore_signals, (os.getpid(),))
+    executor = _ProcessExecutor(jobs)
     try:
         yield executor
         executor.shutdown()
@@ -214,12 +230,9 @@ def _process_pool(jobs: int) -> Iterator[Executor]:
                 os.environ[name] = value
 
 
-def _ignore_signals(parent: int) -> None:
-    """Ignore signals that end a study in a worker; the parent handles them. A worker
-    ends if its parent does.
-    """
-    for number in present_signals(ENDING_SIGNALS):
-        handle_signal(number, IGNORED)
+def _start_worker(parent: int) -> None:
+    """Ignore signals that end a study, and end with the process of the study."""
+    ignore_ending_signals()
     end_with_parent(parent)
 
 
@@ -271,22 +284,32 @@ def as_completed(
     Raises
     ------
     StudyInterrupted : `stop` returned a reason.
+    ChildProcessError : a process of the executor was ended from outside.
     """
     under_way: dict[Future[Found], Task] = {}
     left = True
-    while True:
-        while left and len(under_way) < width:
-            task = next(tasks, None)
-            left = task is not None
-            if task is not None:
-                under_way[executor.submit(do, task)] = task
-        if not under_way:
-            return
-        done, _ = wait(under_way, timeout=SIGNAL_INTERVAL, return_when=FIRST_COMPLETED)
-        for future in done:
-            yield under_way.pop(future), future.result()
-        if why := stop():
-            raise StudyInterrupted(why)
+    try:
+        while True:
+            while left and len(under_way) < width:
+                task = next(tasks, None)
+                left = task is not None
+                if task is not None:
+                    under_way[executor.submit(do, task)] = task
+            if not under_way:
+                return
+            done, _ = wait(
+                under_way, timeout=SIGNAL_INTERVAL, return_when=FIRST_COMPLETED
+            )
+            for future in done:
+                yield under_way.pop(future), future.result()
+            if why := stop():
+                raise StudyInterrupted(why)
+    except BrokenExecutor:
+        if why := stop():  # the signal ended a process of the executor, too
+            raise StudyInterrupted(why) from None
+        raise ChildProcessError(
+            "a process of the study was ended from outside, as when memory is full"
+        ) from None
 
 
 #: Version of the measurement; stored points of another version are not used.

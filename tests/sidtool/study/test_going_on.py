@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib
 import json
+import multiprocessing
 import os
 import signal
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from sidtool.measurement import tasks
-from sidtool.measurement.tasks import make_executor
+from sidtool.measurement.tasks import as_completed, make_executor
 from sidtool.study import StudyInterrupted, run_study
 from tests.places import posix
 
@@ -167,6 +168,35 @@ def test_a_signal_to_all_processes_ends_none_of_a_pool() -> None:
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             os.kill(process, getattr(signal, name))
         assert executor.submit(os.getpid).result() > 0
+
+
+@posix
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_no_process_that_starts(name: str) -> None:
+    """It is that of the study and not ended by Ctrl-C while it imports modules."""
+    with make_executor(2, None) as (executor, _):
+        others = multiprocessing.active_children()
+        found = executor.submit(os.getpid)
+        (process,) = set(multiprocessing.active_children()) - set(others)
+        assert process.pid is not None
+        os.kill(process.pid, getattr(signal, name))
+        assert found.result() == process.pid
+        assert executor.submit(os.getpid).result() > 0
+
+
+@pytest.mark.parametrize(
+    ("reason", "error"), [("", ChildProcessError), ("enough", StudyInterrupted)]
+)
+def test_a_process_that_is_ended_from_outside_ends_the_study(
+    reason: str, error: type[Exception]
+) -> None:
+    """After a signal that was for the study, too, the study ends by that signal."""
+    with (
+        pytest.raises(error, match=reason or "ended from outside"),
+        make_executor(2, None) as (executor, width),
+    ):
+        assert executor.submit(os._exit, 1).exception() is not None
+        list(as_completed(executor, width, abs, iter([1]), lambda: reason))
 
 
 def test_a_pool_has_no_more_processes_than_the_system_takes(
