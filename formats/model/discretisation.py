@@ -101,7 +101,8 @@ class BeamDiscretisation(Table):
     elements : along the beam, of equal length between places at which elements end:
         stations of its section or twist, markers, lumped masses and section forces. Of
         a frame: along each member
-    theory : without or with deformation by shear
+    theory : without or with deformation by shear; by default with it where sections
+        state their shear stiffness (GA_y and GA_z, matrices, shear_y and shear_z)
     mass : consistent (that of the displacement field and the turning cross-sections) or
         lumped (half of an element as a rigid piece that each of its nodes carries, with
         its own centre and inertia)
@@ -109,7 +110,7 @@ class BeamDiscretisation(Table):
 
     type: Literal["beam"] = "beam"
     elements: Annotated[int, Field(ge=1, le=100_000)]
-    theory: Literal["euler_bernoulli", "timoshenko"] = "euler_bernoulli"
+    theory: Literal["euler_bernoulli", "timoshenko"] | None = None
     mass: Literal["consistent", "lumped"] = "consistent"
 
 

@@ -13,7 +13,7 @@ from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import Material, ModelFile, NodeMarker
-from sidtool.formats.model.beams import BeamGeometry, RectangularSection
+from sidtool.formats.model.beams import BeamGeometry, GeneralSection, RectangularSection
 from sidtool.formats.model.discretisation import BeamDiscretisation
 
 from ..elements.finite_element_model import (
@@ -95,6 +95,7 @@ def _area(geometry: BeamGeometry) -> Profile:
 
 
 Indices = NDArray[np.int64]
+_SHEAR_AREAS = {"shear_y", "shear_z"}
 #: Positions of markers this near to the axis, relative to its length, are on it: a
 #: spline follows a curve only so well.
 _ON_LINE, _ON_CURVE = 1e-9, 1e-4
@@ -117,8 +118,8 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     geometry, settings = model.geometry, model.discretisation
     assert isinstance(geometry, BeamGeometry)
     assert isinstance(settings, BeamDiscretisation)
-    shear = settings.theory == "timoshenko"
-    beam, per_length, density = beam_properties(geometry, model.material, shear=shear)
+    found = beam_properties(geometry, model.material, settings.theory)
+    beam, per_length, density = found
     axis = beam.axis
     cuts = model.section_forces.fractions if model.section_forces else {}
     named, places = dict(with_places(model.markers)), dict[str, float]()
@@ -188,14 +189,15 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
 
 
 def beam_properties(
-    geometry: BeamGeometry, material: Material | None, *, shear: bool
+    geometry: BeamGeometry, material: Material | None, theory: str | None
 ) -> tuple[BeamProperties, Profile, float]:
     """Return the beam, its mass per length, and the density of its sections.
 
     Parameters
     ----------
     material : None for sections at stations
-    shear : whether cross-sections shear (Timoshenko)
+    theory : of [discretisation]; without it cross-sections shear where they state
+        their shear stiffness
 
     Raises
     ------
@@ -205,10 +207,16 @@ def beam_properties(
     if geometry.sections is not None:
         stations = station_sections(geometry, axis.length)
         axis = replace(axis, twist=stations.twist)
+        stated = stations.at(0.0).sheared is not None
+        shear = stated if theory is None else theory == "timoshenko"
         return BeamProperties(stations.at, axis, 0.0, 0.0, shear), stations.mass, 1.0
     assert material is not None
     e, nu = material.youngs_modulus, material.poissons_ratio
     section = sections_along(geometry, nu)
+    stated = isinstance(
+        geometry.section, GeneralSection
+    ) and not _SHEAR_AREAS.isdisjoint(geometry.section.model_fields_set)
+    shear = stated if theory is None else theory == "timoshenko"
     beam = BeamProperties(section, axis, e, e / (2 * (1 + nu)), shear)
     per_length = _area(geometry) * profile(material.density, "linear")
     return beam, per_length, material.density

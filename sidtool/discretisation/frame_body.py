@@ -182,7 +182,6 @@ def _members(
     settings: BeamDiscretisation,
     labels: Mapping[str, int],
 ) -> list[Member]:
-    shear = settings.theory == "timoshenko"
     asked = model.section_forces
     found, next_label = [], len(labels) + 1
     for name, given in geometry.members.items():
@@ -191,7 +190,7 @@ def _members(
         if given.sections is not None:
             material = None
         with _name_member(name):
-            beam, per_length, density = beam_properties(own, material, shear=shear)
+            beam, per_length, density = beam_properties(own, material, settings.theory)
         cut = asked is not None and (asked.members is None or name in asked.members)
         cuts = list(asked.fractions.values()) if asked and cut else []
         count = given.elements or settings.elements
