@@ -77,7 +77,7 @@ def check_scene(scene: SceneTables, fitting: SceneTables | None = None) -> None:
         check_initial(body.initial, f"bodies.{name}.initial", scene.dimension)
     for name, joint in _changed_parts("joints", scene, fitting):
         check_joint(joint, f"joints.{name}", scene)
-    acting = ("inputs", "drives", "forces", "outputs", "accuracy", "events")
+    acting = ("inputs", "drives", "forces", "outputs", "accuracy", "events", "initial")
     if all(getattr(scene, part) is getattr(fitting, part, None) for part in acting):
         return
     _check_inputs(scene)
@@ -91,6 +91,7 @@ def check_scene(scene: SceneTables, fitting: SceneTables | None = None) -> None:
             continue  # what it stands for is known with the SIDs
         _check_output(output, f"outputs.record[{index}]", scene)
     _check_wanted(scene)
+    _check_start(scene)
     for name, event in scene.events.items():
         place = f"events.{name}.quantity"
         if not has_wildcard(event.quantity):
@@ -302,6 +303,25 @@ def _check_connection(
             raise_failure(
                 place, problem, "one of " + ", ".join(quantities_of(owner, scene))
             )
+
+
+def _check_start(scene: SceneTables) -> None:
+    """Check what a search for an equilibrium begins with. A result may hold more than
+    the scene has.
+    """
+    if scene.initial.state != "static":
+        return
+    for key in scene.initial.states or {}:
+        place = f"initial.states.{key}"
+        if key.split(".")[1:2] != [STATE]:
+            raise_failure(place, "is not a state of a law", "FORCE.state.NAME")
+        _check_output(key, place, scene)
+    for key in scene.initial.rotations or {}:
+        place, known = f"initial.rotations.{key}", [*scene.joints, *scene.forces]
+        owner = key.partition(".")[0]
+        if owner not in known:
+            expected = expected_names(owner, known, "joint or force")
+            raise_failure(place, f"there is no joint or force {owner!r}", expected)
 
 
 def _check_state(name: OutputName, place: str, scene: SceneTables) -> None:

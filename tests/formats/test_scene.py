@@ -235,6 +235,39 @@ def test_a_wrong_key_of_a_spatial_scene(key: str, value: object, message: str) -
         validate_data(changed(spatial(), key, value), SceneFile, source="s.toml")
 
 
+@pytest.mark.parametrize(
+    ("start", "place"),
+    [
+        ({"states": {"motor.state.sum": 1.0}}, "initial.states.motor.state.sum"),
+        ({"states": {"motor.state": 1.0}}, "initial.states.motor.state"),
+        ({"states": {"motor.angle": 1.0}}, "initial.states.motor.angle"),
+        ({"states": {"slider.state.x": 1.0}}, "initial.states.slider.state.x"),
+        ({"rotations": {"sldier.angle": 7.0}}, "initial.rotations.sldier.angle"),
+    ],
+)
+def test_a_static_start_begins_with_states_that_exist(
+    start: dict[str, Any], place: str
+) -> None:
+    """A wrong name would leave the search at another start without a word."""
+    motor = {
+        "type": "actuator",
+        "joint": "slider",
+        "function": {
+            "type": "expression",
+            "value": "work",
+            "states": {"work": {"rate": "1.0"}},
+        },
+    }
+    data = planar() | {"forces": {"motor": motor}}
+    good = {"state": "static", "states": {"motor.state.work": 2.0}}
+    validate_data(data | {"initial": good}, SceneFile)
+    with pytest.raises(InputError) as raised:
+        validate_data(data | {"initial": {"state": "static", **start}}, SceneFile)
+    assert raised.value.place == place
+    result = {"state": "result", "file": "other.h5"}
+    validate_data(data | {"initial": {**result, **start}}, SceneFile)
+
+
 def test_output_times_hit_the_end_and_the_written_decimals() -> None:
     times = output_times(read_scene(EXAMPLE))
     assert len(times) == 301
