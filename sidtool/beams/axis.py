@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.base.complex_step import analytic_norm, number_type, numbers
+from sidtool.formats.base.complex_step import analytic_norm, numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.beams import BeamGeometry
@@ -20,8 +20,9 @@ from .cross_section import Profile, profile, section_turn
 
 #: Sines of angles below this count as zero.
 _PARALLEL_TOLERANCE = 1e-9
-#: Pieces of every span of a spline, and Gauss points of each, for its length.
-_PIECES, _POINTS = 8, 8
+#: Pieces of every span of a spline, and Gauss points of each, for its length and
+#: the direction of its cross-sections.
+_PIECES, _POINTS = 32, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,10 +162,8 @@ def straight_axis(
 
 def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Axis:
     """A cubic spline through points, whose parameter runs with their distances."""
-    from scipy.integrate import solve_ivp
-
     knots = np.concatenate([[0], np.cumsum(steps)])
-    end, spline = knots[-1], _CubicSpline(knots, points)
+    spline = _CubicSpline(knots, points)
     first, second = partial(spline, order=1), partial(spline, order=2)
     marks = _refine_knots(knots)
     x, w = gauss_legendre(_POINTS)
@@ -194,33 +193,77 @@ def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Ax
         along = (tangent * turning).sum(axis=-1, keepdims=True)
         return tangent, (turning - along * tangent) / speed**2
 
-    def carry(share: Array, y: Array) -> Array:
-        """The change of y (n, 3) over the share of the parameter."""
-        tangent, change = bent(share * end)
-        speed = analytic_norm(first(share * end), axis=-1)
-        turned = (change * y).sum(axis=-1) * speed * end
-        return np.asarray(-turned[:, None] * tangent)
-
     begin = _y_direction(y_axis, bent(np.zeros(1))[0][0])
-    run_along = solve_ivp(
-        lambda share, y: carry(np.array([share]), y[None])[0],
-        (0, 1),
-        begin.astype(number_type(begin, points)),
-        method="DOP853",
-        rtol=1e-10,
-        atol=1e-12,
-        dense_output=True,
-    ).sol
-
-    def transported_y(parameter: Array) -> Array:
-        share = parameter / end
-        tangent, y = bent(parameter)[0], run_along(share.real).T
-        if np.iscomplexobj(share):
-            y = y + 1j * share.imag[:, None] * carry(share.real, y)
-        y = y - (y * tangent).sum(axis=1, keepdims=True) * tangent
-        return np.asarray(y / analytic_norm(y, axis=1, keepdims=True))
-
+    transported_y = _Transport(marks, first, bent, begin)
     return Axis(length, False, parameters, spline, bent, transported_y, twist)
+
+
+class _Transport:
+    """A direction y across a curve that does not turn about its tangent.
+
+    It is seen in axes a, b across the tangent t; a is a fixed direction r made
+    perpendicular to t. It turns from a to b at the rate
+    (r . t) (t' . t x r) / |t x r|^2.
+
+    Parameters
+    ----------
+    marks : (n,) parameters between which r is fixed: of the directions of space the one
+        most across the curve
+    velocity : derivatives (..., 3) of places at parameters (...)
+    bent : tangents and their changes per length at parameters
+    begin : y at the first mark
+    """
+
+    def __init__(
+        self,
+        marks: Array,
+        velocity: Callable[[Array], Array],
+        bent: Callable[[Array], tuple[Array, Array]],
+        begin: Array,
+    ) -> None:
+        self._marks, self._velocity, self._bent = marks, velocity, bent
+        middles = bent((marks[1:] + marks[:-1]) / 2)[0]
+        self._fixed = np.eye(3)[np.abs(middles.real).argmin(axis=1)]
+        every = np.arange(len(marks) - 1)
+        parts = zip(*self._turns(every, marks[1:]), strict=True)
+        transported = [begin]
+        for part in parts:
+            transported.append(_turned(transported[-1], *part))
+        self._at_marks = np.array(transported)
+
+    def __call__(self, parameters: Array) -> Array:
+        """y (n, 3) at parameters (n,)."""
+        pieces = np.searchsorted(self._marks.real, parameters.real, side="right") - 1
+        pieces = np.clip(pieces, 0, len(self._marks) - 2)
+        return _turned(self._at_marks[pieces], *self._turns(pieces, parameters))
+
+    def _turns(self, pieces: Array, ends: Array) -> tuple[Array, Array, Array]:
+        """Axes (n, 2, 3) at the starts of pieces and at their ends, angles between."""
+        r, starts = self._fixed[pieces], self._marks[pieces]
+        x, w = gauss_legendre(_POINTS)
+        half = (ends - starts)[:, None] / 2
+        at = starts[:, None] + half * (1 + x)
+        tangent, change = self._bent(at)
+        beside = np.cross(tangent, r[:, None])
+        rate = (r[:, None] * tangent).sum(axis=-1) * (change * beside).sum(axis=-1)
+        rate = rate * analytic_norm(self._velocity(at), axis=-1)
+        angles = (rate / (beside**2).sum(axis=-1)) @ w * half[:, 0]
+        return self._axes(starts, r), self._axes(ends, r), angles
+
+    def _axes(self, parameters: Array, r: Array) -> Array:
+        """The axes a and b, (n, 2, 3)."""
+        tangent = self._bent(parameters)[0]
+        b = np.cross(tangent, r)
+        b = b / analytic_norm(b, axis=-1, keepdims=True)
+        return np.stack([np.cross(b, tangent), b], axis=-2)
+
+
+def _turned(y: Array, begin: Array, end: Array, angle: Array) -> Array:
+    """y (..., 3) after a turn by an angle (...), from axes (..., 2, 3) to others."""
+    along, beside = np.moveaxis((begin * y[..., None, :]).sum(axis=-1), -1, 0)
+    c, s = np.cos(angle), np.sin(angle)
+    turned = np.stack([along * c - beside * s, along * s + beside * c], axis=-1)
+    return np.asarray((turned[..., None] * end).sum(axis=-2))
 
 
 class _CubicSpline:

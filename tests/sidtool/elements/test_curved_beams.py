@@ -12,11 +12,13 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from sidtool.beams.axis import beam_axis
 from sidtool.conversion.inertia_integrals import body_inertia
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.elements.mass_properties import geometry_mass_notes
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
+from sidtool.formats.model.beams import BeamGeometry
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 
@@ -286,6 +288,35 @@ def test_equivalent_descriptions_give_the_same_part() -> None:
         sid = sid_from_model(blade(6, **(plain | other), section=section))
         assert_allclose(np.diag(sid.Ke.m0), np.diag(known.Ke.m0), rtol=1e-8)
         assert_allclose(sid.J.m0, known.J.m0, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_cross_sections_do_not_turn_about_a_curve_in_space(seed: int) -> None:
+    """Reference: double reflections of fourth order from point to point. W. Wang,
+    B. Juettler, D. Zheng, Y. Liu: Computation of rotation minimizing frames. ACM Trans.
+    Graph. 27 (2008).
+    """
+    rng = np.random.default_rng(seed)
+    points = np.cumsum([0.6, 0.0, 0.0] + rng.normal(size=(6, 3)), axis=0)
+    start, *through, end = points.tolist()
+    geometry = blade(8, start=start, through=through, end=end).geometry
+    assert isinstance(geometry, BeamGeometry)
+    axis = beam_axis(geometry)
+    count = 20000
+    parameters = np.linspace(0.0, 1.0, count + 1) * axis.parameters(np.ones(1))
+    places, tangents = axis.place(parameters), axis.tangents(parameters)[0]
+    found = axis.transported_y(parameters)
+    y = found[0]
+    for k in range(count):
+        chord = places[k + 1] - places[k]
+        chord = chord / np.linalg.norm(chord)
+        y, tangent = (v - 2.0 * (chord @ v) * chord for v in (y, tangents[k]))
+        second = tangents[k + 1] - tangent
+        if size := second @ second:
+            y = y - 2.0 * (second @ y) / size * second
+    assert_allclose(found[-1], y, rtol=0, atol=1e-8)
+    assert_allclose((found * tangents).sum(axis=1), 0.0, rtol=0, atol=1e-14)
+    assert_allclose((found**2).sum(axis=1), 1.0, rtol=0, atol=1e-14)
 
 
 def test_markers_are_found_on_a_curved_axis() -> None:
