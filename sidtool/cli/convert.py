@@ -358,7 +358,7 @@ def _print_summary(sid: Any) -> str:
     from ..report.tables import counted_noun
 
     text = f"{counted_noun(len(sid.nodes), 'node')}, {counted_noun(sid.nq, 'mode')}"
-    frequencies = [f"{mode.frequency:.4f}" for mode in natural_modes(sid)[:5]]
+    frequencies = [f"{mode.frequency:.6g}" for mode in natural_modes(sid)[:5]]
     more = ", ..." if sid.nq > 5 else ""
     return f"{text}; {', '.join(frequencies)}{more} Hz" if frequencies else text
 
