@@ -47,13 +47,18 @@ def input_error(
     problems = error.errors(include_url=False)
     first = min(problems, key=_problem_rank)
     place, problem, expected = _describe_problem(first, data, model)
+    said = str(InputError(problem, place=place or None, expected=expected))
     meant = _intended_keys(problems, model)
     others = {p["loc"]: p for p in problems if not _is_inside(p, first)}
-    others = {loc: p for loc, p in others.items() if loc not in meant}
-    listed = [_describe_problem(p, data, model) for p in list(others.values())[:_SHOWN]]
-    also = [str(InputError(w, place=p or None, expected=e)) for p, w, e in listed]
-    if len(others) > _SHOWN:
-        also.append(f"{len(others) - _SHOWN} more problems in this file")
+    listed = [
+        _describe_problem(p, data, model)
+        for loc, p in others.items()
+        if loc not in meant
+    ]
+    found = [str(InputError(w, place=p or None, expected=e)) for p, w, e in listed]
+    also = [text for text in dict.fromkeys(found) if text != said]
+    if len(also) > _SHOWN:
+        also[_SHOWN:] = [f"{len(also) - _SHOWN} more problems in this file"]
     return InputError(problem, place=place or None, expected=expected, also=also)
 
 
