@@ -160,7 +160,8 @@ def modes(
     about the initial state, for example that of a rotor at its speed. For rotating
     bodies two frequencies are printed: in inertial axes, as fixed sensors and Campbell
     diagrams show it, with the direction of the whirl, and in the axes of the body, as a
-    strain gauge on it shows it. Each rigid motion is printed once, at 0 Hz.
+    strain gauge on it shows it. Both are those of the damped motion; where one is
+    printed it is |eigenvalue| / 2 pi. Each rigid motion is printed once, at 0 Hz.
 
     --over follows the modes over a parameter, by the agreement of their shapes. Over
     the speed of a rotor that gives its Campbell diagram and its critical speeds.

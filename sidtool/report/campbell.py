@@ -41,9 +41,14 @@ def describe_campbell(diagram: CampbellDiagram) -> str:
         + [_frequency(diagram, int(n), k) for k in modes]
         for n in rows
     ]
-    remarks = "frequencies in inertial axes [Hz]; F forward, B backward whirl"
+    remarks = "damped frequencies in inertial axes [Hz]; F forward, B backward whirl"
+    left_out = []
+    if len(rows) < count:
+        left_out.append(f"all {count} values")
     if total > _MAX_MODES:
-        remarks += f"; modes {_MAX_MODES + 1} to {total} are in files and in Python"
+        left_out.append(f"modes {_MAX_MODES + 1} to {total}")
+    if left_out:
+        remarks += f"\n{' and '.join(left_out)} are in files and in Python"
     parts: list[str] = [text_table(header, table), remarks]
     if diagram.critical_speeds:
         parts.append(text_table(CRITICAL_COLUMNS, critical_rows(diagram)))

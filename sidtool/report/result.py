@@ -395,16 +395,16 @@ def mode_header(modes: Linearisation) -> tuple[str, ...]:
 
 
 def axes_of_frequencies(modes: Linearisation) -> str:
-    """Return a text on the axes in which the frequencies are measured."""
+    """Return a text on what the frequencies are, and the axes they are measured in."""
     if not has_rotating_axes(modes):
-        return f"frame: {modes.frame} axes"
+        return f"frame: {modes.frame} axes; Hz: undamped, |eigenvalue| / 2 pi"
     return (
         f"frame: modes are solved in axes {modes.frame}"
         if modes.frame != "inertial"
         else "frame: modes are solved in inertial axes"
     ) + (
         "; inertial Hz is what fixed sensors see, rotating Hz what strain gauges on "
-        "the body see"
+        "the body see, both of the damped motion"
     )
 
 

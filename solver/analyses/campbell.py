@@ -25,7 +25,7 @@ from sidtool.formats.diagnostics import (
     each_once,
 )
 
-from .linearisation import Linearisation
+from .linearisation import GROWING, INSTABILITY_TOLERANCE, Linearisation
 
 #: Eigenvalues that differ by less, relative to the largest, are those of one frequency.
 EQUAL_EIGENVALUES = 1e-6
@@ -139,7 +139,7 @@ def campbell_diagram(
         ]
     ).reshape(paths.shape)
     speeds = np.array([point.speed for point in points])
-    found = [d for point in points for d in point.diagnostics]
+    found = [d for point in points for d in point.diagnostics if d.code != GROWING]
     diagram = CampbellDiagram(
         key=key,
         values=np.array(values, float),
@@ -152,6 +152,8 @@ def campbell_diagram(
         agreement=agreement,
         diagnostics=(*each_once(found), *_uncertain(key, values, agreement)),
     )
+    growing = _growing(diagram, points, paths)
+    diagram = replace(diagram, diagnostics=(*diagram.diagnostics, *growing))
     critical = _critical_speeds(diagram, points, paths, modes_at, orders)
     return replace(diagram, critical_speeds=tuple(critical))
 
@@ -181,6 +183,21 @@ def _uncertain(
         after=float(values[int(n)]),
         agreement=float(agreement[n, k]),
     )
+
+
+def _growing(
+    diagram: CampbellDiagram, points: Sequence[Linearisation], paths: Array
+) -> Iterator[Diagnostic]:
+    """Followed modes that grow, with the values of the parameter (N714)."""
+    known = [GROWING in {d.code for d in point.diagnostics} for point in points]
+    rates = diagram.eigenvalues.real
+    grows = diagram.damping_ratios < -INSTABILITY_TOLERANCE
+    grows &= np.array(known)[:, None] & (_along(points, paths, "rigid") == 0.0)
+    for k in np.flatnonzero(grows.any(axis=0)):
+        values = diagram.values[grows[:, k]]
+        span = " to ".join(f"{v:.6g}" for v in dict.fromkeys((values[0], values[-1])))
+        subject = f"mode {k + 1}, {diagram.key} = {span}"
+        yield diagnose("N714", subject, rate=float(rates[grows[:, k], k].max()))
 
 
 def _followed_paths(points: Sequence[Linearisation]) -> tuple[np.ndarray, Array]:

@@ -47,6 +47,8 @@ SAG_ADVICE = (
 FROZEN_ADVICE = "With --frozen (frozen = true) they are those of one instant."
 #: Axes in which modes are seen.
 INERTIAL, ROTATING = "inertial", "rotating with each body"
+#: Code of the note on modes that grow.
+GROWING = "N714"
 #: Damping ratios are negative below this; smaller ones are rounding.
 INSTABILITY_TOLERANCE = 1e-6
 
@@ -177,7 +179,7 @@ def _growth_notes(modes: Linearisation) -> Iterator[Diagnostic]:
     if numbers:
         subject = "mode" if len(numbers) == 1 else "modes"
         rate = float(modes.eigenvalues[grows].real.max())
-        yield diagnose("N714", f"{subject} {', '.join(numbers)}", rate=rate)
+        yield diagnose(GROWING, f"{subject} {', '.join(numbers)}", rate=rate)
 
 
 def steady_residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
