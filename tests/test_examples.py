@@ -13,6 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.interpolate import BSpline
 from scipy.linalg import eigh
+from scipy.optimize import brentq
 
 import sidtool
 from sidtool.formats.result import Result
@@ -20,6 +21,7 @@ from sidtool.pipeline.examples import EXAMPLE_TITLES
 from sidtool.pipeline.files import kind_of
 from tests.places import EXAMPLES
 
+from .codes import only
 from .commands import blocks, run_page
 
 FOLDERS = sorted(path.name for path in EXAMPLES.iterdir() if path.is_dir())
@@ -407,6 +409,85 @@ def test_the_scara_sags_as_a_tapering_beam_and_follows_as_two_rods(ran) -> None:
     states = solve_ivp(rates, (0.0, rigid.t[-1]), np.zeros(6), **options).y
     for k, joint in enumerate(("shoulder", "elbow")):
         assert rigid[f"{joint}.angle"] == pytest.approx(states[k], abs=2e-6)
+
+
+def test_the_journal_floats_as_ocvirk_says_and_whirls(ran) -> None:
+    """Load and attitude of the short bearing; eigenvalues and motions of four equations
+    in polar coordinates of the journal."""
+    folder = ran("journal_bearing")
+    c, disc, journal, k, d, g = 1e-4, 20.0, 2.0, 1e7, 100.0, 9.81
+    film = 0.02 * 0.025 * 0.025**3 / (2 * c**2)
+
+    def rates(state: np.ndarray, speed: float) -> np.ndarray:
+        place, velocity = state[:4].reshape(2, 2), state[4:].reshape(2, 2)
+        x, v = (a[0] + 1j * a[1] for a in (place[1], velocity[1]))
+        e, along = abs(x) / c, x / abs(x)
+        growth, wedge = (v / along).real / c, speed - 2 * (v / x).imag
+        radial = -2 * e**2 * abs(wedge) / (1 - e**2) ** 2
+        radial -= np.pi * growth * (1 + 2 * e**2) / (1 - e**2) ** 2.5
+        across = np.pi * e * wedge / (2 * (1 - e**2) ** 1.5)
+        across += 4 * e * growth / (1 - e**2) ** 2
+        push = film * (radial + 1j * across) * along
+        shaft = k * (place[1] - place[0]) + d * (velocity[1] - velocity[0])
+        weight = np.array([0.0, -g])
+        bent = (
+            shaft / disc + weight,
+            ([push.real, push.imag] - shaft) / journal + weight,
+        )
+        return np.concatenate([state[4:], *bent])
+
+    def rest(speed: float) -> np.ndarray:
+        def excess(e: float) -> float:
+            force = np.sqrt(16 * e**2 + np.pi**2 * (1 - e**2)) * e / (1 - e**2) ** 2
+            return film * speed / 2 * force - (disc + journal) * g
+
+        e = brentq(excess, 1e-6, 0.99, xtol=1e-15)
+        attitude = np.arctan2(np.pi * np.sqrt(1 - e**2), 4 * e)
+        x, y = c * e * np.sin(attitude), -c * e * np.cos(attitude)
+        return np.array([x, y - disc * g / k, x, y, 0, 0, 0, 0])
+
+    table = np.genfromtxt(folder / "modes.csv", delimiter=",", names=True)
+    for row in table[:: len(table) - 1]:
+        at, steps = rest(row["parametersspeed"]), np.repeat([1e-9, 1e-6], 4)
+        ends = [
+            [rates(at + h * step, row["parametersspeed"]) for h in (1, -1)]
+            for step in np.diag(steps)
+        ]
+        matrix = np.array(
+            [(a - b) / (2 * h) for (a, b), h in zip(ends, steps, strict=True)]
+        ).T
+        values = np.linalg.eigvals(matrix)
+        least = min(values[values.imag > 1.0], key=lambda s: abs(s.imag))
+        frequency = row["mode1inertial_frequency_Hz"]
+        assert frequency == pytest.approx(least.imag / (2 * np.pi), rel=1e-5)
+        ratio = -least.real / abs(least)
+        assert row["mode1damping_ratio"] == pytest.approx(ratio, rel=1e-5)
+    assert table["mode1damping_ratio"][0] > 0.0 > table["mode1damping_ratio"][-1]
+    speeds = [100.0, 600.0, 800.0, 900.0]
+    diagram = sidtool.campbell(folder / "scene.toml", {"parameters.speed": speeds})
+    growing = only(diagram, "N714")
+    assert growing.subject == "mode 1, parameters.speed = 800 to 900"
+    assert growing.data["rate"] == pytest.approx(least.real, rel=1e-4)
+
+    for name, speed in (("result", 300.0), ("whirl", 800.0)):
+        result = sidtool.read(folder / f"{name}.h5")
+        start = rest(speed) + np.eye(8)[4] * 1e-3
+        times = result.t[result.t <= 0.05]
+        states = solve_ivp(
+            lambda t, y, speed=speed: rates(y, speed),
+            (0.0, 0.05),
+            start,
+            t_eval=times,
+            method="Radau",
+            rtol=1e-9,
+            atol=1e-13,
+        ).y
+        outputs = ("disc.x", "disc.y", "journal.x", "journal.y")
+        for output, found in zip(outputs, states[:4], strict=True):
+            assert result[output][: len(times)] == pytest.approx(found, abs=1e-5 * c)
+    x = result["journal.x"] + 1j * result["journal.y"]
+    turns = np.diff(np.unwrap(np.angle(x[-400:]))).sum() / (2 * np.pi)
+    assert turns / (result.t[-1] - result.t[-400]) == pytest.approx(65.0, abs=2.0)
 
 
 def test_the_motor_torque_balances_gravity(ran) -> None:

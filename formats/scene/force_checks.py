@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 from ..base.errors import InputError
-from ..toml.expressions import FUNCTIONS, lookups, parse_expression
+from ..toml.expressions import FUNCTIONS, lookups
 from .base import Time
 from .bodies import SidBody
 from .forces import Bushing, Characteristic, Force, Friction, PointForce, SpringDamper
@@ -326,21 +326,12 @@ def _check_marker_of_sid(body: SidBody, marker: str, name: str, place: str) -> N
 def check_expression(law: Expression, place: str, scene: SceneTables) -> None:
     """Raise what does not fit in a formula and its states, with the key."""
     _check_limits(law.limits, place)
-    for key, names in (("parameters", law.parameters), ("states", law.states)):
-        for name in names:
-            if name in scene.inputs:
-                raise_failure(
-                    f"{place}.{key}.{name}", "is an input as well", "another name"
-                )
+    _check_names_of_law(law, place, scene)
     _check_formula(law.value, law, f"{place}.value")
+    for name, term in law.terms.items():
+        _check_formula(term, law, f"{place}.terms.{name}")
     for name, state in law.states.items():
         location = f"{place}.states.{name}"
-        if name in FUNCTIONS or name in ("t", "pi") or not name.isidentifier():
-            raise_failure(
-                location, f"a state has the name {name!r}", "a word that is no function"
-            )
-        if name in law.parameters:
-            raise_failure(location, "is a parameter as well", "one of them")
         required = "rate" if law.sample_time is None else "next"
         for key in ("rate", "next"):
             formula = getattr(state, key)
@@ -352,6 +343,24 @@ def check_expression(law: Expression, place: str, scene: SceneTables) -> None:
                 )
             if formula is not None:
                 _check_formula(formula, law, f"{location}.{key}")
+
+
+def _check_names_of_law(law: Expression, place: str, scene: SceneTables) -> None:
+    """A name in formulas means one thing."""
+    known: dict[str, str] = dict.fromkeys(scene.inputs, "an input")
+    for key, kind, names in (
+        ("parameters", "a parameter", law.parameters),
+        ("terms", "a term", law.terms),
+        ("states", "a state", law.states),
+    ):
+        for name in names:
+            location = f"{place}.{key}.{name}"
+            if name in FUNCTIONS or name in ("t", "pi") or not name.isidentifier():
+                problem = f"{kind} has the name {name!r}"
+                raise_failure(location, problem, "a word that is no function")
+            if name in known:
+                raise_failure(location, f"is {known[name]} as well", "another name")
+            known[name] = kind
 
 
 def check_pid(law: Pid, place: str) -> None:
@@ -381,7 +390,7 @@ def _check_limits(limits: tuple[float, float] | None, place: str) -> None:
 
 def _check_formula(text: str, law: Expression, place: str) -> None:
     try:
-        postfix = parse_expression(text, law.known)
+        postfix = law.parse(text)
     except InputError as error:
         raise_failure(place, error.problem, error.expected)
         return

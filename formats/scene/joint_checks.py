@@ -152,7 +152,8 @@ def _check_law(drive: Drive, name: str, scene: SceneTables) -> None:
     if not isinstance(law, Expression):
         return
     for state in drive.integrated:
-        for kind, names in (("state", law.states), ("parameter", law.known)):
+        kinds = ("state", law.states), ("parameter", law.known), ("term", law.terms)
+        for kind, names in kinds:
             if state in names:
                 problem = f"{state} is a {kind} and what the {drive.of} adds up to"
                 raise_failure(f"{place}.function", problem, "another name")

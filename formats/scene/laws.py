@@ -13,6 +13,7 @@ from ..toml.constructor_types import (
     OptionalTwoNumbers,
     Takes,
 )
+from ..toml.expressions import Postfix, parse_expression
 from .base import Table
 from .functions import (
     Constant,
@@ -50,8 +51,8 @@ class State(Table):
 class Expression(Table):
     """A formula of outputs, such as "-50*elbow.angle - 3*elbow.angle_rate + 2*sin(t)".
 
-    Names are t, pi, parameters, states, inputs of the scene, and outputs that are
-    positions or velocities:
+    Names are t, pi, parameters, terms, states, inputs of the scene, and outputs that
+    are positions or velocities:
     coordinates of joints and their rates, places and velocities of markers and rigid
     bodies, elastic coordinates; states of other laws as FORCE.state.NAME or
     DRIVE.state.NAME. Names with a hyphen are quoted. Operators are + - * / and **;
@@ -68,6 +69,11 @@ class Expression(Table):
     parameters: Takes[dict[str, float], Mapping[str, float | str]] = Field(
         default_factory=dict, description="numbers by name, beside those of the scene"
     )
+    terms: Takes[dict[str, str], Mapping[str, str]] = Field(
+        default_factory=dict,
+        description="parts of the formulas by name, formulas themselves, such as "
+        'r = "sqrt(load.x^2 + load.y^2)"; they may read each other',
+    )
     states: Takes[dict[str, State], Mapping[str, State | Entries]] = Field(
         default_factory=dict, description="numbers that the law keeps, by name"
     )
@@ -75,6 +81,15 @@ class Expression(Table):
     sample_time: OptionalNumber = Field(default=None, gt=0, description=_SAMPLE)
     _shared: dict[str, float] = PrivateAttr(default_factory=dict)
     _tables: dict[str, LookupTable] = PrivateAttr(default_factory=dict)
+
+    def parse(self, text: str) -> Postfix:
+        """The instructions of one of its formulas.
+
+        Raises
+        ------
+        InputError : states where the formula is invalid.
+        """
+        return parse_expression(text, self.known, self.terms)
 
     @property
     def known(self) -> dict[str, float]:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ..diagnostics import Diagnostic, diagnose
-from ..toml.expressions import output_names, parse_expression
+from ..toml.expressions import output_names
 from ..toml.tables import Table
 from .bodies import SidBody
 from .functions import Given, InputFunction
@@ -65,7 +65,7 @@ def _used_inputs(scene: SceneTables) -> Iterator[str]:
             states = function.states.values()
             texts = (text for state in states for text in (state.rate, state.next))
             for text in (function.value, *texts):
-                for name in output_names(parse_expression(text or "0", function.known)):
+                for name in output_names(function.parse(text or "0")):
                     yield name.removeprefix(f"{INPUTS}.")
         if isinstance(function, Given) and not function.terms:
             yield from scene.inputs

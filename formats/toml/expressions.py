@@ -8,9 +8,9 @@
              | FUNCTION "(" sum {"," sum} ")"
 
 `lookup` has the name of a table before its one or two variables. A name is `t`, `pi`,
-a parameter, or an output such as ``arm.angle``; one with a hyphen is quoted. Nothing is
-ever run: a formula becomes a list of instructions for a stack, operands before their
-operators; clip becomes max and min.
+a parameter, a term, or an output such as ``arm.angle``; one with a hyphen is quoted.
+Nothing is ever run: a formula becomes a list of instructions for a stack, operands
+before their operators; clip becomes max and min.
 """
 
 import math
@@ -47,6 +47,8 @@ _TOKEN = re.compile(
 _SHOWN, _NAMES = 60, 10
 #: Deepest nesting of parentheses, powers and signs.
 DEEPEST = 30
+#: Most instructions of a formula with its terms.
+MOST_INSTRUCTIONS = 10_000
 
 
 class Instruction(NamedTuple):
@@ -60,19 +62,24 @@ class Instruction(NamedTuple):
 Postfix = tuple[Instruction, ...]
 
 
-def parse_expression(text: str, parameters: Mapping[str, float]) -> Postfix:
+def parse_expression(
+    text: str,
+    parameters: Mapping[str, float],
+    terms: Mapping[str, str] = MappingProxyType({}),
+) -> Postfix:
     """Parse a formula to instructions.
 
     Parameters
     ----------
     parameters : numbers by name
+    terms : formulas by name, which stand where this one and they themselves name them
 
     Raises
     ------
     InputError : states where the formula is invalid.
     """
     check_names(parameters)
-    return _Parser(text, parameters).whole()
+    return _Parser(text, parameters, terms).whole()
 
 
 def check_names(parameters: Iterable[str]) -> None:
@@ -201,8 +208,15 @@ _OF_TWO = ("+", "-", "*", "/", "**", "min", "max", "atan2")
 class _Parser:
     """Recursive descent; each method appends the instructions of what it reads."""
 
-    def __init__(self, text: str, parameters: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        text: str,
+        parameters: Mapping[str, float],
+        terms: Mapping[str, str] = MappingProxyType({}),
+        inside: tuple[str, ...] = (),
+    ) -> None:
         self.text, self.parameters = text, parameters
+        self.terms, self.inside = terms, inside
         self.tokens = _tokenise(text)
         self.next, self.depth = 0, 0
         self.instructions: list[Instruction] = []
@@ -255,6 +269,8 @@ class _Parser:
             self.instructions.append(Instruction("number", float(text)))
         elif kind == "name" and self._peek() == "(":
             self._function(text)
+        elif kind == "name" and text in self.terms:
+            self._term(text)
         elif kind in ("name", "quoted"):
             self.instructions.append(self._named(text, kind))
         elif text == "(":
@@ -272,6 +288,18 @@ class _Parser:
         if kind == "name" and name == "pi":
             return Instruction("number", math.pi)
         return Instruction("name", name)
+
+    def _term(self, name: str) -> None:
+        """The instructions of a term, in its place."""
+        if name in self.inside:
+            self.next -= 1
+            self._fail(f"terms that do not read themselves, as {name} does")
+        inside = (*self.inside, name)
+        term = _Parser(self.terms[name], self.parameters, self.terms, inside)
+        self.instructions += term.whole()
+        if len(self.instructions) > MOST_INSTRUCTIONS:
+            self.next -= 1
+            self._fail(f"at most {MOST_INSTRUCTIONS} numbers, names and operators")
 
     def _function(self, name: str) -> None:
         if name not in FUNCTIONS:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import analytic_norm, numbers
 from sidtool.formats.base.errors import InputError
@@ -237,7 +238,9 @@ class _Transport:
         pieces = np.clip(pieces, 0, len(self._marks) - 2)
         return _turned(self._at_marks[pieces], *self._turns(pieces, parameters))
 
-    def _turns(self, pieces: Array, ends: Array) -> tuple[Array, Array, Array]:
+    def _turns(
+        self, pieces: NDArray[np.intp], ends: Array
+    ) -> tuple[Array, Array, Array]:
         """Axes (n, 2, 3) at the starts of pieces and at their ends, angles between."""
         r, starts = self._fixed[pieces], self._marks[pieces]
         x, w = gauss_legendre(_POINTS)

@@ -27,6 +27,7 @@ EXAMPLE_TITLES = {
     "wind_turbine": "blades and a tower from tables of stations, at rated speed",
     "jib_crane": "a frame of beams with a load on a rope",
     "rotor": "a disc on a flexible shaft, and its critical speeds",
+    "journal_bearing": "a rotor on films of oil, and the speed at which it whirls",
     "satellite": "a free body with two panels and a reaction wheel",
     "four_bar": "a linkage with a flexible coupler, and events",
     "gear_train": "a motor, two shafts, a gear and a load in torsion",

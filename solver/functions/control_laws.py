@@ -15,7 +15,6 @@ from sidtool.formats.scene import (
     Instruction,
     LookupTable,
     Pid,
-    parse_expression,
 )
 from sidtool.formats.toml.expressions import LOOKUPS
 
@@ -223,7 +222,7 @@ def _compile_expression(law: Expression) -> CompiledLaw:
             TableLookup(str(part.value), law.tables[str(part.value)])
             if part.kind in LOOKUPS
             else part
-            for part in parse_expression(text, law.known)
+            for part in law.parse(text)
         )
 
     key = "rate" if law.sample_time is None else "next"

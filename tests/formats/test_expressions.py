@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import random
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -25,6 +26,7 @@ TWO = {
     "max": max,
     "atan2": math.atan2,
 }
+LETTERS = "abcdefghijklmnopqrstuvwxyz"
 ONE = {"negative": operator.neg, "sin": math.sin, "sqrt": math.sqrt, "abs": abs}
 
 
@@ -95,6 +97,39 @@ def test_formulas_are_those_of_python(seed: int) -> None:
         return
     found = run(parse_expression(text, {"b": 1.3}), {"a.x": 2.9}, t=0.7)
     assert found == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_terms_stand_where_they_are_named(seed: int) -> None:
+    """In parentheses, not as text: a sum stays one part of a product."""
+    draw = random.Random(seed)
+    terms = {"a_sum": "t + b", "root": "sqrt(abs(a_sum))"}
+    text = _random_formula(draw, 5).replace("a.x", "(2*a_sum - root^a_sum)")
+    known: dict[str, Any] = {"t": 0.7, "b": 1.3, "a_sum": 2.0, "root": math.sqrt(2.0)}
+    try:
+        wanted = eval(text.replace("^", "**"), {"__builtins__": {}}, known)
+    except ZeroDivisionError:
+        return
+    found = run(parse_expression(text, {"b": 1.3}, terms), {}, t=0.7)
+    assert found == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("terms", "expected"),
+    [
+        ({"a": "1 + a"}, "terms that do not read themselves, as a does"),
+        ({"a": "b", "b": "2*c", "c": "a"}, "do not read themselves"),
+        ({"a": "1 +"}, "a number or a name"),
+        (
+            {"a": "1 + 1"} | {name: f"{of} + {of}" for of, name in pairwise(LETTERS)},
+            "at most 10000",
+        ),
+    ],
+)
+def test_terms_without_an_end_are_refused(terms: dict[str, str], expected: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_expression(max(terms), {}, terms)
+    assert expected in (caught.value.expected or "")
 
 
 def test_names_that_are_read() -> None:

@@ -268,6 +268,25 @@ def test_a_static_start_begins_with_states_that_exist(
     validate_data(data | {"initial": {**result, **start}}, SceneFile)
 
 
+@pytest.mark.parametrize(
+    ("function", "place"),
+    [
+        ({"terms": {"k": "1"}, "parameters": {"k": 1.0}}, "terms.k"),
+        ({"terms": {"k": "1"}, "states": {"k": {"rate": "1"}}}, "states.k"),
+        ({"terms": {"sin": "1"}}, "terms.sin"),
+        ({"terms": {"a.b": "1"}}, "terms.a.b"),
+        ({"terms": {"k": "2*"}}, "terms.k"),
+        ({"terms": {"k": "lookup(none, t)"}}, "terms.k"),
+    ],
+)
+def test_a_wrong_term_of_a_formula(function: dict[str, Any], place: str) -> None:
+    law = {"type": "expression", "value": "2*t"} | function
+    motor = {"type": "actuator", "joint": "slider", "function": law}
+    with pytest.raises(InputError) as raised:
+        validate_data(planar() | {"forces": {"motor": motor}}, SceneFile)
+    assert raised.value.place == f"forces.motor.function.{place}"
+
+
 def test_output_times_hit_the_end_and_the_written_decimals() -> None:
     times = output_times(read_scene(EXAMPLE))
     assert len(times) == 301

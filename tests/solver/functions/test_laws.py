@@ -41,6 +41,13 @@ SPRING = {"type": "spring_damper", "joint": "hinge", "stiffness": 47, "damping":
 READS = ["hinge.angle", "hinge.angle_rate"]
 SAID: dict[str, tuple[Any, Law | None]] = {
     "formula": (expression("-47*hinge.angle - 2.7*hinge.angle_rate"), None),
+    "terms": (
+        expression(
+            "-(m + drag)",
+            terms={"drag": "2.7*hinge.angle_rate", "m": "47*a", "a": "hinge.angle"},
+        ),
+        None,
+    ),
     "gains": (pid("hinge.angle", p=47.0, d=2.7), None),
     "compiled": (GIVEN, Law(compilable, READS)),
     "uncompiled": (GIVEN, Law(lambda t, y: float({0: compilable(t, y)}[0]), READS)),
