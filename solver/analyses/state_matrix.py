@@ -406,7 +406,9 @@ def _state_derivatives(
     directions in which forces seem to have a corner.
 
     Forces that are curved within a step, such as those of a stiff contact that is
-    pressed lightly, get shorter steps; a corner stays one, and keeps its step.
+    pressed lightly, get shorter steps; a corner stays one, and keeps its step. Where
+    both sides are curved alike, as friction that tanh rounds, the derivative changes
+    with the step.
     """
     rows = len(multipliers)
     mechanics.evaluate(z, v)
@@ -435,15 +437,19 @@ def _state_derivatives(
         found = []
         for k, delta in enumerate(_perturbations(mechanics)):
             direction = Direction(k, moves)
-            first = best = differences(direction, delta)
+            first = best = last = differences(direction, delta)
             for _ in range(MAX_SHORTER_STEPS):
-                if best[0] <= CURVED:
-                    break
                 delta *= SHORTER_STEP
                 shorter = differences(direction, delta)
                 if not shorter[1]:
                     break
-                best = min(best, shorter, key=itemgetter(0))
+                change = np.abs(shorter[2][0] - last[2][0]).max(initial=0.0)
+                size = np.abs(shorter[2][0]).max(initial=0.0)
+                is_odd = change > max(CURVED * size, RESOLVED * least / delta)
+                if best[0] <= CURVED and not is_odd:
+                    break
+                last = shorter
+                best = shorter if is_odd else min(best, shorter, key=itemgetter(0))
             if best[0] > CORNER:
                 best = first
                 corners.append(direction)

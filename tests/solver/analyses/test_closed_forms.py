@@ -210,6 +210,47 @@ def test_a_spring_with_a_table_settles_where_the_table_says() -> None:
     assert found["load.y"][0] == pytest.approx(-0.1, abs=1e-10)
 
 
+@pytest.mark.parametrize("height", [1.0, 100.0, 1000.0])
+def test_rounded_friction_damps_with_its_slope_in_large_machines(height: float) -> None:
+    """-F tanh(v / v0) at rest has the slope F / v0. Steps of differences grow with the
+    machine, and both sides of the curve bend alike: m s^2 + F s / v0 + k = 0."""
+    mass, stiffness, friction, slow = 3.0, 400.0, 5e-3, 1e-3
+    law = {
+        "type": "expression",
+        "value": "-friction*tanh(load.vx/slow)",
+        "parameters": {"friction": friction, "slow": slow},
+    }
+    content = scene(
+        "planar",
+        bodies={"load": {"mass": mass, "initial": {"position": [height, height]}}},
+        joints={"guide": {"type": "point_on_line", "markers": ["ground.rail", "load"]}},
+        forces={
+            "spring": {
+                "type": "spring_damper",
+                "markers": ["ground.wall", "load"],
+                "stiffness": stiffness,
+                "rest": height / 2,
+            },
+            "rail": {
+                "type": "force",
+                "marker": "load",
+                "force": [1.0, 0.0],
+                "function": law,
+            },
+        },
+        ground={
+            "markers": {
+                "rail": {"position": [0.0, height]},
+                "wall": {"position": [height / 2, height]},
+            }
+        },
+    )
+    (found,) = linearise(compiled(content)).eigenvalues
+    damping = friction / slow
+    wanted = np.roots([mass, damping, stiffness])
+    assert found == pytest.approx(wanted[wanted.imag > 0.0][0], rel=1e-6)
+
+
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
 def test_a_load_rests_on_springs_alone(dimension: str) -> None:
     """Between two of 50 N/m and 1 m, pulled from aside: 2 k (l - 1) sin a = m g, and no
