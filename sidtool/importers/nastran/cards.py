@@ -19,9 +19,9 @@ from ...mesh.deck_text import (
 )
 from ...mesh.imported_mesh import MOST_MEMBERS
 
-#: A real number whose exponent has no letter, as in 2.1+11.
 #: Blanks behind a sign or before an exponent, which Nastran skips.
 _BLANKS = re.compile(r"(?<=^[+-]) +|(?<=[\d.]) +(?=[EeDd+-])|(?<=[EeDd]) +")
+#: A real number whose exponent has no letter, as in 2.1+11.
 _EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
 #: Name of the card that represents case control.
 CASE_CONTROL = "CASE CONTROL"
