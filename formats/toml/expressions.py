@@ -214,11 +214,12 @@ class _Parser:
         parameters: Mapping[str, float],
         terms: Mapping[str, str] = MappingProxyType({}),
         inside: tuple[str, ...] = (),
+        depth: int = 0,
     ) -> None:
         self.text, self.parameters = text, parameters
         self.terms, self.inside = terms, inside
         self.tokens = _tokenise(text)
-        self.next, self.depth = 0, 0
+        self.next, self.depth = 0, depth
         self.instructions: list[Instruction] = []
 
     def whole(self) -> Postfix:
@@ -290,12 +291,14 @@ class _Parser:
         return Instruction("name", name)
 
     def _term(self, name: str) -> None:
-        """The instructions of a term, in its place."""
+        """The instructions of a term, in its place, which nests like parentheses."""
         if name in self.inside:
             self.next -= 1
             self._fail(f"terms that do not read themselves, as {name} does")
         inside = (*self.inside, name)
-        term = _Parser(self.terms[name], self.parameters, self.terms, inside)
+        term = _Parser(
+            self.terms[name], self.parameters, self.terms, inside, self.depth
+        )
         self.instructions += term.whole()
         if len(self.instructions) > MOST_INSTRUCTIONS:
             self.next -= 1

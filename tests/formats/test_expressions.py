@@ -124,6 +124,10 @@ def test_terms_stand_where_they_are_named(seed: int) -> None:
             {"a": "1 + 1"} | {name: f"{of} + {of}" for of, name in pairwise(LETTERS)},
             "at most 10000",
         ),
+        (
+            {"a000": "t"} | {f"a{k + 1:03}": f"1 + a{k:03}" for k in range(500)},
+            "nested parts",
+        ),
     ],
 )
 def test_terms_without_an_end_are_refused(terms: dict[str, str], expected: str) -> None:
