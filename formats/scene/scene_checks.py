@@ -317,11 +317,12 @@ def _check_start(scene: SceneTables) -> None:
             raise_failure(place, "is not a state of a law", "FORCE.state.NAME")
         _check_output(key, place, scene)
     for key in scene.initial.rotations or {}:
-        place, known = f"initial.rotations.{key}", [*scene.joints, *scene.forces]
-        owner = key.partition(".")[0]
+        place, owner = f"initial.rotations.{key}", key.partition(".")[0]
+        known = [*scene.joints, *scene.forces, *scene.drives]
         if owner not in known:
-            expected = expected_names(owner, known, "joint or force")
-            raise_failure(place, f"there is no joint or force {owner!r}", expected)
+            kinds = "joint, force or drive"
+            expected = expected_names(owner, known, kinds)
+            raise_failure(place, f"there is no {kinds} {owner!r}", expected)
 
 
 def _check_state(name: OutputName, place: str, scene: SceneTables) -> None:

@@ -261,6 +261,9 @@ def test_a_static_start_begins_with_states_that_exist(
     data = planar() | {"forces": {"motor": motor}}
     good = {"state": "static", "states": {"motor.state.work": 2.0}}
     validate_data(data | {"initial": good}, SceneFile)
+    # Laws of drives count rotations of bodies as laws of forces do.
+    counted = {"state": "static", "rotations": {"crank_angle.turn_z": 7.0}}
+    validate_data(data | {"initial": counted}, SceneFile)
     with pytest.raises(InputError) as raised:
         validate_data(data | {"initial": {"state": "static", **start}}, SceneFile)
     assert raised.value.place == place
