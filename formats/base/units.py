@@ -64,14 +64,20 @@ _UNITS: dict[str, Unit] = {
     "mrad": Unit(1e-3, _ANGLE),
     "deg": Unit(math.pi / 180, _ANGLE),
     "\N{DEGREE SIGN}": Unit(math.pi / 180, _ANGLE),
+    "rev": Unit(2 * math.pi, _ANGLE),
     "rpm": Unit(2 * math.pi / 60, _SPEED),
 }
-_NAMES = "|".join(sorted(_UNITS, key=len, reverse=True))
-_FACTOR = re.compile(rf"({_NAMES})(?:\^?(-?\d+))?")
+#: Names of units, long ones first. Right behind others `ms` is `m s`, as in `Nms`.
+_NAMES = "|".join(
+    rf"(?<![A-Za-z]){name}" if name == "ms" else name
+    for name in sorted(_UNITS, key=len, reverse=True)
+)
+#: A unit with its power, or one of 1 / ( ).
+_TOKEN = re.compile(rf"({_NAMES})(?:\s*\^?\s*(-?\d+))?|1(?=\s*/)|[/()]")
 #: The unit in brackets behind the name of a column.
-_IN_BRACKETS = re.compile(r"\s*[\[(]([^\[(]*)[\])]\s*$")
-#: Units of a column that mean something else as well: gravity, a minimum.
-_AMBIGUOUS = ("g", "min")
+_IN_BRACKETS = re.compile(r"\s*[\[(]((?:[^][()]|\([^][()]*\))*)[\])]\s*$")
+#: Units of a column that mean something else as well: gravity, a minimum, revolutions.
+_AMBIGUOUS = ("g", "min", "1/min")
 _SEPARATORS = re.compile(r"[\s*\N{MIDDLE DOT}\N{DOT OPERATOR}]+")
 
 
@@ -79,27 +85,38 @@ def parse_unit(text: str) -> Unit | None:
     """Return the unit that a text names, None of a text that names none.
 
     Factors may stand side by side (`Nm`) or be separated, powers are `^2` or `2`, and
-    all behind a `/` divides.
+    all behind a `/` divides, up to the end or the closing parenthesis.
     """
     factor, exponents, known = 1.0, [0, 0, 0, 0], False
     text = text.replace("\N{SUPERSCRIPT TWO}", "2").replace(
         "\N{SUPERSCRIPT THREE}", "3"
     )
-    for k, part in enumerate(text.split("/")):
-        part = _SEPARATORS.sub("", part).strip("()")
-        sign, at = (1 if k == 0 else -1), 0
-        while at < len(part):
-            match = _FACTOR.match(part, at)
-            if match is None:
-                return None
+    at, signs, sign = 0, [1], 1
+    while at < len(text):
+        if separator := _SEPARATORS.match(text, at):
+            at = separator.end()
+            continue
+        match = _TOKEN.match(text, at)
+        if match is None:
+            return None
+        at = match.end()
+        if match[1]:
             unit, power = _UNITS[match[1]], sign * int(match[2] or 1)
             factor *= unit.factor**power
             exponents = [
                 e + power * b for e, b in zip(exponents, unit.exponents, strict=True)
             ]
-            at, known = match.end(), True
+            known = True
+        elif match[0] == "/":
+            sign = -signs[-1]
+        elif match[0] == "(":
+            signs.append(sign)
+        elif match[0] == ")":
+            if len(signs) == 1:
+                return None
+            sign = signs.pop()
     x, m, t, a = exponents
-    return Unit(factor, (x, m, t, a)) if known else None
+    return Unit(factor, (x, m, t, a)) if known and len(signs) == 1 else None
 
 
 def split_unit(head: str) -> tuple[str, str]:

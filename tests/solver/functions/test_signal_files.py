@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 import sidtool
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.units import parse_unit, split_unit
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.scene.signal_files import read_columns
@@ -221,9 +222,41 @@ def test_inputs_are_in_their_own_unit(
     assert_allclose(result["inputs.u"][result.t > 0.5 + 1e-9], values[1])
 
 
-@pytest.mark.parametrize("head", ["t [mm],z", "t,z [g]", "t [s],z [min]"])
+@pytest.mark.parametrize(
+    ("unit", "factor", "dimension"),
+    [
+        ("N m s", 1.0, "kg m^2/s"),
+        ("Nms/rad", 1.0, "kg m^2/(s rad)"),
+        ("m s", 1.0, "s m"),
+        ("kNm", 1e3, "J"),
+        ("mNm", 1e-3, "J"),
+        ("N/(mm/s)", 1e3, "kg/s"),
+        ("kN/(m/ms)", 1.0, "kg/s"),
+        ("N/(mm s)", 1e3, "Pa m/s"),
+        ("rev/min", 2 * np.pi / 60, "rad/s"),
+        ("1/ms", 1e3, "Hz"),
+    ],
+)
+def test_units_of_several_factors(unit: str, factor: float, dimension: str) -> None:
+    """Blanks separate, parentheses group: m s is no millisecond."""
+    found, same = parse_unit(unit), parse_unit(dimension)
+    assert found and same and found.exponents == same.exponents
+    assert found.factor == pytest.approx(factor, rel=1e-14)
+    for head in (f"c [{unit}]", f"c ({unit}) "):
+        assert split_unit(head) == ("c", unit)
+
+
+def test_parentheses_of_units_are_in_pairs() -> None:
+    assert [parse_unit(text) for text in ("N/(m", "N/m)", "()")] == [None] * 3
+
+
+@pytest.mark.parametrize(
+    "head", ["t [mm],z", "t,z [g]", "t [s],z [min]", "t,z [1/min]"]
+)
 def test_units_that_do_not_fit_are_refused(head: str, tmp_path: Path) -> None:
-    """Times are times; g is a mass and gravity. A scale says what the values are."""
+    """Times are times; g is a mass and gravity, 1/min a frequency and a speed. A scale
+    says what the values are.
+    """
     file = tmp_path / "a.csv"
     file.write_text(f"{head}\n0,1\n1,2\n", encoding="utf-8")
     function = {"type": "table", "file": str(file)}
