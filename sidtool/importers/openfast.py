@@ -220,12 +220,12 @@ def _read_beamdyn(lines: Sequence[str], folder: Path) -> ImportedStations:
 def _twisted(table: StationTable, at: Array, twist: Array) -> StationTable:
     """The table with a twist that is linear between its values at fractions `at`.
 
-    These become stations, too, where linear pieces between the others are not enough.
+    These become stations, too, where the twist changes its slope.
     """
     fractions = np.array(table.fraction)
-    own = np.interp(fractions, at, twist)
-    between = np.abs(np.interp(at, fractions, own) - twist) > 1e-9
-    further = [x for x in at[between] if np.abs(fractions - x).min() > 1e-9]
+    slopes = np.diff(twist) / np.diff(at)
+    bends = at[1:-1][np.abs(np.diff(slopes)) > 1e-9]
+    further = [x for x in bends if np.abs(fractions - x).min() > 1e-9]
     order = np.argsort(np.concatenate([fractions, further]), kind="stable")
     data: dict[str, Any] = {}
     for name in ("stiffness", "mass"):

@@ -552,13 +552,20 @@ def beamdyn_files(folder: Path, twist: list[float]) -> Path:
     return path
 
 
-@pytest.mark.parametrize("twist", [[0.0, 30.0, 0.0], [10.0, 10.0, 40.0, 0.0]])
+@pytest.mark.parametrize(
+    "twist", [[0.0, 30.0, 0.0], [10.0, 10.0, 40.0, 0.0], [0.0, 30.0, 0.0, 0.0, 0.0]]
+)
 def test_twist_of_key_points_between_stations(
     twist: list[float], tmp_path: Path
 ) -> None:
     """Two stations, the twist is that of the key points: the same blade by columns."""
     found = read_openfast(beamdyn_files(tmp_path, twist))
     at = np.linspace(0.0, 1.0, len(twist))
+    assert_allclose(
+        np.interp(at, found.table.fraction, found.table.twist),
+        -np.radians(twist),
+        atol=1e-12,
+    )
     data = {k: [v[0]] * len(at) for k, v in UNIFORM.items() if k != "position"}
     data |= {"fraction": at.tolist(), "twist": (-np.radians(twist)).tolist()}
     bodies = [
