@@ -174,18 +174,36 @@ def check_mechanism(
             place=place,
             expected="a density above zero, or masses with inertia or off one line",
         )
-    energies = _least_energies(body, min(rigid.shape[1] + 1, body.ndof))
+    energies, motions = _least_energies(body, min(rigid.shape[1] + 1, body.ndof))
     if energies.max() < _MECHANISM_TOLERANCE:
+        x, y, z = (f"{value:.4g}" for value in _most_moved(body, rigid, motions))
         raise InputError(
-            "the elements move without deforming: the body is a mechanism, or lies on "
-            "one line that nothing twists",
+            f"the elements move without deforming, most at ({x}, {y}, {z}) m: the body "
+            "is a mechanism, or lies on one line that nothing twists",
             place=place,
             expected=expected,
         )
 
 
-def _least_energies(body: FiniteElementModel, count: int) -> Array:
-    """(count,) smallest eigenvalues of the stiffness scaled to a unit diagonal.
+def _most_moved(body: FiniteElementModel, rigid: Array, motions: Array) -> Array:
+    """(3,) position of the node that moves most in what is not a rigid motion.
+
+    Parameters
+    ----------
+    motions : (ndof, k) of `_least_energies`
+    """
+    scale = np.sqrt(np.maximum(body.stiffness.diagonal(), 0.0))
+    basis, _ = np.linalg.qr(scale[:, None] * rigid)
+    rest = motions - basis @ (basis.T @ motions)
+    column = np.linalg.norm(rest, axis=0).argmax()
+    moved = int(np.abs(rest[:, column]).argmax())
+    row = np.flatnonzero((body.table == moved).any(axis=1))[0]
+    return np.asarray(np.pad(body.positions[row], (0, 3 - body.dimension)))
+
+
+def _least_energies(body: FiniteElementModel, count: int) -> tuple[Array, Array]:
+    """(count,) smallest eigenvalues of the stiffness scaled to a unit diagonal, and
+    (ndof, k) motions of these energies, scaled likewise.
 
     Their scale is the stiffness at the degrees of freedom themselves: neither small
     masses nor small elements elsewhere change it. Many motions of nearly no energy,
@@ -195,18 +213,19 @@ def _least_energies(body: FiniteElementModel, count: int) -> Array:
     """
     diagonal = body.stiffness.diagonal()
     if diagonal.min() <= 0:
-        return np.zeros(count)
+        return np.zeros(count), np.eye(body.ndof, 1, -int(diagonal.argmin()))
     scale = sp.diags_array(1 / np.sqrt(diagonal))
     scaled = sp.csr_matrix(scale @ body.stiffness @ scale)
     if body.ndof <= 600:
-        return np.asarray(
-            scipy.linalg.eigvalsh(scaled.toarray(), subset_by_index=[0, count - 1])
+        values, vectors = scipy.linalg.eigh(
+            scaled.toarray(), subset_by_index=[0, count - 1]
         )
+        return values, vectors
     raised = sp.csr_matrix(scaled + _SHIFT * sp.eye_array(body.ndof))
     try:
         factors = symmetric_factors(raised, body.dof_positions)
     except RuntimeError:  # of SuperLU: singular
-        return np.zeros(count)
+        return np.zeros(count), np.ones((body.ndof, 1))
     vectors = np.random.default_rng(0).standard_normal(
         (body.ndof, count + _SPARE_VECTORS)
     )
@@ -218,4 +237,4 @@ def _least_energies(body: FiniteElementModel, count: int) -> Array:
         vectors, values = vectors @ turn, ritz[:count]
         if values[-1] < _MECHANISM_TOLERANCE or values[-1] > 0.9 * before[-1]:
             break
-    return values
+    return values, vectors[:, :count]

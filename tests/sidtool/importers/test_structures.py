@@ -428,3 +428,19 @@ def test_layers_without_a_membrane_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         layered_shear(tmp_path, ",,,,,,,BEND,\n,1,.01,", MATERIAL)
     assert "BEND" in error.value.problem
+
+
+def test_a_mechanism_is_refused_with_its_place(tmp_path: Path) -> None:
+    """A rod that hangs at a corner of a plate is held along itself alone."""
+    text = bulk(
+        *strip(4, 4, (0.4, 0.4)),
+        grid(900, [0.4, 0.4, 0.3], TURN),
+        "CROD,900,2,25,900",
+        f"PSHELL,1,1,{DEPTH},1,,1",
+        "PROD,2,1,1.-4",
+        MATERIAL,
+    )
+    with pytest.raises(InputError) as error:
+        body(tmp_path, text)
+    x, y, z = TURN @ [0.4, 0.4, 0.3]
+    assert f"({x:.4g}, {y:.4g}, {z:.4g}) m" in error.value.problem
