@@ -119,6 +119,7 @@ def run_calculix(
             _run_job(folder, job, text, source, product, report)
             for job, text, product in jobs
         )
+        report("reading the matrices of CalculiX")
         dofs = np.array(
             [
                 line.split(".")
