@@ -127,6 +127,7 @@ def bulk_data(
         with stops.collect_errors():
             for card in current_cards(written):
                 _read_card(content, card, ignored)
+    _check_temperatures(content)
     systems = {
         n: (content.system if s < 0 else s, p) for n, (s, p) in content.local.items()
     }
@@ -155,14 +156,30 @@ def _read_card(content: BulkData, card: Card, ignored: frozenset[str]) -> None:
         _READERS[card.name](content, card)
     elif card.name in WITHOUT_EFFECT or ONLY_NODES in ignored:
         content.unread_keywords[card.name] = None
+        content.heated |= card.name in ("TEMP", "TEMPD") and not content.controlled
+    elif card.name in ("MATT1", "MATT2", "MATT3", "MATT8", "MATT9"):
+        content.temperature_laws.append(card)
     else:
-        error = InputError(
-            f"{card.name} is not supported",
-            place=card.place,
-            expected=f"{ALTERNATIVES.get(card.name, 'bulk data without it')}; "
-            f'geometry.ignore = ["{card.name}"] leaves it out',
-        )
-        content.stops.add(error, card.name)
+        _refuse(content, card)
+
+
+def _refuse(content: BulkData, card: Card) -> None:
+    error = InputError(
+        f"{card.name} is not supported",
+        place=card.place,
+        expected=f"{ALTERNATIVES.get(card.name, 'bulk data without it')}; "
+        f'geometry.ignore = ["{card.name}"] leaves it out',
+    )
+    content.stops.add(error, card.name)
+
+
+def _check_temperatures(content: BulkData) -> None:
+    """Refuse materials that depend on temperatures, if the file selects these."""
+    for card in content.temperature_laws:
+        if content.heated:
+            _refuse(content, card)
+        else:
+            content.unread_keywords[f"{card.name} (no TEMPERATURE is selected)"] = None
 
 
 def _read_grid(content: BulkData, card: Card) -> None:

@@ -25,7 +25,12 @@ _BLANKS = re.compile(r"(?<=^[+-]) +|(?<=[\d.]) +(?=[EeDd+-])|(?<=[EeDd]) +")
 _EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
 #: Name of the card that represents case control.
 CASE_CONTROL = "CASE CONTROL"
+#: Card of formulas, whose commas separate no fields.
+_EQUATION = "DEQATN"
 _MPC = re.compile(r"MPC ?= ?(\d+)$")
+_TEMPERATURE = re.compile(r"TEMP(ERATURE)? ?(\(.*\))? ?=")
+#: Mark of a case control that selects temperatures.
+HEATED = "TEMPERATURE"
 #: Commands of case control without an equals sign.
 _CONTROL = ("SUBCASE", "SUBCOM", "SUBSEQ", "SYM", "REPCASE", "OUTPUT", "ECHO")
 
@@ -129,7 +134,8 @@ def _split_case_control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
     """Return where bulk data begin, and the case control before them as a card.
 
     They begin after BEGIN BULK, or without it after the case control that follows CEND,
-    or without that at the start of the file. The card holds the sets that MPC selects.
+    or without that at the start of the file. The card holds the sets that MPC selects,
+    and as its mark whether there are temperatures.
     """
     texts = [_without_blanks(text.split("$")[0]) for _, text in lines]
     begins = [i for i, text in enumerate(texts) if text == "BEGIN BULK"]
@@ -145,7 +151,9 @@ def _split_case_control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
         return start + bool(begins), []
     named = [_MPC.match(text) for text in texts[:start]]
     words = [match.group(1) for match in named if match]
-    return start + bool(begins), [Card(CASE_CONTROL, f"line {start}", words)]
+    is_heated = any(_TEMPERATURE.match(text) for text in texts[:start])
+    mark = HEATED if is_heated else ""
+    return start + bool(begins), [Card(CASE_CONTROL, f"line {start}", words, mark)]
 
 
 def _is_control(text: str) -> bool:
@@ -178,6 +186,11 @@ class _CardCollector:
 
     def add(self, text: str, place: str) -> None:
         """Add a line as a new card, or as a continuation."""
+        if text[:8].strip().upper() == _EQUATION:
+            self.cards.append(Card(_EQUATION, place))
+            return
+        if text[0] in " +*" and self.cards and self.cards[-1].name == _EQUATION:
+            return
         name, words, after = _split_fields(text, place)
         if name and name[0] not in "+*":
             self.cards.append(Card(name.rstrip("*"), place, words, after))
@@ -230,7 +243,7 @@ def _continue(card: Card, words: list[str], after: str) -> None:
 def _split_fields(text: str, place: str) -> tuple[str, list[str], str]:
     """Name, data fields (8, or 4 large ones) and the mark at the end."""
     if "," in text:
-        fields = [word.strip() for word in text.split(",")]
+        fields = [word.strip() for word in text.rstrip(" ,").split(",")]
         count = 4 if "*" in fields[0] else 8
         if len(fields) > count + 2:
             raise InputError(

@@ -8,7 +8,7 @@ from sidtool.formats.base.errors import InputError
 
 from ...mesh.connections import RawEquation, Term
 from ...mesh.imported_mesh import RawCoupling
-from .cards import Card, is_real, parse_members, real_number
+from .cards import HEATED, Card, is_real, parse_members, real_number
 from .content import BulkData, duplicate_error
 
 
@@ -153,8 +153,11 @@ def read_mpcadd(content: BulkData, card: Card) -> None:
 
 
 def read_case_control(content: BulkData, card: Card) -> None:
-    """Store that there is case control, and the sets of MPC that it selects."""
+    """Store that there is case control, the sets of MPC that it selects, and whether
+    it selects temperatures.
+    """
     content.controlled = True
+    content.heated = card.after == HEATED
     for word in card.words:
         content.chosen[int(word)] = None
 

@@ -103,6 +103,8 @@ class BulkData:
     completed : materials that have this density
     chosen : sets of MPC that case control selects
     controlled : whether there is case control
+    heated : whether it selects temperatures; of bulk data alone, whether they hold some
+    temperature_laws : cards of materials that depend on temperature
     unread_keywords : cards and fields without effect
     name_only : diagnostics of elements that only name nodes
     stops : reasons to refuse the file
@@ -142,6 +144,8 @@ class BulkData:
     sums: dict[int, Card] = field(default_factory=dict)
     chosen: dict[int, None] = field(default_factory=dict)
     controlled: bool = False
+    heated: bool = False
+    temperature_laws: list[Card] = field(default_factory=list)
     shells: bool = False
     density: float | None = None
     completed: set[str] = field(default_factory=set)
@@ -208,6 +212,7 @@ _NO_EFFECT = """
     SUPORT1 TABDMP1 TABLED1 TABLED2 TABLED3 TABLED4 TABLES1 TABRND1 TEMP TEMPD TEMPP1
     TIC TLOAD1 TLOAD2 TSTEP TSTEPNL USET USET1 EPOINT SPOINT SET3
     BNDFIX BNDFIX1 BNDFREE BNDFRE1 DOPTPRM DLINK DVMREL1 DVCREL1 TABLEM1
+    TABLEM2 TABLEM3 TABLEM4
     CBARAO YPARAM PLOTOPT PLOTG SEQGP DTI DMI NLSTEP NLMOPT NLADAPT TSTEP1 GROUP SET2
     PLOADX1 PLOADB3 PRESAX SPCOFF SPCOFF1 SPC2 DAMPING HYBDAMP TABDMP2 TABRNDG RANDT1
     FREQV TEMPRB TEMPBC TEMPP2 TEMPP3 TEMPB3 TEMPF TEMPN1 CREEP ECHOON ECHOOFF

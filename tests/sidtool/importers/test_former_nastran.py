@@ -111,3 +111,28 @@ def _bars() -> list[str]:
 def test_two_numbers_in_a_field_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         body(tmp_path, frame(PBAR).replace(MATERIAL, "MAT1,1,2.1 3.+11,,.3,7850."))
+
+
+def test_commas_of_formulas_and_at_ends_separate_no_fields(tmp_path: Path) -> None:
+    formula = "DEQATN  1       F(A,B,C,D,E,G,H,O,P,Q,R)=SUM(A,B,C,D,E,G,H,O,P,Q,R)\n"
+    formula += "        +MAX(A,B,C,D,E,G,H,O,P,Q,R)"
+    plain = body(tmp_path, frame(PBAR))
+    more = body(tmp_path, frame(PBAR + ",,,,,,,", formula))
+    assert_allclose(frequencies(more), frequencies(plain), rtol=1e-12)
+
+
+@pytest.mark.parametrize("selected", [False, True])
+def test_materials_depend_on_temperatures_that_are_selected(
+    tmp_path: Path, selected: bool
+) -> None:
+    """Without them the constants of MAT1 hold, as in Nastran."""
+    control = "SOL 103\nCEND\nMETHOD = 1\n" + "TEMP(INIT) = 3\n" * selected
+    heat = ("MATT1,1,7", "TEMPD,3,90.", "TABLEM1,7", ",0.,2.+11,100.,1.+11,ENDT")
+    text = control + frame(PBAR, *heat)
+    if selected:
+        with pytest.raises(InputError) as error:
+            body(tmp_path, text)
+        assert "MATT1" in error.value.problem
+    else:
+        plain = frequencies(body(tmp_path, frame(PBAR)))
+        assert_allclose(frequencies(body(tmp_path, text)), plain, rtol=1e-12)

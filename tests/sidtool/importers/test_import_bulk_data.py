@@ -147,7 +147,7 @@ def test_small_and_large_fields_are_free_ones(tmp_path: Path) -> None:
         ("DMIG,K2,0,6,1", "DMIG is not supported"),
         ("RBE1,9,1,123456,2,3", "RBE1 is not supported"),
         ("MPC,9,1,1,1.,99,1,-1.", "direction 1 of 99"),
-        ("MATT1,5,3", "MATT1 is not supported"),
+        ("MATT1,5,3\nTEMPD,1,90.", "MATT1 is not supported"),
         ("GRDSET,,3", "coordinate system 3 is not defined"),
         ("BEGIN SUPER=2\nGRID,9,,0.,0.,0.", "BEGIN SUPER=2, which is not supp"),
         ("MAT1,5,7.+10,,.3,2700.", "material 5 is defined twice"),
