@@ -43,8 +43,8 @@ class BarNodes:
     owner : node -> the node that it is fixed to
     partly_dependent : node -> the node that it follows in some directions, and these
         directions, counted from 0
-    means : node -> the nodes whose mean motion it has; (k, 6, 3) its motion by their
-        displacements; and its dependent directions, counted from 0
+    means : node -> the nodes whose mean motion it has; (k, 6, 6) its motion by theirs;
+        and its dependent directions, counted from 0
     table : (n, 6) degrees of freedom, -1 for none
     """
 
@@ -71,7 +71,7 @@ class BarNodes:
             rows[list(tied)] = 1.0
             for label_, share in zip(labels, shares, strict=True):
                 matrix, others = self.motion(label_, self.place(label_))
-                follow = rows * (share @ matrix[:3])
+                follow = rows * (share @ matrix)
                 own, dofs = np.hstack([own, follow]), np.concatenate([dofs, others])
         if base in self.partly_dependent:
             reference, tied = self.partly_dependent[base]
@@ -94,11 +94,12 @@ def bar_nodes(imported: ImportedMesh, bars: Sequence[Bar], mesh: Mesh) -> BarNod
     members = _members(imported, bars)
     ends_of_elements = {n for nodes, _ in members for n in nodes}
     partial = _dependent_nodes(imported, owner, ends_of_elements)
-    means = _means(imported, mesh, row, {*owner, *partial})
     table = np.full((len(row), 6), -1, np.int64)
     ends = [(owner.get(n, n), turns) for nodes, turns in members for n in nodes]
     turning = {n for n, turns in ends if turns} | set(owner.values())
     leaders = {owner.get(n, n) for n, _ in partial.values()}
+    flexural = {n for n in row if owner.get(n, n) in turning | leaders}
+    means = _means(imported, mesh, row, {*owner, *partial}, flexural)
     turning |= leaders
     used = sorted(
         {row[n] for n, _ in ends}
@@ -141,9 +142,17 @@ def _members(
 
 
 def _means(
-    imported: ImportedMesh, mesh: Mesh, row: Mapping[int, int], held: set[int]
+    imported: ImportedMesh,
+    mesh: Mesh,
+    row: Mapping[int, int],
+    held: set[int],
+    turning: set[int],
 ) -> dict[int, Mean]:
     """Return reference nodes that have the mean motion of others.
+
+    Parameters
+    ----------
+    turning : nodes that have rotations
 
     Raises
     ------
@@ -171,7 +180,9 @@ def _means(
             )
         weights = np.array(coupling.weights or np.ones(len(nodes)))
         places = mesh.positions[[row[n] for n in nodes]]
-        share = _mean_motion(places, weights / weights.sum(), mesh.positions[row[node]])
+        turns = np.array([n in turning and n in coupling.turning for n in nodes])
+        where = mesh.positions[row[node]]
+        share = _mean_motion(places, weights / weights.sum(), turns, where)
         tied = tuple(int(d) - 1 for d in coupling.directions)
         if share is None:
             raise InputError(
@@ -196,21 +207,32 @@ def _means(
     return result
 
 
-def _mean_motion(places: Array, weights: Array, where: Array) -> Array | None:
-    """(k, 6, 3) motion of a place by the displacements of nodes, as RBE3 has it.
+def _mean_motion(
+    places: Array, weights: Array, turns: NDArray[np.bool_], where: Array
+) -> Array | None:
+    """(k, 6, 6) motion of a place by the motions of nodes, as RBE3 has it.
 
-    The mean displacement, and the rotation I^-1 sum_i w_i r_i x u_i about their centre
-    with I = sum_i w_i (r_i^2 - r_i r_i^T).
+    The rigid motion that fits those of the nodes in the least squares. The weight of a
+    rotation is that of the displacement times the square of the mean distance of the
+    nodes. None if the nodes do not determine a rotation.
+
+    Parameters
+    ----------
+    turns : (k,) nodes whose rotations take part
     """
-    centre = weights @ places
-    arms = skew(places - centre)
-    inertia = -np.einsum("k,kab,kbc->ac", weights, arms, arms)
-    values = np.linalg.eigvalsh(inertia)
-    if not values[0] > _ON_LINE * values[2]:
-        return None
-    turn = np.linalg.solve(inertia, weights[:, None, None] * arms)
-    move = weights[:, None, None] * np.eye(3) - skew((where - centre)[None])[0] @ turn
-    return np.concatenate([move, turn], axis=1)
+    if not turns.any():
+        arms = skew(places - weights @ places)
+        values = np.linalg.eigvalsh(-np.einsum("k,kab,kbc->ac", weights, arms, arms))
+        if not values[0] > _ON_LINE * values[2]:
+            return None
+    arms = places - where
+    length = float(np.linalg.norm(arms, axis=1).mean()) or 1.0
+    rigid = np.tile(np.eye(6), (len(places), 1, 1))
+    rigid[:, :3, 3:] = -skew(arms)
+    heavy = np.ones((len(places), 6))
+    heavy[:, 3:] = length**2 * turns[:, None]
+    weighted = np.swapaxes(rigid, 1, 2) * (weights[:, None] * heavy)[:, None, :]
+    return np.asarray(np.linalg.solve((weighted @ rigid).sum(axis=0), weighted))
 
 
 def _dependent_nodes(

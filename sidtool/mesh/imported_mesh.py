@@ -41,6 +41,7 @@ class RawCoupling:
     directions : 1 to 6, in which the nodes of a rigid piece follow it
     by_area : True if the weight of a node is its share of the surface
     weights : weights of the nodes in the mean; empty for equal weights
+    turning : nodes of a mean whose rotations take part in it
     """
 
     name: str
@@ -52,6 +53,7 @@ class RawCoupling:
     by_area: bool = False
     weights: tuple[float, ...] = ()
     directions: str = "123456"
+    turning: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -74,6 +74,7 @@ def read_rbe3(card: Card) -> RawCoupling:
     label, node = card.integer(0, "a number"), card.integer(2, "a node")
     _check_directions(card, f"RBE3 {label} moves", card.word(3))
     shares: dict[int, float] = {}
+    turning: list[int] = []
     words = [word for word in card.words[4:] if word]
     end = next((i for i, w in enumerate(words) if w.upper() in ("UM", "ALPHA")), None)
     words = words[:end]
@@ -97,6 +98,14 @@ def read_rbe3(card: Card) -> RawCoupling:
             )
         for own in listed:
             shares[own] = shares.get(own, 0.0) + weight
+        rotations = set(directions) & set("456")
+        if rotations and len(rotations) < 3:
+            raise InputError(
+                f"RBE3 {label} takes the directions {directions}",
+                place=card.place,
+                expected="1, 2 and 3, or all six",
+            )
+        turning += listed if rotations else []
     weights = tuple(shares.values()) if len(set(shares.values())) > 1 else ()
     name = f"RBE3 {label}"
     moved = "".join(sorted(set(card.word(3))))
@@ -108,6 +117,7 @@ def read_rbe3(card: Card) -> RawCoupling:
         card.place,
         weights=weights,
         directions=moved,
+        turning=tuple(turning),
     )
 
 

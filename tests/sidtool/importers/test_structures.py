@@ -17,7 +17,7 @@ from sidtool.formats.diagnostics import WARNING
 from sidtool.importers.nastran.bulk_data import read_bdf
 from tests.codes import with_code
 
-from .bars.decks import MATERIAL, NU, RHO, E, G, body, bulk
+from .bars.decks import MATERIAL, NU, PBAR, PLACES, RHO, E, G, body, bulk, frame
 from .decks import frequencies
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -444,3 +444,39 @@ def test_a_mechanism_is_refused_with_its_place(tmp_path: Path) -> None:
         body(tmp_path, text)
     x, y, z = TURN @ [0.4, 0.4, 0.3]
     assert f"({x:.4g}, {y:.4g}, {z:.4g}) m" in error.value.problem
+
+
+def test_rotations_take_part_in_a_mean_motion(tmp_path: Path) -> None:
+    """RBE3 to two nodes of a bar by all six directions: about its axis the mean of the
+    rotations; across it as much of the chord as of the rotations, which have the weight
+    of the displacements times the square of the distance.
+    """
+    middle = grid(10, (PLACES[1] + PLACES[2]) / 2)
+    text = frame(PBAR, middle, "RBE3,9,,10,123456,1.,123456,2,3")
+    markers = {"a": 2, "b": 3, "m": 10}
+    described = {
+        name: {"node": k, "mesh_node": node}
+        for k, (name, node) in enumerate(markers.items(), 1)
+    }
+    sid = body(tmp_path, text, markers=described)
+    first, last, mean = sid.nodes
+    axis = PLACES[2] - PLACES[1]
+    length = np.linalg.norm(axis)
+    axis = axis / length
+    turns = (first.psi.m0 + last.psi.m0) / 2
+    chord = np.cross(axis, last.phi.m0 - first.phi.m0, axisb=0).T / length
+    along = np.outer(axis, axis) @ turns
+    expected = along + (turns - along + chord) / 2
+    size = np.abs(expected).max()
+    assert_allclose(mean.psi.m0, expected, atol=1e-9 * size)
+    assert_allclose(mean.phi.m0, (first.phi.m0 + last.phi.m0) / 2, atol=1e-9 * size)
+
+
+def test_nodes_on_a_line_without_rotations_have_no_mean_rotation(
+    tmp_path: Path,
+) -> None:
+    middle = grid(10, (PLACES[1] + PLACES[2]) / 2)
+    text = frame(PBAR, middle, "RBE3,9,,10,123456,1.,123,2,3", "CONM2,99,10,,1.")
+    with pytest.raises(InputError) as error:
+        body(tmp_path, text)
+    assert "RBE3 9" in error.value.problem
