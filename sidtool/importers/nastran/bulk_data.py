@@ -55,6 +55,7 @@ from .former_cards import current_cards
 from .laminates import mat2, mat8, pcomp, shells_of
 from .masses import pmass, point_masses
 from .properties import (
+    check_membrane,
     check_no_extra_mass,
     corner_thicknesses,
     fields_after_nodes,
@@ -422,6 +423,7 @@ def _imported_mesh(content: BulkData, bending: bool) -> ImportedMesh:
     for label, property_, kind, nodes, place in content.elements:
         with stops.collect_errors():
             given = content.properties.get(property_)
+            check_membrane(content.shell_cards.get(property_))
             if given:
                 check_no_extra_mass(given.extra, given.place)
             if _is_flat(kind):

@@ -113,6 +113,21 @@ def read_pshell(content: BulkData, card: Card) -> None:
         check_no_extra_mass(card.real(7, "a mass per area"), card.place)
 
 
+def check_membrane(card: Card | None) -> None:
+    """Check that a PSHELL is not a plate alone, which cannot be a plane element.
+
+    Raises
+    ------
+    InputError : it has MID2 without MID1.
+    """
+    if card is not None and card.word(3) and not card.word(1):
+        raise InputError(
+            f"PSHELL {card.word(0)} has no membrane",
+            place=card.place,
+            expected="MID1",
+        )
+
+
 def check_no_extra_mass(extra: float, place: str) -> None:
     """Check that a PSHELL has no nonstructural mass.
 

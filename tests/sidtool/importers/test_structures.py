@@ -480,3 +480,10 @@ def test_nodes_on_a_line_without_rotations_have_no_mean_rotation(
     with pytest.raises(InputError) as error:
         body(tmp_path, text)
     assert "RBE3 9" in error.value.problem
+
+
+def test_a_plate_without_a_membrane_is_refused_by_name(tmp_path: Path) -> None:
+    cards = strip(4, 4, (0.4, 0.4), turn=np.eye(3))
+    with pytest.raises(InputError) as error:
+        body(tmp_path, bulk(*cards, f"PSHELL,1,,{DEPTH},1", MATERIAL))
+    assert "PSHELL 1" in error.value.problem and "MID1" in str(error.value.expected)
