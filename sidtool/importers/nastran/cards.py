@@ -193,7 +193,7 @@ class _CardCollector:
             return
         name, words, after = _split_fields(text, place)
         if name and name[0] not in "+*":
-            self.cards.append(Card(name.rstrip("*"), place, words, after))
+            self.cards.append(Card(name.rstrip("* "), place, words, after))
             return
         mark = name.lstrip("+*")
         if self.cards and (not mark or _matches(self.cards[-1].after, mark)):

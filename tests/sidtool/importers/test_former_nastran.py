@@ -96,7 +96,7 @@ def test_continuations_stand_anywhere_and_numbers_have_blanks(tmp_path: Path) ->
     apart = bulk(
         "*B      4. E-13         ",
         *grids(PLACES),
-        "PBAR*   1               1               4. -6           5.E-13          KB",
+        "PBAR   *1               1               4. -6           5.E-13          KB",
         *_bars(),
         MATERIAL,
     ).replace("*B      4. E-13", "*B      3. E -13        4. D-13")
