@@ -19,6 +19,7 @@ from sidtool.formats.storage.operating_system import (
     DEFAULT,
     ENDING_SIGNALS,
     INTERRUPT,
+    end_children_with_this_process,
     handle_console_close,
     handle_signal,
     is_closed_pipe,
@@ -186,6 +187,7 @@ def main() -> NoReturn:
     gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.showwarning = _print_warning
     handle_console_close()
+    end_children_with_this_process()
     before = {number: handle_signal(number, _terminate) for number in _ending_signals()}
     if is_usual_interrupt(signal_handler(INTERRUPT)):
         before[INTERRUPT] = handle_signal(INTERRUPT, _interrupt)
