@@ -262,11 +262,13 @@ ENTRIES = (
     Entry(
         "N745",
         WARNING,
-        "the law has a corner at this state: its slope is the mean of both sides",
+        "the law has a corner or a jump at this state: a mean stands for its slope",
         "Changes of the force to both sides of the state, over 1e-6 of the size of the "
         "mechanism, differ by more than 2 % of their sum; and what differs falls with "
-        "the step, not with its square, over an eighth of it. Small motions about a "
-        "corner are not linear: contacts that touch, dampers of two slopes at rest.",
+        "the step, not with its square, over an eighth of it. Or the force changes by "
+        "more than half as much over the shorter step. Motions about such a state are "
+        "not linear: contacts that touch, dampers of two slopes, dry friction at "
+        "rest. The mean is that over 1e-6 of the size of the mechanism.",
         remedy="Analyse about a state beside it, or smooth the law.",
         example={"subject": "bump_stop"},
     ),

@@ -47,7 +47,7 @@ def input_error(
     problems = error.errors(include_url=False)
     first = min(problems, key=_problem_rank)
     place, problem, expected = _describe_problem(first, data, model)
-    said = str(InputError(problem, place=place or None, expected=expected))
+    main_problem = str(InputError(problem, place=place or None, expected=expected))
     meant = _intended_keys(problems, model)
     others = {p["loc"]: p for p in problems if not _is_inside(p, first)}
     listed = [
@@ -56,7 +56,7 @@ def input_error(
         if loc not in meant
     ]
     found = [str(InputError(w, place=p or None, expected=e)) for p, w, e in listed]
-    also = [text for text in dict.fromkeys(found) if text != said]
+    also = [text for text in dict.fromkeys(found) if text != main_problem]
     if len(also) > _SHOWN:
         also[_SHOWN:] = [f"{len(also) - _SHOWN} more problems in this file"]
     return InputError(problem, place=place or None, expected=expected, also=also)

@@ -438,6 +438,7 @@ def _state_derivatives(
         for k, delta in enumerate(_perturbations(mechanics)):
             direction = Direction(k, moves)
             first = best = last = differences(direction, delta)
+            jumps = False
             for _ in range(MAX_SHORTER_STEPS):
                 delta *= SHORTER_STEP
                 shorter = differences(direction, delta)
@@ -446,11 +447,12 @@ def _state_derivatives(
                 change = np.abs(shorter[2][0] - last[2][0]).max(initial=0.0)
                 size = np.abs(shorter[2][0]).max(initial=0.0)
                 is_odd = change > max(CURVED * size, RESOLVED * least / delta)
+                jumps = is_odd and change > SMOOTH * size
                 if best[0] <= CURVED and not is_odd:
                     break
                 last = shorter
                 best = shorter if is_odd else min(best, shorter, key=itemgetter(0))
-            if best[0] > CORNER:
+            if best[0] > CORNER or jumps:
                 best = first
                 corners.append(direction)
             found.append(best[2])
@@ -486,11 +488,12 @@ def _neighbour(
 def corner_notes(
     mechanics: DenseEquations, small: SmallMotions
 ) -> Iterator[Diagnostic]:
-    """Forces with a corner at the state: their slope is the mean of two (N745).
+    """Forces with a corner or a jump at the state, where they have no slope (N745).
 
     Changes to both sides differ by a part of themselves at a corner, by a part that
-    vanishes with the step where a force is smooth. A force of the scene is named where
-    what it alone does has a corner.
+    vanishes with the step where a force is smooth; across a jump a force changes by as
+    much over a shorter step. A force of the scene is named where what it alone does has
+    a corner or a jump.
     """
     if not small.corners:
         return
@@ -510,14 +513,18 @@ def corner_notes(
     for direction in small.corners:
         step = deltas[direction.coordinate]
         whole = differences(direction, step, None)
-        shorter = differences(direction, SHORTER_STEP * step, None)
-        falls = SMOOTH * SHORTER_STEP * np.abs(whole[1]).max()
-        if np.abs(shorter[1]).max() < falls:
+        short_step = SHORTER_STEP * step
+        shorter = differences(direction, short_step, None)
+        sizes, short_sizes = (np.abs(d).max(axis=1) for d in (whole, shorter))
+        jumps = short_sizes[0] > max(SMOOTH * sizes[0], least)
+        if not jumps and short_sizes[1] < SMOOTH * SHORTER_STEP * sizes[1]:
             continue
         found = True
         for k in numbers:
             alone = np.abs(whole - differences(direction, step, k)).max(axis=1)
-            if alone[1] > max(CORNER * alone[0], least):
+            left = np.abs(shorter - differences(direction, short_step, k)).max(axis=1)
+            has_jump = jumps and left[0] > max(SMOOTH * alone[0], least)
+            if has_jump or alone[1] > max(CORNER * alone[0], least):
                 names.add(mechanics.system.forces[k].name)
     mechanics.evaluate(z, v)
     if found:

@@ -123,6 +123,40 @@ def test_modes_name_forces_with_a_corner_at_the_state(
     assert seen == pytest.approx(np.sqrt(k / MASS), rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("law", "jumps"),
+    [
+        ("-0.005*sign(body.vx)", True),
+        ("-0.005*tanh(body.vx/1e-7)", False),
+        ("-0.005*tanh(body.vx/1e-4)", False),
+        ("-2*body.vx", False),
+    ],
+)
+def test_dry_friction_at_rest_has_no_slope(law: str, jumps: bool) -> None:
+    """One that tanh rounds has one: the fast motion decays with F / (v0 m)."""
+    described = scene(
+        {"body": {"mass": MASS, "inertia": 0.1}},
+        {"guide": {"type": "prismatic", "axis": [1, 0], "markers": ["ground", "body"]}},
+        forces={
+            "spring": {"type": "spring_damper", "joint": "guide", "stiffness": 0.01},
+            "guide_friction": {
+                "type": "actuator",
+                "joint": "guide",
+                "function": {"type": "expression", "value": law},
+            },
+        },
+        record=["body.x"],
+    )
+    modes = linearise(compiled(described))
+    if jumps:
+        assert only(modes, "N745").subject == "guide_friction"
+        return
+    assert "N745" not in codes(modes)
+    slopes = {"-0.005*tanh(body.vx/1e-7)": 5e4, "-0.005*tanh(body.vx/1e-4)": 50.0}
+    wanted = np.roots([MASS, slopes.get(law, 2.0), 0.01])
+    assert modes.eigenvalues.real.min() == pytest.approx(wanted.min(), rel=1e-6)
+
+
 @pytest.mark.parametrize("stiffness", [50.0, 1e3, 1e6, 1e8])
 @pytest.mark.parametrize("gravity", [0.0, G])
 def test_a_spring_between_markers_has_no_corner(
