@@ -117,7 +117,7 @@ def test_commas_of_formulas_and_at_ends_separate_no_fields(tmp_path: Path) -> No
     formula = "DEQATN  1       F(A,B,C,D,E,G,H,O,P,Q,R)=SUM(A,B,C,D,E,G,H,O,P,Q,R)\n"
     formula += "        +MAX(A,B,C,D,E,G,H,O,P,Q,R)"
     plain = body(tmp_path, frame(PBAR))
-    more = body(tmp_path, frame(PBAR + ",,,,,,,", formula))
+    more = body(tmp_path, frame(PBAR + ",,,,,,,", formula, "CNGRNT,1,2,3"))
     assert_allclose(frequencies(more), frequencies(plain), rtol=1e-12)
 
 
