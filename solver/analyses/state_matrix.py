@@ -438,7 +438,7 @@ def _state_derivatives(
         for k, delta in enumerate(_perturbations(mechanics)):
             direction = Direction(k, moves)
             first = best = last = differences(direction, delta)
-            jumps = False
+            is_odd = jumps = False
             for _ in range(MAX_SHORTER_STEPS):
                 delta *= SHORTER_STEP
                 shorter = differences(direction, delta)
@@ -446,12 +446,16 @@ def _state_derivatives(
                     break
                 change = np.abs(shorter[2][0] - last[2][0]).max(initial=0.0)
                 size = np.abs(shorter[2][0]).max(initial=0.0)
-                is_odd = change > max(CURVED * size, RESOLVED * least / delta)
+                was_odd, is_odd = (
+                    is_odd,
+                    change > max(CURVED * size, RESOLVED * least / delta),
+                )
                 jumps = is_odd and change > SMOOTH * size
+                if was_odd or is_odd:
+                    best = shorter
                 if best[0] <= CURVED and not is_odd:
                     break
-                last = shorter
-                best = shorter if is_odd else min(best, shorter, key=itemgetter(0))
+                last, best = shorter, min(best, shorter, key=itemgetter(0))
             if best[0] > CORNER or jumps:
                 best = first
                 corners.append(direction)
