@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
-import numpy as np
-
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, orientation_fault
 from sidtool.formats.dead_nodes import check_moves, dead_nodes
@@ -13,7 +11,6 @@ from sidtool.formats.scene import (
     SCENE_QUANTITIES,
     STATE,
     VALUE,
-    PointForce,
     RigidBody,
     SceneFile,
     coordinate_of,
@@ -36,6 +33,7 @@ from ..output.reactions import COMPONENTS, is_constraint, multiplier_row, second
 from ..output.section_forces import check_section_force
 from ..spatial import system_arrays as at
 from ..system.system import System
+from .point_masses import check_point_masses
 
 
 def check_replaced_sids(scene: SceneFile, names: Iterable[str]) -> None:
@@ -138,7 +136,7 @@ def check_attachments(system: System) -> None:
         orientation is no rotation.
     """
     _check_orientations(system)
-    _check_torques(system)
+    check_point_masses(system)
     bodies = {data.name: data for data in system.bodies if dead_nodes(data.sid)}
     for what, place, (body, marker) in attachments(system.scene):
         if body not in bodies:
@@ -152,21 +150,6 @@ def check_attachments(system: System) -> None:
                 place=place,
                 expected=f"{error.expected}, or --accept-defects",
             ) from None
-
-
-def _check_torques(system: System) -> None:
-    """Raises torques on what cannot rotate: they would do nothing."""
-    point_masses = {d.name for d in system.bodies if not d.rotates and d.is_scene_body}
-    for name, force in system.scene.forces.items():
-        if not isinstance(force, PointForce) or not np.any(force.torque or 0.0):
-            continue
-        body = marker_reference(force.marker)[0]
-        if body in point_masses:
-            raise InputError(
-                f"its torque acts on {body}, a point mass, which does not rotate",
-                place=f"forces.{name}.torque",
-                expected=f"a body with inertia: bodies.{body}.inertia, or no torque",
-            )
 
 
 def _check_orientations(system: System) -> None:

@@ -71,6 +71,8 @@ def network(
         },
         "point": {"mass": 0.7},
     }
+    if kind == "prismatic":  # it holds angles, which a point mass has not
+        bodies["point"]["inertia"] = 0.2 if planar else [0.2, 0.3, 0.1]
     ends = [
         ["crank.m", "soft.1"],
         ["soft.2", "block.m"],
@@ -88,6 +90,7 @@ def network(
         drives |= {
             f"drive{i}": {"joint": f"joint{i}", "function": function}
             for i in range(len(ends))
+            if kind == "prismatic" or ends[i][1] != "point"
         }
     described = scene(
         bodies,

@@ -1,0 +1,137 @@
+"""A point mass takes no torque: what would turn another body against it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import sidtool
+from sidtool.formats.base.errors import InputError
+
+
+def scene(
+    dimension: str = "planar", inertia: float | None = None, **tables: Any
+) -> sidtool.Scene:
+    """A rotor that spins freely at 1 rad/s, and a mass at its arm of 1 m."""
+    spatial = dimension == "spatial"
+    own = [0.1, 0.1, 0.1] if spatial else 0.1
+    end = [1.0, 0.0, 0.0] if spatial else [1.0, 0.0]
+    spin = [0.0, 0.0, 1.0] if spatial else 1.0
+    mass: dict[str, Any] = {"mass": 1.0, "initial": {"position": end}}
+    if inertia is not None:
+        mass["inertia"] = [inertia] * 3 if spatial else inertia
+    rotor = {
+        "mass": 1.0,
+        "inertia": own,
+        "initial": {"angular_velocity": spin},
+        "markers": {"end": {"position": end}},
+    }
+    joints = {"axle": {"type": "revolute", "markers": ["ground", "rotor"]}}
+    data = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": dimension,
+        "time": {"end": 1.0, "output_step": 0.1},
+        "bodies": {"rotor": rotor, "bead": mass},
+        "joints": joints | tables.pop("joints", {}),
+        "outputs": {"record": ["axle.angle", "angular_momentum.z"]},
+    }
+    return sidtool.Scene.checked(data | tables, "test")
+
+
+PIN = {"pin": {"type": "revolute", "markers": ["rotor.end", "bead"]}}
+RAIL = {"rail": {"type": "prismatic", "markers": ["rotor", "bead"]}}
+LINE = {"rail": {"type": "point_on_line", "markers": ["rotor", "bead"]}}
+SPRING = {"type": "spring_damper", "joint": "pin", "stiffness": 50.0}
+MOTOR = {
+    "type": "actuator",
+    "joint": "pin",
+    "function": {"type": "constant", "value": 1.0},
+}
+CASES = {
+    "spring": {"joints": PIN, "forces": {"a": SPRING}},
+    "motor": {"joints": PIN, "forces": {"a": MOTOR}},
+    "brake": {
+        "joints": PIN,
+        "forces": {
+            "a": {"type": "friction", "joint": "pin", "force": 1.0, "speed": 0.1}
+        },
+    },
+    "friction": {
+        "joints": {
+            "pin": PIN["pin"] | {"friction": {"coefficient": 0.2, "radius": 0.1}}
+        }
+    },
+    "rail": {"joints": RAIL},
+    "drive": {
+        "joints": PIN,
+        "drives": {
+            "a": {
+                "joint": "pin",
+                "function": {"type": "harmonic", "amplitude": 1.0, "frequency": 1.0},
+            }
+        },
+    },
+}
+
+
+@pytest.mark.parametrize("case", sorted(CASES))
+def test_torques_on_a_point_mass_are_refused(case: str) -> None:
+    """They turned the rotor against an orientation that the mass does not have."""
+    with pytest.raises(InputError, match=r"a point mass.*bodies\.bead\.inertia"):
+        sidtool.simulate(scene(**CASES[case]))
+    found = sidtool.simulate(scene(inertia=0.2, **CASES[case]))
+    momentum = found["angular_momentum.z"]
+    assert_allclose(momentum, momentum[0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_bushings_hold_point_masses_by_forces(dimension: str) -> None:
+    forces = 2 if dimension == "planar" else 3
+    rotations = 1 if dimension == "planar" else 3
+    for twist in (0.0, 5.0):
+        stiffness = [1e3] * forces + [twist] * rotations
+        markers = ["rotor.end", "bead"]
+        mount = {"type": "bushing", "markers": markers, "stiffness": stiffness}
+        if twist:
+            with pytest.raises(InputError, match="zeros for rotations"):
+                sidtool.simulate(scene(dimension, forces={"mount": mount}))
+        else:
+            found = sidtool.simulate(scene(dimension, forces={"mount": mount}))
+            momentum = found["angular_momentum.z"]
+            assert_allclose(momentum, momentum[0], rtol=1e-5)
+
+
+def test_a_bead_on_a_line_lets_the_rod_turn() -> None:
+    """Its angular momentum is kept, the angle not held."""
+    found = sidtool.simulate(scene(joints=LINE))
+    assert found["axle.angle"][-1] > 0.5
+    assert np.ptp(found["angular_momentum.z"]) < 1e-6
+
+
+def test_what_does_not_turn_may_guide_a_point_mass() -> None:
+    carriage = {"mass": 2.0, "inertia": 0.1}
+    rails = {
+        "floor": {"type": "prismatic", "markers": ["ground", "carriage"]},
+        "mast": {"type": "prismatic", "markers": ["carriage", "bead"]},
+        "wall": {"type": "prismatic", "markers": ["ground", "stone"]},
+    }
+    bodies = {
+        "carriage": carriage,
+        "bead": {"mass": 1.0, "initial": {"velocity": [1.0, 0.0]}},
+        "stone": {"mass": 1.0},
+    }
+    data = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "planar",
+        "time": {"end": 1.0, "output_step": 0.5},
+        "bodies": bodies,
+        "joints": rails,
+        "outputs": {"record": ["bead.x"]},
+    }
+    found = sidtool.simulate(sidtool.Scene.checked(data, "test"))
+    assert_allclose(found["bead.x"], found.t, atol=1e-9)
