@@ -2,6 +2,7 @@
 
 A point mass takes no torque. What holds, drives or springs an angle between it and
 another body would act on this body as if the point mass could not be turned at all.
+That is meant where a guide takes the torque, as that of a piston does.
 """
 
 from collections.abc import Iterator
@@ -25,8 +26,9 @@ from sidtool.formats.scene.connections import force_coordinate, is_turned
 
 from ..system.system import System
 
-#: Joints without a relative rotation.
+#: Joints without a relative rotation, and those that guide.
 _TRANSLATING = ("fixed", "prismatic")
+_GUIDES = (*_TRANSLATING, "point_on_line", "point_on_plane")
 
 
 def check_point_masses(system: System) -> None:
@@ -46,7 +48,9 @@ def check_point_masses(system: System) -> None:
             if body in masses:
                 raise _error(f"forces.{name}.torque", "its torque acts", body, "torque")
     bodies = {d.name for d in system.bodies if d.rotates and d.is_scene_body}
-    turning = bodies - _translating(scene, masses)
+    translating = _translating(scene, masses)
+    turning = bodies - translating
+    masses -= _guided(scene, translating)
     for place, what, texts, remedy in _torques(scene):
         ends = {marker_reference(text)[0] for text in texts}
         if ends & masses and ends & turning:
@@ -70,6 +74,16 @@ def _translating(scene: SceneFile, masses: set[str]) -> set[str]:
             ends = {marker_reference(text)[0] for text in marker_names(joint)}
             if joint.type in _TRANSLATING and ends & found and not ends & masses:
                 found |= ends
+    return found
+
+
+def _guided(scene: SceneFile, translating: set[str]) -> set[str]:
+    """Bodies that something guides which does not turn."""
+    found = set[str]()
+    for joint in scene.joints.values():
+        ends = {marker_reference(text)[0] for text in marker_names(joint)}
+        if joint.type in _GUIDES and ends & translating:
+            found |= ends
     return found
 
 

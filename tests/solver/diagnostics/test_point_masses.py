@@ -112,6 +112,37 @@ def test_a_bead_on_a_line_lets_the_rod_turn() -> None:
     assert np.ptp(found["angular_momentum.z"]) < 1e-6
 
 
+def test_the_guide_of_a_piston_takes_the_torque_of_its_pin() -> None:
+    """A rod falls from its pin in a piston on a rail. With a spring of the pin that the
+    piston carries it swings as on a wall: I w' = -k a about the pin, so that
+    cos(sqrt(k / I) t) is its angle; the piston is heavy.
+    """
+    stiffness, inertia = 3.0, 0.1 + 0.5 * 0.2**2
+    rod = {
+        "mass": 0.5,
+        "inertia": 0.1,
+        "markers": {"pin": {"position": [-0.2, 0.0]}},
+        "initial": {"position": [0.2, 0.0]},
+    }
+    spring = {"type": "spring_damper", "joint": "pin", "stiffness": stiffness}
+    data = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "planar",
+        "time": {"end": 1.0, "output_step": 0.05},
+        "bodies": {"rod": rod, "piston": {"mass": 1e9}},
+        "joints": {
+            "guide": {"type": "point_on_line", "markers": ["ground", "piston"]},
+            "pin": {"type": "revolute", "markers": ["piston", "rod.pin"]},
+        },
+        "forces": {"spring": spring | {"rest": -0.1}},
+        "outputs": {"record": ["pin.angle"]},
+    }
+    found = sidtool.simulate(sidtool.Scene.checked(data, "test"), rtol=1e-8)
+    wanted = -0.1 * (1.0 - np.cos(np.sqrt(stiffness / inertia) * found.t))
+    assert_allclose(found["pin.angle"], wanted, atol=1e-6)
+
+
 def test_what_does_not_turn_may_guide_a_point_mass() -> None:
     carriage = {"mass": 2.0, "inertia": 0.1}
     rails = {
