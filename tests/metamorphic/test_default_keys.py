@@ -44,6 +44,7 @@ NOTHING = {
 ELSEWHERE = {
     "Accuracy": {"rtol"},
     "Drive": {"start", "start_rate"},
+    "Expression": {"terms"},
     "Outputs": {"record"},
     "SceneFile": {"outputs"},
     "Screw": {"axis", "second_axis", "offset"},
