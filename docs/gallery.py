@@ -6,6 +6,7 @@ The pictures are drawn from the model files when the site is built.
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from pathlib import Path
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 _ROW = re.compile(r"^\| \[(\w+)\]\(\w+\) \| (.+) \|$", re.MULTILINE)
 _CONVERT = re.compile(r"sidtool convert (\w+\.toml)")
+_SIMULATE = re.compile(r"sidtool (simulate .+)$", re.MULTILINE)
 _IMAGE = re.compile(r"(!\[[^\]]*\]\()([\w.]+\))")
 _SCRIPT = re.compile(r"^ *python (\w+\.py)$", re.MULTILINE)
 
@@ -39,9 +41,14 @@ class Example:
     text: str
 
     @property
-    def model(self) -> str:
-        """Name of the first model file, which its commands convert."""
-        return str(_CONVERT.findall(self.text)[0])
+    def model(self) -> str | None:
+        """Name of the first model file that its commands convert, if they do."""
+        return next(iter(_CONVERT.findall(self.text)), None)
+
+    @property
+    def simulation(self) -> list[str]:
+        """The words of its last simulation."""
+        return shlex.split(_SIMULATE.findall(self.text)[-1])
 
 
 def examples() -> list[Example]:
@@ -83,7 +90,7 @@ def pages() -> dict[str, str]:
 
 
 def draw_pictures(folder: Path) -> Iterator[Path]:
-    """Draw the model of each example into a folder; yields the files."""
+    """Draw the model or the motion of each example into a folder; yields the files."""
     for each in examples():
         yield draw_picture(each, folder)
 
@@ -91,7 +98,7 @@ def draw_pictures(folder: Path) -> Iterator[Path]:
 def draw_picture(example: Example, folder: Path) -> Path:
     """Draw the model of an example; its mesh is made by its own script, if it has one.
 
-    The other files of the example are not changed.
+    Of an example without a model the motion is drawn. Its files are not changed.
     """
     from sidtool.cli.main import run
 
@@ -101,7 +108,12 @@ def draw_picture(example: Example, folder: Path) -> Path:
         shutil.copytree(EXAMPLES / example.name, copy)
         for script in _SCRIPT.findall(example.text):
             subprocess.run([sys.executable, script], cwd=copy, check=True)
-        arguments = [str(copy / example.model), "-o", str(target), "--force", "--quiet"]
+        drawn = example.model
+        if drawn is None:
+            command = [sys.executable, "-m", "sidtool", *example.simulation]
+            subprocess.run(command, cwd=copy, check=True)
+            drawn = example.simulation[-1]
+        arguments = [str(copy / drawn), "-o", str(target), "--force", "--quiet"]
         status = run(["plot", *arguments])
     if status != 0:
         raise RuntimeError(f"no picture of {example.name}: exit status {status}")
