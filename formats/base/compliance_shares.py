@@ -47,8 +47,7 @@ class ComplianceShares:
     def _entries(self) -> Iterator[str]:
         if self.lost:
             yield _entry(INERTIA_KEY, self.lost)
-        known = [(min(_is_known(row), default=1.0), n, row) for n, row in self._rows()]
-        for _, name, row in sorted(known, key=lambda entry: entry[0]):
+        for name, row in sorted(self._rows(), key=lambda named: _poorest(named[1])):
             yield _entry(name, row)
 
     def _rows(self) -> Iterator[tuple[str, SixComponents]]:
@@ -78,6 +77,11 @@ def parse_compliance_shares(text: str) -> ComplianceShares | None:
 
 def _is_known(row: SixComponents) -> list[float]:
     return [share for share in row if share is not None]
+
+
+def _poorest(row: SixComponents) -> int:
+    """The lowest known share in whole per cents; finer differences may be rounding."""
+    return round(100.0 * min(_is_known(row), default=1.0))
 
 
 def _entry(name: str, row: SixComponents) -> str:

@@ -236,6 +236,14 @@ def test_titles_carry_what_shape_functions_carry(tmp_path: Path, dialect: str) -
     assert read_sid(tmp_path / "arm.h5").written_by == written_by()
 
 
+def test_nodes_of_equal_shares_keep_their_order() -> None:
+    """Rounding on another processor must not change the title of a file."""
+    equal = {"3": (1.0,) * 6, "1": (1.0 - 2e-16,) * 6, "2": (1.0 - 1e-16,) * 6}
+    shares = ComplianceShares(False, {**equal, "4": (0.5,) * 6})
+    names = [entry.split("=")[0] for entry in shares.text(400).split()[1:]]
+    assert names == ["4", "3", "1", "2"]
+
+
 @pytest.mark.parametrize("carried", [None, ComplianceShares(True, {"1": (0.5,) * 6})])
 @pytest.mark.parametrize("name", ["a.h5", "a.SID_FEM", "fembeam", "pysid"])
 def test_files_tell_whether_a_body_came_as_matrices(
