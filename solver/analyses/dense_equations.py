@@ -11,6 +11,7 @@ from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..diagnostics.failure_causes import lost_inertia_cause
 from ..diagnostics.singular_configurations import dependent_row_names
+from ..dynamics.control_laws import FAILED_LAW
 from ..initial_state.assembly import StateVectors, dense_jacobian, row_names
 from ..initial_state.constraint_jacobian import friction_directions, normalised_rows
 from ..initial_state.given_state import store_rotations
@@ -50,6 +51,7 @@ class DenseEquations:
 
     def evaluate(self, z: Array, v: Array) -> None:
         """Raises SimulationError where a law gives no number."""
+        self.work.law_failure[FAILED_LAW] = 0.0
         work_arrays.evaluate(self.system, self.work, self.t, z, v)
         invalid = law_failure(self.system, self.work, self.t)
         if invalid:

@@ -16,6 +16,7 @@ from sidtool.formats.diagnostics import (
 )
 from sidtool.formats.scene import INPUTS, unit_of
 
+from ..system.errors import SimulationError
 from ..system.system import System
 from .output_derivatives import (
     AGREEMENT,
@@ -31,7 +32,7 @@ from .state_matrix import (
 #: What the name of an input of the scene gets as its derivative, by the order.
 DERIVATIVE_NAMES = ("", ".rate", ".acceleration")
 #: Change of an input, relative to its value or to 1.
-INPUT_PERTURBATION = 1e-4
+INPUT_PERTURBATION = 1e-3
 _SQUARED = "\N{SUPERSCRIPT TWO}"
 
 
@@ -152,10 +153,18 @@ def _equation_changes(
             )
         return [(p - m) / (2.0 * step) for p, m in zip(*ends, strict=True)]
 
-    step = INPUT_PERTURBATION * max(abs(given), 1.0)
+    def first_differences(step: float) -> tuple[float, list[Array]]:
+        """A step that no law is undefined within, as a root is below zero."""
+        for _ in range(MAX_REFINEMENTS):
+            try:
+                return step, differences(step)
+            except SimulationError:
+                step /= REFINEMENT
+        return step, differences(step)
+
     found: list[tuple[float, float, list[Array]]] = []
     try:
-        coarse = differences(step)
+        step, coarse = first_differences(INPUT_PERTURBATION * max(abs(given), 1.0))
         for _ in range(MAX_REFINEMENTS):
             fine = differences(step / REFINEMENT)
             pairs = zip(fine, coarse, strict=True)

@@ -458,7 +458,7 @@ def test_von_mises_stress_changes_as_its_components() -> None:
     assert_allclose(rates[0], rates[peak], rtol=0.0, atol=1e-6 * largest)
 
 
-@pytest.mark.parametrize("opening", [1.0, 0.01, 2e-4])
+@pytest.mark.parametrize("opening", [1.0, 0.01, 2e-4, 1e-6, 1e-8])
 def test_an_input_has_its_effect_at_its_value(opening: float) -> None:
     """A force 100 sqrt(u) on a spring of 10 N/m moves by 5 / sqrt(u) per input."""
     scene = sidtool.Scene(
