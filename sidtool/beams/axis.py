@@ -167,12 +167,10 @@ def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Ax
     spline = _CubicSpline(knots, points)
     first, second = partial(spline, order=1), partial(spline, order=2)
     marks = _refine_knots(knots)
-    x, w = gauss_legendre(_POINTS)
 
     def lengths(start: Array, end: Array) -> Array:
-        half = (end - start)[:, None] / 2
-        at = start[:, None] + half * (1 + x)
-        return analytic_norm(first(at), axis=-1) @ w * half[:, 0]
+        at, weights = _gauss_points(start, end)
+        return np.asarray((analytic_norm(first(at), axis=-1) * weights).sum(axis=1))
 
     covered = np.concatenate([[0], np.cumsum(lengths(marks[:-1], marks[1:]))])
     length = covered[-1].item()
@@ -243,14 +241,12 @@ class _Transport:
     ) -> tuple[Array, Array, Array]:
         """Axes (n, 2, 3) at the starts of pieces and at their ends, angles between."""
         r, starts = self._fixed[pieces], self._marks[pieces]
-        x, w = gauss_legendre(_POINTS)
-        half = (ends - starts)[:, None] / 2
-        at = starts[:, None] + half * (1 + x)
+        at, weights = _gauss_points(starts, ends)
         tangent, change = self._bent(at)
         beside = np.cross(tangent, r[:, None])
         rate = (r[:, None] * tangent).sum(axis=-1) * (change * beside).sum(axis=-1)
         rate = rate * analytic_norm(self._velocity(at), axis=-1)
-        angles = (rate / (beside**2).sum(axis=-1)) @ w * half[:, 0]
+        angles = (rate / (beside**2).sum(axis=-1) * weights).sum(axis=1)
         return self._axes(starts, r), self._axes(ends, r), angles
 
     def _axes(self, parameters: Array, r: Array) -> Array:
@@ -259,6 +255,13 @@ class _Transport:
         b = np.cross(tangent, r)
         b = b / analytic_norm(b, axis=-1, keepdims=True)
         return np.stack([np.cross(b, tangent), b], axis=-2)
+
+
+def _gauss_points(starts: Array, ends: Array) -> tuple[Array, Array]:
+    """Points and weights (n, p) of intervals (n,)."""
+    x, w = gauss_legendre(_POINTS)
+    half = (ends - starts)[:, None] / 2
+    return starts[:, None] + half * (1 + x), half * w
 
 
 def _turned(y: Array, begin: Array, end: Array, angle: Array) -> Array:

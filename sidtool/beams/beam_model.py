@@ -207,8 +207,7 @@ def beam_properties(
     if geometry.sections is not None:
         stations = station_sections(geometry, axis.length)
         axis = replace(axis, twist=stations.twist)
-        stated = stations.at(0.0).sheared is not None
-        shear = stated if theory is None else theory == "timoshenko"
+        shear = _shears(theory, stations.at(0.0).sheared is not None)
         return BeamProperties(stations.at, axis, 0.0, 0.0, shear), stations.mass, 1.0
     assert material is not None
     e, nu = material.youngs_modulus, material.poissons_ratio
@@ -216,10 +215,15 @@ def beam_properties(
     stated = isinstance(
         geometry.section, GeneralSection
     ) and not _SHEAR_AREAS.isdisjoint(geometry.section.model_fields_set)
-    shear = stated if theory is None else theory == "timoshenko"
+    shear = _shears(theory, stated)
     beam = BeamProperties(section, axis, e, e / (2 * (1 + nu)), shear)
     per_length = _area(geometry) * profile(material.density, "linear")
     return beam, per_length, material.density
+
+
+def _shears(theory: str | None, stated: bool) -> bool:
+    """Whether cross-sections shear, which state a shear stiffness or do not."""
+    return stated if theory is None else theory == "timoshenko"
 
 
 def _sides(geometry: BeamGeometry) -> list[Profile]:
