@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 from ..base.errors import InputError
-from ..toml.expressions import FUNCTIONS, lookups
+from ..toml.expressions import check_names, lookups
 from .base import Time
 from .bodies import SidBody
 from .forces import Bushing, Characteristic, Force, Friction, PointForce, SpringDamper
@@ -355,9 +355,10 @@ def _check_names_of_law(law: Expression, place: str, scene: SceneTables) -> None
     ):
         for name in names:
             location = f"{place}.{key}.{name}"
-            if name in FUNCTIONS or name in ("t", "pi") or not name.isidentifier():
-                problem = f"{kind} has the name {name!r}"
-                raise_failure(location, problem, "a word that is no function")
+            try:
+                check_names([name], kind)
+            except InputError as error:
+                raise_failure(location, error.problem, error.expected)
             if name in known:
                 raise_failure(location, f"is {known[name]} as well", "another name")
             known[name] = kind

@@ -104,10 +104,9 @@ def _check_inputs(scene: SceneTables) -> None:
         if name in scene.parameters:
             raise_failure(f"inputs.{name}", "is a parameter as well", "another name")
         try:
-            check_names([name])
+            check_names([name], "an input")
         except InputError as error:
-            problem = error.problem.replace("a parameter", "an input")
-            raise_failure(f"inputs.{name}", problem, error.expected or "")
+            raise_failure(f"inputs.{name}", error.problem, error.expected)
         check_input(signal, f"inputs.{name}", scene.time)
 
 

@@ -82,17 +82,21 @@ def parse_expression(
     return _Parser(text, parameters, terms).whole()
 
 
-def check_names(parameters: Iterable[str]) -> None:
-    """Whether parameters can be read by formulas.
+def check_names(names: Iterable[str], kind: str = "a parameter") -> None:
+    """Whether formulas can read names.
+
+    Parameters
+    ----------
+    kind : what the names are of
 
     Raises
     ------
     InputError : one is no word, or means something else.
     """
-    for name in parameters:
+    for name in names:
         if name in FUNCTIONS or name in ("t", "pi") or not name.isidentifier():
             raise InputError(
-                f"a parameter has the name {name!r}",
+                f"{kind} has the name {name!r}",
                 expected="a word that is neither t, pi nor a function",
             )
 
