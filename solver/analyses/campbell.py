@@ -153,9 +153,12 @@ def campbell_diagram(
         diagnostics=(*each_once(found), *_uncertain(key, values, agreement)),
     )
     growing = _growing(diagram, points, paths)
-    diagram = replace(diagram, diagnostics=(*diagram.diagnostics, *growing))
     critical = _critical_speeds(diagram, points, paths, modes_at, orders)
-    return replace(diagram, critical_speeds=tuple(critical))
+    return replace(
+        diagram,
+        diagnostics=(*diagram.diagnostics, *growing),
+        critical_speeds=tuple(critical),
+    )
 
 
 def _along(points: Sequence[Linearisation], paths: Array, name: str) -> np.ndarray:
@@ -197,7 +200,7 @@ def _growing(
         values = diagram.values[grows[:, k]]
         span = " to ".join(f"{v:.6g}" for v in dict.fromkeys((values[0], values[-1])))
         subject = f"mode {k + 1}, {diagram.key} = {span}"
-        yield diagnose("N714", subject, rate=float(rates[grows[:, k], k].max()))
+        yield diagnose(GROWING, subject, rate=float(rates[grows[:, k], k].max()))
 
 
 def _followed_paths(points: Sequence[Linearisation]) -> tuple[np.ndarray, Array]:

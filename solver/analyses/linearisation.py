@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import (
@@ -175,10 +176,20 @@ def linearised_at(
 def _growth_notes(modes: Linearisation) -> Iterator[Diagnostic]:
     """Modes with negative damping, of equations that are constant (N714)."""
     grows = (modes.damping_ratios < -INSTABILITY_TOLERANCE) & ~modes.rigid
+    yield from growth_notes(grows, modes.eigenvalues.real)
+
+
+def growth_notes(grows: NDArray[np.bool_], rates: Array) -> Iterator[Diagnostic]:
+    """The modes that grow, with the largest of their rates [1/s] (N714).
+
+    Parameters
+    ----------
+    grows, rates : (n,)
+    """
     numbers = [str(k + 1) for k in np.flatnonzero(grows)]
     if numbers:
         subject = "mode" if len(numbers) == 1 else "modes"
-        rate = float(modes.eigenvalues[grows].real.max())
+        rate = float(rates[grows].max())
         yield diagnose(GROWING, f"{subject} {', '.join(numbers)}", rate=rate)
 
 

@@ -117,7 +117,7 @@ def _torques(scene: SceneFile) -> Iterator[tuple[str, str, tuple[str, ...], str]
                 f"forces.{name}",
                 "its torque acts",
                 tuple(force.markers),
-                ("zeros for rotations"),
+                "zeros for rotations",
             )
 
 

@@ -28,6 +28,7 @@ from sidtool.formats.diagnostics import (
 from sidtool.formats.sid_mass import skew
 
 from ..analyses.joint_friction import equations_at
+from ..analyses.linearisation import growth_notes
 from ..analyses.operating_point import operating_point
 from ..analyses.reference_axes import axis_angular_velocities
 from ..analyses.state_matrix import linear_equations, small_motions
@@ -411,9 +412,5 @@ def _mean_sizes(values: np.ndarray) -> Array:
 
 def _growth_notes(sizes: Array, period: float) -> Iterator[Diagnostic]:
     """Modes that grow (N714)."""
-    grows = sizes > 1.0 + GROWTH
-    numbers = [str(k + 1) for k in np.flatnonzero(grows)]
-    if numbers:
-        subject = "mode" if len(numbers) == 1 else "modes"
-        rate = float(np.log(sizes.max()) / period)
-        yield diagnose("N714", f"{subject} {', '.join(numbers)}", rate=rate)
+    rates = np.log(np.maximum(sizes, 1.0)) / period
+    yield from growth_notes(sizes > 1.0 + GROWTH, rates)
