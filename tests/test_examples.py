@@ -411,7 +411,7 @@ def test_the_scara_sags_as_a_tapering_beam_and_follows_as_two_rods(ran) -> None:
         assert rigid[f"{joint}.angle"] == pytest.approx(states[k], abs=2e-6)
 
 
-def test_the_journal_floats_as_ocvirk_says_and_whirls(ran) -> None:
+def test_the_journal_has_the_load_of_ocvirk_and_whirls(ran) -> None:
     """Load and attitude of the short bearing; eigenvalues and motions of four equations
     in polar coordinates of the journal."""
     folder = ran("journal_bearing")

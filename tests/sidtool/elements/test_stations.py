@@ -219,7 +219,7 @@ def test_matrices_are_the_columns_in_other_words(theory: str) -> None:
 
 
 @pytest.mark.parametrize("by", ["matrices", "columns", "areas", "neither"])
-def test_stated_shear_stiffness_counts(by: str) -> None:
+def test_sections_that_state_shear_stiffness_shear(by: str) -> None:
     """Tip under a force along y: F L^3 / 3 EI_z + F L / GA_y where GA_y is stated; a
     short mast, whose shear is 40 % of it. `theory` chooses otherwise.
     """

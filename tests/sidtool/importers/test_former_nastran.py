@@ -70,7 +70,7 @@ def test_tapered_tubes_are_refused(tmp_path: Path) -> None:
     assert "OD2" in error.value.problem
 
 
-def test_a_flag_says_whether_a_bar_has_a_vector_or_a_node(tmp_path: Path) -> None:
+def test_the_flag_of_cbar_selects_a_vector_or_a_node(tmp_path: Path) -> None:
     """1 is a vector, also of whole numbers; 2 is a node."""
     now = body(tmp_path, frame(PBAR))
     vector = body(tmp_path, frame(PBAR, tail=",1"))
@@ -88,7 +88,7 @@ def test_a_flag_says_whether_a_bar_has_a_vector_or_a_node(tmp_path: Path) -> Non
 
 
 def test_continuations_stand_anywhere_and_numbers_have_blanks(tmp_path: Path) -> None:
-    """The mark at the end of a line says which line continues it."""
+    """A continuation begins with the mark at the end of the line before it."""
     text = frame(PBAR)
     plain = bulk(*grids(PLACES), *_bars(), "PBAR,1,1,4.-6,5.-13,3.-13,4.-13", MATERIAL)
     now = body(tmp_path, plain)
