@@ -4,6 +4,35 @@ from .entry import INFO, WARNING, Entry
 
 ENTRIES = (
     Entry(
+        "N810",
+        WARNING,
+        "compiled kernels cannot be kept in {folders}",
+        "Machine code of the kernels is compiled once, written to one of these folders "
+        "and read afterwards. No file could be written, for the reason in brackets. "
+        "Every process compiles its kernels anew, all of them in about 100 s.",
+        remedy="NUMBA_CACHE_DIR may name a folder that can be written.",
+        example={"folders": ("/opt/sidtool (Permission denied)",)},
+    ),
+    Entry(
+        "N811",
+        WARNING,
+        "compiled kernels in {path} are damaged and compiled anew",
+        "The checksum (SHA-256) in the file is not that of its content. "
+        "Nothing of it is used, and a complete file replaces it.",
+        remedy="Check the disk if this happens again.",
+        example={"path": "kernels/step.bin"},
+    ),
+    Entry(
+        "N812",
+        WARNING,
+        "compiled kernels in {path} are not used: {reason}",
+        "Machine code is loaded only from files and folders that belong to the user or "
+        "to the administrator and that others cannot change: permission bits 022 of "
+        "all of them are 0.",
+        remedy="NUMBA_CACHE_DIR may name a folder of your own.",
+        example={"path": "/tmp/kernels", "reason": "others may write to it"},
+    ),
+    Entry(
         "N820",
         WARNING,
         "output times do not resolve {outputs}; straight lines join them",

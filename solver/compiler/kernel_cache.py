@@ -17,7 +17,8 @@ from typing import Any
 from numba import types
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.diagnostics.python_warnings import warn_caller
+from sidtool.formats.diagnostics.python_warnings import warn_of
+from sidtool.formats.diagnostics.record import Diagnostic, diagnose
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import (
     Untrusted,
@@ -41,10 +42,6 @@ COMPILER_FOLDER = Path(__file__).resolve().parent
 _warned: set[str] = set()
 
 
-class KernelCacheWarning(UserWarning):
-    """Compiled kernels cannot be kept, or what was kept is damaged."""
-
-
 def cache_folders() -> list[Path]:
     """Where kernels are looked for, and written if possible: the first comes first.
 
@@ -65,15 +62,15 @@ def read_code(name: str, key: str) -> bytes | None:
         try:
             content = read_trusted(path, _trusted_like(folder))
         except Untrusted as error:
-            text = f"{error.filename}: {failure_reason(error)}"
-            warn_once("untrusted", f"{text}; its kernels are compiled anew")
+            reason = failure_reason(error)
+            warn_once(diagnose("N812", path=error.filename, reason=reason))
             continue
         except OSError:
             continue
         try:
             stored_version, code = _decode(content)
         except ValueError:
-            warn_once("damaged", f"{path} is damaged: what it held is compiled anew")
+            warn_once(diagnose("N811", path=str(path)))
             continue
         if stored_version == key:
             return code
@@ -123,25 +120,20 @@ def _trusted_like(folder: Path) -> Path | None:
 
 def has_failed_to_write() -> bool:
     """True if this process has failed to keep a kernel."""
-    return "unwritable" in _warned
+    return "N810" in _warned
 
 
-def warn_once(kind: str, text: str) -> None:
-    """Warns once of each kind of trouble."""
-    if kind not in _warned:
-        _warned.add(kind)
-        warn_caller(KernelCacheWarning(text))
+def warn_once(found: Diagnostic) -> None:
+    """Warns once of each code."""
+    if found.code not in _warned:
+        _warned.add(found.code)
+        warn_of(found)
 
 
 def _warn_unwritable(failures: list[str]) -> None:
-    if "untrusted" in _warned:
-        _warned.add("unwritable")
-    warn_once(
-        "unwritable",
-        f"compiled kernels cannot be kept in {', '.join(failures)}: "
-        "every run compiles them anew; "
-        "NUMBA_CACHE_DIR may name another folder",
-    )
+    if "N812" in _warned:  # the same folders: one warning is enough
+        _warned.add("N810")
+    warn_once(diagnose("N810", folders=failures))
 
 
 def _encode(key: str, code: bytes) -> bytes:

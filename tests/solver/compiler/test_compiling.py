@@ -14,6 +14,7 @@ import pytest
 from numba import float64
 from numba.extending import intrinsic
 
+from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
 from sidtool.solver.compiler import kernel_cache, precompile
 from sidtool.solver.compiler.kernels import entry
 from sidtool.solver.integrators.registry import all_step_loops
@@ -94,7 +95,7 @@ def test_processes_help_only_where_kernels_can_be_kept(
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     precompile._compile(groups, None)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(Path(__file__) / "cache"))
-    with pytest.warns(kernel_cache.KernelCacheWarning):
+    with pytest.warns(DiagnosticWarning, match="N810"):
         precompile._compile(groups, None)
     assert numbers == [3, 0] and here == 2 * ["a:a", "a:b", "b:a", "c:a"]
 

@@ -15,6 +15,7 @@ import pytest
 from numba import float64
 from numba.extending import intrinsic
 
+from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
 from sidtool.solver.compiler import kernel_cache, kernels
 from sidtool.solver.compiler.kernels import Entry, entry
 from tests.places import ROOT, posix
@@ -91,7 +92,7 @@ def test_versions_of_a_kernel_replace_each_other(cache: Path) -> None:
 def test_a_full_disk_leaves_no_kernel_of_older_code(size: int, cache: Path) -> None:
     """What could not be written is not there, and nobody takes what was for it."""
     assert scaled(2.0)(1.5) == 3.0
-    with files_up_to(size), pytest.warns(kernel_cache.KernelCacheWarning) as told:
+    with files_up_to(size), pytest.warns(DiagnosticWarning, match="N810") as told:
         assert scaled(3.0)(1.5) == 4.5
     assert len(told) == 1 and "File too large" in str(told[0].message)
     again = scaled(3.0)
@@ -123,7 +124,7 @@ def test_damaged_kernels_are_compiled_anew(
         monkeypatch.setattr(kernel_cache, "_warned", set())
         file.write_bytes(content)
         kernel = scaled(5.0)
-        with pytest.warns(kernel_cache.KernelCacheWarning) as told:
+        with pytest.warns(DiagnosticWarning, match="N811") as told:
             assert not kernel.is_cached(kernel.signatures[0]), kind
         assert len(told) == 1 and str(file) in str(told[0].message)
     assert kernel(1.5) == 7.5
@@ -191,7 +192,7 @@ def test_machine_code_that_others_may_have_written_is_not_loaded(
     path = file if what == "file" else file.parent
     foreign(path, monkeypatch) if mode is None else path.chmod(mode)
     again = scaled(2.0)
-    with pytest.warns(kernel_cache.KernelCacheWarning) as told:
+    with pytest.warns(DiagnosticWarning, match="N812") as told:
         assert again(1.5) == 3.0 and not from_disk(again)
     assert len(told) == 1 and str(path) in str(told[0].message)
 
@@ -210,7 +211,7 @@ def test_a_link_of_another_user_to_kernels_is_not_followed(
     if not os.geteuid():
         os.chown(folder, 12345, -1, follow_symlinks=False)
         again = scaled(2.0)
-        with pytest.warns(kernel_cache.KernelCacheWarning):
+        with pytest.warns(DiagnosticWarning, match="N812"):
             assert again(1.5) == 3.0 and not from_disk(again)
 
 
@@ -274,11 +275,12 @@ def test_without_a_cache_kernels_are_compiled_in_memory(
     where: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     unreachable(monkeypatch, where)
-    with pytest.warns(kernel_cache.KernelCacheWarning) as told:
+    with pytest.warns(DiagnosticWarning, match="N810") as told:
         assert not kernel_cache.is_writable()
         assert [scaled(f)(1.5) for f in (2.0, 3.0)] == [3.0, 4.5]
     (warning,) = told
-    assert "NUMBA_CACHE_DIR may name another folder" in str(warning.message)
+    assert isinstance(warning.message, DiagnosticWarning)
+    assert len(warning.message.data["folders"]) == (2 if where == "home" else 1)
 
 
 def test_kernels_of_a_package_that_cannot_be_written_are_used(
