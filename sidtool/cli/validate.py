@@ -50,12 +50,19 @@ _SINGLE_BODY = ""
         "are only printed."
     ),
 )
+@click.option(
+    "--all",
+    "all_rows",
+    is_flag=True,
+    help="Print every identity and every compared number, not only what failed.",
+)
 @click.option("--strict", is_flag=True, help="Warnings count as failures.")
-@click.option("--json", is_flag=True, help="Print the result as JSON.")
+@click.option("--json", is_flag=True, help="Print the result as JSON, always complete.")
 def validate(
     file: Path,
     reference: Path | None,
     tolerance: float | None,
+    all_rows: bool,
     strict: bool,
     json: bool,
 ) -> None:
@@ -69,7 +76,7 @@ def validate(
     \b
     Examples:
       sidtool validate rod.SID_FEM
-      sidtool validate rod.SID_FEM --reference frequencies.toml
+      sidtool validate rod.SID_FEM --reference frequencies.toml --all
       sidtool validate rod_q4.SID_FEM --reference rod_iga.SID_FEM
       sidtool validate rod.SID_FEM --json > verdict.json
       sidtool validate rod_iga.toml --reference frequencies.toml
@@ -89,13 +96,17 @@ def validate(
         )
     judged = {n: judge_sid(s, reference, tolerance=tolerance) for n, s in sids.items()}
     good = all(judgement.good(strict=strict) for judgement in judged.values())
-    as_written = judgement_as_json if json else judgement_as_text
     for name, judgement in judged.items():
         failed = {check.diagnostic for check in judgement.checks if check.failed}
         shown = failed if not is_quiet() and not json else ()
         about = [d.within(name) if name else d for d in judgement.diagnostics]
         print_warnings(about, {d.within(name) if name else d for d in shown})
-    texts = {n: as_written(j, strict=strict) for n, j in judged.items()}
+    texts = {
+        name: judgement_as_json(judgement, strict=strict)
+        if json
+        else judgement_as_text(judgement, strict=strict, all_rows=all_rows)
+        for name, judgement in judged.items()
+    }
     if tuple(texts) == (_SINGLE_BODY,):
         click.echo(texts[_SINGLE_BODY], file=json_stream() if json else None)
     elif json:

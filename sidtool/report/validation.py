@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -92,21 +92,44 @@ def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
     )
 
 
-def judgement_as_text(judgement: Judgement, *, strict: bool) -> str:
-    """Return tables, the meaning of each failure, and the verdict in the last line."""
-    by = [f"written by {judgement.written_by}"] if judgement.written_by else []
-    parts = [*by, _check_table(judgement.checks), *_failure_meanings(judgement.checks)]
-    parts.append(_unit_line(judgement.units))
+def judgement_as_text(
+    judgement: Judgement, *, strict: bool, all_rows: bool = False
+) -> str:
+    """Return a summary, what failed with its meaning, and the verdict in the last line.
+
+    With `all_rows` the tables hold every identity and every compared number.
+    """
+    checks = judgement.checks
+    shown = [check for check in checks if all_rows or check.failed]
+    parts = [f"written by {judgement.written_by}"] if judgement.written_by else []
+    parts += [f"{_check_summary(checks)}\n{_unit_line(judgement.units)}"]
+    parts += [_check_table(shown)] if shown else []
+    parts += _failure_meanings(checks)
     if judgement.comparison is not None:
-        parts += _comparison_tables(judgement.comparison)
+        parts.append(_comparison_summary(judgement.comparison))
+        parts += _comparison_tables(judgement.comparison, all_rows=all_rows)
     infos = [each for each in judgement.diagnostics if not each.is_warning]
     parts += [diagnostic_lines(infos)] if infos else []
     parts.append(_verdict_line(judgement, strict=strict))
     return "\n\n".join(parts)
 
 
-def _check_table(checks: tuple[Check, ...]) -> str:
-    """Tabulate the identities, with details of each in lines of their own."""
+def _check_summary(checks: tuple[Check, ...]) -> str:
+    """Count the identities that hold, and name the one closest to its bound."""
+    idle = [each.id for each in checks if each.verdict == "not applicable"]
+    held = [each for each in checks if each.verdict == "passed"]
+    text = f"identities: {len(held)} of {len(checks) - len(idle)} hold"
+    text += f", {len(idle)} not applicable ({', '.join(idle)})" if idle else ""
+    shares = [(c.measured / c.bound, c) for c in held if c.measured and c.bound]
+    if shares:
+        _, closest = max(shares, key=lambda pair: pair[0])
+        text += f"; closest to its bound: {closest.id}, "
+        text += f"{closest.measured:.1e} of {closest.bound:.0e}"
+    return wrapped(text)
+
+
+def _check_table(checks: Sequence[Check]) -> str:
+    """Tabulate identities, with details of each in lines of their own."""
     columns = ("id", "identity", "deviation", "bound", "verdict")
     reported = list(report(checks))
     table = text_table(
@@ -132,10 +155,27 @@ def _unit_line(guess: UnitGuess) -> str:
     return wrapped(f"units: {guess.system or 'unknown'}{alternatives}")
 
 
-def _comparison_tables(comparison: Comparison) -> Iterator[str]:
+def _comparison_summary(comparison: Comparison) -> str:
+    """Tabulate, for each group of numbers, the largest deviation and how many miss."""
+    columns = ("quantities", "numbers", "largest deviation", "at", "missed")
+    rows = []
+    for _, members in groupby(comparison.rows, key=lambda row: row.group):
+        numbers = list(members)
+        name = f"{numbers[0].group}{_row_source(numbers[0])}"
+        worst = max(numbers, key=lambda row: abs(row.deviation))
+        judged = [row for row in numbers if row.tolerance is not None]
+        missed = sum(row.verdict == "failed" for row in judged)
+        outcome = f"{missed} of {len(judged)}" if judged else "not judged"
+        deviation = f"{worst.deviation:+.2e}"
+        rows.append([name, str(len(numbers)), deviation, worst.quantity, outcome])
+    return text_table(columns, rows)
+
+
+def _comparison_tables(comparison: Comparison, *, all_rows: bool) -> Iterator[str]:
     columns = ("quantity", "value", "reference", "deviation", "tolerance", "verdict")
     texts = zip(comparison.rows, comparison_report(comparison), strict=True)
-    for group, members in groupby(texts, key=lambda pair: pair[0].group):
+    shown = [pair for pair in texts if all_rows or pair[0].verdict == "failed"]
+    for group, members in groupby(shown, key=lambda pair: pair[0].group):
         pairs = list(members)
         rows = [[text[column] for column in columns] for _, text in pairs]
         yield f"{group}{_row_source(pairs[0][0])}\n{text_table(columns, rows)}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,7 +42,14 @@ def test_what_is_not_compared_and_what_fails_is_told_by_codes(tmp_path: Path) ->
     wrong = judge_sid(replace(sid, mdCM=Taylor(sid.mdCM.m0)), None)
     found = only(wrong, "N904")
     assert found.severity == "error"
-    assert found.line in " ".join(judgement_as_text(wrong, strict=False).split())
+    text = judgement_as_text(wrong, strict=False)
+    assert found.line in " ".join(text.split())
+    rows = re.findall(r"^I\d+", text, re.MULTILINE)
+    failed = [check.id for check in wrong.checks if check.failed]
+    assert "I4" in failed and rows == failed  # what holds is counted
+    text = judgement_as_text(wrong, strict=False, all_rows=True)
+    rows = re.findall(r"^I\d+", text, re.MULTILINE)
+    assert rows == [f"I{k}" for k in range(1, 22)]
 
 
 def test_effective_masses_of_all_modes_add_up_to_the_mass() -> None:
