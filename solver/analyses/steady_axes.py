@@ -84,13 +84,14 @@ def steady_axes(
     time = mechanics.system.scene.time
     if np.abs(own).max(initial=0.0) * (time.end - time.start) < ROTATION_ROUNDING:
         return SteadyAxes(np.zeros_like(own))
+    # First: only in them a mode of the blades has one frequency in inertial axes.
+    if multi_blade:
+        for axes in _multi_blade_axes(mechanics, z, v, own):
+            return axes
     if lowest_changing_mode(mechanics, z, v, own) == np.inf:
         return SteadyAxes(own)
     for axes in shared_steady_axes(mechanics, z, v, own):
         return axes
-    if multi_blade:
-        for axes in _multi_blade_axes(mechanics, z, v, own):
-            return axes
     cause, unpaired = "", np.inf
     for omegas, _ in shared_axes(mechanics, own):
         mechanics.evaluate(z, v)

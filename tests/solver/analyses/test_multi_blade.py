@@ -119,6 +119,24 @@ def test_ground_resonance_is_that_of_coleman_and_feingold(
     assert with_code(modes, "N744")
 
 
+@pytest.mark.parametrize("speed", [6.0, 14.0, 30.0])
+def test_blades_on_a_round_support_have_one_frequency_in_inertial_axes(
+    speed: float,
+) -> None:
+    """Of a support without directions the complex motion x + i y = exp(i w t) has
+    (K - M w^2) (k + e S W^2 - J (w - W)^2) = (N / 2) S^2 w^4, backward for w < 0."""
+    round_support = {"forces.base.stiffness": [KX, KX, 1e4]}
+    modes = sidtool.linearise(lagging_rotor(speed, 3, **round_support), about="start")
+    S, J, w = BLADE * ARM, INERTIA + BLADE * ARM**2, np.poly1d([1.0, 0.0])
+    support = KX - (SUPPORT + 3 * BLADE) * w**2
+    lag = LAG + OFFSET * S * speed**2 - J * (w - speed) ** 2
+    whirling = [each != "" for each in modes.whirl]
+    signs = [-1.0 if each == "backward" else 1.0 for each in modes.whirl]
+    found = np.sort((signs * modes.inertial_frequencies)[whirling]) * 2 * np.pi
+    expected = np.sort((support * lag - 1.5 * S**2 * w**4).roots.real)
+    assert_allclose(found, expected, rtol=1e-6)
+
+
 @pytest.mark.parametrize("count", [3, 4])
 def test_multipliers_are_those_of_floquet(count: int) -> None:
     """The rotor on unequal springs has periodic equations; here they are constant."""
