@@ -2,7 +2,9 @@
 
 A point mass takes no torque. What holds, drives or springs an angle between it and
 another body would act on this body as if the point mass could not be turned at all.
-That is meant where a guide takes the torque, as that of a piston does.
+The same holds of forces beside its centre: at a marker elsewhere, or along a line or
+on a plane of its own. They are meant where a guide takes the torque, as that of a
+piston does.
 """
 
 from collections.abc import Iterator
@@ -24,11 +26,27 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.scene.connections import force_coordinate, is_turned
 
+from ..initial_state.axis_alignment import align_bodies
+from ..initial_state.constraint_jacobian import InitialState
+from ..initial_state.given_state import initial_estimate
+from ..initial_state.overconstraint import ROTATION_CONSTRAINTS
+from ..spatial import system_arrays as at
 from ..system.system import System
 
 #: Joints without a relative rotation, and those that guide.
 _TRANSLATING = ("fixed", "prismatic")
 _GUIDES = (*_TRANSLATING, "point_on_line", "point_on_plane")
+#: Spatial joints that hold the direction of an axis, and what they are without that.
+_TILTED = {
+    "revolute": "spherical",
+    "cylindrical": "point_on_line",
+    "screw": None,
+    "universal": "spherical",
+    "planar": "point_on_plane",
+}
+_ROTATIONS = (*ROTATION_CONSTRAINTS, at.COUPLED_ANGLE)
+#: Rotations that other joints hold, up to rounding of the data.
+_HELD = 1e-6
 
 
 def check_point_masses(system: System) -> None:
@@ -51,15 +69,73 @@ def check_point_masses(system: System) -> None:
     translating = _translating(scene, masses)
     turning = bodies - translating
     masses -= _guided(scene, translating)
+    _check_centres(system, masses, turning)
+    _check_tilts(system, masses, turning)
     for place, what, texts, remedy in _torques(scene):
         ends = {marker_reference(text)[0] for text in texts}
         if ends & masses and ends & turning:
             raise _error(place, what, min(ends & masses), remedy)
 
 
-def _error(place: str, what: str, body: str, remedy: str) -> InputError:
+def _check_centres(system: System, masses: set[str], turning: set[str]) -> None:
+    """Raises what acts beside the centre of a point mass."""
+    scene = system.scene
+    data = {body.name: body for body in system.bodies if body.name in masses}
+    pairs = [(f"joints.{n}", marker_names(joint)) for n, joint in scene.joints.items()]
+    for name, force in scene.forces.items():
+        one = (force.marker,) if isinstance(force, PointForce) else ()
+        pairs.append((f"forces.{name}", getattr(force, "markers", None) or one))
+    for place, texts in pairs:
+        for body, marker in map(marker_reference, texts):
+            if body in data and data[body].node(marker).position.any():
+                words = f"the marker {marker} lies beside the centre"
+                raise _error(place, words, body, "a marker at its centre", "of")
+    for name, joint in scene.joints.items():
+        if joint.type in ("point_on_line", "point_on_plane"):
+            first, second = (marker_reference(t)[0] for t in marker_names(joint))
+            if first in masses and second in turning:
+                words, remedy = "the joint takes its axis", f"{first} as second marker"
+                raise _error(f"joints.{name}", words, first, remedy, "from")
+
+
+def _check_tilts(system: System, masses: set[str], turning: set[str]) -> None:
+    """Raises spatial joints whose point mass alone would hold the axis of a body."""
+    if system.planar:
+        return
+    tilted = {}
+    for name, joint in system.scene.joints.items():
+        ends = {marker_reference(text)[0] for text in marker_names(joint)}
+        if joint.type in _TILTED and ends & masses and ends & turning:
+            tilted[name] = min(ends & masses)
+    if not tilted:
+        return
+    state = InitialState(system, initial_estimate(system))
+    state.ignored[:] = False
+    align_bodies(system, state.work, state.z)
+    state.evaluate()
+    C, tilts = state.scaled_jacobian(), dict[str, list[int]]()
+    turned = [c[at.ROW] for c in system.arrays.constraint if c[at.KIND] in _ROTATIONS]
+    for row in system.rows:
+        if row.name in tilted:
+            own = set(range(row.first, row.first + row.count)).intersection(turned)
+            tilts.setdefault(row.name, []).extend(own)
+    others = np.delete(C, [i for each in tilts.values() for i in each], axis=0)
+    for name, each in tilts.items():
+        remainder = C[each].T
+        if len(others):
+            remainder = remainder - others.T @ np.linalg.lstsq(others.T, remainder)[0]
+        if np.abs(remainder).max(initial=0.0) > _HELD:
+            freer = _TILTED[system.scene.joints[name].type]
+            words = "the joint holds the direction of an axis, which acts"
+            remedy = f'type = "{freer}"' if freer else "no thread"
+            raise _error(f"joints.{name}", words, tilted[name], remedy)
+
+
+def _error(
+    place: str, what: str, body: str, remedy: str, link: str = "on"
+) -> InputError:
     return InputError(
-        f"{what} on {body}, a point mass, which does not rotate",
+        f"{what} {link} {body}, a point mass, which does not rotate",
         place=place,
         expected=f"a body with inertia: bodies.{body}.inertia, or {remedy}",
     )

@@ -43,6 +43,11 @@ ALONE: dict[str, Primitive] = {}
 STEP = 1e-5
 #: Elastic coordinates at which the markers of `not_turning` stand still.
 STILL = np.array([0.3, -0.2, 0.25])
+#: Joints that hold angles, which a point mass has not; drives hold those of the others.
+HOLDING_ANGLES = {
+    "planar": ("prismatic",),
+    "spatial": ("prismatic", "revolute", "cylindrical", "universal", "planar"),
+}
 
 
 def network(
@@ -71,7 +76,7 @@ def network(
         },
         "point": {"mass": 0.7},
     }
-    if kind == "prismatic":  # it holds angles, which a point mass has not
+    if kind in HOLDING_ANGLES[dimension][: 1 if driven else None]:
         bodies["point"]["inertia"] = 0.2 if planar else [0.2, 0.3, 0.1]
     ends = [
         ["crank.m", "soft.1"],
