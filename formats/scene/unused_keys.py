@@ -5,6 +5,7 @@ from typing import Any
 
 from ..diagnostics import Diagnostic, diagnose
 from ..toml.expressions import output_names
+from ..toml.files import unread_names
 from ..toml.tables import Table
 from .bodies import SidBody
 from .functions import Given, InputFunction
@@ -45,11 +46,27 @@ def unused_keys(
         if name not in used:
             reason = "no force, drive or formula takes it"
             yield diagnose("N244", f"inputs.{name}", reason=reason)
+    for key in _unread_keys(scene):
+        yield diagnose("N244", key, reason="no formula reads it")
     for name, body in scene.sid_bodies.items():
         idle = list(_idle_keys(body)) if body.rigid else []
         if idle:
             listed = ", ".join(f"bodies.{name}.{key}" for key in idle)
             yield diagnose("N244", listed, reason=f"{name} is rigid")
+
+
+def _unread_keys(scene: SceneTables) -> Iterator[str]:
+    """Yield parameters, tables and terms that no formula names."""
+    given = [f"parameters.{name}" for name in scene.unread_names(scene.parameters)]
+    yield from given + [f"tables.{name}" for name in scene.unread_names(scene.tables)]
+    for key in ("forces", "drives"):
+        for owner, part in getattr(scene, key).items():
+            law = getattr(part, "function", None)
+            if isinstance(law, Expression):
+                data = law.file_data()
+                for table in ("parameters", "terms"):
+                    for name in unread_names(getattr(law, table), data):
+                        yield f"{key}.{owner}.function.{table}.{name}"
 
 
 def _used_inputs(scene: SceneTables) -> Iterator[str]:

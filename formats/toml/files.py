@@ -115,8 +115,12 @@ class File(Table):
 
     def reads_parameter(self, name: str) -> bool:
         """Whether a formula contains the name of a parameter."""
-        whole_name = re.compile(rf"(?<![\w.]){re.escape(name)}(?![\w.])")
-        return any(whole_name.search(text) for text in _texts_in(self.file_data()))
+        return name not in self.unread_names([name])
+
+    def unread_names(self, names: Iterable[str]) -> list[str]:
+        """Return the names of parameters and tables that no formula contains."""
+        names = list(names)
+        return unread_names(names, self.file_data() if names else {})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a TOML file; relative paths in it begin at its folder.
@@ -134,6 +138,16 @@ class File(Table):
             relocate_paths(data, place, self.folder, path.parent)
         with atomic_path(path) as temporary:
             temporary.write_text(toml_text(data), encoding="utf-8")
+
+
+def unread_names(names: Iterable[str], data: Any) -> list[str]:
+    """Return the names that no text in plain data contains."""
+    text = "\n".join(_texts_in(data))
+    return [
+        name
+        for name in names
+        if not re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.])", text)
+    ]
 
 
 def _texts_in(data: Any) -> Iterator[str]:

@@ -130,3 +130,27 @@ def test_keys_of_the_deformation_of_a_rigid_body_are_named(
     assert not named(scene_with(**{place: value}))
     rigid = scene_with(**{place: value, "bodies__b__rigid": True})
     assert place.replace("__", ".") in named(rigid)
+
+
+def test_parameters_tables_and_terms_that_no_formula_reads_are_named() -> None:
+    """`with = "2*n"` in place of `width` leaves `width` unread: a likely mistake."""
+    table = {"x": [0.0, 1.0], "values": [0.0, 1.0]}
+    law = {
+        "type": "expression",
+        "value": "gain*used - lookup(curve, a.x)",
+        "terms": {"used": "a.vx", "idle": "a.vy"},
+        "parameters": {"gain": 2.0, "loss": 3.0},
+    }
+    scene = scene_with(
+        parameters={"width": 1.0, "n": 2.0, "weight": "n**2"},
+        tables={"curve": table, "other": table},
+        bodies__a__mass="weight",
+        forces__f={"type": "force", "marker": "a", "force": [1.0, 0.0]}
+        | {"function": law},
+    )
+    assert set(named(scene).split()) == {
+        "parameters.width",
+        "tables.other",
+        "forces.f.function.terms.idle",
+        "forces.f.function.parameters.loss",
+    }
