@@ -268,7 +268,8 @@ ENTRIES = (
         "the step, not with its square, over an eighth of it. Or the force changes by "
         "more than half as much over the shorter step. Motions about such a state are "
         "not linear: contacts that touch, dampers of two slopes, dry friction at "
-        "rest. The mean is that over 1e-6 of the size of the mechanism.",
+        "rest. The mean is that over 1e-6 of the size of the mechanism; an input "
+        "changes by 1e-3 of itself or of 1.",
         remedy="Analyse about a state beside it, or smooth the law.",
         example={"subject": "bump_stop"},
     ),

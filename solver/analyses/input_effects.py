@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
@@ -24,7 +24,10 @@ from .output_derivatives import (
     REFINEMENT,
     OutputEvaluation,
 )
+from .power_laws import POWER_LAW, limits, power_law_limit
 from .state_matrix import (
+    CORNER,
+    CORNER_ROUNDING,
     LinearEquations,
     Sources,
 )
@@ -54,6 +57,8 @@ class InputEffects:
         Direct changes of the forces and of the constraints by the input itself.
     outputs : (outputs, 3)
         Changes of the outputs.
+    has_corner
+        Whether a force has a corner or a jump at the value.
     """
 
     name: str
@@ -66,6 +71,7 @@ class InputEffects:
     force: Array
     closure: Array
     outputs: Array
+    has_corner: bool
 
     def column(self, order: int, n_positions: int) -> Array:
         """Changes of positions, velocities, rates of (y, w) and outputs, in one."""
@@ -88,11 +94,13 @@ def input_effects(
     mechanics = evaluation.mechanics
     numbers = mechanics.system.arrays.real_data
     continuity = mechanics.system.scene.inputs[name].continuity
-    changes, steps, order = [], list[float](), 0
+    changes, steps, order, has_corner = [], list[list[float]](), 0, False
     for k, factor in enumerate(_COEFFICIENTS):
-        step, change = _equation_changes(evaluation, equations, coefficients.start + k)
-        steps.append(step)
+        number = coefficients.start + k
+        own, change, is_corner = _equation_changes(evaluation, equations, number)
+        steps.append(own)
         is_used = k <= continuity
+        has_corner |= is_used and is_corner
         if is_used and any(part.any() for part in change):
             order = k
         changes.append([factor * is_used * part for part in change])
@@ -117,6 +125,7 @@ def input_effects(
         force[:, 0],
         closure[:, 0],
         outputs,
+        has_corner,
     )
 
 
@@ -126,21 +135,26 @@ _COEFFICIENTS = (1.0, 1.0, 0.5)
 
 def _equation_changes(
     evaluation: OutputEvaluation, equations: LinearEquations, k: int
-) -> tuple[float, list[Array]]:
+) -> tuple[list[float], list[Array], bool]:
     """Derivatives of f + C^T lambda - M a, and of the constraints their values, rates
-    and gamma - C a, by a number of the real data; and the step at which they agree
-    best with those of the next shorter one."""
+    and gamma - C a, by a number of the real data; before them the step at which they
+    agree best with those of the next shorter one, or all steps of a power law, behind
+    them whether forces have a corner or a jump."""
     mechanics = evaluation.mechanics
     numbers = mechanics.system.arrays.real_data
     a, multipliers = equations.accelerations, equations.multipliers
     given = float(numbers[k])
+    middle = mechanics.force.copy()
+    least = CORNER_ROUNDING * mechanics.force_size(evaluation.z)
+    sizes, bends = list[float](), list[float]()
 
     def differences(step: float) -> list[Array]:
-        ends = []
+        ends, forces = [], []
         for sign in (1.0, -1.0):
             numbers[k] = given + sign * step
             mechanics.evaluate(evaluation.z, evaluation.v)
-            C, force = mechanics.jacobian, mechanics.force
+            C, force = mechanics.jacobian, mechanics.force.copy()
+            forces.append(force)
             residual = np.zeros(len(C))
             residual[: len(mechanics.residual)] = mechanics.residual
             ends.append(
@@ -151,6 +165,9 @@ def _equation_changes(
                     mechanics.gamma - C @ a,
                 )
             )
+        bend = np.abs(sum(forces) - 2.0 * middle).max(initial=0.0)
+        bends.append(float(bend) / step if bend > least else 0.0)
+        sizes.append(float(np.abs(forces[0] - forces[1]).max(initial=0.0)) / step)
         return [(p - m) / (2.0 * step) for p, m in zip(*ends, strict=True)]
 
     def first_differences(step: float) -> tuple[float, list[Array]]:
@@ -163,6 +180,7 @@ def _equation_changes(
         return step, differences(step)
 
     found: list[tuple[float, float, list[Array]]] = []
+    agrees = False
     try:
         step, coarse = first_differences(INPUT_PERTURBATION * max(abs(given), 1.0))
         for _ in range(MAX_REFINEMENTS):
@@ -170,20 +188,35 @@ def _equation_changes(
             pairs = zip(fine, coarse, strict=True)
             error = max(np.abs(f - c).max(initial=0.0) for f, c in pairs)
             found.append((float(error), step, coarse))
-            if error <= AGREEMENT * max(np.abs(c).max(initial=0.0) for c in coarse):
+            size = max(np.abs(c).max(initial=0.0) for c in coarse)
+            agrees = error <= AGREEMENT * size
+            if agrees:
                 break
             step, coarse = step / REFINEMENT, fine
     finally:
         numbers[k] = given
         mechanics.evaluate(evaluation.z, evaluation.v)
     _, step, best = min(found, key=itemgetter(0))
-    return step, best
+    if len(bends) < POWER_LAW:
+        bend = bends[-1] if bends[-1] > 0.5 * bends[0] else 0.0
+    else:
+        bend = float(limits([np.array(one) for one in bends])[0])
+    is_bent = bend > CORNER * sizes[-1]
+    if not agrees and not is_bent:
+        force = power_law_limit([one[2][0] for one in found], best[0])
+        if not np.array_equal(force, best[0]):
+            return [one[1] for one in found], [force, *best[1:]], False
+    jumps = not agrees and sizes[-1] > 2.0 * sizes[0]
+    return [step], best, is_bent or jumps
 
 
-def derivative_note(effects: InputEffects) -> Diagnostic:
-    """An input that is replaced by its derivative (N725)."""
-    derivative = ("value", "rate", "second derivative")[effects.order]
-    return diagnose("N725", f"inputs.{effects.name}", derivative=derivative)
+def input_notes(effects: InputEffects) -> Iterator[Diagnostic]:
+    """An input that is replaced by its derivative (N725), or at a corner (N745)."""
+    if effects.order:
+        derivative = ("value", "rate", "second derivative")[effects.order]
+        yield diagnose("N725", f"inputs.{effects.name}", derivative=derivative)
+    if effects.has_corner:
+        yield diagnose("N745", f"inputs.{effects.name}")
 
 
 def input_unit(system: System, effects: InputEffects) -> str:

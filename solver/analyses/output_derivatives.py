@@ -24,6 +24,7 @@ from ..system.characteristic_sizes import coordinate_sizes
 from ..system.errors import SimulationError
 from ..system.system import System
 from .dense_equations import DenseEquations
+from .power_laws import power_law_limit
 from .state_matrix import LinearEquations, Responses
 
 #: Largest displacement, in sizes of the mechanism or radians, and largest change of a
@@ -132,16 +133,18 @@ class OutputEvaluation:
         best = coarse = self._differences(changes, steps, is_known)
         sizes = np.abs(coarse * steps).max(axis=1, keepdims=True)
         tolerance, error = AGREEMENT * sizes / steps, np.full(coarse.shape, np.inf)
+        found = [coarse]
         for k in range(1, MAX_REFINEMENTS + 1):
             fine = self._differences(changes, steps / REFINEMENT**k, is_known)
             change = np.abs(fine - coarse)
             better = (change < error) & (error > tolerance)
             best = np.where(better, coarse, best)
             error = np.where(better, change, error)
+            found.append(fine)
             if (error <= tolerance).all():
-                break
+                return best
             coarse = fine
-        return best
+        return np.where(error <= tolerance, best, power_law_limit(found, best))
 
     def _differences(self, changes: Responses, steps: Array, is_known: bool) -> Array:
         """Differences (outputs, k) over steps (k,) of the changes."""
@@ -155,25 +158,33 @@ class OutputEvaluation:
         return np.einsum("kpo,p->ok", values, WEIGHTS) / steps
 
     def by_input(
-        self, coefficient: int, factor: float, changes: Responses, k: int, step: float
+        self,
+        coefficient: int,
+        factor: float,
+        changes: Responses,
+        k: int,
+        steps: Sequence[float],
     ) -> Array:
         """Derivatives (outputs,) by an input, which changes a number of the real data
         by a factor, and the state as column k of some changes, at most half a step
-        away."""
+        away. Several steps are those of a power law."""
         numbers = self.system.arrays.real_data
         value = float(numbers[coefficient])
-        step *= 0.25  # the points are farther away, and fourth order needs less
         largest = self._largest(changes, k)
+        shorter = 0.25  # the points are farther away, and fourth order needs less
         if largest > 0.0:
-            step = min(step, PERTURBATION / largest)
-        total = np.zeros(len(self.names))
+            shorter = min(shorter, PERTURBATION / largest / steps[0])
+        found = []
         try:
-            for point, weight in zip(POINTS * step, WEIGHTS / step, strict=True):
-                numbers[coefficient] = value + factor * point
-                total += weight * self._evaluate([self._at(point, changes, k)])[0]
+            for step in shorter * np.array(steps):
+                found.append(np.zeros(len(self.names)))
+                for point, weight in zip(POINTS * step, WEIGHTS / step, strict=True):
+                    numbers[coefficient] = value + factor * point
+                    state = self._at(point, changes, k)
+                    found[-1] += weight * self._evaluate([state])[0]
         finally:
             numbers[coefficient] = value
-        return total
+        return power_law_limit(found, found[-1])
 
     def _largest(self, changes: Responses, k: int) -> float:
         """Largest change in sizes of the mechanism, or in those per second."""

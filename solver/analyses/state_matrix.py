@@ -24,6 +24,7 @@ from ..system.system import System
 from .dense_equations import DenseEquations, least_squares, null_space
 from .frozen_inputs import state_entries
 from .multi_blade import BladeGroup, mixing_matrix
+from .power_laws import KNOWN, NO_SLOPE, POWER_LAW, limits
 from .reference_axes import (
     frame_rotation_matrix,
     independent_rows,
@@ -39,7 +40,7 @@ CORNER, CORNER_ROUNDING = 0.02, 1e-11
 CURVED, SHORTER_STEP, MAX_SHORTER_STEPS = 1e-5, 0.125, 5
 #: The asymmetry of a corner falls as the step, that of a curve by less than this part
 #: of it.
-SMOOTH = 0.5
+SMOOTH = 0.25
 #: Changes of forces are known where they are larger than rounding by so much.
 RESOLVED = 100.0
 
@@ -49,6 +50,36 @@ class Direction(NamedTuple):
 
     coordinate: int
     is_position: bool
+
+
+class _Differences(NamedTuple):
+    """Derivatives by one direction, as differences over a step.
+
+    Attributes
+    ----------
+    curvature
+        How much forces are curved within the step.
+    is_known
+        Whether rounding leaves that known.
+    columns
+        Of the force, and of the constraints their values, rates and gamma.
+    bend
+        How much forces change alike to both sides, by the step.
+    """
+
+    curvature: float
+    is_known: bool
+    columns: list[Array]
+    bend: Array
+
+    @property
+    def force(self) -> Array:
+        return self.columns[0]
+
+    @property
+    def size(self) -> float:
+        """Largest derivative of a force."""
+        return float(np.abs(self.force).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -415,10 +446,7 @@ def _state_derivatives(
     middle = mechanics.force.copy()
     least = CORNER_ROUNDING * mechanics.force_size(z)
 
-    def differences(
-        direction: Direction, delta: float
-    ) -> tuple[float, bool, list[Array]]:
-        """How much forces are curved, whether that is known, and derivatives."""
+    def differences(direction: Direction, delta: float) -> _Differences:
         ends = []
         for step in (delta, -delta):
             mechanics.evaluate(*_neighbour(mechanics, z, v, direction, step))
@@ -428,49 +456,65 @@ def _state_derivatives(
             rates, gamma = mechanics.constraint_rates.copy(), mechanics.gamma - C @ a
             ends.append((left, value, rates, gamma, mechanics.force.copy()))
         columns = [(f - g) / (2.0 * delta) for f, g in zip(*ends, strict=True)]
-        change, asymmetry = _change_and_asymmetry(ends[0][-1], middle, ends[1][-1])
+        after, before = ends[0][-1], ends[1][-1]
+        bend = after + before - 2.0 * middle
+        change = float(np.abs(after - before).max(initial=0.0))
+        asymmetry = float(np.abs(bend).max(initial=0.0))
         curvature = asymmetry / max(change, 1e-300) if asymmetry > least else 0.0
-        return curvature, change > RESOLVED * least, columns[:-1]
+        is_known = change > RESOLVED * least
+        return _Differences(curvature, is_known, columns[:-1], bend / (2.0 * delta))
 
     derivatives, corners = [], []
     for moves in (True, False):
         found = []
         for k, delta in enumerate(_perturbations(mechanics)):
             direction = Direction(k, moves)
-            first = best = last = differences(direction, delta)
-            is_odd = jumps = False
+            steps = [differences(direction, delta)]
+            best = steps[0]
+            is_odd = jumps = converges = False
             for _ in range(MAX_SHORTER_STEPS):
                 delta *= SHORTER_STEP
                 shorter = differences(direction, delta)
-                if not shorter[1]:
+                if not shorter.is_known:
                     break
-                change = np.abs(shorter[2][0] - last[2][0]).max(initial=0.0)
-                size = np.abs(shorter[2][0]).max(initial=0.0)
+                change = np.abs(shorter.force - steps[-1].force).max(initial=0.0)
+                size, last_size = shorter.size, steps[-1].size
                 was_odd, is_odd = (
                     is_odd,
                     change > max(CURVED * size, RESOLVED * least / delta),
                 )
-                jumps = is_odd and change > SMOOTH * size
+                jumps = is_odd and size - last_size > SMOOTH * size
                 if was_odd or is_odd:
                     best = shorter
-                if best[0] <= CURVED and not is_odd:
+                steps.append(shorter)
+                converges = best.curvature <= CURVED and not is_odd
+                if converges:
                     break
-                last, best = shorter, min(best, shorter, key=itemgetter(0))
-            if best[0] > CORNER or jumps:
-                best = first
+                best = min(best, shorter, key=itemgetter(0))
+            if not converges and (limit := _with_limit(steps)) is not None:
+                best, jumps = limit, False
+            if best.curvature > CORNER or jumps:
+                best = steps[0]
                 corners.append(direction)
-            found.append(best[2])
+            found.append(best.columns)
         parts = [np.column_stack(part) for part in zip(*found, strict=True)]
         derivatives.append(StateDerivatives(*parts))
     return derivatives[0], derivatives[1], tuple(corners)
 
 
-def _change_and_asymmetry(
-    after: Array, middle: Array, before: Array
-) -> tuple[float, float]:
-    """Largest f(+h) - f(-h) and f(+h) + f(-h) - 2 f(0) of some forces."""
-    change = np.abs(after - before).max(initial=0.0)
-    return float(change), float(np.abs(after + before - 2.0 * middle).max(initial=0.0))
+def _with_limit(steps: Sequence[_Differences]) -> _Differences | None:
+    """The limit of differences that fall as a power of the step; None for others, and
+    where a corner is left."""
+    if len(steps) < POWER_LAW:
+        return None
+    force, error = limits([one.force for one in steps])
+    bend, bend_error = limits([one.bend for one in steps])
+    unknown = max(error.max(initial=0.0), (np.abs(bend) + bend_error).max(initial=0.0))
+    size = max(np.abs(force).max(initial=0.0), NO_SLOPE * steps[0].size)
+    if unknown > KNOWN * size:
+        return None
+    last = steps[-1]
+    return last._replace(curvature=0.0, columns=[force, *last.columns[1:]])
 
 
 def _perturbations(mechanics: DenseEquations) -> Array:

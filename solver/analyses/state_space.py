@@ -34,7 +34,7 @@ from ..system.system import System
 from .frozen_inputs import with_polynomial_inputs
 from .input_effects import (
     DERIVATIVE_NAMES,
-    derivative_note,
+    input_notes,
     input_unit,
     refuse_prescribed_motion,
 )
@@ -198,7 +198,7 @@ def state_space(
         *mechanics.notes(),
         *corner_notes(mechanics, chosen.small),
         *point.law_diagnostics,
-        *(derivative_note(effect) for effect in effects if effect.order),
+        *(note for effect in effects for note in input_notes(effect)),
         *((diagnose("N728", names=integrals),) if integrals else ()),
     )
     scene = system.scene
