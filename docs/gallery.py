@@ -106,7 +106,7 @@ def draw_picture(example: Example, folder: Path) -> Path:
     with tempfile.TemporaryDirectory() as name:
         copy = Path(name) / example.name
         shutil.copytree(EXAMPLES / example.name, copy)
-        for script in _SCRIPT.findall(example.text):
+        for script in _SCRIPT.findall(example.text.partition("sidtool convert")[0]):
             subprocess.run([sys.executable, script], cwd=copy, check=True)
         drawn = example.model
         if drawn is None:

@@ -20,6 +20,7 @@ EXAMPLE_TITLES = {
     "slider_crank": "the founding example: a crank, a flexible rod, a piston",
     "robot_arm": "a spatial arm of two links from solids, with motors and payload",
     "con_rod": "a connecting rod from its outline, with bores, ties and stress",
+    "imported_mesh": "one part from meshes of four programs",
     "light_rod": "the lightest connecting rod within a limit of stress",
     "beam": "one bar on a wall, the smallest start",
     "imported_matrices": "a lattice mast from mass and stiffness matrices",
@@ -28,6 +29,8 @@ EXAMPLE_TITLES = {
     "jib_crane": "a frame of beams with a load on a rope",
     "rotor": "a disc on a flexible shaft, and its critical speeds",
     "journal_bearing": "a rotor on films of oil, and the speed at which it whirls",
+    "unbalance": "a rotor on bearings from a table over the speed",
+    "helicopter": "three blades on a soft support, and their ground resonance",
     "satellite": "a free body with two panels and a reaction wheel",
     "four_bar": "a linkage with a flexible coupler, and events",
     "gear_train": "a motor, two shafts, a gear and a load in torsion",
@@ -40,12 +43,15 @@ EXAMPLE_TITLES = {
     "slewing_crane": "a turning jib with a load on a rope",
     "vehicle_axle": "an axle with springs and tyres on a road from a file",
     "tuned_damper": "a mast with a tuned mass damper in the wind",
+    "parameter_study": "how long a move of a flexible arm shall take",
+    "xylophone": "a bar that a notebook tunes",
     "controlled_arm": "an arm that a PID controller lifts",
 }
 #: Files of an example that are copied; commands create all others.
 _COPIED_FILES = (
     "*.toml",
     "*.py",
+    "*.ipynb",
     "*.md",
     "*_stations.csv",
     "*_table.csv",
