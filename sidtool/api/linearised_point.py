@@ -38,10 +38,10 @@ STEP = 1e-5
 #: Variables whose columns are solved together, and numbers of these.
 COLUMNS, COLUMN_NUMBERS = 32, 20_000_000
 #: Cost of a linearisation in runs: of a few coordinates in the plane; coordinates that
-#: cost one run more by their square, those by which derivatives are differences, and
-#: all in space.
+#: cost one run more by their square, points of differences by all coordinates that need
+#: some, and all coordinates in space.
 LINEARISATION_RUNS = 4.0
-COORDINATES_SQUARED, DIFFERENCED_PER_RUN, SPATIAL_PER_RUN = 60.0, 3.0, 7.0
+COORDINATES_SQUARED, POINTS_PER_RUN, SPATIAL_PER_RUN = 60.0, 13.0, 30.0
 #: Variables per functional from which the adjoint method is cheaper, for functionals of
 #: so few times.
 ADJOINT_VARIABLES, ADJOINT_TIMES = 8, 20
@@ -154,7 +154,7 @@ class LinearisedPoint:
         """
         size = run.nz + run.nv
         runs = LINEARISATION_RUNS + (size / COORDINATES_SQUARED) ** 2
-        runs += len(run.differenced) / DIFFERENCED_PER_RUN
+        runs += len(run.differenced) * len(run.difference[0]) / POINTS_PER_RUN
         if not run.system.planar:
             runs += size / SPATIAL_PER_RUN
         if runs + count / 2 > 6 + 4 * count:

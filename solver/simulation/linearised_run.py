@@ -35,16 +35,21 @@ from .position_rates import position_rates
 #: Stages of the methods whose runs can be linearised.
 STAGES = {"radau5": 3, "radau9": 5, "radau13": 7}
 #: Steps of differences by coordinates, relative to their sizes: less than a stiff
-#: contact gives way. The check of derivatives takes another step, this part of it.
-PERTURBATION, CHECK_STEP = 1e-6, 0.1
+#: contact gives way.
+PERTURBATION = 1e-6
+#: Derivatives are compared with differences over another step, this part of it, and
+#: over a wide one: rounding hides small rows in the first, curved forces spoil the
+#: second, and a missing term differs from both.
+CHECK_STEP, WIDE_STEP = 0.1, 100.0
 #: Derivatives of `linearise` count as complete when a difference along a random change
 #: of the state agrees with them to this part; and states that are compared.
 COMPLETE, COMPARED_STATES = 1e-7, 40
-#: Points and weights of a difference of second order.
+#: Points and weights of differences of fourth and of second order.
+FOURTH_ORDER = POINTS, WEIGHTS
 SECOND_ORDER = np.array([-1.0, 1.0]), np.array([-0.5, 0.5])
 #: States at which each coordinate is tried, and sizes of the rows of residuals,
 #: relative to the largest one, below which they count as that.
-TRIED_STATES, SMALL_ROW = 10, 1e-6
+TRIED_STATES, SMALL_ROW = 10, 1e-5
 #: Numbers in the matrices of the steps that are treated together.
 BLOCK_NUMBERS = 4_000_000
 
@@ -116,46 +121,88 @@ class StepMatrices:
     ----------
     h : (steps,)
     by_position : (steps, s, nv, nz) J_z
-    turning : (steps, s, nz, nz) derivatives of rates of positions by positions
-    inverse : (steps, s nz, s nz) of 1 - H turning, None for 1 + H turning
+    rates : of positions at the stages, see `RotationRates`
     """
 
     h: Array
     A: Array
     by_position: Array
-    turning: Array
-    inverse: Array | None
+    rates: "RotationRates"
     position_start: Array
     response: Array
     system: Array
     start: Array
 
-    def weighted(self, x: Array) -> Array:
-        """H x of columns of stages (steps, s, rows, columns)."""
-        return _by_stages(self.A, self.h, x)
-
     def weighted_back(self, x: Array) -> Array:
-        """H^T x."""
+        """H^T x of columns of stages (steps, s, rows, columns)."""
         return _by_stages(self.A.T, self.h, x)
 
+    def weighted(self, x: Array) -> Array:
+        """H x."""
+        return _by_stages(self.A, self.h, x)
+
     def positions(self, x: Array) -> Array:
-        """(1 - H turning)^-1 x of columns of stages."""
-        if self.inverse is None:
-            return x + self.weighted(self.turning @ x)
-        n, s, rows, columns = x.shape
-        return np.asarray(
-            (self.inverse @ x.reshape(n, s * rows, columns)).reshape(x.shape)
-        )
+        """(1 - H T)^-1 x with the derivatives T of rates of positions by positions."""
+        return self.rates.positions(x)
 
     def positions_back(self, x: Array) -> Array:
         """The transposed of `positions`."""
-        if self.inverse is None:
-            return x + self.turning.transpose(0, 1, 3, 2) @ self.weighted_back(x)
-        n, s, rows, columns = x.shape
-        transposed = self.inverse.transpose(0, 2, 1)
-        return np.asarray(
-            (transposed @ x.reshape(n, s * rows, columns)).reshape(x.shape)
-        )
+        return self.rates.positions_back(x)
+
+
+class RotationRates:
+    """Derivatives T of rates of positions by positions at the stages of some steps.
+
+    Rates depend on the rotations of the same body alone, on angles not at all for
+    rotations in the plane: 1 - H T is inverted by blocks of bodies.
+
+    Parameters
+    ----------
+    by_position : (steps, s, nz, nz)
+    rotations : (bodies, 1 or 4) angles or quaternions among the positions
+    """
+
+    def __init__(self, h: Array, A: Array, by_position: Array, rotations: IntTable):
+        self.h, self.A, self.rotations = h, A, rotations
+        bodies, q = rotations.shape
+        n, s = by_position.shape[:2]
+        self.by_rotation = by_position[..., rotations.ravel()]
+        self.inverse: Array | None = None
+        if q > 1:
+            own = by_position[:, :, rotations[:, :, None], rotations[:, None, :]]
+            # (steps, bodies, s q, s q): rows of stage k, columns of stage l
+            full = np.einsum("n,kl,nlbij->nbkilj", h, A, own)
+            size = s * q
+            full = np.eye(size) - full.reshape(n, bodies, size, size)
+            self.inverse = np.asarray(np.linalg.inv(full), float)
+
+    def positions(self, x: Array) -> Array:
+        """(1 - H T)^-1 x of columns of stages (steps, s, nz, columns)."""
+        turned = self._turned(x[:, :, self.rotations], transposed=False)
+        return x + _by_stages(self.A, self.h, self.by_rotation @ turned)
+
+    def positions_back(self, x: Array) -> Array:
+        """The transposed of `positions`."""
+        by_rate = _by_stages(self.A.T, self.h, x)
+        moved = self.by_rotation.transpose(0, 1, 3, 2) @ by_rate
+        rows = moved.reshape(*x.shape[:2], *self.rotations.shape, x.shape[3])
+        found = x.copy()
+        found[:, :, self.rotations.ravel()] += self._turned(rows, transposed=True)
+        return found
+
+    def _turned(self, x: Array, *, transposed: bool) -> Array:
+        """Rows of rotations (steps, s, bodies, q, columns) by the inverse of each body,
+        as (steps, s, bodies q, columns).
+        """
+        n, s, bodies, q, columns = x.shape
+        if self.inverse is not None:
+            inverse = self.inverse
+            if transposed:
+                inverse = inverse.transpose(0, 1, 3, 2)
+            own = x.transpose(0, 2, 1, 3, 4).reshape(n, bodies, s * q, columns)
+            x = (inverse @ own).reshape(n, bodies, s, q, columns)
+            x = x.transpose(0, 2, 1, 3, 4)
+        return np.ascontiguousarray(x).reshape(n, s, bodies * q, columns)
 
 
 def _by_stages(A: Array, h: Array, x: Array) -> Array:
@@ -214,7 +261,7 @@ class LinearisedRun:
             np.abs(self.stages.v).max(axis=0), sizes / (self.times[-1] - self.times[0])
         )
         self.steps_z = PERTURBATION * self._position_sizes(sizes)
-        self.difference = POINTS, WEIGHTS
+        self.difference = FOURTH_ORDER
         self.differenced = np.zeros(0, np.int64)
         self.differenced = self._incomplete_coordinates()
 
@@ -346,16 +393,34 @@ class LinearisedRun:
         if self._agrees():
             return everything[:0]
         rows = self._rows_between(TRIED_STATES)
+        near, wide = self._changes(rows, FOURTH_ORDER)
+        sizes = self._row_sizes(np.abs(near).max(axis=(0, 1)))
         steps = np.concatenate([self.steps_z[: self.nz], self.steps_v])[:, None]
-        exact = self._differences(rows, everything) * steps
-        error = np.abs(self._known_derivatives(rows) * steps - exact).max(axis=0)
-        sizes = self._row_sizes(np.abs(exact).max(axis=(0, 1)))
-        self.difference = SECOND_ORDER
-        second = np.abs(self._differences(rows, everything) * steps - exact) / sizes
-        if second.max(initial=0.0) > COMPLETE / 10:
-            self.difference = POINTS, WEIGHTS
+        known = self._known_derivatives(rows) * steps
+        error = np.minimum(np.abs(known - near), np.abs(known - wide)).max(axis=0)
         self.differenced = np.flatnonzero((error / sizes).max(axis=1) > COMPLETE / 10)
-        return self.differenced if self._agrees() else everything
+        near2, wide2 = self._changes(rows, SECOND_ORDER)
+        away = np.abs(wide2 - wide) / WIDE_STEP**2  # falls with the square of the step
+        second = np.minimum(np.abs(near2 - near), away) / sizes
+        is_enough = second.max(initial=0.0) <= COMPLETE / 10
+        self.difference = SECOND_ORDER if is_enough else FOURTH_ORDER
+        if self._agrees():
+            return self.differenced
+        self.difference = FOURTH_ORDER
+        return everything
+
+    def _changes(
+        self, rows: IntTable, difference: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
+        """Derivatives by all coordinates at some stages, times steps, by differences
+        over these steps and over wide ones.
+        """
+        (points, weights), found = difference, []
+        steps = np.concatenate([self.steps_z[: self.nz], self.steps_v])[:, None]
+        for width in (1.0, WIDE_STEP):
+            self.difference = width * points, weights / width
+            found.append(self._differences(rows, np.arange(len(steps))) * steps)
+        return found[0], found[1]
 
     def _row_sizes(self, changes: Array) -> Array:
         """Sizes of changes of each of (r, g), not far below the others of r or g."""
@@ -369,25 +434,36 @@ class LinearisedRun:
         """Whether derivatives agree with differences along a random direction."""
         rows = self._rows_between(COMPARED_STATES)
         random = np.random.default_rng(0)
-        steps_z, steps_v = CHECK_STEP * self.steps_z, CHECK_STEP * self.steps_v
-        dz = random.standard_normal((len(rows), self.nz)) * steps_z[: self.nz]
-        dv = random.standard_normal((len(rows), self.nv)) * steps_v
+        dz = random.standard_normal((len(rows), self.nz)) * self.steps_z[: self.nz]
+        dv = random.standard_normal((len(rows), self.nv)) * self.steps_v
         found = self._residual_derivatives(rows)
         change = np.einsum("nk,nkr->nr", np.concatenate([dz, dv], axis=1), found)
-        difference = np.zeros_like(change)
         clocks, times, z, v, *forces = self._states_with_forces(rows)
-        for point, weight in zip(POINTS, WEIGHTS, strict=True):
-            out, moved = np.zeros_like(change), z.copy()
-            moved[:, : self.nz] += point * dz
-            batch_evaluation.residuals_of_states(
-                *(self.kernels, self.system.arrays, self.work),
-                *(clocks, times, moved, v + point * dv, *forces, out),
-            )
-            difference += weight * out
-        sizes = self._row_sizes(np.abs(difference).max(axis=0))
-        return bool((np.abs(difference - change) / sizes).max() < COMPLETE)
+        errors = []
+        for width in (CHECK_STEP, WIDE_STEP):
+            difference = np.zeros_like(change)
+            for point, weight in zip(*FOURTH_ORDER, strict=True):
+                out, moved = np.zeros_like(change), z.copy()
+                moved[:, : self.nz] += width * point * dz
+                batch_evaluation.residuals_of_states(
+                    *(self.kernels, self.system.arrays, self.work),
+                    *(clocks, times, moved, v + width * point * dv, *forces, out),
+                )
+                difference += weight / width * out
+            sizes = self._row_sizes(np.abs(difference).max(axis=0))
+            errors.append(np.abs(difference - change) / sizes)
+        return bool(np.minimum(*errors).max() < COMPLETE)
 
     # Steps
+
+    @cached_property
+    def rotations(self) -> IntTable:
+        """Angles or quaternions of bodies among the positions, (bodies, 1 or 4)."""
+        planar = self.system.planar
+        first, size = (2, 1) if planar else (3, 4)
+        turning = self.system.arrays.body[:, at.RD] == (3 if planar else 6)
+        begins = self.system.arrays.body[turning, at.POS] + first
+        return np.asarray(begins[:, None] + np.arange(size), np.int64)
 
     @cached_property
     def block_length(self) -> int:
@@ -417,26 +493,19 @@ class LinearisedRun:
         states = self.stages.selected(rows)
         rates = position_rates(self.system, states.z, states.v)
         h = np.diff(self.times)[steps]
-        turning = rates.by_position.reshape(n, s, nz, nz)
-        Z = rates.Z.reshape(n, s, nz, nv)
-        if self.system.planar:
-            # Angles do not depend on other positions: H turning has the square 0.
-            inverse, start = None, np.eye(nz) + self._weighted_blocks(h, turning)
-            response = self._planar_response(h, turning, Z)
-        else:
-            full = np.eye(s * nz) - self._spread(h, turning)
-            inverse = np.asarray(np.linalg.inv(full), float)
-            start = inverse.reshape(n, s, nz, s, nz).sum(axis=3)
-            response = inverse @ self._spread(h, Z)
-        product = Jz @ response.reshape(n, s, nz, s * nv)
+        by_position = rates.by_position.reshape(n, s, nz, nz)
+        turning = RotationRates(h, self.A, by_position, self.rotations)
+        start = turning.positions(np.broadcast_to(np.eye(nz), by_position.shape))
+        Z = self._own_columns(rates.Z.reshape(n, s, nz, nv))
+        response = turning.positions(self._weighted_blocks(h, Z))
+        product = Jz @ response
         product += self._own_columns(J[..., nz:])
         system = np.eye(s * nv) - self._weighted_blocks(h, product).reshape(
             n, s * nv, s * nv
         )
         right = self._weighted_blocks(h, Jz @ start).reshape(n, s * nv, nz)
-        return StepMatrices(
-            h, self.A, Jz, turning, inverse, start, response, system, right
-        )
+        response = response.reshape(n, s * nz, s * nv)
+        return StepMatrices(h, self.A, Jz, turning, start, response, system, right)
 
     def _weighted_blocks(self, h: Array, x: Array) -> Array:
         """H times stages of blocks (steps, s, rows, columns)."""
@@ -449,26 +518,6 @@ class LinearisedRun:
         for k in range(s):
             out[:, k, :, k] = blocks[:, k]
         return out.reshape(n, s, rows, s * columns)
-
-    def _spread(self, h: Array, blocks: Array) -> Array:
-        """H times a block diagonal, (steps, s rows, s columns)."""
-        n, s, rows, columns = blocks.shape
-        found = self._weighted_blocks(h, self._own_columns(blocks))
-        return found.reshape(n, s * rows, s * columns)
-
-    def _planar_response(self, h: Array, turning: Array, Z: Array) -> Array:
-        """(1 + H turning) H Z; rates of angles are velocities at every stage."""
-        n, s, nz, nv = Z.shape
-        turned = (turning @ Z).reshape(n, s, -1)
-        weights = np.einsum("kl,lj->kjl", self.A, self.A).reshape(s * s, s)
-        second = (h[:, None, None] ** 2 * weights) @ turned
-        response = second.reshape(n, s, s, nz, nv)
-        for j in range(s):
-            response[:, :, j] += (h[:, None] * self.A[:, j])[..., None, None] * Z[
-                :, None, j
-            ]
-        response = response.transpose(0, 1, 3, 2, 4)
-        return np.ascontiguousarray(response).reshape(n, s * nz, s * nv)
 
 
 def check_linearisable(motion: Motion, grid: Grid) -> None:

@@ -14,6 +14,7 @@ from scipy.special import ellipk
 import sidtool
 from sidtool.api.motion_problem import Point, RunOptions
 from sidtool.api.sensitivity import parse_problem
+from sidtool.sensitivity.seeds import functional_seeds, linear_functional
 from sidtool.solver.simulation.linearised_run import LinearisedRun
 from sidtool.solver.simulation.motion_derivatives import MotionDerivatives
 from tests.steel_bars import steel_bar
@@ -460,3 +461,27 @@ def test_stresses_of_small_deformations() -> None:
     values = [end["bar.norm_von_mises"][-1] for end in ends]
     change = (values[0] - values[1]) / (2 * h)
     assert found["adjoint"][0] == pytest.approx(change, rel=1e-4)
+
+
+def test_an_output_depends_on_its_own_coordinates_alone() -> None:
+    """A position of a body in space: of all coordinates of the scene on one."""
+    point = point_of(heavy_top(), ["top.mass"], ["mean(bob.y)"], method="adjoint")
+    assert point.history is not None and point.grid is not None
+    run = LinearisedRun(point.history.motion, point.grid)
+    (term,) = point.terms
+    steps = np.concatenate([run.steps_z[: run.nz], run.steps_v])
+    linear = linear_functional(term.functional, point.history, term.peak)
+    seeds = functional_seeds(linear, point.history, steps, run.nz)
+    assert np.count_nonzero(np.abs(seeds).max(axis=0)) == 1
+
+
+def test_rows_of_rounding_do_not_ask_for_differences() -> None:
+    """The satellite turns in a plane: rows of what crosses it hold rounding only."""
+    panels = {f"{side}.model": "panel.toml" for side in ("left", "right")}
+    scene = sidtool.Scene.load("examples/satellite/scene.toml")
+    point = point_of(
+        scene.with_(panels | {"time.end": 1.0}), ["hub.mass"], ["mean(hub.wy)"]
+    )
+    assert point.history is not None and point.grid is not None
+    run = LinearisedRun(point.history.motion, point.grid)
+    assert 0 < len(run.differenced) < (run.nz + run.nv) / 2
