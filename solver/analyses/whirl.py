@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sidtool.formats.base.sid import Array
+from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.sid_mass import coupled_mass_matrix, mean_axes_motion
 
 from ..spatial import system_arrays as at
 from ..system.rotations import to_rotation_matrices
@@ -71,15 +72,16 @@ def mode_whirl(
     parts: list[tuple[float, float, float, str]] = []
     fastest = float(np.linalg.norm(own, axis=1).max(initial=0.0))
     axis = own[np.argmax(np.linalg.norm(own, axis=1))] / fastest if fastest else None
-    motions = _body_point_motions(mechanics, shape)
+    coordinates = _body_coordinates(mechanics, shape)
     members = {k for group in blades for k in group.bodies}
     for group in blades:
-        parts += _blade_parts(
-            mechanics, group, [motions[k] for k in group.bodies], omega
-        )
-    for k, moves in enumerate(motions):
+        own_motions = np.array([coordinates[k] for k in group.bodies])
+        sid = mechanics.system.bodies[group.bodies[0]].sid
+        parts += _blade_parts(group, own_motions, sid, omega)
+    for k, motion in enumerate(coordinates):
         if k in members:
             continue
+        moves = _inertial_motions(mechanics, k, motion)
         if axis is None:
             parts.append((float(np.sum(np.abs(moves) ** 2)), omega, omega, ""))
             continue
@@ -99,24 +101,26 @@ def mode_whirl(
 
 
 def _blade_parts(
-    mechanics: DenseEquations,
-    group: BladeGroup,
-    motions: list[np.ndarray],
-    omega: float,
+    group: BladeGroup, motions: np.ndarray, sid: SID, omega: float
 ) -> list[tuple[float, float, float, str]]:
     """Harmonics over the azimuth of a mode in multi-blade coordinates.
 
     Harmonic n of the bodies moves as exp(i (omega t + n psi)): seen from a body its
     frequency is omega + n W, and for n < 0 the pattern goes forward.
+
+    Parameters
+    ----------
+    motions : (N, 6 + nq)
+        Of the bodies, see `_body_coordinates`.
+    sid
+        Of all of them.
     """
-    R = to_rotation_matrices(mechanics.system.frames(mechanics.work.frame)["R"])
-    own = [moves @ R[k] for k, moves in zip(group.bodies, motions, strict=True)]
-    amplitudes = np.fft.fft(own, axis=0)
+    amplitudes, mass = np.fft.fft(motions, axis=0), coupled_mass_matrix(sid)
     parts = []
     for order, moves in zip(group.harmonics, amplitudes, strict=True):
-        energy = float(np.sum(np.abs(moves) ** 2)) / len(own)
+        energy = float((moves.conj() @ mass @ moves).real) / len(motions)
         direction = "" if order == 0.0 else FORWARD if order < 0.0 else BACKWARD
-        rate = 0.0 if 2.0 * abs(order) == len(own) else order * group.speed
+        rate = 0.0 if 2.0 * abs(order) == len(motions) else order * group.speed
         direction = direction if rate else ""
         parts.append((energy, omega, abs(omega + rate), direction))
     return parts
@@ -143,38 +147,51 @@ def _combine_parts(
     return Whirl(rates, leading[2], leading[3])
 
 
-def _body_point_motions(
-    mechanics: DenseEquations, shape: np.ndarray
-) -> list[np.ndarray]:
-    """Displacements and rotations of the points of each body, in inertial axes, times
-    the roots of their inertia, (points, 3)."""
+def _body_coordinates(mechanics: DenseEquations, shape: np.ndarray) -> list[np.ndarray]:
+    """Of each body displacement and rotation of its frame, and elastic coordinates,
+    (6 + nq,), in its axes, zero of a body that is no body of the scene or is led."""
     system = mechanics.system
     size = 2 if system.planar else 3
-    rotations = to_rotation_matrices(system.frames(mechanics.work.frame)["R"])
-    leads, motions = independent_rows(mechanics), []
-    for row, R, body in zip(system.arrays.body, rotations, system.bodies, strict=True):
+    leads, found = independent_rows(mechanics), []
+    for row, body in zip(system.arrays.body, system.bodies, strict=True):
         u, rd, n = int(row[at.VEL]), int(row[at.RD]), int(row[at.NV])
-        if not body.is_scene_body or not leads[min(row[at.VEL], len(leads) - 1)]:
-            motions.append(np.zeros((1, 3)))
-            continue
-        translation, rotation = np.zeros(3, complex), np.zeros(3, complex)
-        translation[:size] = shape[u : u + min(size, rd)] if rd else 0.0
-        if rd > size:
-            rotation[slice(2, 3) if size == 2 else slice(0, 3)] = shape[
-                u + size : u + rd
-            ]
-        q = shape[u + rd : u + n]
-        phi, psi = body.sid.shapes
-        origins = np.array([node.origin.m0[:, 0] for node in body.sid.nodes])
-        J = np.ravel(body.sid.J.m0)[:3]
-        if not len(phi) or not len(q):
-            phi, psi = np.zeros((1, 3, len(q))), np.zeros((1, 3, len(q)))
-            origins = np.atleast_2d(
-                np.ravel(body.sid.mdCM.m0) / max(body.sid.mass, 1e-300)
-            )
-        displacements_ = translation + np.cross(rotation, origins) + phi @ q
-        omegas = (rotation + psi @ q) * np.sqrt(np.abs(J))
-        axes = np.eye(3) if rd == size else R
-        both = np.vstack([np.sqrt(body.sid.mass) * displacements_, omegas])
-        motions.append(both @ axes.T / np.sqrt(len(displacements_)))
-    return motions
+        motion = np.zeros(6 + n - rd, complex)
+        if body.is_scene_body and leads[min(u, len(leads) - 1)]:
+            motion[: min(size, rd)] = shape[u : u + min(size, rd)]
+            if rd > size:
+                first = 5 if size == 2 else 3
+                motion[first:6] = shape[u + size : u + rd]
+            motion[6:] = shape[u + rd : u + n]
+        found.append(motion)
+    return found
+
+
+def _inertial_motions(
+    mechanics: DenseEquations, k: int, motion: np.ndarray
+) -> np.ndarray:
+    """Displacements and rotations of body k, in inertial axes, times the roots of its
+    inertia, (points, 3): of its nodes, and the mean ones of its momenta, which do not
+    depend on where nodes are."""
+    system = mechanics.system
+    row, sid = system.arrays.body[k], system.bodies[k].sid
+    translation, rotation, q = motion[:3], motion[3:6], motion[6:]
+    origins = (np.ravel(sid.mdCM.m0) / max(sid.mass, 1e-300))[None]
+    moved, turned = np.zeros((1, 3), complex), np.zeros((1, 3), complex)
+    if len(q):
+        phi, psi = sid.shapes
+        mean = mean_axes_motion(sid) @ q
+        moved[0] = mean[:3] + np.cross(mean[3:], origins[0])
+        turned[0] = mean[3:]
+        if len(phi):
+            nodes = np.array([node.origin.m0[:, 0] for node in sid.nodes])
+            origins = np.vstack([origins, nodes])
+            moved, turned = np.vstack([moved, phi @ q]), np.vstack([turned, psi @ q])
+    displacements_ = translation + np.cross(rotation, origins) + moved
+    omegas = (rotation + turned) * np.sqrt(np.abs(np.ravel(sid.J.m0)[:3]))
+    both = np.vstack([np.sqrt(sid.mass) * displacements_, omegas]) / np.sqrt(
+        len(displacements_)
+    )
+    if row[at.RD] == (2 if system.planar else 3):
+        return both
+    R = to_rotation_matrices(system.frames(mechanics.work.frame)["R"])[k]
+    return np.asarray(both @ R.T)

@@ -251,3 +251,68 @@ def test_a_campbell_diagram_of_ground_resonance() -> None:
         sign = 1.0 if whirl[speeds.index(speed)] == "backward" else -1.0
         turning = abs(sign * modes.inertial_frequencies[k] + speed / (2 * np.pi))
         assert_allclose(modes.rotating_frequencies[k], turning, rtol=1e-9)
+
+
+def test_blades_need_no_marker_but_their_roots() -> None:
+    """On a hub that only turns, patterns of three blades have the frequency of one
+    blade in its axes, and that less the speed, alone and with it in inertial axes."""
+    speed, blades = 15.0, {}
+    model = sidtool.Model(
+        material={"youngs_modulus": 7e10, "poissons_ratio": 0.3, "density": 2700.0},
+        geometry={
+            "type": "beam",
+            "start": [0.0, 0.0, 0.0],
+            "end": [2.0, 0.0, 0.0],
+            "section": {"shape": "rectangle", "height": 0.05, "width": 0.02},
+        },
+        discretisation={"type": "beam", "elements": 8},
+        frame={"type": "tangent", "marker": "root", "clamp": "start"},
+        markers={"root": {"node": 1, "edge": "start"}},
+        reduction={"method": "modal", "modes": 2},
+        stiffening={},
+    )
+    base, sid = flapping_rotor(speed), sidtool.convert(model)
+    joints: dict[str, Any] = {
+        "axle": {"type": "revolute", "markers": ["ground", "hub"]}
+    }
+    for k in range(3):
+        start = base.bodies[f"blade{k}"].initial
+        hinge = base.bodies["hub"].markers[f"hinge{k}"]
+        blades[f"blade{k}"] = {
+            "sid": sid,
+            "markers": {"root": 1},
+            "initial": {
+                "position": hinge.position,
+                "quaternion": hinge.quaternion,
+                "angular_velocity": start.angular_velocity,
+            },
+        }
+        joints[f"root{k}"] = {
+            "type": "fixed",
+            "markers": [f"hub.hinge{k}", f"blade{k}.root"],
+        }
+    every = sidtool.Scene(
+        dimension="spatial",
+        time={"end": 1.0, "output_step": 0.1},
+        bodies={"hub": base.bodies["hub"], **blades},
+        joints=joints,
+        drives=base.drives,
+    )
+    one = sidtool.Scene(
+        dimension="spatial",
+        time={"end": 1.0, "output_step": 0.1},
+        bodies={"hub": base.bodies["hub"], "blade0": blades["blade0"]},
+        joints={key: joints[key] for key in ("axle", "root0")},
+        drives=base.drives,
+    )
+    alone = sidtool.linearise(one, about="start").frequencies
+    modes = sidtool.linearise(every, about="start")
+    assert_allclose(np.sort(modes.rotating_frequencies), np.repeat(alone, 3), rtol=1e-6)
+    turn = speed / (2 * np.pi)
+    expected = np.sort(np.add.outer(alone, [-turn, 0.0, turn]).ravel())
+    assert_allclose(np.sort(modes.inertial_frequencies), expected, rtol=1e-6)
+    order = np.argsort(modes.inertial_frequencies)
+    names = {-turn: "backward", 0.0: "", turn: "forward"}
+    found = [modes.whirl[k] for k in order]
+    pairs = sorted((f + shift, names[shift]) for f in alone for shift in names)
+    assert found == [name for _, name in pairs]
