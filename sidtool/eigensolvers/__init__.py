@@ -3,5 +3,6 @@
 eigenpairs      lowest eigenpairs of K v = lambda M v
 lanczos         block Lanczos in shift-invert mode
 factorisation   sparse Cholesky and LU factors, ordering, memory
+pardiso         Cholesky factors by Intel's oneMKL
 slepc           several processes; the engine and listener of a run
 """

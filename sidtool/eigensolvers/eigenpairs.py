@@ -15,7 +15,7 @@ from sidtool.formats.base.taylor import Array
 from ..mesh.mesh import Indices
 from ..mesh.quadratic_fields import softest_deformation
 from .factorisation import engine_name, symmetric_factors
-from .lanczos import Pencil, dominant_vectors, expected_blocks
+from .lanczos import RESIDUAL, Pencil, dominant_vectors, expected_blocks
 from .slepc import ProgressCounter, notify, slepc_eigenvectors
 
 __all__ = [
@@ -121,6 +121,7 @@ def lowest_eigenpairs(
     rigid: Array | None = None,
     places: Array | None = None,
     static: Solve | None = None,
+    residual: float = RESIDUAL,
 ) -> tuple[Array, Array]:
     """Return the `count` lowest eigenvalues, ascending, and M-orthonormal eigenvectors.
 
@@ -138,6 +139,8 @@ def lowest_eigenpairs(
     static : function that returns responses to loads (n, k); they meet the constraints
         and contain no rigid motion (loads are balanced by inertia). By default
         K - shift M is factored, which is not possible with constraints
+    residual : of the eigenvectors, relative to their values; those of eigenvalues are
+        its square over the gap between them
 
     Returns
     -------
@@ -162,7 +165,7 @@ def lowest_eigenpairs(
         space = (
             _dense_space(pencil, count)
             if dense
-            else _invariant_space(pencil, count, places, static)
+            else _invariant_space(pencil, count, places, static, residual)
         )
         values, vectors = _ritz_pairs(stiffness, mass, space)
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
@@ -229,7 +232,11 @@ def _ritz_pairs(
 
 
 def _invariant_space(
-    pencil: Pencil, count: int, places: Array | None, static: Solve | None
+    pencil: Pencil,
+    count: int,
+    places: Array | None,
+    static: Solve | None,
+    residual: float,
 ) -> Array:
     """(n, count) vectors that span the lowest eigenvectors."""
     if engine_name() == "slepc":
@@ -247,9 +254,9 @@ def _invariant_space(
         return answer
 
     if static is None:
-        return dominant_vectors(counted, pencil.mass, count, pencil.rigid)
+        return dominant_vectors(counted, pencil.mass, count, pencil.rigid, residual)
     none = pencil.rigid[:, :0]
-    vectors = dominant_vectors(counted, pencil.mass, count - known, none)
+    vectors = dominant_vectors(counted, pencil.mass, count - known, none, residual)
     return np.hstack([pencil.rigid, vectors])
 
 

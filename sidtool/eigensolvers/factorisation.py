@@ -32,6 +32,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.interruptible import call_interruptibly
 from sidtool.formats.base.taylor import Array
 
+from .pardiso import PardisoFactors, import_pypardiso
 from .slepc import PetscFactors, check_slepc, notify, requested_engine
 
 Indices = NDArray[np.int64]
@@ -146,7 +147,10 @@ def reason_unavailable(module: str) -> str:
     """Why a module cannot be used, empty if it can: some are installed, but a shared
     library that they load is not (pypardiso without MKL)."""
     try:
-        importlib.import_module(module)
+        if module == "pypardiso":
+            import_pypardiso()
+        else:
+            importlib.import_module(module)
     except (ImportError, OSError) as error:
         return str(error).split(". ")[0]
     return ""
@@ -197,39 +201,10 @@ class _Cholmod:
         return self._factor(load)
 
 
-#: Parameters by their number in the manual of oneMKL: not the defaults (1), nested
-#: dissection of METIS (2), no iterative refinement (8), which triples the time of a
-#: solution of three loads and does not reduce the residual of a positive definite
-#: matrix; the number of nonzeros of the factor is returned (18).
-_PARDISO_PARAMETERS = {1: 1, 2: 2, 8: 0, 18: -1}
-
-
-class _Pardiso:
-    """Cholesky factors of the upper triangle (mtype 2)."""
-
-    def __init__(self, matrix: sp.csr_matrix) -> None:
-        from pypardiso import PyPardisoSolver
-        from pypardiso.pardiso_wrapper import PyPardisoError
-
-        self._solver = PyPardisoSolver(mtype=2)
-        for number, value in _PARDISO_PARAMETERS.items():
-            self._solver.set_iparm(number, value)
-        self._upper = sp.csr_matrix(sp.triu(matrix, format="csr"))
-        try:
-            self._solver.factorize(self._upper)
-        except PyPardisoError as error:
-            raise RuntimeError(str(error)) from None
-
-    def solve(self, load: Array) -> Array:
-        if not load.size:  # which PARDISO calls an inconsistent input
-            return np.zeros(load.shape)
-        return self._solver.solve(self._upper, load)
-
-
 #: Name -> required module, factorisation; the first available one is the default.
 ENGINES: dict[str, tuple[str, Callable[[sp.csr_matrix], Factors]]] = {
     "cholmod": ("sksparse.cholmod", _Cholmod),
-    "pardiso": ("pypardiso", _Pardiso),
+    "pardiso": ("pypardiso", PardisoFactors),
     "superlu": ("scipy", _Superlu),
     "slepc": ("slepc4py", PetscFactors),
 }

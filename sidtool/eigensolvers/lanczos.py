@@ -21,7 +21,7 @@ from sidtool.formats.base.taylor import Array
 #: takes 1.1 to 1.5 times as long as for two, and half as many are needed.
 BLOCK_SIZE = 4
 #: Residual of a Ritz pair relative to its value.
-_TOLERANCE = 1e-12
+RESIDUAL = 1e-12
 #: A direction is dependent if this fraction of its squared norm is left.
 _NEW_DIRECTION_TOLERANCE = 1e-24
 #: Negative values beside the largest one that are no rounding.
@@ -42,6 +42,7 @@ def dominant_vectors(
     mass: sp.csr_matrix,
     count: int,
     rigid: Array,
+    residual: float = RESIDUAL,
 ) -> Array:
     """(n, count) eigenvectors of the largest eigenvalues of an operator.
 
@@ -51,12 +52,13 @@ def dominant_vectors(
         metric of M
     mass : (n, n) M, positive definite on the range of the operator
     rigid : (n, r) eigenvectors that are known
+    residual : of the eigenvectors, relative to their values
 
     Raises
     ------
     RuntimeError : they do not converge, or the operator is not positive.
     """
-    space = _KrylovSpace(operator, mass, count, rigid)
+    space = _KrylovSpace(operator, mass, count, rigid, residual)
     while True:
         space.extend()
         vectors = space.converged(count)
@@ -73,8 +75,10 @@ class _KrylovSpace:
         mass: sp.csr_matrix,
         count: int,
         rigid: Array,
+        residual: float,
     ) -> None:
         n = mass.shape[0]
+        self._residual = residual
         self._operator, self._mass = operator, mass
         self._random = np.random.default_rng(0)
         self._limit = min(n, 20 * count + 200)
@@ -122,7 +126,7 @@ class _KrylovSpace:
         ends = mixing[self._size - self._coupling.shape[1] :]
         residuals = np.linalg.norm(self._coupling @ ends, axis=0)
         largest = values[::-1][:count]
-        if (residuals > _TOLERANCE * np.abs(largest)).any():
+        if (residuals > self._residual * np.abs(largest)).any():
             return None
         if not self._coupling.shape[0] and self._has_found_more(largest):
             return None

@@ -39,17 +39,20 @@ def mesh_moments(
         for values, slopes, weights in _face_points(block.kind):
             for start in range(0, len(block.nodes), 2_000):
                 corners = mesh.positions[block.nodes[start : start + 2_000]]
-                points = values @ corners
-                tangents = np.einsum("gmk,emd->kegd", slopes, corners)
+                by_node = corners.transpose(1, 2, 0).reshape(corners.shape[1], -1)
+                points, *tangents = (
+                    (rows @ by_node).reshape(len(rows), d, -1).swapaxes(0, 1)
+                    for rows in (values, *slopes)
+                )
                 normals = _area_normals(tangents) * weights[:, None]
-                mass += density * float(np.einsum("ega,ega->", points, normals)) / d
-                first += density * np.einsum("ega,ega->a", points**2, normals) / 2
+                mass += density * float(np.vdot(points, normals)) / d
+                first += density * np.einsum("age,age->a", points**2, normals) / 2
     return mass, first
 
 
 @cache
 def _face_points(kind: str) -> list[tuple[Array, Array, Array]]:
-    """Per face: functions (g, m), slopes along the face (g, m, d - 1), weights (g,)."""
+    """Per face: functions (g, m), slopes along the face (d - 1, g, m), weights (g,)."""
     element = reference_element(kind)
     plane = element.dimension == 2
     sides: list[tuple[int, ...]] = [*element_faces(kind, 3), *element_faces(kind, 4)]
@@ -62,7 +65,7 @@ def _face_points(kind: str) -> list[tuple[Array, Array, Array]]:
         edges = [corners[1] - corners[0], corners[-1] - corners[0]][: len(corners) - 1]
         directions = np.array(edges[:1] if plane else edges)
         values, gradients = element.at(corners[0] + points @ directions)
-        slopes = np.einsum("gmd,kd->gmk", gradients, directions)
+        slopes = np.einsum("gmd,kd->kgm", gradients, directions)
         result.append((values, slopes, weights))
     return result
 
@@ -72,11 +75,12 @@ def _face_rule(corners: int) -> tuple[Array, Array]:
     return quadrature_rule({2: "line", 3: "tri", 4: "quad"}[corners], _DEGREE)
 
 
-def _area_normals(tangents: Array) -> Array:
-    """(ne, g, d) from tangents (d - 1, ne, g, d), counter-clockwise from outside."""
+def _area_normals(tangents: list[Array]) -> Array:
+    """(d, g, ne) from d - 1 tangents (d, g, ne), counter-clockwise from outside."""
     if len(tangents) == 1:
-        return np.stack([tangents[0, ..., 1], -tangents[0, ..., 0]], axis=-1)
-    return np.asarray(np.cross(tangents[0], tangents[1]), float)
+        return np.stack([tangents[0][1], -tangents[0][0]])
+    (a, b, c), (x, y, z) = tangents
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
 #: Differences of mass, and of the centre relative to the size, above which exact

@@ -26,9 +26,8 @@ PairFilter = Callable[[Indices, Indices], NDArray[np.bool_]]
 _ITERATIONS = 12
 #: Tolerance of the search, relative to the radius of an element.
 _INSIDE_TOLERANCE = 1e-6
-#: Bound for the deviation of an element from an affine map, relative to that of its
-#: nodes.
-_NONLINEARITY_BOUND = 30.0
+#: Factor for the sums of shape functions between the points at which they are known.
+_BETWEEN_POINTS = 1.1
 #: Number of pairs of points and elements that are examined together.
 _PAIRS_PER_BATCH = 200_000
 
@@ -106,7 +105,8 @@ class ElementFinder:
 
 class _AffineMaps:
     """Affine maps that are tangent to elements of a kind at their centres. The
-    deviation of a point of an element is bounded by that of its nodes times a factor.
+    deviation of a point of an element is that of its nodes, interpolated by the shape
+    functions: the sum of their sizes bounds it.
     """
 
     def __init__(self, kind: str, nodes: Array, close: Array) -> None:
@@ -126,7 +126,16 @@ class _AffineMaps:
         )
         off = np.abs(local_nodes + self._centre - self._element.nodes).max(axis=(1, 2))
         off += close * np.linalg.norm(self._inverses, axis=(1, 2))
-        self._margins = np.where(flat, np.inf, _NONLINEARITY_BOUND * off)
+        self._margins = np.where(flat, np.inf, self._deviation_bound() * off)
+
+    def _deviation_bound(self) -> float:
+        """How much more a point may lie outside for each deviation 1 of the nodes:
+        `excess` adds up to d components.
+        """
+        element = self._element
+        points = np.vstack([element.nodes, element.points, self._centre[None]])
+        sums = np.abs(element.at(points)[0]).sum(axis=1)
+        return float(element.dimension * _BETWEEN_POINTS * sums.max())
 
     def may_contain(
         self, points: Array, rows: Indices, slack: float

@@ -188,7 +188,7 @@ def _check_shape(mesh: Mesh, block: ElementBlock, place: str) -> None:
     for start in range(0, len(block.nodes), 20_000):
         part = block.nodes[start : start + 20_000]
         corners = mesh.positions[part]
-        jacobians = np.einsum("emd,gmk->egdk", corners, gradients)
+        jacobians = np.swapaxes(corners, 1, 2)[:, None] @ gradients
         determinants = np.linalg.det(jacobians)
         lengths = np.linalg.norm(jacobians, axis=2).prod(axis=2)
         ratio = determinants / np.maximum(lengths, np.finfo(float).tiny)

@@ -24,13 +24,16 @@ from ..eigensolvers.eigenpairs import (
     symmetric_factors,
 )
 from ..eigensolvers.factorisation import Factors
-from ..eigensolvers.lanczos import BLOCK_SIZE
+from ..eigensolvers.lanczos import BLOCK_SIZE, RESIDUAL
 from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mortar_ties import elimination_matrix
 from .body_frames import Frame, clamped_dofs, motion_rows
 
 _NO_MOTION = 1e-9
+#: Residual of modes that frequencies are compared with: their square is far below what
+#: is printed of an error.
+_COMPARISON_RESIDUAL = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,7 @@ class AdmissibleSpace:
     places : (n, d) position of each y, for the elimination order
     directions : (ndof,) directions of the degrees of freedom of the model
     factors : factors of the stiffness, shared with spaces with further constraints
+    residual : of modes, relative to their eigenvalues
     """
 
     transform: sp.csr_matrix
@@ -61,6 +65,13 @@ class AdmissibleSpace:
     places: Array
     directions: Array
     factors: PinnedFactors
+    residual: float = RESIDUAL
+
+    def for_comparison(self) -> AdmissibleSpace:
+        """The same space for frequencies to compare with: modes that are not known yet
+        are computed less exactly, in fewer solutions.
+        """
+        return self if self._found else replace(self, residual=_COMPARISON_RESIDUAL)
 
     def loads(self, loads: Array) -> Array:
         """Loads (ndof, n) on the model as loads on y."""
@@ -152,6 +163,7 @@ class AdmissibleSpace:
             constraints=self.constraints,
             rigid=self.rigid,
             static=lambda load: self._static.solve(load),
+            residual=self.residual,
         )
         values, vectors = values[skipped:], vectors[:, skipped:]
         groups = equal_frequencies(values, vectors, self.stiffness)
@@ -288,7 +300,7 @@ def reduced_matrices(
     InputError : no displacement is left, or a rigid piece is fixed in part.
     """
     transform = _free_coordinates(model, held)
-    stiffness = sp.csr_matrix(transform.T @ model.stiffness @ transform)
+    stiffness = _in_coordinates(transform, model.stiffness)
     if stiffness.shape[0] == 0:
         raise InputError("nothing is left that could move", place="reduction.fix")
     whole = model.rigid_body_modes(frame.origin)
@@ -296,12 +308,19 @@ def reduced_matrices(
     return {
         "transform": transform,
         "stiffness": stiffness,
-        "mass": sp.csr_matrix(transform.T @ model.mass @ transform),
+        "mass": _in_coordinates(transform, model.mass),
         "constraints": np.zeros((0, stiffness.shape[0])),
         "rigid": coordinates_of(transform, whole @ free),
         "constrained_rigid_motions": np.zeros((stiffness.shape[0], 0)),
         "directions": model.directions,
     }
+
+
+def _in_coordinates(transform: sp.csr_matrix, matrix: sp.csr_matrix) -> sp.csr_matrix:
+    """transform.T @ matrix @ transform, with sorted columns."""
+    result = sp.csr_matrix(transform.T) @ (matrix @ transform)
+    result.sort_indices()
+    return sp.csr_matrix(result)
 
 
 def support_rows(

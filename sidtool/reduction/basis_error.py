@@ -179,9 +179,10 @@ def assess_basis(
     """Assess a basis. Return None if nothing can be measured: the method solved no
     equations, or there are too many markers.
     """
-    settings, space = model.reduction, basis.space
-    if space is None:
+    settings = model.reduction
+    if basis.space is None:
         return None
+    space = basis.space.for_comparison()
     markers = _loaded_markers(body, frame, settings)
     if 6 * len(markers) * body.ndof > _MAX_LOAD_ENTRIES:
         return None

@@ -41,12 +41,18 @@ def exact(*sizes: int) -> np.ndarray:
     return np.sort(np.concatenate([total, 3 * total]))
 
 
+@pytest.mark.parametrize("residual", [1e-12, 1e-7])
 @pytest.mark.parametrize("sizes", [(30, 30), (12, 12, 12)])
-def test_equal_eigenvalues_are_all_found(sizes: tuple[int, ...]) -> None:
-    """A square has pairs of equal eigenvalues, a cube triples."""
+def test_equal_eigenvalues_are_all_found(
+    sizes: tuple[int, ...], residual: float
+) -> None:
+    """A square has pairs of equal eigenvalues, a cube triples. Errors of eigenvalues
+    are squares of residuals."""
     matrix, places = grid(*sizes)
     mass = sp.csr_matrix(sp.eye_array(matrix.shape[0]))
-    values, vectors = lowest_eigenpairs(matrix, mass, 11, places=places)
+    values, vectors = lowest_eigenpairs(
+        matrix, mass, 11, places=places, residual=residual
+    )
     assert_allclose(values, exact(*sizes)[:11], rtol=1e-10)
     assert_allclose(vectors.T @ vectors, np.eye(11), atol=1e-12)
 

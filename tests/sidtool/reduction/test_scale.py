@@ -68,6 +68,33 @@ def test_every_engine_takes_no_load_at_all(
     assert symmetric_factors(matrix).solve(np.zeros((2, 0))).shape == (2, 0)
 
 
+@pytest.mark.parametrize("name", [p for p in INSTALLED if "slepc" not in str(p)])
+def test_factors_stay_those_of_their_matrix(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Also when others were computed, and some freed, in between."""
+    monkeypatch.setenv("SIDTOOL_FACTORS", name)
+    chain = sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(60, 60))
+    matrices = [sp.csr_matrix(chain + k * sp.eye_array(60)) for k in range(3)]
+    factors = [symmetric_factors(matrix) for matrix in matrices]
+    del factors[1], matrices[1]
+    loads = np.random.default_rng(0).normal(size=(60, 5))
+    for matrix, factor in zip(matrices, factors, strict=True):
+        for load in (loads[:, 0], loads, loads[:, ::2], np.asfortranarray(loads)):
+            assert_allclose(matrix @ factor.solve(load), load, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", [p for p in INSTALLED if "slepc" not in str(p)])
+def test_a_matrix_without_an_inverse_is_an_error(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Its rows alike, or one empty."""
+    monkeypatch.setenv("SIDTOOL_FACTORS", name)
+    for matrix in (np.ones((3, 3)), np.diag([2.0, 0.0, 3.0])):
+        with pytest.raises((RuntimeError, ValueError)):
+            symmetric_factors(sp.csr_matrix(matrix))
+
+
 def test_an_unknown_engine_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SIDTOOL_FACTORS", "abacus")
     with pytest.raises(InputError, match="'abacus' is not there .*expected .*superlu"):
