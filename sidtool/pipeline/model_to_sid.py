@@ -15,7 +15,7 @@ from sidtool.formats.base.complex_step import null_space_with_step
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import NamedStages, count_within, report_stage
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
-from sidtool.formats.diagnostics import Diagnostic, without
+from sidtool.formats.diagnostics import Diagnostic, diagnose, without
 from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.plausibility import body_warnings, check_body, material_warnings
@@ -159,6 +159,9 @@ def _convert(
     if model.material is not None:
         material = model.material
         found += material_warnings(material.youngs_modulus, material.density)
+    for name in model.unread_names(model.parameters):
+        reason = "no formula reads it"
+        found.append(diagnose("N145", f"parameters.{name}", reason=reason))
     begin("discretising")
     body = finite_element_model(model)
     found += [*body.diagnostics, *geometry_mass_notes(body)]

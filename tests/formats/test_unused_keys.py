@@ -6,6 +6,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import pytest
 
+import sidtool
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.reference import ReferenceFile
@@ -154,3 +155,12 @@ def test_parameters_tables_and_terms_that_no_formula_reads_are_named() -> None:
         "forces.f.function.terms.idle",
         "forces.f.function.parameters.loss",
     }
+
+
+def test_parameters_of_models_that_no_formula_reads_are_named() -> None:
+    data = rod_data()
+    data["parameters"] = {"rho": 7850.0, "depth": 0.1}
+    data["material"]["density"] = "rho"
+    sid = sidtool.convert(ModelFile.checked(data, "test"))
+    named = [note.subject for note in sid.diagnostics if note.code == "N145"]
+    assert named == ["parameters.depth"]
