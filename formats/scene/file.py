@@ -21,7 +21,7 @@ from .base import Table, as_tuples
 from .inputs import without_tables
 from .laws import Expression
 from .scene_checks import check_scene
-from .signal_files import relocate_signal_files, with_signal
+from .signal_files import SIGNAL_KEYS, relocate_signal_files, with_signal
 from .tables import SceneTables
 from .values import expected_names
 
@@ -115,7 +115,7 @@ def read_input_table(
     InputError : see `with_signal`.
     """
     data = {"file": str(path), "unit": unit}
-    data = with_signal(data, {"time": "times", "value": "values"}, ())
+    data = with_signal(data, SIGNAL_KEYS, ())
     return list(data["times"]), list(data["values"])
 
 

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import model_validator
+from pydantic import ModelWrapValidatorHandler, PrivateAttr, model_validator
 
 from ..toml.constructor_types import (
     Entries,
@@ -18,7 +18,7 @@ from ..toml.constructor_types import (
     Takes,
 )
 from .base import Table
-from .signal_files import SCALE, with_signal
+from .signal_files import SCALE, SIGNAL_KEYS, signal_and_unit
 
 SIGNAL_FILE = (
     "CSV file, HDF5 file or result of sidtool with the times and values, relative to "
@@ -140,10 +140,22 @@ class Spline(Table):
         default="not-a-knot", description="what holds at both ends of a smooth curve"
     )
 
-    @model_validator(mode="before")
+    #: what the file states of its values
+    _unit_of_file: str = PrivateAttr(default="")
+
+    @model_validator(mode="wrap")
     @classmethod
-    def _read_file(cls, data: Any) -> Any:
-        return with_signal(data, {"time": "times", "value": "values"}, ())
+    def _read_file(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        data, unit = signal_and_unit(data, SIGNAL_KEYS)
+        table = handler(data)
+        if unit:
+            table._unit_of_file = unit
+        return table
+
+    @property
+    def unit_of_file(self) -> str:
+        """The unit that its file states, or ""."""
+        return self._unit_of_file
 
 
 class Given(Table):

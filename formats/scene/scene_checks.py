@@ -15,7 +15,7 @@ from .drives import Drive
 from .events import check_quantity
 from .force_checks import check_force, check_input, check_reference
 from .forces import PointForce
-from .functions import Given
+from .functions import Given, InputFunction
 from .joint_checks import check_drives, check_joint
 from .laws import states_of
 from .lookup import check_table
@@ -40,7 +40,7 @@ from .outputs import (
     parse_output,
 )
 from .tables import SceneTables
-from .units import units_of_takers
+from .units import units_of_functions, units_of_takers
 from .values import (
     check_initial,
     check_length,
@@ -86,6 +86,7 @@ def check_scene(scene: SceneTables, fitting: SceneTables | None = None) -> None:
         check_force(force, f"forces.{name}", scene)
     for name, signal in scene.inputs.items():
         _check_input_unit(name, signal.unit, scene)
+    _check_units_of_files(scene)
     for index, output in enumerate(scene.outputs.record):
         if has_wildcard(output):
             continue  # what it stands for is known with the SIDs
@@ -137,6 +138,22 @@ def _check_input_unit(name: str, text: str | None, scene: SceneTables) -> None:
                 f"inputs.{name}.unit",
                 f"{key} takes {taken}, not {text}",
                 f"{taken}, or a formula that converts the input",
+            )
+
+
+def _check_units_of_files(scene: SceneTables) -> None:
+    """Check that files hold what takes their values: metres are no newtons."""
+    for key, function, taken in units_of_functions(scene):
+        known = parse_unit(taken)
+        if isinstance(function, InputFunction):
+            key, function = f"inputs.{function.name}", scene.inputs[function.name]
+        given = getattr(function, "unit_of_file", "")
+        unit = parse_unit(given)
+        if unit and known and unit.exponents != known.exponents:
+            raise_failure(
+                f"{key}.file",
+                f"the column of values has the unit {given}",
+                f"one such as {taken}, or a scale",
             )
 
 

@@ -14,6 +14,8 @@ from ..storage.unreadable import read_text
 from ..toml.messages import nearest_key
 from .base import as_tuples
 
+#: Columns of a signal: key of the column -> key of its numbers.
+SIGNAL_KEYS = {"time": "times", "value": "values"}
 #: A column by its name in the header or by its number from 1; None: the default one.
 Column = str | int | None
 Values = tuple[float, ...]
@@ -61,7 +63,15 @@ def read_columns(path: str | Path, columns: Sequence[Column]) -> list[SignalColu
 
 
 def with_signal(data: Any, keys: Mapping[str, str], required: tuple[str, ...]) -> Any:
-    """Return data of a table with the columns of its `file` in place of their names.
+    """Return the first of `signal_and_unit`."""
+    return signal_and_unit(data, keys, required)[0]
+
+
+def signal_and_unit(
+    data: Any, keys: Mapping[str, str], required: tuple[str, ...] = ()
+) -> tuple[Any, str]:
+    """Return data of a table with the columns of its `file` in place of their names,
+    and the unit that the file states for the values, or "".
 
     Numbers become those of SI units, or of the `unit` of an input, by the unit in the
     header. Where data have a `scale`, values have this factor instead. Lists become
@@ -77,10 +87,10 @@ def with_signal(data: Any, keys: Mapping[str, str], required: tuple[str, ...]) -
     InputError : see `read_columns`; numbers are given as well; or a unit does not fit.
     """
     if not isinstance(data, Mapping):
-        return data
+        return data, ""
     content = {key: as_tuples(value) for key, value in data.items()}
     if content.get("file") is None:
-        return content
+        return content, ""
     path, scale = str(content.pop("file")), content.pop("scale", None)
     named = [key for key in keys if key in content or key not in required]
     for key, target in keys.items():
@@ -89,17 +99,20 @@ def with_signal(data: Any, keys: Mapping[str, str], required: tuple[str, ...]) -
                 f"gives {target} beside a file", source=path, expected="one of them"
             )
     columns = read_columns(path, [content.pop(key, None) for key in named])
+    unit_of_values = ""
     for key, column in zip(named, columns, strict=True):
         target = keys[key]
         unit = {"times": "s", "values": content.get("unit") or ""}.get(target, "")
         is_scaled = target == "values" and scale is not None
+        if target == "values" and not is_scaled:
+            unit_of_values = column.unit
         try:
             factor = scale if is_scaled else column_factor(column.unit, unit)
         except InputError as error:
             error.place = f"the column of {target}"
             raise error.located(path) from None
         content[target] = tuple(factor * value for value in column.values)
-    return content
+    return content, unit_of_values
 
 
 def relocate_signal_files(data: Mapping[str, Any], folder: Path) -> None:

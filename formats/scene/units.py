@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from .connections import FORCES, THREAD_MULTIPLIER, force_coordinate, is_turned
 from .drives import Drive, driven_coordinate
 from .forces import Force, PointForce
-from .functions import InputFunction
+from .functions import InputFunction, Sum
 from .joints import Coupling, Gear, coupled_coordinates
 from .laws import Pid
 from .outputs import (
@@ -106,21 +106,41 @@ def units_of_takers(name: str, scene: SceneTables) -> Iterator[tuple[str, str]]:
 
     The unit is empty of a force at a point, which the input scales.
     """
+    for key, function, unit in units_of_functions(scene):
+        if isinstance(function, InputFunction) and function.name == name:
+            yield key, unit
+
+
+def units_of_functions(scene: SceneTables) -> Iterator[tuple[str, object, str]]:
+    """Yield key, function and unit of what forces, drives and controllers take.
+
+    The unit is empty of a force at a point, which the function scales.
+    """
     for owner, force in scene.forces.items():
         function = getattr(force, "function", None)
         key = f"forces.{owner}.function"
-        if isinstance(function, InputFunction) and function.name == name:
-            yield key, _law_unit(OutputName(owner, "", VALUE), scene)
         if isinstance(function, Pid):
-            reference = function.reference
-            if isinstance(reference, InputFunction) and reference.name == name:
-                yield f"{key}.reference", unit_of(function.measured, scene)
+            yield (
+                f"{key}.reference",
+                function.reference,
+                unit_of(function.measured, scene),
+            )
+        elif function is not None:
+            unit = _law_unit(OutputName(owner, "", VALUE), scene)
+            yield from _parts(key, function, unit)
     for owner, drive in scene.drives.items():
-        function = drive.function
-        if isinstance(function, InputFunction) and function.name == name:
-            along = _effort_unit(driven_coordinate(drive, scene.joints))
-            unit = "rad" if along == "N m" else "m"
-            yield f"drives.{owner}.function", unit + _RATES[drive.of]
+        along = _effort_unit(driven_coordinate(drive, scene.joints))
+        unit = ("rad" if along == "N m" else "m") + _RATES[drive.of]
+        yield from _parts(f"drives.{owner}.function", drive.function, unit)
+
+
+def _parts(key: str, function: object, unit: str) -> Iterator[tuple[str, object, str]]:
+    """A function, or the parts of a sum."""
+    if isinstance(function, Sum):
+        for k, part in enumerate(function.parts):
+            yield f"{key}.parts[{k}]", part, unit
+    else:
+        yield key, function, unit
 
 
 def _effort_unit(coordinate: str) -> str:

@@ -267,6 +267,53 @@ def test_units_that_do_not_fit_are_refused(head: str, tmp_path: Path) -> None:
         assert scene.drives["road"].function.values == (0.5, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("unit", "taken"),
+    [
+        ("kN", "m"),
+        ("deg", "m"),
+        ("m/s", "m"),
+        ("mm", ""),
+        ("furlong", ""),
+    ],
+)
+def test_a_drive_takes_the_dimension_of_its_coordinate(
+    unit: str, taken: str, tmp_path: Path
+) -> None:
+    """A measured force in place of the road moved the cart by as many metres."""
+    file = tmp_path / "f.csv"
+    file.write_text(f"t [s],f [{unit}]\n0,0\n0.5,1\n1,0\n", encoding="utf-8")
+    table = {"type": "table", "file": str(file)}
+    inputs = {"u": {"file": str(file), "interpolation": "smooth"}}
+    for place, data in {
+        "drives.road.function.file": cart(table),
+        "drives.road.function.parts[0].file": cart({"type": "sum", "parts": [table]}),
+        "inputs.u.file": cart({"type": "input", "name": "u"}, inputs=inputs),
+    }.items():
+        if not taken:
+            validate_data(data, SceneFile)
+            continue
+        with pytest.raises(InputError, match=rf"has the unit {unit}") as caught:
+            validate_data(data, SceneFile)
+        assert caught.value.place == place
+    scaled = cart(table | {"scale": 1e-3})
+    validate_data(scaled, SceneFile)
+
+
+@pytest.mark.parametrize(("of", "unit"), [("rate", "m/s"), ("acceleration", "m/s^2")])
+def test_a_drive_of_a_rate_takes_a_velocity(of: str, unit: str, tmp_path: Path) -> None:
+    file = tmp_path / "f.csv"
+    for column, fits in ((unit, True), ("m", False), ("kN", False)):
+        file.write_text(f"t [s],f [{column}]\n0,0\n1,1\n", encoding="utf-8")
+        data = cart({"type": "table", "file": str(file)})
+        data["drives"]["road"]["of"] = of
+        if fits:
+            validate_data(data, SceneFile)
+        else:
+            with pytest.raises(InputError, match="has the unit"):
+                validate_data(data, SceneFile)
+
+
 def pushed(unit: str, **changes: Any) -> dict[str, Any]:
     """A cart that an input pushes alone."""
     function = {"type": "input", "name": "u"}
