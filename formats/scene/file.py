@@ -108,7 +108,7 @@ def read_input_table(
 
     Parameters
     ----------
-    unit : of the input, to which values are converted
+    unit : of the input, to which values are converted, or of what takes it
 
     Raises
     ------

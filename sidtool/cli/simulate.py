@@ -234,13 +234,13 @@ def simulate(
 
 def _with_input_tables(scene: Scene, texts: tuple[str, ...]) -> Scene:
     """Return the scene whose inputs follow the tables of --input."""
-    from sidtool.formats.scene import read_input_table, with_inputs
+    from sidtool.formats.scene import INPUTS, read_input_table, unit_of, with_inputs
     from sidtool.formats.toml.files import locate_errors
 
     files = files_by_body("--input", texts, [*scene.inputs], "NAME")
     with locate_errors(scene):
         tables = {
-            name: read_input_table(file, scene.inputs[name].unit)
+            name: read_input_table(file, unit_of(f"{INPUTS}.{name}", scene))
             for name, file in files.items()
         }
         return with_inputs(scene, tables)

@@ -265,6 +265,10 @@ def test_the_command_reads_tables_and_continues(
     assert json.loads(found.scene)["inputs"]["command"]["times"] == TIMES.tolist()
     expected = pendulum(forces=motor(INPUT)).simulate(inputs=TABLE)
     assert np.allclose(found["pivot.angle"], expected["pivot.angle"], atol=1e-5)
+    metres = "t,value [m]\n0,1\n1,1\n"  # of what a motor takes as N m
+    (tmp_path / "metres.csv").write_text(metres, encoding="utf-8")
+    assert run([*command, "--force", "--input", "command=metres.csv"]) == 2
+    assert "has the unit m" in capsys.readouterr().err
     (tmp_path / "all.csv").write_text("t,value\n0,1\n0.1,x", encoding="utf-8")
     assert run([*command, "--force", "--input", "command=all.csv"]) == 2
     assert "line 3" in capsys.readouterr().err
