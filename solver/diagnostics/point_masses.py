@@ -85,17 +85,34 @@ def _check_centres(system: System, masses: set[str], turning: set[str]) -> None:
     for name, force in scene.forces.items():
         one = (force.marker,) if isinstance(force, PointForce) else ()
         pairs.append((f"forces.{name}", getattr(force, "markers", None) or one))
-    for place, texts in pairs:
+    carried = list(_with_axes_of_first(scene))
+    for place, texts in [*pairs, *carried]:
         for body, marker in map(marker_reference, texts):
             if body in data and data[body].node(marker).position.any():
                 words = f"the marker {marker} lies beside the centre"
                 raise _error(place, words, body, "a marker at its centre", "of")
+    for place, texts in carried:
+        first, second = (marker_reference(text)[0] for text in texts)
+        if first in masses and second in turning:
+            key = "marker" if place.startswith("drives") else "second marker"
+            remedy = f"{first} as {key}"
+            raise _error(place, "its axes are those", first, remedy, "of")
+
+
+def _with_axes_of_first(scene: SceneFile) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Yield key and both markers of what pushes the second one along axes of the
+    first, which is not the line between them."""
     for name, joint in scene.joints.items():
         if joint.type in ("point_on_line", "point_on_plane"):
-            first, second = (marker_reference(t)[0] for t in marker_names(joint))
-            if first in masses and second in turning:
-                words, remedy = "the joint takes its axis", f"{first} as second marker"
-                raise _error(f"joints.{name}", words, first, remedy, "from")
+            first, second = marker_names(joint)
+            yield f"joints.{name}", (first, second)
+    for name, drive in scene.drives.items():
+        if drive.marker is not None:
+            yield f"drives.{name}", (drive.reference, drive.marker)
+    for name, force in scene.forces.items():
+        if isinstance(force, Bushing) and not _is_central(force, scene):
+            first, second = force.markers
+            yield f"forces.{name}", (first, second)
 
 
 def _check_tilts(system: System, masses: set[str], turning: set[str]) -> None:
@@ -180,8 +197,10 @@ def _torques(scene: SceneFile) -> Iterator[tuple[str, str, tuple[str, ...], str]
             markers = tuple(marker_names(joint))
             yield f"{place}.friction", "its friction acts", markers, "no friction"
     for name, drive in scene.drives.items():
-        if drive.joint is not None and is_turned(driven_coordinate(drive, joints)):
-            markers = tuple(marker_names(joints[drive.joint]))
+        if is_turned(driven_coordinate(drive, joints)):
+            markers = (drive.marker or "ground", drive.reference)
+            if drive.joint is not None:
+                markers = tuple(marker_names(joints[drive.joint]))
             yield f"drives.{name}", "its torque acts", markers, "no drive"
     for name, force in scene.forces.items():
         joint_name = getattr(force, "joint", None)
@@ -195,6 +214,14 @@ def _torques(scene: SceneFile) -> Iterator[tuple[str, str, tuple[str, ...], str]
                 tuple(force.markers),
                 "zeros for rotations",
             )
+
+
+def _is_central(force: Bushing, scene: SceneFile) -> bool:
+    """Whether a bushing pulls along the line between its markers."""
+    first = 2 if scene.dimension == "planar" else 3
+    stiffness = np.array(force.stiffness, float)
+    is_alike = stiffness.ndim == 1 and np.ptp(stiffness[:first]) == 0.0
+    return is_alike and not np.any(force.damping or 0.0)
 
 
 def _twists(force: Bushing, scene: SceneFile) -> bool:
