@@ -30,6 +30,10 @@ from ..initial_state.axis_alignment import align_bodies
 from ..initial_state.constraint_jacobian import InitialState
 from ..initial_state.given_state import initial_estimate
 from ..initial_state.overconstraint import ROTATION_CONSTRAINTS
+from ..initial_state.sparse_jacobian import (
+    normalised_sparse_rows,
+    scaled_sparse_jacobian,
+)
 from ..spatial import system_arrays as at
 from ..system.system import System
 
@@ -126,22 +130,26 @@ def _check_tilts(system: System, masses: set[str], turning: set[str]) -> None:
             tilted[name] = min(ends & masses)
     if not tilted:
         return
+    from scipy.sparse import identity  # a third of a second that few scenes need
+    from scipy.sparse.linalg import splu
+
     state = InitialState(system, initial_estimate(system))
-    state.ignored[:] = False
     align_bodies(system, state.work, state.z)
     state.evaluate()
-    C, tilts = state.scaled_jacobian(), dict[str, list[int]]()
+    tilts = dict[str, list[int]]()
     turned = [c[at.ROW] for c in system.arrays.constraint if c[at.KIND] in _ROTATIONS]
     for row in system.rows:
         if row.name in tilted:
             own = set(range(row.first, row.first + row.count)).intersection(turned)
             tilts.setdefault(row.name, []).extend(own)
-    others = np.delete(C, [i for each in tilts.values() for i in each], axis=0)
+    C = normalised_sparse_rows(scaled_sparse_jacobian(system, state.work.C))
+    others = C[np.setdiff1d(np.arange(system.n_rows), sum(tilts.values(), []))]
+    # regularised, as constraints may follow from each other
+    gram = others @ others.T + 1e-12 * identity(others.shape[0])
+    solve = splu(gram.tocsc()).solve if others.shape[0] else np.zeros_like
     for name, each in tilts.items():
-        remainder = C[each].T
-        if len(others):
-            remainder = remainder - others.T @ np.linalg.lstsq(others.T, remainder)[0]
-        if np.abs(remainder).max(initial=0.0) > _HELD:
+        tilt = C[each].toarray().T
+        if np.abs(tilt - others.T @ solve(others @ tilt)).max(initial=0.0) > _HELD:
             freer = _TILTED[system.scene.joints[name].type]
             words = "the joint holds the direction of an axis, which acts"
             remedy = f'type = "{freer}"' if freer else "no thread"
