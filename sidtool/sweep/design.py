@@ -17,6 +17,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.scene import SceneFile
+from sidtool.formats.scene.signal_files import is_finite_number
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.toml.evaluation import PARAMETERS
 from sidtool.formats.toml.expressions import evaluate_number
@@ -87,6 +88,8 @@ def _parse_axis(text: str) -> tuple[str, tuple[Any, ...]]:
     if not (key and equals and values):
         raise InputError(f"found {text!r}", place="--over", expected=_RANGE_FORM)
     parts = values.split(":")
+    if len(parts) == 2 and all(map(is_finite_number, parts)):  # without a count
+        raise InputError(f"found {text!r}", place="--over", expected=_RANGE_FORM)
     if len(parts) in (3, 4) and values[0] not in "\"'[{":
         return key, _parse_range(text, parts)
     return key, tuple(_split_values(values))

@@ -15,8 +15,10 @@ from scipy.special import ellipk
 import sidtool
 from sidtool.api.sweep import sweep
 from sidtool.cli.main import run
+from sidtool.formats.base.errors import InputError
 from sidtool.study import StudyInterrupted
 from sidtool.sweep import Sweep
+from sidtool.sweep.design import parse_axes
 from tests.codes import with_code
 
 from ..accuracy import arms
@@ -223,3 +225,10 @@ def test_wrong_wishes_are_refused(
     command = ["sweep", str(pendulum), "--over", over, "--of", of, "--jobs", "1"]
     assert run(command) == 2
     assert "expected" in capsys.readouterr().err
+
+
+def test_a_range_without_a_count_is_no_text(pendulum: Path) -> None:
+    """1:2 was taken as a text, and refused as a length without the form of a range."""
+    with pytest.raises(InputError) as refused:
+        parse_axes("length=1:2")
+    assert "FROM:TO:COUNT" in (refused.value.expected or "")
