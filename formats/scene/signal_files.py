@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +21,8 @@ SIGNAL_KEYS = {"time": "times", "value": "values"}
 Column = str | int | None
 Values = tuple[float, ...]
 
+#: A cell between spaces; that of a header with its unit in brackets.
+_SPACED = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|\S+")
 _HDF5 = (".h5", ".hdf5")
 #: Attributes of a dataset that name its unit.
 _UNIT_KEYS = ("units", "unit")
@@ -167,7 +170,7 @@ def _read_text(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:
 
 def _cells(line: str, separator: str | None) -> list[str]:
     if separator is None:
-        return line.split()
+        return _SPACED.findall(line)
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
 
 

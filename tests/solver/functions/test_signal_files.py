@@ -164,6 +164,8 @@ def test_columns_of_files(tmp_path: Path) -> None:
         ("t [min],z [in]", 1.0 / 60.0, 1.0 / 0.0254),
         ("t,z", 1.0, 1.0),
         ("t [\u00b5s],z [cm]", 1e6, 1e2),
+        ("t [ms] z [mm]", 1e3, 1e3),
+        ("t(ms)   z(mm)", 1e3, 1e3),
     ],
 )
 def test_columns_are_in_the_units_of_their_header(
@@ -175,7 +177,7 @@ def test_columns_are_in_the_units_of_their_header(
         tmp_path / "road.csv",
         table,
         "%.17g",
-        ",",
+        "," if "," in head else " ",
         header=head,
         comments="",
         encoding="utf-8",
