@@ -119,8 +119,8 @@ class File(Table):
 
     def unread_names(self, names: Iterable[str]) -> list[str]:
         """Return the names of parameters and tables that no formula contains."""
-        names = list(names)
-        return unread_names(names, self.file_data() if names else {})
+        left = unread_names(names, list(self._formulas.values()))
+        return unread_names(left, self.file_data()) if left else []
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a TOML file; relative paths in it begin at its folder.
