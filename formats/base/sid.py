@@ -141,7 +141,7 @@ class Dialect:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A cross-section of a beam, and the part of the body beyond it.
+    """A cross-section of a body, and the part of the body beyond it.
 
     Section forces are those in equilibrium with all that acts on that part. Where the
     section leaves the body connected, there is no such part, and the entry sigma of the
@@ -151,8 +151,9 @@ class Section:
     ----------
     name : of the section
     part : mass integrals of the part beyond, with the shape functions and the frame of
-        the whole body; its one node is the section, whose axes are the tangent and the
-        axes y and z of the section. It has no stiffness
+        the whole body; its one node is the section, whose axes are the tangent of a
+        beam or the normal of a cut, and the axes y and z of the section. It has no
+        stiffness
     beyond : ids of the nodes of the body that belong to the part
     """
 
@@ -186,7 +187,7 @@ class SID:
         that there are no elements whose stress could stiffen it
     has_peak_nodes : whether nodes were added where the stress is largest; None if that
         is not known, see `formats.base.stress.has_peak_nodes`
-    sections : of a beam, at which section forces are known
+    sections : at which section forces are known
 
     Raises
     ------
@@ -293,7 +294,7 @@ class SID:
             f"there is no section {name!r}",
             expected=f"one of the sections {known}{more}"
             if known
-            else "a beam with [section_forces], converted to an .h5 file or named as "
+            else "a body with [section_forces], converted to an .h5 file or named as "
             "`model`",
         )
 

@@ -539,7 +539,7 @@ ENTRIES = (
         WARNING,
         "{count:d} sections for section forces are not in an ASCII file",
         "A SID in ASCII holds the blocks of Wallrapp's format only. The mass integrals "
-        "of the parts of a beam beyond its sections are in HDF5 files, and in the SIDs "
+        "of the parts of a body beyond its sections are in HDF5 files, and in the SIDs "
         "of bodies that a scene names by `model`.",
         remedy="Write a file that ends in .h5.",
         example={"subject": "blade.SID_FEM", "count": 11},

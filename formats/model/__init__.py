@@ -23,7 +23,7 @@ from ..toml.diagnostics_table import Diagnostics
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File, relocate_paths
 from ..toml.tables import Table
-from .beams import BeamGeometry, SectionForces
+from .beams import BeamGeometry
 from .checks import check_name, check_node_numbers
 from .discretisation import FITTING, Discretisation, IgaDiscretisation, Q4Discretisation
 from .frames import FrameGeometry
@@ -40,6 +40,7 @@ from .reduction import (
     Tie,
     check_reduction,
 )
+from .section_forces import SectionForces
 from .tables import Fraction, Material, Point3, RayleighDamping
 
 _SECTION_NAME = re.compile(r"[^\W\d][\w-]*")
@@ -237,32 +238,46 @@ class ModelFile(File):
         return self
 
     @model_validator(mode="after")
-    def _sections_are_those_of_a_beam(self) -> Self:
-        if self.section_forces is None:
+    def _sections_fit_the_geometry(self) -> Self:
+        asked, geometry = self.section_forces, self.geometry
+        if asked is None:
             return self
-        geometry, members = self.geometry, self.section_forces.members
-        if not isinstance(geometry, BeamGeometry | FrameGeometry):
+        if self.comes_as_matrices:
             raise InputError(
-                "is not for this geometry",
+                "is not for bodies that came as matrices",
                 place="section_forces",
-                expected='a geometry of type "beam" or "frame"',
+                expected="a beam, a frame or a body of solid elements",
             )
-        if members is not None and isinstance(geometry, BeamGeometry):
+        beam = isinstance(geometry, BeamGeometry | FrameGeometry)
+        if beam is not (asked.stations is not None) or beam is bool(asked.cuts):
             raise InputError(
-                "is not for a single beam",
+                "has stations of beams for a solid, or cuts of solids for a beam"
+                if asked.stations is not None or asked.cuts
+                else "names no section",
+                place="section_forces",
+                expected="stations" if beam else "cuts, each with point and normal",
+            )
+        if asked.members is not None and not isinstance(geometry, FrameGeometry):
+            raise InputError(
+                "is for frames",
                 place="section_forces.members",
                 expected='a geometry of type "frame"',
             )
         if isinstance(geometry, FrameGeometry):
-            for name in members or ():
+            for name in asked.members or ():
                 check_name(name, geometry.members, "member", "section_forces.members")
-        for name in self.section_forces.fractions:
-            if not _SECTION_NAME.fullmatch(name):
-                raise InputError(
-                    f"found the name {name!r}",
-                    place="section_forces.stations",
-                    expected="letters, digits, _ and -, a letter first",
-                )
+        for key, names in (("stations", asked.fractions), ("cuts", asked.cuts)):
+            for name in names:
+                if not _SECTION_NAME.fullmatch(name):
+                    raise InputError(
+                        f"found the name {name!r}",
+                        place=f"section_forces.{key}",
+                        expected="letters, digits, _ and -, a letter first",
+                    )
+        for name, cut in asked.cuts.items():
+            for marker in cut.markers or ():
+                place = f"section_forces.cuts.{name}.markers"
+                check_name(marker, self.markers, "marker", place)
         return self
 
     @model_validator(mode="after")

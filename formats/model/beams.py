@@ -6,10 +6,10 @@ from numpy.typing import ArrayLike
 from pydantic import model_validator
 
 from ..base.errors import InputError
-from ..toml.constructor_types import Entries, Field, Number, OptionalTexts, Takes
+from ..toml.constructor_types import Entries, Field, Number, Takes
 from ..toml.tables import Table
 from .stations import StationTable, read_stations
-from .tables import Fraction, NonNegative, Point3, Positive
+from .tables import NonNegative, Point3, Positive
 
 Stations = Annotated[tuple[Positive, ...], Field(min_length=1)]
 Twist = float | Annotated[tuple[float, ...], Field(min_length=1)]
@@ -162,34 +162,6 @@ NamedSection = (
 ShapedSection = Annotated[
     RectangularSection | GeneralSection | NamedSection, Field(discriminator="shape")
 ]
-
-
-class SectionForces(Table):
-    """Cross-sections of a beam at which a simulation evaluates section forces.
-
-    Attributes
-    ----------
-    stations : a number of equal steps' ends from start to end, called s1, s2, ..., or
-        fractions of the length, called so too, or name = fraction
-    members : of a frame, whose sections are called MEMBER.s1 and so on; by default all
-    """
-
-    stations: (
-        Annotated[int, Field(ge=2, le=1000)]
-        | Annotated[tuple[Fraction, ...], Field(min_length=1)]
-        | Annotated[dict[str, Fraction], Field(min_length=1)]
-    )
-    members: OptionalTexts = Field(default=None, min_length=1)
-
-    @property
-    def fractions(self) -> dict[str, float]:
-        """Name of every section -> fraction of the length."""
-        if isinstance(self.stations, dict):
-            return self.stations
-        values = self.stations
-        if isinstance(values, int):
-            values = tuple(k / (values - 1) for k in range(values))
-        return {f"s{k}": value for k, value in enumerate(values, 1)}
 
 
 class LumpedMass(Table):

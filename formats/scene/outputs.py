@@ -13,7 +13,7 @@ and, of a SID with stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sig
 and von_mises [Pa]. Of a body, over all nodes with stress: peak_von_mises, the largest
 von_mises, and norm_von_mises, its 8-norm, which is smooth where it is not zero.
 
-A beam whose SID has sections has the section forces N Vy Vz [N], T My Mz [N m] at
+A body whose SID has sections has the section forces N Vy Vz [N], T My Mz [N m] at
 BODY.SECTION, in the axes of the deformed section, on the part before it: a positive N
 pulls.
 
@@ -53,7 +53,7 @@ POINT_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"]
 #: Stresses at a marker of a flexible body; the largest one and the 8-norm of the body.
 STRESSES = (*(f"sigma_{pair}" for pair in STRESS_COMPONENTS), "von_mises")
 BODY_STRESSES = PEAK_STRESS, STRESS_NORM = "peak_von_mises", "norm_von_mises"
-#: At a section of a beam.
+#: At a section of a body.
 SECTION_FORCES = ("N", "Vy", "Vz", "T", "My", "Mz")
 #: Of bodies and markers.
 ORIENTATIONS = (
@@ -209,7 +209,7 @@ def is_elastic(quantity: str) -> bool:
 
 
 def is_section_force(name: OutputName) -> bool:
-    """True for a force or moment at a section of a beam."""
+    """True for a force or moment at a section of a body."""
     return name.marker not in ("", STATE) and name.quantity in SECTION_FORCES
 
 

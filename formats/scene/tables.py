@@ -81,7 +81,7 @@ class Outputs(Table):
         "norm_von_mises, quaternion_0 to _3, rotation_x, momentum_x, "
         "angular_momentum_x; of markers x, vx, ax, ux, angle, wz, quaternion_0 to _3, "
         "rotation_x, sigma_xx, von_mises; "
-        "of sections of beams N, Vy, Vz, T, My, Mz; "
+        "of sections N, Vy, Vz, T, My, Mz; "
         "of joints angle, angle_rate, displacement, ... as they have them; of joints, "
         "drives and forces fx, mz and, along their coordinate, force or torque, power; "
         "of joints and drives the multipliers f1, f2, ...; of springs, dampers and "

@@ -13,7 +13,6 @@ from sidtool.formats.model.beams import (
     LSection,
     LumpedMass,
     RectangularSection,
-    SectionForces,
     TSection,
     TubeSection,
 )
@@ -55,6 +54,7 @@ from sidtool.formats.model.reduction import (
     Tie,
     UserReduction,
 )
+from sidtool.formats.model.section_forces import PlaneCut, SectionForces
 from sidtool.formats.model.stations import StationTable
 from sidtool.formats.scene import (
     Accuracy,
@@ -113,6 +113,7 @@ from sidtool.formats.scene.shapes import Box, Cylinder, Sphere, SurfaceMesh
 from sidtool.formats.scene.tables import Start
 
 __all__ = [
+    "PlaneCut",
     "SectionForces",
     "MemberReleases",
     "MemberOffsets",

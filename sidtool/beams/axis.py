@@ -149,7 +149,7 @@ def straight_axis(
     """
     length = analytic_norm(end - start).item()
     x = (end - start) / length
-    y = _y_direction(y_axis, x)
+    y = y_direction(y_axis, x)
     return Axis(
         length,
         True,
@@ -192,7 +192,7 @@ def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Ax
         along = (tangent * turning).sum(axis=-1, keepdims=True)
         return tangent, (turning - along * tangent) / speed**2
 
-    begin = _y_direction(y_axis, bent(np.zeros(1))[0][0])
+    begin = y_direction(y_axis, bent(np.zeros(1))[0][0])
     transported_y = _Transport(marks, first, bent, begin)
     return Axis(length, False, parameters, spline, bent, transported_y, twist)
 
@@ -334,8 +334,13 @@ def _refine_knots(knots: Array) -> Array:
     return np.append(inner.ravel(), knots[-1])
 
 
-def _y_direction(y_axis: Any, x: Array) -> Array:
-    """The y axis made perpendicular to a tangent x."""
+def y_direction(y_axis: Any, x: Array) -> Array:
+    """The y axis made perpendicular to a tangent x; by default y, or -x along y.
+
+    Raises
+    ------
+    InputError : it is parallel to the tangent.
+    """
     if y_axis is None:
         along_y = np.hypot(x[0].real, x[2].real) <= _PARALLEL_TOLERANCE
         y_axis = (-1.0, 0.0, 0.0) if along_y else (0.0, 1.0, 0.0)

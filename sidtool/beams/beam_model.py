@@ -17,8 +17,8 @@ from sidtool.formats.model.beams import BeamGeometry, GeneralSection, Rectangula
 from sidtool.formats.model.discretisation import BeamDiscretisation
 
 from ..elements.finite_element_model import (
-    BeamCut,
     BeamOutline,
+    BodyCut,
     FiniteElementModel,
     GeometryMass,
     MarkerRows,
@@ -288,7 +288,7 @@ def _cut(
     at: float,
     along: Array,
     places: Mapping[str, float],
-) -> BeamCut:
+) -> BodyCut:
     """The cross-section at a fraction of the length.
 
     What is at the section belongs to the part beyond it, except for the start of the
@@ -311,7 +311,7 @@ def _cut(
         tangent=frames.axes[0, 0],
     )
     beyond = tuple(marker for marker, place in places.items() if place.real > least)
-    return BeamCut(name, section, frames.axes[0], along.real > least, beyond)
+    return BodyCut(name, section, frames.axes[0], along.real > least, beyond)
 
 
 def _marker_rows(

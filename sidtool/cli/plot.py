@@ -42,7 +42,7 @@ from .common import (
     "--kind",
     type=click.Choice(["outputs", "spectrum", "energy", "drift", "sections"]),
     help="Of a result: outputs over time (default), their amplitudes over frequency, "
-    "energies, residuals of the constraints, or section forces along beams with their "
+    "energies, residuals of the constraints, or section forces along bodies with their "
     "envelopes (--outputs then names bodies).",
 )
 @click.option(

@@ -46,7 +46,7 @@ from ..elements.material_points import BeamMaterial, stress_from_gradient
 from ..reduction.admissible_space import AdmissibleSpace, constrained_space
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
-from .beam_sections import part_of_body
+from .body_sections import part_of_body
 from .inertia_integrals import CENTRIFUGAL_PRODUCTS, centrifugal_loads
 from .quadrature import quadrature_parts
 

@@ -9,5 +9,6 @@ bars_body              bodies of bars and shells in a mesh file
 frame_body             frames of beams in a model file
 imported_constraints   couplings, masses, equations, ties of a file
 calculix_body          bodies that CalculiX discretises
+body_cuts              plane cuts through solid bodies
 marker_couplings       markers tied to many nodes (RBE2, RBE3)
 """

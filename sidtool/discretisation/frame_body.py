@@ -32,8 +32,8 @@ from ..beams.element import (
 )
 from ..beams.stress_points import StressCollector
 from ..elements.finite_element_model import (
-    BeamCut,
     BeamOutline,
+    BodyCut,
     FiniteElementModel,
     GeometryMass,
     MarkerRows,
@@ -364,7 +364,7 @@ def _cuts(
     elements: Mapping[str, list[tuple[BarElement, Indices]]],
     labels: Mapping[str, int],
     particles: int,
-) -> tuple[BeamCut, ...]:
+) -> tuple[BodyCut, ...]:
     """Return the cross-sections of [section_forces].
 
     Parameters
@@ -406,7 +406,7 @@ def _cuts(
             markers[name] = (
                 member.nodes[-1] - 1 if number is None else first[member.name] + number
             )
-    cuts: list[BeamCut] = []
+    cuts: list[BodyCut] = []
     for member in members:
         if asked.members is not None and member.name not in asked.members:
             continue
@@ -436,7 +436,7 @@ def _element_at(ends: Array, at: float) -> int | None:
     return max(place, 0) if place < len(ends) - 1 else None
 
 
-def _ring_notes(model: ModelFile, cuts: tuple[BeamCut, ...]) -> list[Diagnostic]:
+def _ring_notes(model: ModelFile, cuts: tuple[BodyCut, ...]) -> list[Diagnostic]:
     """Return N156 on sections in rings of members, if shape functions lack static
     answers to loads and weight.
     """

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from sidtool.formats.base.taylor import Array
 
 from ..beams.element import ElementRows, Indices, rows_without_rounding, scatter_rows
-from ..elements.finite_element_model import BeamCut, MarkerRows
+from ..elements.finite_element_model import BodyCut, MarkerRows
 from .bar_elements import BarElement
 
 
@@ -65,7 +65,7 @@ def member_cuts(
     owners: Indices,
     markers: Mapping[str, int],
     ndof: int,
-) -> list[BeamCut]:
+) -> list[BodyCut]:
     """Return the cuts of a member, called MEMBER.SECTION.
 
     Parameters
@@ -97,7 +97,7 @@ def member_cuts(
         if mask is not None:
             points = mask[owners]
             beyond = tuple(marker for marker, v in markers.items() if mask[v])
-            cuts.append(BeamCut(section.name, section, frames.axes[0], points, beyond))
+            cuts.append(BodyCut(section.name, section, frames.axes[0], points, beyond))
             continue
         sides = [_resultants(rows, dofs, ndof)]
         if 0 < k < len(elements):
@@ -105,7 +105,7 @@ def member_cuts(
             sides.append(_resultants(after.rows(0.0), others, ndof))
         mean = sp.csr_matrix(sum(sides[1:], sides[0]) / len(sides))
         nothing: NDArray[np.bool_] = np.zeros(len(owners), bool)
-        cuts.append(BeamCut(section.name, section, frames.axes[0], nothing, (), mean))
+        cuts.append(BodyCut(section.name, section, frames.axes[0], nothing, (), mean))
     return cuts
 
 

@@ -11,6 +11,7 @@ from ..elements.finite_element_model import FiniteElementModel
 from ..elements.mesh_markers import markers_as_nodes
 from ..isogeometric.multipatch_iga import iga_model, patches_model
 from ..isogeometric.sampled_patch import q4_model, sampled_volume_model
+from .body_cuts import add_cuts
 from .frame_body import frame_model
 from .marker_couplings import add_couplings, add_rigid_couplings
 from .matrices_body import imported_matrices_model
@@ -43,4 +44,5 @@ def finite_element_model(model: ModelFile) -> FiniteElementModel:
     InputError : the model is not valid; the error names the key.
     """
     body = DISCRETISERS[model.geometry.type, model.discretisation.type](model)
-    return markers_as_nodes(add_rigid_couplings(add_couplings(body), model), model)
+    tied = add_rigid_couplings(add_couplings(body), model)
+    return add_cuts(markers_as_nodes(tied, model), model)

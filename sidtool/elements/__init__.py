@@ -7,6 +7,7 @@ locking_remedies       reduced integration, incompatible modes
 solid_mesh             matrices of a mesh, inertia of incompatible modes
 mesh_markers, markers  rows of markers in meshes and patches
 mesh_surface, faces    surfaces, faces and their common parts
+plane_cuts             mass beyond a plane, and the section in it
 mass_properties        mass and centre of meshes
 mortar_ties            surfaces tied by the mortar method
 mesh_contact           overlaps, hanging nodes, conformity

@@ -112,8 +112,8 @@ class BeamOutline:
 
 
 @dataclass(frozen=True, eq=False)
-class BeamCut:
-    """A cross-section of a beam and what lies beyond it.
+class BodyCut:
+    """A cross-section of a body and what lies beyond it.
 
     Attributes
     ----------
@@ -122,6 +122,7 @@ class BeamCut:
     axes : (3, 3) rows: the tangent and the axes y, z of the section
     points : (p,) mask of the inertia points beyond
     markers : names of the markers beyond
+    scalar_mass, internal_inertia : of a solid, those of the part beyond
     resultants : (6, ndof) sparse; section forces = rows @ u, where the cut leaves the
         body connected
     """
@@ -132,6 +133,8 @@ class BeamCut:
     points: NDArray[np.bool_]
     markers: tuple[str, ...]
     resultants: sp.csr_matrix | None = None
+    scalar_mass: sp.csr_matrix | None = None
+    internal_inertia: InternalInertia | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +221,7 @@ class FiniteElementModel:
         if they need one besides `solids`
     patches : NURBS patches with the nodes that their control points are
     outlines : of a beam, or of bars
-    cuts : sections of a beam or of a frame, for section forces
+    cuts : sections for section forces
     beam_stress : points of a beam whose stress is requested
     diagnostics : properties of the body that are not in the model file
     """
@@ -247,7 +250,7 @@ class FiniteElementModel:
     drawing_mesh: Mesh | None = None
     patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
     outlines: tuple[BeamOutline, ...] = ()
-    cuts: tuple[BeamCut, ...] = ()
+    cuts: tuple[BodyCut, ...] = ()
     beam_stress: BeamStress | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
 

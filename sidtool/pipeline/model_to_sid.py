@@ -22,7 +22,7 @@ from sidtool.formats.plausibility import body_warnings, check_body, material_war
 from sidtool.formats.sid_mass import skew
 from sidtool.formats.toml.files import locate_errors
 
-from ..conversion.beam_sections import add_sections
+from ..conversion.body_sections import add_sections
 from ..conversion.element_accuracy import element_notes
 from ..conversion.geometric_stiffness import add_geometric_stiffening
 from ..conversion.inertia_integrals import body_inertia

@@ -2,7 +2,7 @@
 
 figure               figures without a display, texts and labels in them
 curves               outputs over time
-sections             section forces along beams
+sections             section forces along bodies
 results              figures of a result
 body_pictures        pictures of bodies and their axes in space
 bodies               shape functions and meshes

@@ -1,4 +1,4 @@
-"""Section forces along beams, with their envelopes over time."""
+"""Section forces along bodies, with their envelopes over time."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _SIZE = (7.5, 7.0)
 
 @dataclass(frozen=True, eq=False)
 class SectionHistory:
-    """Section forces of a beam over time.
+    """Section forces of a body over time.
 
     Attributes
     ----------
     names : of the sections, by their distance from the start
-    positions : (n,) distances along the beam from the first section [m]
+    positions : (n,) distances along the sections from the first one [m]
     values : (nt, n, 6) N, Vy, Vz, T, My, Mz
     """
 
@@ -42,11 +42,11 @@ class SectionHistory:
 
 
 def section_history(result: Result, body: str, member: str = "") -> SectionHistory:
-    """Return the section forces of a beam at all output times.
+    """Return the section forces of a body at all output times.
 
     Parameters
     ----------
-    member : of a frame, empty for a single beam
+    member : of a frame, empty otherwise
 
     Raises
     ------
@@ -56,7 +56,7 @@ def section_history(result: Result, body: str, member: str = "") -> SectionHisto
     if sid is None or not sid.sections:
         raise InputError(
             f"{body} has no sections",
-            expected="a beam with [section_forces], converted to an .h5 file",
+            expected="a body with [section_forces], converted to an .h5 file",
         )
     sections = [s for s in sid.sections if _member(s) == member]
     if not member:
@@ -74,7 +74,7 @@ def section_history(result: Result, body: str, member: str = "") -> SectionHisto
 
 
 def _member(section: Section) -> str:
-    """Return the member of a frame, empty for a section of a single beam."""
+    """Return the member of a frame, empty for other sections."""
     return section.name.rpartition(".")[0]
 
 
@@ -105,9 +105,9 @@ def draw_sections(
     bodies = list(dict.fromkeys(body for part in found for body in part))
     if not bodies:
         raise InputError(
-            "has no beams with sections" if not known else "there is no such beam",
+            "has no bodies with sections" if not known else "there is no such body",
             place="--outputs",
-            expected=" or ".join(known) or "beams with [section_forces]",
+            expected=" or ".join(known) or "bodies with [section_forces]",
         )
     page, axes = new_figure(3, 2, _SIZE)
     notes = []
@@ -131,7 +131,7 @@ def draw_sections(
     for name, place in zip(SECTION_FORCES, axes.T.ravel(), strict=True):
         place.set_ylabel(f"{name} [{'N' if name[0] in 'NV' else 'N m'}]")
     for place in axes[-1]:
-        place.set_xlabel("along the beam [m]")
+        place.set_xlabel("along the body [m]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     columns = legend_columns(labels, _SIZE[0])
     entries = order_by_rows(handles, labels, columns)

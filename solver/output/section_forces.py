@@ -1,6 +1,6 @@
-"""Section forces of beams at recorded states, by equilibrium of the part beyond.
+"""Section forces at recorded states, by equilibrium of the part beyond.
 
-The part of a beam beyond a cross-section is in equilibrium with the forces at its
+The part of a body beyond a cross-section is in equilibrium with the forces at its
 markers, gravity, its inertia, and the force and moment at the section:
 
     F = sum F_i + m g - p',    M = sum ((d_i - d) x F_i + T_i) + M_g - L',

@@ -331,7 +331,7 @@ def test_sections_follow_a_change_of_the_frame(frame: str) -> None:
     assert (np.abs(forces[1] - forces[0]) <= 1e-5 * size).all()
 
 
-def test_only_beams_have_sections() -> None:
+def test_sections_that_are_not_there() -> None:
     sid = sidtool.convert(bar(section_forces=None))
     with pytest.raises(InputError) as caught:
         simulated(sid, outputs={"record": ["bar.s1.My"]})

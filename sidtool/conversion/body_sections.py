@@ -1,4 +1,4 @@
-"""Parts of a beam beyond its cross-sections, for section forces."""
+"""Parts of a body beyond its cross-sections, for section forces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from sidtool.formats.base.sid import SID, Array, Node, Section, Taylor
 from sidtool.formats.sid_mass import skew
 
-from ..elements.finite_element_model import BeamCut, FiniteElementModel
+from ..elements.finite_element_model import BodyCut, FiniteElementModel
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
 from .inertia_integrals import body_inertia
@@ -24,10 +24,15 @@ def add_sections(
     return replace(sid, sections=sections)
 
 
-def part_of_body(body: FiniteElementModel, cut: BeamCut) -> FiniteElementModel:
+def part_of_body(body: FiniteElementModel, cut: BodyCut) -> FiniteElementModel:
     """Return the body with the mass beyond a section only."""
-    assert body.inertia_points is not None
-    return replace(body, inertia_points=body.inertia_points.selected(cut.points))
+    points = body.inertia_points
+    return replace(
+        body,
+        scalar_mass=cut.scalar_mass,
+        internal_inertia=cut.internal_inertia,
+        inertia_points=None if points is None else points.selected(cut.points),
+    )
 
 
 def _section(
@@ -35,10 +40,10 @@ def _section(
     body: FiniteElementModel,
     frame: Frame,
     basis: ReducedBasis,
-    cut: BeamCut,
+    cut: BodyCut,
 ) -> Section:
     nq, part = sid.nq, part_of_body(body, cut)
-    if cut.points.any():
+    if cut.points.any() or cut.scalar_mass is not None:
         mass, inertia = body_inertia(part, frame.origin, basis.shapes)
     else:
         mass, inertia = 0.0, {n: _zero(sid.blocks[n]) for n in _INERTIA}
@@ -60,7 +65,7 @@ def _zero(block: Taylor) -> Taylor:
     return Taylor(np.zeros_like(block.m0))
 
 
-def _node(cut: BeamCut, origin: Array, basis: ReducedBasis) -> Node:
+def _node(cut: BodyCut, origin: Array, basis: ReducedBasis) -> Node:
     phi = cut.section.displacement @ basis.shapes
     psi = cut.section.rotation @ basis.shapes
     axes, sigma = cut.axes.T, None
