@@ -77,7 +77,12 @@ def select_shape_functions(sid: SID, selected: Sequence[int]) -> SID:
     blocks: dict[str, Any] = {name: cut(b, name) for name, b in sid.blocks.items()}
     labels = tuple(sid.labels[k] for k in selected)
     sections = tuple(
-        replace(section, part=select_shape_functions(section.part, selected))
+        replace(
+            section,
+            part=select_shape_functions(
+                section.part, [*selected, *range(sid.nq, section.part.nq)]
+            ),
+        )
         for section in sid.sections
     )
     small = replace(

@@ -139,27 +139,39 @@ class Dialect:
     name: str = ""
 
 
+#: Further shape functions of a section that leaves the body connected.
+JUMPS = 6
+
+
 @dataclass(frozen=True, eq=False)
 class Section:
     """A cross-section of a body, and the part of the body beyond it.
 
     Section forces are those in equilibrium with all that acts on that part. Where the
-    section leaves the body connected, there is no such part, and the entry sigma of the
-    node has the section forces N, Vy, Vz, T, My, Mz per elastic coordinate.
+    section leaves the body connected, there is no such part. The entry sigma of the
+    node then has the section forces N, Vy, Vz, T, My, Mz per elastic coordinate. The
+    part is the whole body with six further shape functions: its displacements by a unit
+    jump at the section in the direction of each of these forces.
 
     Attributes
     ----------
     name : of the section
     part : mass integrals of the part beyond, with the shape functions and the frame of
-        the whole body; its one node is the section, whose axes are the tangent of a
+        the whole body; its first node is the section, whose axes are the tangent of a
         beam or the normal of a cut, and the axes y and z of the section. It has no
-        stiffness
+        stiffness. With further shape functions it has the nodes of the body, too
     beyond : ids of the nodes of the body that belong to the part
     """
 
     name: str
     part: "SID"
     beyond: tuple[str, ...]
+
+    @property
+    def jumps(self) -> int:
+        """Number of further shape functions of the part."""
+        sigma = self.node.sigma
+        return 0 if sigma is None or len(self.part.nodes) == 1 else JUMPS
 
     @property
     def node(self) -> Node:
@@ -228,7 +240,7 @@ class SID:
                 if entry is not None:
                     _check_shape(entry, name, nq, node)
         for section in self.sections:
-            if section.part.nq != nq:
+            if section.part.nq != nq + section.jumps:
                 raise InputError(
                     f"has {section.part.nq} elastic coordinates",
                     place=f"section {section.name}",

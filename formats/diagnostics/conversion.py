@@ -429,18 +429,6 @@ ENTRIES = (
         },
     ),
     Entry(
-        "N156",
-        WARNING,
-        "section forces in a ring ({members}) are those of the shape functions",
-        "A cut through a ring leaves the frame connected, so that the part beyond does "
-        "not determine the section forces. Stress resultants of few shape functions "
-        "may be wrong by some per cent, those of the weight among them. With static "
-        'answers to the loads, reduction.method = "attachment" with inertia relief, '
-        "there is no warning.",
-        remedy='Use method = "attachment" with the loaded markers.',
-        example={"members": ("strut", "inner_boom")},
-    ),
-    Entry(
         "N160",
         INFO,
         "basis: f1 to f{count:d} within {frequency:.2g}, compliance within "

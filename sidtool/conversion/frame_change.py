@@ -146,6 +146,12 @@ class FrameChange:
     shift: Array
     turn: Array
 
+    def padded(self, nq: int) -> FrameChange:
+        """Return it for shape functions of which the further ones do not change."""
+        rows = ((0, nq - len(self.turn)), (0, 0))
+        shift, turn = np.pad(self.shift, rows), np.pad(self.turn, rows)
+        return FrameChange(self.origin, shift, turn)
+
     def at(self, position: Array) -> Array:
         """(nq, 3) the rigid motion at a point."""
         return self.shift + np.cross(self.turn, position)
@@ -232,8 +238,9 @@ def apply_frame_change(sid: SID, change: FrameChange) -> SID:
     """A SID in the frame that a change describes; all blocks consistent."""
     second = has_second_order_field(sid)
     sections = tuple(
-        replace(section, part=_changed(section.part, change, second))
+        replace(section, part=_changed(section.part, change.padded(n), second))
         for section in sid.sections
+        for n in [section.part.nq]
     )
     moved = _changed(sid, change, second)
     moved = replace(moved, carried=_remaining_compliance(sid), sections=sections)

@@ -76,6 +76,8 @@ def add_geometric_stiffening(
     for marker in marked:
         parts += _marker_loads(marker)
     for cut in body.cuts:
+        if cut.resultants is not None:
+            continue
         parts += _frame_loads(_InertiaLoads(part_of_body(body, cut), frame), settings)
         parts += _marker_loads(cut.section)
     results = iter(geometric_stiffness(body, frame, basis.shapes, parts, loaded))
@@ -90,6 +92,9 @@ def add_geometric_stiffening(
     sections = []
     for cut, section in zip(body.cuts, sid.sections, strict=True):
         part = section.part
+        if cut.resultants is not None:
+            sections.append(section)
+            continue
         Ct, Cr = (_add_stiffness(block, next(results)) for block in (part.Ct, part.Cr))
         excess = second_order_rows(body, cut.section, basis.shapes)
         stiffness = (next(results), next(results)), excess

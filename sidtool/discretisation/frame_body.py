@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from sidtool.formats.base.complex_step import number_type, numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
-from sidtool.formats.diagnostics import Diagnostic, diagnose
+from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.beams import BeamGeometry
 from sidtool.formats.model.discretisation import BeamDiscretisation
@@ -153,7 +153,6 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
         diagnostics=(
             *([_NO_STIFFENING] if arms or geometry.springs else []),
             *unsupported,
-            *_ring_notes(model, cuts),
         ),
         geometry_mass=lambda: _frame_mass(geometry, members),
     )
@@ -406,6 +405,18 @@ def _cuts(
             markers[name] = (
                 member.nodes[-1] - 1 if number is None else first[member.name] + number
             )
+
+    def end_motion(vertex: int, end: int) -> tuple[Indices, Array]:
+        bar = bars[vertex - n]
+        (first, start), (last, stop) = (
+            structure.nodes.motion(node, place)
+            for node, place in zip(bar.nodes, bar.ends, strict=True)
+        )
+        count = len(start)
+        if end == 0:
+            return np.arange(count), first
+        return np.arange(count, count + len(stop)), last
+
     cuts: list[BodyCut] = []
     for member in members:
         if asked.members is not None and member.name not in asked.members:
@@ -424,6 +435,7 @@ def _cuts(
             owners,
             markers,
             structure.ndof,
+            end_motion,
         )
     return tuple(cuts)
 
@@ -434,18 +446,6 @@ def _element_at(ends: Array, at: float) -> int | None:
     """
     place = int(np.searchsorted(np.real(ends), np.real(at) + _SAME_PLACE)) - 1
     return max(place, 0) if place < len(ends) - 1 else None
-
-
-def _ring_notes(model: ModelFile, cuts: tuple[BodyCut, ...]) -> list[Diagnostic]:
-    """Return N156 on sections in rings of members, if shape functions lack static
-    answers to loads and weight.
-    """
-    members = dict.fromkeys(
-        cut.name.partition(".")[0] for cut in cuts if cut.resultants is not None
-    )
-    if not members or getattr(model.reduction, "inertia_relief", False):
-        return []
-    return [diagnose("N156", members=[*members])]
 
 
 def _frame_mass(geometry: FrameGeometry, members: list[Member]) -> GeometryMass:

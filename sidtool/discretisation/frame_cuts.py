@@ -1,13 +1,13 @@
 """Cross-sections of the members of a frame, and what lies beyond them.
 
 A cut that separates the frame has section forces by the equilibrium of the part beyond.
-Where members form a ring, a cut leaves the frame connected: its section forces are the
-stress resultants of the shape functions, the mean of both elements at the cut.
+Where members form a ring, a cut leaves the frame connected: its section forces are what
+the element at the cut exerts on the node there, by its displacements and its loads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +15,15 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from sidtool.formats.base.complex_step import analytic_pinv
 from sidtool.formats.base.taylor import Array
 
-from ..beams.element import ElementRows, Indices, rows_without_rounding, scatter_rows
+from ..beams.element import Indices, rows_without_rounding, scatter_rows
 from ..elements.finite_element_model import BodyCut, MarkerRows
 from .bar_elements import BarElement
+
+#: Relative cut-off of singular values of the motion of an end by its node.
+_INDEPENDENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +69,7 @@ def member_cuts(
     owners: Indices,
     markers: Mapping[str, int],
     ndof: int,
+    end_motion: Callable[[int, int], tuple[Indices, Array]],
 ) -> list[BodyCut]:
     """Return the cuts of a member, called MEMBER.SECTION.
 
@@ -75,6 +80,9 @@ def member_cuts(
     vertices : of the n elements, and of the n + 1 nodes
     owners : (p,) vertices of the inertia points
     markers : name of a marker -> its vertex
+    end_motion : of the vertex of an element and the number of an end, the rows of the
+        element's degrees of freedom that are its node's there, and the motion (6, k) of
+        the end by them
     """
     of_elements, of_nodes = vertices
     cuts = []
@@ -99,15 +107,21 @@ def member_cuts(
             beyond = tuple(marker for marker, v in markers.items() if mask[v])
             cuts.append(BodyCut(section.name, section, frames.axes[0], points, beyond))
             continue
-        sides = [_resultants(rows, dofs, ndof)]
-        if 0 < k < len(elements):
-            after, others = elements[k]
-            sides.append(_resultants(after.rows(0.0), others, ndof))
-        mean = sp.csr_matrix(sum(sides[1:], sides[0]) / len(sides))
-        nothing: NDArray[np.bool_] = np.zeros(len(owners), bool)
-        cuts.append(BodyCut(section.name, section, frames.axes[0], nothing, (), mean))
+        own, motion = end_motion(of_elements[before], 0 if k == 0 else 1)
+        jump = analytic_pinv(motion, _INDEPENDENT) @ np.kron(
+            np.eye(2), frames.axes[0].T
+        )
+        if k == 0:  # the node is before the section
+            jump = -jump
+        cuts.append(
+            BodyCut(
+                name=section.name,
+                section=section,
+                axes=frames.axes[0],
+                points=owners == of_elements[before],
+                markers=(),
+                resultants=scatter_rows(jump.T @ element.stiffness()[own], dofs, ndof),
+                jump=sp.csr_matrix(scatter_rows(jump.T, dofs[own], ndof).T),
+            )
+        )
     return cuts
-
-
-def _resultants(rows: ElementRows, dofs: Indices, ndof: int) -> sp.csr_matrix:
-    return scatter_rows(rows.resultants, dofs, ndof)

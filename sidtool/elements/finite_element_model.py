@@ -124,7 +124,9 @@ class BodyCut:
     markers : names of the markers beyond
     scalar_mass, internal_inertia : of a solid, those of the part beyond
     resultants : (6, ndof) sparse; section forces = rows @ u, where the cut leaves the
-        body connected
+        body connected. The inertia points are then those of the element at the cut,
+    jump : and this its motion (ndof, 6) at the node there in the direction of each
+        section force
     """
 
     name: str
@@ -133,6 +135,7 @@ class BodyCut:
     points: NDArray[np.bool_]
     markers: tuple[str, ...]
     resultants: sp.csr_matrix | None = None
+    jump: sp.csr_matrix | None = None
     scalar_mass: sp.csr_matrix | None = None
     internal_inertia: InternalInertia | None = None
 

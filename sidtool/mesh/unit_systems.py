@@ -16,7 +16,15 @@ from typing import Any, Literal
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import NODE_SHAPES, SID, Array, Node, Taylor
+from sidtool.formats.base.sid import (
+    BLOCK_SHAPES,
+    NODE_SHAPES,
+    SID,
+    Array,
+    Node,
+    Section,
+    Taylor,
+)
 
 Sigma = Literal["stress", "section force"]
 
@@ -178,12 +186,45 @@ def rescale(
     }
     nodes = tuple(_scale_node(node, units, sigma) for node in sid.nodes)
     sections = tuple(
-        replace(
-            section, part=rescale(section.part, length, mass, time, "section force")
-        )
+        replace(section, part=_rescaled_part(section, length, mass, time))
         for section in sid.sections
     )
     return replace(sid, mass=sid.mass * mass, nodes=nodes, sections=sections, **blocks)
+
+
+def _rescaled_part(section: Section, length: float, mass: float, time: float) -> SID:
+    """The part beyond a section; displacements by a jump that is a length have no
+    unit, unlike those of the elastic coordinates.
+    """
+    part = rescale(section.part, length, mass, time, "section force")
+    factors = np.ones(part.nq)
+    first = part.nq - section.jumps
+    factors[first : first + 3] /= length
+    entries: list[dict[str, Any]] = [part.blocks, *map(vars, part.nodes)]
+    scaled: list[dict[str, Any]] = [
+        {
+            name: _scale_coordinates(entry, name, factors)
+            for name, entry in owner.items()
+            if isinstance(entry, Taylor)
+        }
+        for owner in entries
+    ]
+    nodes = [
+        replace(node, **own) for node, own in zip(part.nodes, scaled[1:], strict=True)
+    ]
+    return replace(part, nodes=tuple(nodes), **scaled[0])
+
+
+def _scale_coordinates(entry: Taylor, name: str, factors: Array) -> Taylor:
+    m0, m1, shape = entry.m0, entry.m1, BLOCK_SHAPES.get(name) or NODE_SHAPES[name]
+    scales = {"q": factors, "3q": np.tile(factors, 3)}
+    for axis, size in zip((-2, -1), shape, strict=True):
+        if isinstance(size, str):
+            scale = scales[size].reshape(-1, 1) if axis == -2 else scales[size]
+            m0, m1 = m0 * scale, None if m1 is None else m1 * scale
+    if m1 is not None:
+        m1 = m1 * factors[:, None, None]
+    return replace(entry, m0=m0, m1=m1)
 
 
 def _unit_factor(units: Array, exponents: tuple[int, int, int]) -> float:

@@ -17,6 +17,7 @@ from sidtool.formats.base.sid import (
     SID,
     Array,
     Node,
+    Section,
     Taylor,
     axis_major,
     by_mode,
@@ -60,11 +61,20 @@ def change_basis(
         labels=_new_labels(sid, T) if labels is None else labels,
         nodes=tuple(_transform_node(node, T, sid.nq) for node in sid.nodes),
         sections=tuple(
-            replace(section, part=change_basis(section.part, T, labels))
+            replace(section, part=_change_part(section, T, labels))
             for section in sid.sections
         ),
         **blocks,
     )
+
+
+def _change_part(section: Section, T: Array, labels: tuple[str, ...] | None) -> SID:
+    """The part beyond a section, whose further shape functions stay."""
+    added = section.part.labels[len(T) :]
+    both = np.eye(len(T) + len(added), T.shape[1] + len(added))
+    both[: len(T), : T.shape[1]] = T
+    both[len(T) :, T.shape[1] :] = np.eye(len(added))
+    return change_basis(section.part, both, None if labels is None else labels + added)
 
 
 def _transform_node(node: Node, T: Array, nq: int) -> Node:

@@ -11,18 +11,30 @@ they differ by terms of third order in the deformation from its equations of mot
 which follow from the forces at all markers; each part has its share of this difference
 by its mass, so that section forces at both ends are the forces of the joints there.
 
-A section in a ring of members leaves the body connected. Its forces are those of the
-shape functions: sigma of its node times the elastic coordinates.
+A section in a ring of members leaves the body connected. Its forces are the work of all
+loads, inertia included, on the displacements by unit jumps at the section (influence
+functions). Of this work the part that the shape functions have is replaced by their
+own section forces, sigma of the node times the elastic coordinates; the two differ by
+damping and geometric stiffening.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import OE_INDICES, SID, Array, Node, symmetric_3x3
+from sidtool.formats.base.sid import (
+    OE_INDICES,
+    SID,
+    Array,
+    Node,
+    Section,
+    by_mode,
+    symmetric_3x3,
+)
 from sidtool.formats.scene import SECTION_FORCES, OutputName
 
 from ..spatial import system_arrays as at
@@ -68,12 +80,12 @@ def section_forces(evaluated: EvaluatedForces, owner: str, name: str) -> Array:
     b = system.index(owner)
     sid = system.bodies[b].sid
     section = sid.section(name)
-    if section.node.sigma is not None:
-        q, _ = elastic_coordinates(system, evaluated.samples, b)
-        return np.asarray(q @ section.node.sigma.first_order(sid.nq)[:, :, 0])
     motion = _frame_motion(evaluated, b)
+    if section.node.sigma is not None:
+        return _ring_forces(evaluated, b, section, motion)
     applied = _wrench_of_markers(evaluated, b, None)
-    start = max(sid.sections, key=lambda section: section.part.mass).part
+    parts_beyond = [s.part for s in sid.sections if s.node.sigma is None]
+    start = max(parts_beyond, key=lambda part: part.mass)
     if not has_stiffening(sid):
         start = sid
     residual = applied - _inertia_wrench(sid, motion, start)
@@ -86,6 +98,41 @@ def section_forces(evaluated: EvaluatedForces, owner: str, name: str) -> Array:
     total[:, 3:] -= np.cross(position, total[:, :3])
     parts = [np.einsum("taj,ta->tj", axes, total[:, k : k + 3]) for k in (0, 3)]
     return np.concatenate(parts, axis=1)
+
+
+def _ring_forces(
+    evaluated: EvaluatedForces, b: int, section: Section, motion: _Motion
+) -> Array:
+    """Section forces (nt, 6) where the section leaves the body connected."""
+    sid, part = evaluated.system.bodies[b].sid, section.part
+    assert section.node.sigma is not None
+    sigma = section.node.sigma.first_order(part.nq)[: sid.nq, :, 0]
+    forces: Array = motion.q @ sigma
+    if part.nq == sid.nq:  # a file that holds no displacements by jumps
+        return forces
+    work = _work_of_loads(evaluated, b, part, motion)
+    own = np.linalg.solve(sid.Ke.m0, sigma)
+    return forces + work[:, sid.nq :] - work[:, : sid.nq] @ own
+
+
+def _work_of_loads(
+    evaluated: EvaluatedForces, b: int, part: SID, motion: _Motion
+) -> Array:
+    """Forces at markers, gravity and inertia against each shape function (nt, n)."""
+    n, (nt, nq) = part.nq, motion.q.shape
+    omega, q = motion.omega, np.zeros((nt, n))
+    q[:, :nq] = motion.q
+    Cr = part.Cr.m0 + np.einsum("lka,tl->tka", part.Cr.first_order(n), q)
+    Oe = part.Oe.m0 + np.einsum("lki,tl->tki", part.Oe.first_order(n), q)
+    products = np.stack([omega[:, i] * omega[:, j] for i, j in OE_INDICES], axis=1)
+    Ge = by_mode(part.Ge.m0, n)[:nq]
+    work = -motion.a @ part.Ct.m0.T - np.einsum("tka,ta->tk", Cr, motion.alpha)
+    work -= motion.q_ddot @ part.Me.m0[:nq] + np.einsum("tki,ti->tk", Oe, products)
+    work -= np.einsum("lka,tl,ta->tk", Ge, motion.q_dot, omega)
+    for _, node, force, moment in _loads_at_markers(evaluated, b):
+        own = part.node(node)
+        work += force @ own.phi.m0 + moment @ own.psi.m0
+    return work
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,21 +182,32 @@ def _wrench_of_markers(
         Ids of the nodes that count, all for None.
     """
     system, samples = evaluated.system, evaluated.samples
-    data = system.bodies[b]
-    R = to_rotation_matrices(system.frames(samples.frames[:, b])["R"])
-    total = np.zeros((len(R), 6))
-    for (body, name), m in system.markers.items():
-        if body != data.name:
+    total = np.zeros((len(samples.frames), 6))
+    for m, node, force, moment in _loads_at_markers(evaluated, b):
+        if nodes is not None and node not in nodes:
             continue
-        if nodes is not None and data.node(name).id not in nodes:
-            continue
-        wrench = evaluated.wrench(m)
-        force = np.einsum("tab,ta->tb", R, wrench[:, :3])
-        moment = np.einsum("tab,ta->tb", R, wrench[:, 3:])
         arm = to_3d(system.points(samples.points[:, m])["d"])
         total[:, :3] += force
         total[:, 3:] += moment + np.cross(arm, force)
     return total
+
+
+def _loads_at_markers(
+    evaluated: EvaluatedForces, b: int
+) -> Iterator[tuple[int, str, Array, Array]]:
+    """Number and node of every marker of a body, force and moment there in body axes,
+    (nt, 3) each.
+    """
+    system, samples = evaluated.system, evaluated.samples
+    data = system.bodies[b]
+    R = to_rotation_matrices(system.frames(samples.frames[:, b])["R"])
+    for (body, name), m in system.markers.items():
+        if body == data.name:
+            wrench = evaluated.wrench(m)
+            force, moment = (
+                np.einsum("tab,ta->tb", R, wrench[:, k : k + 3]) for k in (0, 3)
+            )
+            yield m, data.node(name).id, force, moment
 
 
 def _inertia_wrench(sid: SID, motion: _Motion, kinematic: SID) -> Array:
