@@ -174,6 +174,13 @@ class FrameGeometry(Table):
         for k, mass in enumerate(self.masses):
             self._check_point(mass.point, f"geometry.masses[{k}].point")
         for name, spring in self.springs.items():
+            if "ground" in spring.points and "ground" not in self.points:
+                raise InputError(
+                    "ends at the ground, which the body moves against",
+                    place=f"geometry.springs.{name}.points",
+                    expected="two points of the frame; a spring to the ground is a "
+                    "bushing of the scene between ground and a marker",
+                )
             for point in spring.points:
                 self._check_point(point, f"geometry.springs.{name}.points")
             if spring.points[0] == spring.points[1]:

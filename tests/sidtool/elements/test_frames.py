@@ -352,6 +352,67 @@ def section_forces(
     return {name: found[name] for name in found}
 
 
+def test_a_frame_on_mounts_is_a_beam_on_elastic_supports() -> None:
+    """It settles by W / (2 k) and sags by 5 w L^4 / (384 E I), and M = w L^2 / 8."""
+    length, k, g = 4.0, 2e6, 1e-3
+    points = {"a": [0, 0, 0], "m": [length / 2, 0, 0], "b": [length, 0, 0]}
+    held = {"section": STIFF}
+    names = {"a": 1, "m": 2, "b": 3}
+    model = frame(
+        points,
+        {"first": ("a", "m", held), "second": ("m", "b", held)},
+        markers={name: {"node": n, "point": name} for name, n in names.items()},
+        frame={"type": "buckens"},
+        reduction={"method": "attachment", "interfaces": [*names], "modes": 2},
+        section_forces={"stations": 3},
+    )
+    stiffness = [k, k, k, 1e3, 0.0, 0.0]
+    mounts = {
+        name: {
+            "type": "bushing",
+            "markers": [f"ground.{name}", f"c.{name}"],
+            "stiffness": stiffness,
+        }
+        for name in "ab"
+    }
+    start = {"position": [length / 2, 0.0, 0.0]}  # the centre of mass
+    scene = sidtool.Scene(
+        dimension="spatial",
+        gravity=[0.0, 0.0, -g],
+        time={"end": 1.0, "output_step": 1.0},
+        ground={"markers": {name: {"position": points[name]} for name in "ab"}},
+        bodies={
+            "c": {
+                "sid": "c.h5",
+                "markers": names,
+                "initial": start,
+            }
+        },
+        forces=mounts,
+        outputs={"record": ["c.a.z", "c.m.z", "c.*.*.My"]},
+    )
+    found = sidtool.static_equilibrium(scene, sids={"c": sidtool.convert(model)})
+    load = RHO * STIFF["area"] * g
+    settled = load * length / (2 * k)
+    sag = 5 * load * length**4 / (384 * E * STIFF["iy"])
+    assert found["c.a.z"] == pytest.approx(-settled, rel=1e-6)
+    assert found["c.m.z"] == pytest.approx(-settled - sag, rel=1e-5)
+    moment = load * length**2 / 8
+    assert abs(found["c.first.s3.My"]) == pytest.approx(moment, rel=1e-5)
+    assert abs(found["c.first.s1.My"]) == pytest.approx(0.0, abs=1e-6 * moment)
+
+
+def test_a_spring_to_the_ground_is_no_part_of_a_frame() -> None:
+    spring = {"points": ["a", "ground"], "stiffness": 1e6}
+    with pytest.raises(InputError, match="bushing") as caught:
+        frame(
+            {"a": [0, 0, 0], "b": [1, 0, 0]},
+            {"m": ("a", "b", {"section": STIFF})},
+            geometry={"springs": {"s": spring}},
+        )
+    assert caught.value.place == "geometry.springs.s.points"
+
+
 #: Shape functions that know the load, that do not, and hardly any.
 REDUCTIONS: list[dict[str, Any]] = [
     {"method": "attachment", "interfaces": ["tip"], "modes": 0},
