@@ -14,8 +14,8 @@ by its mass, so that section forces at both ends are the forces of the joints th
 A section in a ring of members leaves the body connected. Its forces are the work of all
 loads, inertia included, on the displacements by unit jumps at the section (influence
 functions). Of this work the part that the shape functions have is replaced by their
-own section forces, sigma of the node times the elastic coordinates; the two differ by
-damping and geometric stiffening.
+own section forces, elastic (sigma of the node times the elastic coordinates) and
+viscous; the two differ by geometric stiffening.
 """
 
 from __future__ import annotations
@@ -96,7 +96,12 @@ def section_forces(evaluated: EvaluatedForces, owner: str, name: str) -> Array:
     )
     position, axes = _place(section.node, motion.q)
     total[:, 3:] -= np.cross(position, total[:, :3])
-    parts = [np.einsum("taj,ta->tj", axes, total[:, k : k + 3]) for k in (0, 3)]
+    return _by_halves(total, axes)
+
+
+def _by_halves(vectors: Array, axes: Array) -> Array:
+    """Forces and moments (nt, 6) in axes (nt, 3, 3), which are columns."""
+    parts = [np.einsum("taj,ta->tj", axes, vectors[:, k : k + 3]) for k in (0, 3)]
     return np.concatenate(parts, axis=1)
 
 
@@ -112,7 +117,10 @@ def _ring_forces(
         return forces
     work = _work_of_loads(evaluated, b, part, motion)
     own = np.linalg.solve(sid.Ke.m0, sigma)
-    return forces + work[:, sid.nq :] - work[:, : sid.nq] @ own
+    damping = motion.q_dot @ sid.De.m0.T
+    forces += work[:, sid.nq :] + (damping - work[:, : sid.nq]) @ own
+    _, axes = _place(section.node, np.pad(motion.q, ((0, 0), (0, section.jumps))))
+    return _by_halves(forces, section.node.AP.m0.T @ axes)
 
 
 def _work_of_loads(

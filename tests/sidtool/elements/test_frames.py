@@ -537,6 +537,65 @@ def test_a_portal_under_the_weight_of_its_girder() -> None:
     assert abs(found["c.left.s2.N"]) == pytest.approx(load / span / 2, rel=1e-4)
 
 
+def test_a_ring_that_a_soft_spring_closes_has_the_forces_of_the_open_frame() -> None:
+    """An angle with a mass at its tip spins up under gravity, with damping: the part
+    beyond a section of the open frame is in equilibrium.
+    """
+    soft = {"points": ["tip", "foot"], "stiffness": [1e-6] * 6}
+    found = []
+    for springs in ({}, {"s": soft}):
+        model = frame(
+            {"foot": [0, 0, 0], "knee": [1.0, 0, 0], "tip": [1.0, 0.5, 0.2]},
+            {
+                "inner": ("foot", "knee", {"section": TUBE}),
+                "outer": ("knee", "tip", {"section": TUBE}),
+            },
+            geometry={"springs": springs, "masses": [{"point": "tip", "mass": 2.0}]},
+            markers={"p": {"node": 1, "point": "foot"}},
+            damping={"type": "rayleigh", "beta": 2e-3},
+            reduction={"method": "modal", "modes": 3},
+            section_forces={"stations": 3},
+        )
+        sid = sidtool.convert(model)
+        assert (sid.section("inner.s1").node.sigma is None) == (not springs)
+        result = sidtool.simulate(
+            sidtool.Scene(
+                dimension="spatial",
+                gravity=[0.0, 0.0, -0.01],
+                time={"end": 0.1, "output_step": 0.01},
+                bodies={"c": {"sid": "c.h5", "markers": {"p": 1}}},
+                joints={
+                    "hub": {
+                        "type": "revolute",
+                        "markers": ["ground", "c.p"],
+                        "axis": [0.0, 0.0, 1.0],
+                    }
+                },
+                drives={
+                    "motor": {
+                        "joint": "hub",
+                        "function": {
+                            "type": "polynomial",
+                            "pieces": [{"from": 0.0, "coefficients": [0.0, 0.2, 0.3]}],
+                        },
+                    }
+                },
+                accuracy={"rtol": 1e-9},
+                outputs={"record": ["c.*.*.*"]},
+            ),
+            sids={"c": sid},
+        )
+        names = [f"c.inner.s{k}.{q}" for k in (1, 2, 3) for q in ("N", "Vy", "Vz")]
+        names += [f"c.outer.s{k}.{q}" for k in (1, 2) for q in ("T", "My", "Mz")]
+        found.append(np.stack([result[name] for name in names]))
+    opened, closed = found
+    forces, moments = slice(0, 9), slice(9, None)
+    size = np.abs(opened[forces]).max()
+    assert_allclose(closed[forces], opened[forces], atol=1e-9 * size)
+    # Moments of rings have the arms of the undeformed frame, 0.5 m long.
+    assert_allclose(closed[moments], opened[moments], atol=1e-4 * size * 0.5)
+
+
 @pytest.mark.parametrize("frame_settings", ["tangent", "buckens"])
 def test_forces_at_a_node_of_a_ring_are_in_equilibrium(frame_settings: str) -> None:
     """The girder falls: leg, base and joint at a foot, at all times."""
