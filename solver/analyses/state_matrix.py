@@ -513,8 +513,8 @@ def _with_limit(steps: Sequence[_Differences]) -> _Differences | None:
     size = max(np.abs(force).max(initial=0.0), NO_SLOPE * steps[0].size)
     if unknown > KNOWN * size:
         return None
-    last = steps[-1]
-    return last._replace(curvature=0.0, columns=[force, *last.columns[1:]])
+    first = steps[0]  # constraints are smooth, and have less rounding there
+    return first._replace(curvature=0.0, columns=[force, *first.columns[1:]])
 
 
 def _perturbations(mechanics: DenseEquations) -> Array:
