@@ -3,11 +3,13 @@
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import numpy as np
+
 from ..diagnostics import Diagnostic, diagnose
 from ..toml.expressions import output_names
 from ..toml.files import unread_names
 from ..toml.tables import Table
-from .bodies import SidBody
+from .bodies import RigidBody, SidBody
 from .functions import Given, InputFunction
 from .laws import Expression
 from .outputs import INPUTS
@@ -48,6 +50,11 @@ def unused_keys(
             yield diagnose("N244", f"inputs.{name}", reason=reason)
     for key in _unread_keys(scene):
         yield diagnose("N244", key, reason="no formula reads it")
+    for name, body in scene.bodies.items():
+        is_point_mass = isinstance(body, RigidBody) and body.inertia is None
+        if is_point_mass and any(np.ravel(body.initial.angular_velocity or 0.0)):
+            key = f"bodies.{name}.initial.angular_velocity"
+            yield diagnose("N244", key, reason=f"{name} is a point mass")
     for name, body in scene.sid_bodies.items():
         idle = list(_idle_keys(body)) if body.rigid else []
         if idle:

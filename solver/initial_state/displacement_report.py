@@ -151,7 +151,8 @@ def _velocity_changes(
             continue
         initial = system.scene.initial_of(data.name)
         velocities = _frame_velocities(system, work.frame[b])
-        specified = initial.velocity, initial.angular_velocity
+        turning = initial.angular_velocity if data.rotates else None
+        specified = initial.velocity, turning
         pairs = [
             (np.zeros(3), 0.0) if given is None else _vector_change(given, now)
             for given, now in zip(specified, velocities, strict=True)

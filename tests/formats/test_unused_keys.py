@@ -157,6 +157,20 @@ def test_parameters_tables_and_terms_that_no_formula_reads_are_named() -> None:
     }
 
 
+@pytest.mark.parametrize("inertia", [None, 1.0])
+def test_a_point_mass_has_no_angular_velocity(inertia: float | None) -> None:
+    """Joints and drives, of which the scene has none, were said to have changed it."""
+    body = {"mass": 1.0, "initial": {"angular_velocity": 2.0}} | (
+        {} if inertia is None else {"inertia": inertia}
+    )
+    data = scene_data() | {"bodies": {"a": body}}
+    del data["joints"]
+    found = sidtool.simulate(sidtool.Scene.checked(data, "test"))
+    told = [(d.code, d.subject) for d in found.diagnostics]
+    key = "bodies.a.initial.angular_velocity"
+    assert told == ([("N244", key)] if inertia is None else [])
+
+
 def test_parameters_of_models_that_no_formula_reads_are_named() -> None:
     data = rod_data()
     data["parameters"] = {"rho": 7850.0, "depth": 0.1}
