@@ -119,6 +119,11 @@ def parse_unit(text: str) -> Unit | None:
     return Unit(factor, (x, m, t, a)) if known and len(signs) == 1 else None
 
 
+def is_known_unit(text: str) -> bool:
+    """Whether the unit of a column is converted, or it has none."""
+    return text in ("", "-", "1") or parse_unit(text) is not None
+
+
 def split_unit(head: str) -> tuple[str, str]:
     """Return name and unit of a column, such as `z [mm]`; "" without a unit."""
     match = _IN_BRACKETS.search(head)

@@ -377,6 +377,24 @@ ENTRIES = (
         example={"subject": "accuracy.rtol", "reason": "the step is fixed"},
     ),
     Entry(
+        "N245",
+        WARNING,
+        "the unit {unit} is not known: its numbers count as SI",
+        "The unit in brackets in the head of a column, or of a dataset, is not among "
+        "those that are converted: the factor is 1.",
+        remedy="Write another unit, or give the scale of the column.",
+        example={"subject": "bearing.csv, kxx", "unit": "kgf/mm"},
+    ),
+    Entry(
+        "N246",
+        WARNING,
+        "a number is looked up beyond the table, from {first:.4g} to {last:.4g}",
+        "A formula of a number reads a table at parameters below the least or above "
+        "the largest of its points (min, max). The value of the nearest end holds.",
+        remedy="Check the unit of its column, or extend the table.",
+        example={"subject": "lookup(x)", "first": 52.4, "last": 838.0},
+    ),
+    Entry(
         "N234",
         WARNING,
         "no value at {count} output times, first at t = {t:.6g}: singular "

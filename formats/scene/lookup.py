@@ -8,6 +8,8 @@ import numpy as np
 from pydantic import model_validator
 
 from ..base.errors import InputError
+from ..diagnostics import diagnose
+from ..diagnostics.python_warnings import warn_of
 from ..toml.constructor_types import Field
 from .base import Table
 from .signal_files import SCALE, Values, with_signal
@@ -66,6 +68,10 @@ class LookupTable(Table):
                 f"looks {kind} up over {len(point)} of {self.variables} variables",
                 expected="a linear or held one over as many",
             )
+        for key, a in zip("xy", point, strict=False):
+            first, last = getattr(self, key)[0], getattr(self, key)[-1]
+            if not first <= a <= last:
+                warn_of(diagnose("N246", f"lookup({key})", first=first, last=last))
         return self.value(*point)
 
     def value(self, *point: float) -> float:

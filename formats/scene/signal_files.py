@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..base.errors import InputError
-from ..base.units import column_factor, split_unit
+from ..base.units import column_factor, is_known_unit, split_unit
+from ..diagnostics import diagnose
+from ..diagnostics.python_warnings import warn_of
 from ..storage.unreadable import read_text
 from ..toml.messages import nearest_key
 from .base import as_tuples
@@ -94,7 +96,7 @@ def signal_and_unit(
     content = {key: as_tuples(value) for key, value in data.items()}
     if content.get("file") is None:
         return content, ""
-    path, scale = str(content.pop("file")), content.pop("scale", None)
+    path, scale = Path(str(content.pop("file"))), content.pop("scale", None)
     named = [key for key in keys if key in content or key not in required]
     for key, target in keys.items():
         if target != key and target in content:
@@ -107,6 +109,8 @@ def signal_and_unit(
         target = keys[key]
         unit = {"times": "s", "values": content.get("unit") or ""}.get(target, "")
         is_scaled = target == "values" and scale is not None
+        if not (is_scaled or column.unit == unit or is_known_unit(column.unit)):
+            warn_of(diagnose("N245", f"{path.name}, {key}", unit=column.unit))
         if target == "values" and not is_scaled:
             unit_of_values = column.unit
         try:

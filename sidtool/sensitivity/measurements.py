@@ -11,7 +11,9 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.formats.base.units import column_factor, split_unit
+from sidtool.formats.base.units import column_factor, is_known_unit, split_unit
+from sidtool.formats.diagnostics import diagnose
+from sidtool.formats.diagnostics.python_warnings import warn_of
 from sidtool.formats.scene.units import unit_of
 
 
@@ -62,6 +64,9 @@ def read_measurements(path: Path) -> dict[str, Measurement]:
             source=path,
             expected=f"{len(names)} numbers in each row",
         ) from None
+    for name, unit in heads:
+        if not is_known_unit(unit):
+            warn_of(diagnose("N245", f"{path}, {name}", unit=unit))
     try:
         table *= [_unit_factor(name, unit) for name, unit in heads]
         columns = dict(zip(names[1:], table[:, 1:].T, strict=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -516,3 +517,29 @@ def test_lookups_of_numbers_that_are_not_sound(text: str, expected: str) -> None
     data["bodies"]["a"]["mass"] = text
     with pytest.raises(InputError, match=expected):
         validate_data(data, SceneFile)
+
+
+@pytest.mark.parametrize(
+    ("head", "n", "expected"),
+    [
+        ("x,k [kgf/mm]", 1.5, ["N245"]),
+        ("x [furlong],k [N/mm]", 1.5, ["N245"]),
+        ("x [-],k [N/mm]", 2.5, ["N246"]),
+        ("x [1],k", 0.5, ["N246"]),
+        ("x,k [N/mm]", 1.5, []),
+    ],
+)
+def test_numbers_that_a_table_may_not_mean_are_warned_of(
+    head: str, n: float, expected: list[str], tmp_path: Path
+) -> None:
+    """A unit that nobody knows, and a parameter outside of the table."""
+    file = tmp_path / "k.csv"
+    file.write_text(f"{head}\n1,3\n2,5\n", encoding="utf-8")
+    data = formula("t", k={"file": str(file), "x": "x", "values": "k"})
+    data["parameters"] = {"n": n}
+    data["bodies"]["a"]["mass"] = "lookup(k, n)"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        validate_data(data, SceneFile)
+    found = {each.message.code for each in caught}
+    assert sorted(found) == expected
