@@ -75,9 +75,10 @@ ENTRIES = (
         "N411",
         WARNING,
         "deforms by {deflection:.2g} of its size; linear theory holds to {limit}",
-        "Largest displacement of a node in the body frame, at output times and ends of "
-        "steps, over the size of the body (largest distance of nodes and centre of "
-        "mass). Errors of linear theory grow with its square: about 1 % at 10 %.",
+        "Largest displacement of a node or of the centre of mass in the body frame, at "
+        "output times and ends of steps, over the size of the body (its length, or the "
+        "largest distance of nodes and centre of mass). Errors of linear theory grow "
+        "with its square: about 1 % at 10 %.",
         remedy="Cut the body into parts joined by fixed joints.",
         units={"deflection": "%", "limit": "%"},
         example={"subject": "blade", "deflection": 0.28, "limit": 0.1},
@@ -115,8 +116,9 @@ ENTRIES = (
         "N414",
         ERROR,
         "deforms by {deflection:.2g} of its size: numbers of the run mean nothing",
-        "Largest displacement of a node in the body frame over the size of the body, "
-        "reported above 1. See the warnings of the same body for the cause.",
+        "Largest displacement of a node or of the centre of mass in the body frame "
+        "over the size of the body, reported above 1. See the warnings of the same "
+        "body for the cause.",
         remedy="Check units and loads, or convert with [stiffening].",
         units={"deflection": "%"},
         example={"subject": "blade", "deflection": 2.5},

@@ -271,17 +271,26 @@ def _combine_stiffening(
 
 
 def relative_deflection(sid: SID, q: Array, least: float) -> float:
-    """Largest displacement of a node over the size of the body, `least` at least.
+    """Largest displacement of a node, or of the centre of mass, over the size of the
+    body, `least` at least.
 
     Parameters
     ----------
     q : (nt, nq)
     """
     size = body_size(sid)
-    if not sid.nodes or not size:
+    if not size:
         return 0.0
-    shapes = np.array([node.phi.m0 for node in sid.nodes])
-    return _largest_displacement(shapes, q, least * size) / size
+    return _largest_displacement(_shapes(sid, "phi"), q, least * size) / size
+
+
+def _shapes(sid: SID, part: str) -> Array:
+    """Displacements ("phi") of nodes and centre of mass, or rotations ("psi") of nodes,
+    (n, 3, nq). A blade may have one node, at its root, which does not move."""
+    nodes = [np.asarray(getattr(node, part).m0) for node in sid.nodes]
+    if part == "phi" and sid.mass > 0.0:
+        nodes.append(sid.Ct.m0.T / sid.mass)
+    return np.array(nodes).reshape(-1, 3, sid.nq)
 
 
 def largest_elastic_rotation(sid: SID, q: Array, least: float) -> float:
@@ -297,13 +306,12 @@ def deformation_bounds(sid: SID, largest: Array) -> tuple[float, float]:
     """Bounds of `relative_deflection` and `largest_elastic_rotation` where |q| (nq,) is
     not exceeded.
     """
-    size, bounds = body_size(sid), []
-    for part in ("phi", "psi") if sid.nodes else ():
-        shapes = np.array([getattr(node, part).m0 for node in sid.nodes])
-        bounds.append(float((np.linalg.norm(shapes, axis=1) @ largest).max()))
-    if not bounds:
-        return 0.0, 0.0
-    return (bounds[0] / size if size else 0.0), bounds[1]
+    size = body_size(sid)
+    moved, turned = (
+        float((np.linalg.norm(_shapes(sid, part), axis=1) @ largest).max(initial=0.0))
+        for part in ("phi", "psi")
+    )
+    return (moved / size if size else 0.0), turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,11 +339,11 @@ def deformation_limits(system: System) -> list[DeformationLimit]:
     for data in system.flexible:
         most = {"phi": MAX_DEFLECTION * body_size(data.sid), "psi": MAX_ROTATION}
         weights = [
-            np.linalg.norm([getattr(n, part).m0 for n in data.sid.nodes], axis=1) / size
+            np.linalg.norm(_shapes(data.sid, part), axis=1) / size
             for part, size in most.items()
-            if data.sid.nodes and size
+            if size
         ]
-        if not weights:
+        if not any(map(len, weights)):
             continue
         row = system.arrays.body[system.index(data.name)]
         end = int(row[at.POS] + row[at.NP])

@@ -105,9 +105,10 @@ def test_a_shaft_between_its_critical_speeds(speed: float) -> None:
     )
 
 
-def bent(**elastic: list[float]) -> Result:
-    """Cantilevers that start in a deformation, by their names."""
+def bent(nodes: int = 2, **elastic: list[float]) -> Result:
+    """Cantilevers that start in a deformation, by their names, with so many nodes."""
     sid = replace(cantilever(), De=Taylor(np.zeros((3, 3))))
+    sid = replace(sid, nodes=sid.nodes[:nodes])
     bodies, joints = {}, {}
     for name, q in elastic.items():
         start = {"elastic": q}
@@ -139,6 +140,14 @@ def test_deflections_and_rotations_have_limits_of_their_own() -> None:
     assert only(result, "N411").data["limit"] == 0.1
     rotation = only(result, "N413").data["rotation"]
     assert rotation == pytest.approx(4.78 * 0.05, rel=2e-2)
+
+
+def test_a_body_whose_only_node_is_held_deflects_by_its_centre() -> None:
+    """The centre of mass of the first mode moves by 0.3915 of the tip."""
+    tip = abs(cantilever().node("2").phi.m0[1])
+    result = bent(1, far=[0.3 / tip[0], 0.0, 0.0])
+    found = only(result, "N411").data["deflection"]
+    assert found == pytest.approx(0.3915 * 0.3, rel=1e-2)
 
 
 def test_of_many_bodies_the_worst_have_a_line_each() -> None:
