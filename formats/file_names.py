@@ -83,7 +83,9 @@ OUTPUT_KINDS = {
     "stations": OutputFileKind("stations of a beam (CSV)", (".csv",), chooses=True),
     "modes": OutputFileKind("modes (JSON)", (".json",)),
     "state_space": OutputFileKind(
-        "a state space (NPZ, MAT or JSON)", (".npz", ".mat", ".json"), chooses=True
+        "a state space (NPZ, MAT, JSON or FMU)",
+        (".npz", ".mat", ".json", ".fmu"),
+        chooses=True,
     ),
     "campbell": OutputFileKind(
         "a Campbell diagram (CSV or JSON) or its picture (PNG, SVG or PDF)",

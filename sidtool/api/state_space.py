@@ -13,7 +13,12 @@ from numpy.typing import ArrayLike
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
-from sidtool.formats.file_names import kind_by_ending, path_of, scene_given
+from sidtool.formats.file_names import (
+    check_ending,
+    kind_by_ending,
+    path_of,
+    scene_given,
+)
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.files import locate_errors
 from sidtool.solver.analyses.frequency_response import (
@@ -187,7 +192,7 @@ class StateSpace(SolverStateSpace):
 
     def save(self, path: Path_) -> None:
         """Write matrices, names, units and operating point: ``.npz`` for NumPy,
-        ``.mat`` for MATLAB, or ``.json``.
+        ``.mat`` for MATLAB, ``.json``, or ``.fmu`` as of `fmu`.
 
         Raises
         ------
@@ -195,7 +200,49 @@ class StateSpace(SolverStateSpace):
         """
         from ..report.state_space import write_state_space
 
-        write_state_space(path_of(path, "path"), self)
+        path = path_of(path, "path")
+        if path.suffix.lower() == ".fmu":
+            self.fmu(path)
+        else:
+            write_state_space(path, self)
+
+    def fmu(
+        self,
+        path: Path_,
+        *,
+        version: str = "2.0",
+        platforms: Iterable[str] = (),
+        linker: str | None = None,
+    ) -> None:
+        """Write a functional mock-up unit (FMI) for model exchange and co-simulation.
+
+        Inputs and outputs have the values of the scene, states are changes from the
+        operating point. Co-simulation is exact for inputs that are held.
+
+        Parameters
+        ----------
+        path : file to write, NAME.fmu
+        version : of FMI, "2.0" or "3.0"
+        platforms : "linux64", "win64"; by default that of this machine
+        linker : "cc" or "zig"; by default what is there
+
+        Raises
+        ------
+        InputError : there is no such version or platform, or no compiler.
+        """
+        from .. import __version__
+        from ..fmu.linear_export import export_linear_unit
+
+        target = path_of(path, "path")
+        check_ending(target, "unit", "path")
+        export_linear_unit(
+            self,
+            target,
+            tool=f"sidtool {__version__}",
+            version=version,
+            platforms=tuple(platforms),
+            linker=linker,
+        )
 
     def __repr__(self) -> str:
         from ..report.state_space import sizes_text

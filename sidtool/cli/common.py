@@ -51,7 +51,12 @@ _FILE_BEGINNINGS = {
     ),
     "picture": (b"\x89PNG", b"<svg", b"%PDF"),
     "unit": (b"modelDescription.xml",),
-    "state_space": (b"state_names.npy", b"MATLAB 5.0", b'"sidtool state space"'),
+    "state_space": (
+        b"state_names.npy",
+        b"MATLAB 5.0",
+        b'"sidtool state space"',
+        b"modelDescription.xml",
+    ),
     "optimisation": (b'"sidtool optimisation"',),
     "campbell": (b"speed [rad/s],mode1.", b'"sidtool Campbell diagram"'),
     "response": (b"frequency [Hz]", b'"sidtool frequency response"'),

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from sidtool.formats.base.errors import InputError
+
 from .analyse import ACCEPT_DEFECTS_OPTION, run_analysis
 from .common import (
     Target,
@@ -57,7 +59,22 @@ _about_option = click.option(
     "-o",
     "--output",
     type=output_path,
-    help="File to write: .npz (NumPy), .mat (MATLAB) or .json.",
+    help=(
+        "File to write: .npz (NumPy), .mat (MATLAB), .json, or .fmu, a functional"
+        " mock-up unit for model exchange."
+    ),
+)
+@click.option(
+    "--fmi",
+    "version",
+    type=click.Choice(["2.0", "3.0"]),
+    help="Version of the standard of an .fmu, default 2.0.",
+)
+@click.option(
+    "--platforms",
+    metavar="NAMES",
+    help="Where an .fmu runs: linux64, win64 or both, separated by commas; default "
+    "this machine.",
 )
 @changes_option
 @force_option
@@ -69,6 +86,8 @@ def linearise(
     outputs: str | None,
     descriptor: bool,
     output: Path | None,
+    version: str | None,
+    platforms: str | None,
     changes: tuple[str, ...],
     force: bool,
     accept_defects: bool,
@@ -89,6 +108,7 @@ def linearise(
       sidtool linearise arm.toml -o plant.npz
       sidtool linearise arm.toml --about 0.5 --inputs torque --outputs tip.y,pin.fx
       sidtool linearise rotor.toml --about start -o rotor.mat
+      sidtool linearise arm.toml -o plant.fmu --fmi 3.0
 
     Exit status: 0 done; 1 there is no equilibrium, the run to the time stopped, or the
     state is a singular configuration; 2 the input is wrong.
@@ -97,6 +117,10 @@ def linearise(
     from ..report.state_space import describe_state_space, state_space_data
 
     check_targets([Target("-o", output, "state_space")], input_files(scene), force)
+    is_unit = output is not None and output.suffix.lower() == ".fmu"
+    if (version or platforms) and not is_unit:
+        place = "--fmi" if version else "--platforms"
+        raise InputError("belongs to an .fmu", place=place, expected="-o NAME.fmu")
     space = run_analysis(
         state_space,
         scene,
@@ -107,8 +131,15 @@ def linearise(
         descriptor=descriptor,
         accept_defects=accept_defects,
     )
-    if output is not None:
+    if output is not None and is_unit:
+        space.fmu(
+            output,
+            version=version or "2.0",
+            platforms=listed_names(platforms or ""),
+        )
+    elif output is not None:
         space.save(output)
+    if output is not None:
         click.echo(f"{output} written")
     print_result(describe_state_space(space), lambda: state_space_data(space))
 

@@ -21,10 +21,10 @@ from sidtool.solver.system.system import System
 
 from .c_source import scene_header
 from .kernel_objects import kernel_objects
-from .linking import c_sources, choose_linker, link
+from .linking import SCENE_SOURCES, c_sources, choose_linker, link
 from .model_description import TIME, UnitDescription, Variable, model_description
 from .output_terms import output_terms
-from .plant_table import PlantTables, ending_events, plant_tables
+from .plant_table import ending_events, plant_tables
 from .platforms import PLATFORMS, parse_platforms
 from .supported import refuse_unsupported, unit_settings
 
@@ -87,9 +87,7 @@ def export_unit(
     InputError : the scene cannot be a unit, or it cannot be linked.
     """
     names = parse_platforms(tuple(platforms))
-    if version not in VERSIONS:
-        expected = " or ".join(VERSIONS)
-        raise InputError(f"found {version!r}", place="version", expected=expected)
+    check_version(version)
     quantities = [event.quantity for event in ending_events(system.scene).values()]
     if system.full_system is not None:
         system = system.full_joint_system
@@ -109,7 +107,9 @@ def export_unit(
     for name in names:
         choose_linker(name, linker)
     identifier = model_identifier(path)
-    token = _token(header, tables)
+    token = unit_token(
+        header, tables.start.settings.integrator, *c_sources(SCENE_SOURCES).values()
+    )
     text = f'#define TOKEN "{token}"\n'
     libraries = {}
     for name in names:
@@ -132,7 +132,7 @@ def export_unit(
         step=settings.step or scene.time.output_step or 0.01,
         tolerance=settings.rtol,
     )
-    _write_archive(path, description, version, libraries)
+    write_archive(path, description, version, libraries)
     found = (*system.diagnostics, *diagnostics)
     return ExportedUnit(
         path=path,
@@ -146,6 +146,18 @@ def export_unit(
         size=path.stat().st_size,
         diagnostics=tuple(without(found, scene.diagnostics.ignore)),
     )
+
+
+def check_version(version: str) -> None:
+    """Check a version of FMI.
+
+    Raises
+    ------
+    InputError : it is not one of `VERSIONS`.
+    """
+    if version not in VERSIONS:
+        expected = " or ".join(VERSIONS)
+        raise InputError(f"found {version!r}", place="version", expected=expected)
 
 
 def model_identifier(path: Path) -> str:
@@ -168,18 +180,17 @@ def _variables(
     return (*signals, *(Variable(name, unit_of(name, scene)) for name in outputs))
 
 
-def _token(header: str, tables: PlantTables) -> str:
+def unit_token(*content: str) -> str:
     """A text that identifies the content of one library."""
-    integrator = tables.start.settings.integrator
-    content = "".join([header, integrator, *c_sources().values()])
-    digest = hashlib.sha256(content.encode()).hexdigest()
+    digest = hashlib.sha256("".join(content).encode()).hexdigest()
     parts = (digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])
     return "{" + "-".join(parts) + "}"
 
 
-def _write_archive(
+def write_archive(
     path: Path, unit: UnitDescription, version: str, libraries: dict[str, bytes]
 ) -> None:
+    """Write the file of a unit, with its description and its libraries by platform."""
     with (
         atomic_path(path) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive,

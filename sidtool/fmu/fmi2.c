@@ -1,10 +1,16 @@
 /* FMI 2.0 for co-simulation, section 4.2 of the standard. All functions exist, as importers
-   ask for all; those of variables and abilities that a unit has not return an error. */
+   ask for all; those of variables and abilities that a unit has not return an error. With
+   LINEAR the unit is a linearised mechanism, and exchange2.c has its model exchange. */
 #include "unit.h"
 
 typedef int Boolean;
 typedef const char *Text;
-enum { CO_SIMULATION = 1 };
+enum { MODEL_EXCHANGE, CO_SIMULATION };
+#ifdef LINEAR
+enum { OFFERS_EXCHANGE = 1 };
+#else
+enum { OFFERS_EXCHANGE = 0 };
+#endif
 enum { DO_STEP_STATUS, PENDING_STATUS, LAST_SUCCESSFUL_TIME, TERMINATED };
 
 typedef void (*Logger2)(void *environment, Text name, int status, Text category,
@@ -51,7 +57,7 @@ EXPORT void *fmi2Instantiate(Text name, int type, Text token, Text resources,
                              const Callbacks *callbacks, Boolean visible, Boolean logging)
 {
     (void)resources, (void)visible, (void)logging;
-    if (type != CO_SIMULATION)
+    if (type != CO_SIMULATION && !(OFFERS_EXCHANGE && type == MODEL_EXCHANGE))
         return NULL;
     Logger logger = callbacks ? (Logger)callbacks->logger : NULL;
     return unit_new(name, token, send_message, logger,
@@ -214,6 +220,8 @@ EXPORT int fmi2DeSerializeFMUstate(void *unit, const char *bytes, size_t size, v
         return unit_fail(unit, STATUS_ERROR, "%s is not offered", #name);                \
     }
 
+#ifndef LINEAR
 NOT_OFFERED(fmi2GetDirectionalDerivative)
+#endif
 NOT_OFFERED(fmi2SetRealInputDerivatives)
 NOT_OFFERED(fmi2GetRealOutputDerivatives)

@@ -1,5 +1,6 @@
 /* FMI 3.0 for co-simulation, section 4 of the standard. All functions exist, as importers
-   ask for all; those of variables and abilities that a unit has not return an error. */
+   ask for all; those of variables and abilities that a unit has not return an error. With
+   LINEAR the unit is a linearised mechanism, and exchange3.c has its model exchange. */
 #include <math.h>
 
 #include "unit.h"
@@ -28,6 +29,11 @@ EXPORT int fmi3SetDebugLogging(void *unit, bool on, size_t n, const Text *catego
     return STATUS_OK;
 }
 
+Unit *fmi3_new_unit(Text name, Text token, Logger logger, void *environment)
+{
+    return unit_new(name, token, send_message, logger, environment);
+}
+
 EXPORT void *fmi3InstantiateCoSimulation(Text name, Text token, Text resources,
                                          bool visible, bool logging, bool event_mode,
                                          bool early_return, const Variable *intermediate,
@@ -36,16 +42,18 @@ EXPORT void *fmi3InstantiateCoSimulation(Text name, Text token, Text resources,
 {
     (void)resources, (void)visible, (void)logging;
     (void)intermediate, (void)n_intermediate, (void)update;
-    Unit *unit = unit_new(name, token, send_message, logger, environment);
+    Unit *unit = fmi3_new_unit(name, token, logger, environment);
     if (unit)
         unit->stops_at_breaks = event_mode && early_return;
     return unit;
 }
 
+#ifndef LINEAR
 EXPORT void *fmi3InstantiateModelExchange(void)
 {
     return NULL;
 }
+#endif
 
 EXPORT void *fmi3InstantiateScheduledExecution(void)
 {
@@ -221,7 +229,6 @@ NOT_OFFERED(fmi3SetBinary)
 NOT_OFFERED(fmi3SetClock)
 NOT_OFFERED(fmi3GetNumberOfVariableDependencies)
 NOT_OFFERED(fmi3GetVariableDependencies)
-NOT_OFFERED(fmi3GetDirectionalDerivative)
 NOT_OFFERED(fmi3GetAdjointDerivative)
 NOT_OFFERED(fmi3EnterConfigurationMode)
 NOT_OFFERED(fmi3ExitConfigurationMode)
@@ -233,6 +240,10 @@ NOT_OFFERED(fmi3SetIntervalDecimal)
 NOT_OFFERED(fmi3SetIntervalFraction)
 NOT_OFFERED(fmi3SetShiftDecimal)
 NOT_OFFERED(fmi3SetShiftFraction)
+NOT_OFFERED(fmi3GetOutputDerivatives)
+NOT_OFFERED(fmi3ActivateModelPartition)
+#ifndef LINEAR
+NOT_OFFERED(fmi3GetDirectionalDerivative)
 NOT_OFFERED(fmi3EnterContinuousTimeMode)
 NOT_OFFERED(fmi3CompletedIntegratorStep)
 NOT_OFFERED(fmi3SetTime)
@@ -243,5 +254,4 @@ NOT_OFFERED(fmi3GetContinuousStates)
 NOT_OFFERED(fmi3GetNominalsOfContinuousStates)
 NOT_OFFERED(fmi3GetNumberOfEventIndicators)
 NOT_OFFERED(fmi3GetNumberOfContinuousStates)
-NOT_OFFERED(fmi3GetOutputDerivatives)
-NOT_OFFERED(fmi3ActivateModelPartition)
+#endif

@@ -10,7 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -19,8 +19,14 @@ from sidtool.formats.storage.operating_system import cache_folder
 
 from .platforms import PLATFORMS, own_platform
 
-SOURCES = ("plant.c", "unit.c", "fmi2.c", "fmi3.c", "lapack.c")
-HEADERS = ("plant.h", "unit.h")
+_COMMON_SOURCES = ("unit.c", "fmi2.c", "fmi3.c")
+#: Sources of the unit of a scene, and of a linearised one.
+SCENE_SOURCES = (*_COMMON_SOURCES, "plant.c", "lapack.c")
+LINEAR_SOURCES = (
+    *_COMMON_SOURCES,
+    *("linear_plant.c", "exchange.c", "exchange2.c", "exchange3.c"),
+)
+HEADERS = ("plant.h", "unit.h", "linear_plant.h", "exchange.h")
 #: C files that one platform needs beside the others.
 PLATFORM_SOURCES = {"win64": ("windows.c",)}
 FOLDER = Path(__file__).parent
@@ -31,10 +37,10 @@ OPTIONS = (
 )
 
 
-def c_sources() -> dict[str, str]:
-    """The C files of this package, by name."""
+def c_sources(sources: Sequence[str]) -> dict[str, str]:
+    """C files of this package with their headers, by name."""
     others = [name for names in PLATFORM_SOURCES.values() for name in names]
-    names = (*SOURCES, *HEADERS, *others)
+    names = (*sources, *HEADERS, *others)
     return {name: (FOLDER / name).read_text(encoding="utf-8") for name in names}
 
 
@@ -67,11 +73,13 @@ def link(
     objects: Mapping[str, bytes],
     folder: Path,
     linker: str | None = None,
+    sources: Sequence[str] = SCENE_SOURCES,
 ) -> bytes:
     """The shared library of a platform.
 
     Parameters
     ----------
+    sources : C files of this package, `SCENE_SOURCES` or `LINEAR_SOURCES`
     headers : generated headers, by name
     objects : object files of the kernels, by symbol
     folder : an empty folder, which takes all files
@@ -82,16 +90,17 @@ def link(
     InputError : there is no linker, or it fails.
     """
     command = choose_linker(platform, linker)
-    for name, text in (c_sources() | dict(headers)).items():
+    for name, text in (c_sources(sources) | dict(headers)).items():
         (folder / name).write_text(text, encoding="utf-8")
     for symbol, code in objects.items():
         (folder / f"{symbol}.o").write_bytes(code)
     library = "unit" + PLATFORMS[platform].ending
-    sources = (*SOURCES, *PLATFORM_SOURCES.get(platform, ()))
-    files = [*sources, *(f"{symbol}.o" for symbol in objects)]
+    files = [*sources, *PLATFORM_SOURCES.get(platform, ())]
+    files += [f"{symbol}.o" for symbol in objects]
+    options = [*OPTIONS, "-DLINEAR"] if sources == LINEAR_SOURCES else OPTIONS
     libraries = ["-lm"] if library.endswith(".so") else []
     outcome = subprocess.run(
-        [*command, *OPTIONS, *files, "-o", library, *libraries],
+        [*command, *options, *files, "-o", library, *libraries],
         cwd=folder,
         env=os.environ | _zig_caches(folder),
         capture_output=True,

@@ -26,7 +26,7 @@ _BASE_UNITS: dict[str, dict[str, int]] = {
 _STRUCTURED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", re.ASCII)
 TIME = "time"
 FIRST_VARIABLE = 1
-#: Abilities of a unit, by version.
+#: Abilities of a unit, by version; and of a linearised one, for model exchange.
 _ABILITIES = {
     "2.0": {
         "canHandleVariableCommunicationStepSize": "true",
@@ -41,26 +41,52 @@ _ABILITIES = {
         "hasEventMode": "true",
     },
 }
+_EXCHANGE_ABILITIES = {
+    "2.0": {
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+        "canNotUseMemoryManagementFunctions": "true",
+        "providesDirectionalDerivative": "true",
+    },
+    "3.0": {
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "providesDirectionalDerivatives": "true",
+    },
+}
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An input or an output.
+    """An input or an output, or a state of a linearised mechanism or its rate.
 
     Attributes
     ----------
     unit : as sidtool writes it, such as N m/rad; empty for none
-    start : value before it is set, of an input
+    start : value before it is set, of an input or a state
+    is_state : of a linearised mechanism
+    rate_of : number of the state that it is the rate of
     """
 
     name: str
     unit: str
     description: str = ""
     start: float | None = None
+    is_state: bool = False
+    rate_of: int | None = None
 
     @property
     def causality(self) -> str:
+        if self.is_state or self.rate_of is not None:
+            return "local"
         return "output" if self.start is None else "input"
+
+    @property
+    def initial(self) -> str:
+        """Where the start value is from: exact for given ones, none for inputs."""
+        if self.causality == "input":
+            return ""
+        return "exact" if self.is_state else "calculated"
 
 
 @dataclass(frozen=True)
@@ -71,7 +97,8 @@ class UnitDescription:
     ----------
     identifier : a name of C, that of the library
     token : identifies the library of one export
-    variables : inputs, then outputs, numbered from 1 on in this order
+    variables : numbered from 1 on in this order: inputs, outputs; inputs, states,
+        outputs, rates of a linearised mechanism, which is for model exchange, too
     step : output step of the scene [s], or its fixed step
     """
 
@@ -84,6 +111,7 @@ class UnitDescription:
     end: float
     step: float
     tolerance: float
+    is_linear: bool = False
 
 
 def model_description(unit: UnitDescription, version: str) -> str:
@@ -101,8 +129,12 @@ def model_description(unit: UnitDescription, version: str) -> str:
             "variableNamingConvention": "structured" if structured else "flat",
         },
     )
-    abilities = {"modelIdentifier": unit.identifier, **_ABILITIES[version]}
-    xml.SubElement(root, "CoSimulation", abilities)
+    name = {"modelIdentifier": unit.identifier}
+    if unit.is_linear:
+        xml.SubElement(root, "ModelExchange", name | _EXCHANGE_ABILITIES[version])
+        if version == "2.0":
+            root.set("numberOfEventIndicators", "0")
+    xml.SubElement(root, "CoSimulation", name | _ABILITIES[version])
     _add_units(root, (TIME_VARIABLE, *unit.variables))
     _add_log_categories(root, version)
     experiment = {"startTime": unit.start, "stopTime": unit.end}
@@ -147,6 +179,21 @@ def _type_attributes(variable: Variable) -> dict[str, str]:
     return attributes
 
 
+def _roles(variable: Variable) -> dict[str, str]:
+    attributes = {"causality": variable.causality, "variability": "continuous"}
+    return attributes | ({"initial": variable.initial} if variable.initial else {})
+
+
+def _unknowns(variables: tuple[Variable, ...], kind: str) -> list[int]:
+    """Numbers of the outputs, of the rates, or of both."""
+    return [
+        number
+        for number, variable in _numbered(variables)
+        if (variable.causality == "output" and kind != "rates")
+        or (variable.rate_of is not None and kind != "outputs")
+    ]
+
+
 def _add_variables_2(root: xml.Element, variables: tuple[Variable, ...]) -> None:
     listed = xml.SubElement(root, "ModelVariables")
     time = _attributes(0, TIME_VARIABLE)
@@ -154,18 +201,19 @@ def _add_variables_2(root: xml.Element, variables: tuple[Variable, ...]) -> None
     entry = xml.SubElement(listed, "ScalarVariable", time)
     xml.SubElement(entry, "Real", _type_attributes(TIME_VARIABLE))
     for number, variable in _numbered(variables):
-        attributes = _attributes(number, variable)
-        attributes |= {"causality": variable.causality, "variability": "continuous"}
-        if variable.causality == "output":
-            attributes["initial"] = "calculated"
+        attributes = _attributes(number, variable) | _roles(variable)
         entry = xml.SubElement(listed, "ScalarVariable", attributes)
-        xml.SubElement(entry, "Real", _type_attributes(variable))
+        real = _type_attributes(variable)
+        if variable.rate_of is not None:  # the time is the first variable
+            real["derivative"] = str(variable.rate_of + 1)
+        xml.SubElement(entry, "Real", real)
     structure = xml.SubElement(root, "ModelStructure")
-    for part in ("Outputs", "InitialUnknowns"):
-        outputs = [n for n, v in _numbered(variables) if v.causality == "output"]
-        if outputs:
+    parts = {"Outputs": "outputs", "Derivatives": "rates", "InitialUnknowns": "both"}
+    for part, kind in parts.items():
+        numbers = _unknowns(variables, kind)
+        if numbers:
             group = xml.SubElement(structure, part)
-            for number in outputs:  # the time is the first variable
+            for number in numbers:
                 xml.SubElement(group, "Unknown", {"index": str(number + 1)})
 
 
@@ -176,15 +224,19 @@ def _add_variables_3(root: xml.Element, variables: tuple[Variable, ...]) -> None
     xml.SubElement(listed, "Float64", time)
     for number, variable in _numbered(variables):
         attributes = _attributes(number, variable) | _type_attributes(variable)
-        attributes |= {"causality": variable.causality, "variability": "continuous"}
-        if variable.causality == "output":
-            attributes["initial"] = "calculated"
+        attributes |= _roles(variable)
+        if variable.rate_of is not None:
+            attributes["derivative"] = str(variable.rate_of)
         xml.SubElement(listed, "Float64", attributes)
     structure = xml.SubElement(root, "ModelStructure")
-    for kind in ("Output", "InitialUnknown"):
-        for number, variable in _numbered(variables):
-            if variable.causality == "output":
-                xml.SubElement(structure, kind, {"valueReference": str(number)})
+    parts = {
+        "Output": "outputs",
+        "ContinuousStateDerivative": "rates",
+        "InitialUnknown": "both",
+    }
+    for part, kind in parts.items():
+        for number in _unknowns(variables, kind):
+            xml.SubElement(structure, part, {"valueReference": str(number)})
 
 
 def _add_units(root: xml.Element, variables: Iterable[Variable]) -> None:

@@ -43,6 +43,8 @@ struct Unit {
 
 Unit *unit_new(const char *name, const char *token, Messenger messenger, Logger logger,
                void *environment);
+/* The same with the messages of FMI 3.0. */
+Unit *fmi3_new_unit(const char *name, const char *token, Logger logger, void *environment);
 void unit_free(Unit *unit);
 Status unit_fail(const Unit *unit, Status status, const char *format, ...);
 

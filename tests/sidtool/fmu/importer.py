@@ -70,7 +70,7 @@ class Library:
 
 
 class Instance:
-    """An instance of a unit, in step mode at its start time.
+    """An instance of a unit, in step mode at its start time, or for model exchange.
 
     Attributes
     ----------
@@ -84,6 +84,7 @@ class Instance:
         stop: float | None = None,
         token: str | None = None,
         events: bool = False,
+        exchange: bool = False,
     ) -> None:
         self.library, self.messages = library, list[tuple[int, str]]()
         self._is_2 = library.version == "2.0"
@@ -95,7 +96,16 @@ class Instance:
             function = library.functions.fmi2Instantiate
             function.restype = Pointer
             address = ctypes.byref(self._callbacks)
-            self.address = function(b"it", 1, token_bytes, b"", address, 0, 0)
+            kind = 0 if exchange else 1
+            self.address = function(b"it", kind, token_bytes, b"", address, 0, 0)
+        elif exchange:
+            self._logger_3 = _LOGGER_3(self._log_3)
+            function = library.functions.fmi3InstantiateModelExchange
+            function.restype = Pointer
+            quiet = ctypes.c_bool(False)
+            self.address = function(
+                b"it", token_bytes, b"", quiet, quiet, None, self._logger_3
+            )
         else:
             self._logger_3 = _LOGGER_3(self._log_3)
             function = library.functions.fmi3InstantiateCoSimulation
@@ -176,6 +186,30 @@ class Instance:
             assert self.step(time + k * length, length) == OK, self.messages
             rows.append(self.get())
         return rows
+
+    def rates(self, states: Iterable[float]) -> list[float]:
+        """Rates of the continuous states, in model exchange."""
+        values = list(states)
+        n = len(values)
+        array = (Real * n)(*values)
+        assert self.call("SetContinuousStates", array, Size(n)) == OK
+        part = "" if self._is_2 else "ContinuousState"
+        assert self.call(f"Get{part}Derivatives", array, Size(n)) == OK
+        return list(array)
+
+    def derivative(self, unknowns: Iterable[str], known: str) -> list[float]:
+        """Directional derivatives of variables by an input or a state."""
+        wanted = [self.library.numbers[name] for name in unknowns]
+        n = len(wanted)
+        numbers = (ctypes.c_uint32 * n)(*wanted)
+        by = (ctypes.c_uint32 * 1)(self.library.numbers[known])
+        seed, found = (Real * 1)(1.0), (Real * n)()
+        parts = (numbers, Size(n), by, Size(1), seed)
+        sizes = () if self._is_2 else (Size(1),)
+        ends = () if self._is_2 else (Size(n),)
+        name = "GetDirectionalDerivative"
+        assert self.call(name, *parts, *sizes, found, *ends) == OK
+        return list(found)
 
     def state(self) -> Pointer:
         """A copy of the state, which `free` releases."""
