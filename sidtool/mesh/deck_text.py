@@ -13,6 +13,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,12 @@ def parse_numbers(
     ------
     InputError : one is not.
     """
+    try:
+        result = list(map(float, words))
+        if all(map(isfinite, result)):
+            return result
+    except ValueError:
+        pass
     result = []
     for word in words:
         try:
@@ -87,10 +94,11 @@ def parse_integers(
     InputError : one is not.
     """
     try:
-        numbers = [int(word) for word in words]
+        numbers = list(map(int, words))
     except ValueError:
         numbers = []
-    if len(numbers) < len(words) or any(abs(number) > _MAX_LABEL for number in numbers):
+    largest = max(map(abs, numbers), default=0)
+    if len(numbers) < len(words) or largest > _MAX_LABEL:
         text = " ".join(words)[:60]
         raise InputError(f"found {text!r}", place=place, expected=what)
     return numbers

@@ -15,6 +15,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ...mesh.connections import RawBar, RawEquation, RawShell, RawSpring
+from ...mesh.deck_text import parse_integers
 from ...mesh.element_nodes import MidsideNodes, linear_kind
 from ...mesh.imported_mesh import (
     LEFT_OUT,
@@ -125,9 +126,11 @@ def bulk_data(
     content = BulkData(shells=shells, density=density)
     stops = content.stops
     for written in read_cards(path):
-        with stops.collect_errors():
+        try:  # a context for each card would take as long as reading it
             for card in current_cards(written):
                 _read_card(content, card, ignored)
+        except InputError as error:
+            stops.add(error)
     _check_temperatures(content)
     systems = {
         n: (content.system if s < 0 else s, p) for n, (s, p) in content.local.items()
@@ -188,9 +191,11 @@ def _read_grid(content: BulkData, card: Card) -> None:
     if label in content.nodes:
         raise duplicate_error("node", label, card)
     _only_zero(card, (7,), f"node {label} belongs to a superelement")
-    x, y, z = (card.real(i, "a coordinate") for i in (2, 3, 4))
-    place, directions = (card.integer(i, "a coordinate system", -1) for i in (1, 5))
-    content.nodes[label] = (x, y, z)
+    place = card.integer(1, "a coordinate system", -1)
+    what = "a coordinate"
+    position = card.real(2, what), card.real(3, what), card.real(4, what)
+    directions = card.integer(5, "a coordinate system", -1)
+    content.nodes[label] = position
     content.local[label] = (place, card.place)
     content.turned[label] = directions
     if card.word(6):
@@ -240,10 +245,13 @@ def _read_element(content: BulkData, card: Card) -> None:
             place=card.place,
             expected=" or ".join(map(str, _ELEMENTS[card.name])),
         )
-    nodes = [
-        card.integer(2 + i, "a node number") if word else 0
-        for i, word in enumerate(words)
-    ]
+    if all(map(str.isdecimal, words)):
+        nodes = parse_integers(words, card.place, f"{card.name}: a node number")
+    else:
+        nodes = [
+            card.integer(2 + i, "a node number") if word else 0
+            for i, word in enumerate(words)
+        ]
     flat = full in ("quad4", "tri3", "quad8", "tri6")
     angle = 4 if full == "quad8" else 0
     own = fields_after_nodes(full, card.words[2 + most :])

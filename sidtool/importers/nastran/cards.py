@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 
 from sidtool.formats.base.errors import InputError
@@ -23,6 +25,13 @@ from ...mesh.imported_mesh import MOST_MEMBERS
 _BLANKS = re.compile(r"(?<=^[+-]) +|(?<=[\d.]) +(?=[EeDd+-])|(?<=[EeDd]) +")
 #: A real number whose exponent has no letter, as in 2.1+11.
 _EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
+#: Digits of numbers that fit into 64 bits.
+_SHORT = 19
+#: Columns of the fields of a line: its name, the data, the mark at its end.
+_NARROW, _WIDE = (
+    [slice(8), *(slice(s, s + width) for s in range(8, 72, width)), slice(72, 80)]
+    for width in (8, 16)
+)
 #: Name of the card that represents case control.
 CASE_CONTROL = "CASE CONTROL"
 #: Card of formulas, whose commas separate no fields.
@@ -62,9 +71,12 @@ class Card:
         ------
         InputError : there is none, and no default.
         """
-        if not self.word(i) and default is not None:
+        word = self.words[i] if i < len(self.words) else ""
+        if not word and default is not None:
             return default
-        return parse_integers([self.word(i)], self.place, f"{self.name}: {what}")[0]
+        if word.isdecimal() and len(word) < _SHORT:  # nearly all of a large mesh
+            return int(word)
+        return parse_integers([word], self.place, f"{self.name}: {what}")[0]
 
     def real(self, i: int, what: str, default: float = 0.0) -> float:
         """A real number, as Nastran writes it.
@@ -73,9 +85,13 @@ class Card:
         ------
         InputError : it is none.
         """
-        if not self.word(i):
+        word = self.words[i] if i < len(self.words) else ""
+        if not word:
             return default
-        return real_number(self.word(i), f"{self.name}: {what}", self.place)
+        with suppress(ValueError):
+            if isfinite(value := float(word)):
+                return value
+        return real_number(word, f"{self.name}: {what}", self.place)
 
 
 def real_number(word: str, what: str, place: str) -> float:
@@ -109,11 +125,11 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
     cards = collector.cards
     nested = path.name if len(included.open) > 1 else ""
     for number, raw in lines[start:]:
-        text = raw.split("$")[0].rstrip().expandtabs(8)
-        place = located_line(number, nested)
-        if not text.strip():
+        text = raw.split("$", 1)[0].rstrip().expandtabs(8)
+        if not text:
             continue
-        first = _without_blanks(text).split()[0].split(",")[0]
+        place = located_line(number, nested)
+        first = text.split(None, 1)[0].split(",", 1)[0].upper()
         if first == "ENDDATA":
             break
         if first == "BEGIN":
@@ -137,23 +153,33 @@ def _split_case_control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
     or without that at the start of the file. The card holds the sets that MPC selects,
     and as its mark whether there are temperatures.
     """
-    texts = [_without_blanks(text.split("$")[0]) for _, text in lines]
-    begins = [i for i, text in enumerate(texts) if text == "BEGIN BULK"]
-    ends = [i for i, text in enumerate(texts) if text == "CEND"]
-    if begins:
-        start = begins[0]
-    elif ends:
-        rest = range(ends[0] + 1, len(texts))
-        start = next((i for i in rest if not _is_control(texts[i])), len(texts))
-    else:
+    begin = _first_line(lines, "BEGIN BULK", "BULK")
+    end = _first_line(lines, "CEND", "CEND") if begin is None else None
+    if begin is None and end is None:
         return 0, []
+    texts = [_without_blanks(text.split("$")[0]) for _, text in lines[:begin]]
+    start = len(texts)
+    if end is not None:
+        rest = range(end + 1, len(texts))
+        start = next((i for i in rest if not _is_control(texts[i])), start)
     if not any(texts[:start]):
-        return start + bool(begins), []
+        return start + (begin is not None), []
     named = [_MPC.match(text) for text in texts[:start]]
     words = [match.group(1) for match in named if match]
     is_heated = any(_TEMPERATURE.match(text) for text in texts[:start])
     mark = HEATED if is_heated else ""
-    return start + bool(begins), [Card(CASE_CONTROL, f"line {start}", words, mark)]
+    return start + (begin is not None), [
+        Card(CASE_CONTROL, f"line {start}", words, mark)
+    ]
+
+
+def _first_line(lines: list[tuple[int, str]], command: str, part: str) -> int | None:
+    """The first line that is a command, of those with a part of it."""
+    likely = (i for i, (_, text) in enumerate(lines) if part in text.upper())
+    return next(
+        (i for i in likely if _without_blanks(lines[i][1].split("$")[0]) == command),
+        None,
+    )
 
 
 def _is_control(text: str) -> bool:
@@ -250,11 +276,9 @@ def _split_fields(text: str, place: str) -> tuple[str, list[str], str]:
                 f"has {len(fields)} fields", place=place, expected=f"{count + 2}"
             )
     else:
-        wide = "*" in text[:8]
-        width, count = (16, 4) if wide else (8, 8)
-        starts = [8 + width * i for i in range(count)]
-        fields = [text[:8].strip(), *(text[s : s + width].strip() for s in starts)]
-        fields.append(text[72:80].strip())
+        columns = _WIDE if "*" in text[:8] else _NARROW
+        name, *words, after = [text[part].strip() for part in columns]
+        return name.upper(), words, after.upper()
     words = fields[1 : count + 1]
     words += [""] * (count - len(words))
     after = fields[count + 1] if len(fields) > count + 1 else ""
