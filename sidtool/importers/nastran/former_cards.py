@@ -16,7 +16,7 @@ from sidtool.formats.base.errors import InputError
 
 from .cards import Card
 
-_MEMBRANES = ("QDMEM", "QDMEM1", "QDMEM2", "TRMEM")
+_MEMBRANES = ("PQDMEM", "PQDMEM1", "PQDMEM2", "PTRMEM")
 #: Former element -> its replacement, with fields in the same order.
 _ELEMENTS = {
     **dict.fromkeys(("CQUAD1", "CQUAD2", "CQDMEM", "CQDMEM1", "CQDMEM2"), "CQUAD4"),
@@ -29,7 +29,7 @@ _TWO = (
     "CTUBE",
     "PQUAD2",
     "PTRIA2",
-    *(f"P{name}" for name in _MEMBRANES),
+    *_MEMBRANES,
 )
 
 
@@ -47,7 +47,7 @@ def current_cards(card: Card) -> Iterator[Card]:
             yield _general_shell(part)
         elif part.name in ("PQUAD2", "PTRIA2"):
             yield _homogeneous_shell(part)
-        elif part.name in [f"P{name}" for name in _MEMBRANES]:
+        elif part.name in _MEMBRANES:
             label, material, t, extra = (part.word(i) for i in range(4))
             words = [label, material, t, "", "", "", "", extra]
             yield replace(part, name="PSHELL", words=words)
