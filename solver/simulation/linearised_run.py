@@ -283,10 +283,13 @@ class LinearisedRun:
         return times[:-1, None] + np.diff(times)[:, None] * self.c
 
     def _position_sizes(self, sizes: Array) -> Array:
-        """Size of each position, from those of the velocity coordinates."""
-        first = self.stages.selected(slice(0, 1))
-        Z = position_rates(self.system, first.z, first.v).Z[0]
-        return np.maximum(np.abs(Z) @ sizes, 1e-3 * sizes.min())
+        """Size of each position, from those of the velocity coordinates.
+
+        A component of a quaternion that does not change at first does so later.
+        """
+        some = self.stages.selected(self._rows_between(COMPARED_STATES))
+        Z = np.abs(position_rates(self.system, some.z, some.v).Z).max(axis=0)
+        return np.maximum(Z @ sizes, 1e-3 * sizes.min())
 
     @cached_property
     def has_fixed_orientation(self) -> NDArray[np.bool_]:

@@ -485,3 +485,60 @@ def test_rows_of_rounding_do_not_ask_for_differences() -> None:
     assert point.history is not None and point.grid is not None
     run = LinearisedRun(point.history.motion, point.grid)
     assert 0 < len(run.differenced) < (run.nz + run.nv) / 2
+
+
+def test_a_load_that_begins_to_turn_on_an_elastic_arm() -> None:
+    """Its quaternion is constant at first: differences by its components take steps of
+    the whole motion. Beside differences of runs; the load in the arm's frame moves no
+    constraint.
+    """
+    bar = steel_bar(elements=4, modes=6)
+    load = {
+        "mass": 2.0,
+        "inertia": [0.01, 0.02, 0.02],
+        "initial": {"position": [1, 0, 0]},
+    }
+    scene = sidtool.Scene.checked(
+        {
+            "format": "sidtool scene",
+            "version": 1,
+            "dimension": "spatial",
+            "gravity": [0.0, 0.0, -G],
+            "time": {"end": 0.6, "output_step": 0.1},
+            "accuracy": {"rtol": 1e-6, "integrator": "radau9"},
+            "bodies": {
+                "bar": {"sid": "-", "markers": {"a": 1, "b": 2}},
+                "load": load | {"centre_of_mass": [0.05, 0.02, 0.0]},
+            },
+            "joints": {
+                "hinge": {
+                    "type": "revolute",
+                    "markers": ["ground", "bar.a"],
+                    "axis": [0.0, 0.0, 1.0],
+                },
+                "end": {"type": "fixed", "markers": ["bar.b", "load"]},
+            },
+            "drives": {
+                "motor": {
+                    "joint": "hinge",
+                    "function": {
+                        "type": "smooth_step",
+                        "from": 0.1,
+                        "to": 0.5,
+                        "end": 1.5,
+                    },
+                }
+            },
+        },
+        "scene",
+    )
+    functionals = ["final(load.z)", "max_abs(motor.mz)", "final(load.x)"]
+    found = {
+        method: sidtool.sensitivity(
+            scene, ["load.mass"], functionals, method=method, sids={"bar": bar}
+        )
+        for method in ("differences", "direct", "adjoint")
+    }
+    expected = found.pop("differences").derivatives
+    for each in found.values():
+        assert each.derivatives == pytest.approx(expected, rel=1e-8)
