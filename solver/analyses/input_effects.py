@@ -144,6 +144,7 @@ def _equation_changes(
     numbers = mechanics.system.arrays.real_data
     a, multipliers = equations.accelerations, equations.multipliers
     given = float(numbers[k])
+    mechanics.evaluate(evaluation.z, evaluation.v)
     middle = mechanics.force.copy()
     least = CORNER_ROUNDING * mechanics.force_size(evaluation.z)
     sizes, bends = list[float](), list[float]()

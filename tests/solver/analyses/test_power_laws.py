@@ -115,3 +115,35 @@ def test_limits_of_power_laws() -> None:
     assert_allclose(same, 4.0)
     grows, error = limits((1.0 / steps)[:, None])
     assert grows < 8.0**5 + 1.0 and error > 1.0
+
+
+def test_linear_inputs_have_no_corner() -> None:
+    """Two forces on a rotor that spins on a spring, zero at the state."""
+    force = {"type": "force", "marker": "disc"}
+    signal = {name: {"type": "input", "name": name} for name in ("fy", "fz")}
+    disc = {"mass": 45.0, "inertia": [0.9, 0.5, 0.5]}
+    scene = sidtool.Scene.checked(
+        {
+            "format": "sidtool scene",
+            "version": 1,
+            "dimension": "spatial",
+            "gravity": [0.0, 0.0, 0.0],
+            "time": {"end": 1.0, "output_step": 0.1},
+            "bodies": {"disc": disc | {"initial": {"angular_velocity": [200.0, 0, 0]}}},
+            "forces": {
+                "film": {
+                    "type": "bushing",
+                    "markers": ["ground", "disc"],
+                    "shaft": "x",
+                    "stiffness": [1e6, 2e6, 3e6, 0.0, 1e5, 1e5],
+                },
+                "y": force | {"force": [0, 1.0, 0], "function": signal["fy"]},
+                "z": force | {"force": [0, 0, 1.0], "function": signal["fz"]},
+            },
+            "inputs": {"fy": {"initial": 0.0}, "fz": {"initial": 0.0}},
+            "outputs": {"record": ["disc.y", "disc.z"]},
+        },
+        "test",
+    )
+    space = scene.state_space(about="start")
+    assert "N745" not in codes(space)
