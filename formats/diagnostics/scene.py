@@ -392,7 +392,7 @@ ENTRIES = (
         "A formula of a number reads a table at parameters below the least or above "
         "the largest of its points (min, max). The value of the nearest end holds.",
         remedy="Check the unit of its column, or extend the table.",
-        example={"subject": "lookup(x)", "first": 52.4, "last": 838.0},
+        example={"subject": "tables.kyy, x", "first": 52.4, "last": 838.0},
     ),
     Entry(
         "N234",

@@ -53,8 +53,9 @@ class LookupTable(Table):
                 data = data | _grid(x, y, values)
         return data
 
-    def number(self, *point: float) -> float:
-        """The value for a formula of a number, of a table that is not checked yet.
+    def number(self, name: str, *point: float) -> float:
+        """The value for a formula of a number, of a table that is not checked yet and
+        has a name.
 
         Raises
         ------
@@ -71,7 +72,8 @@ class LookupTable(Table):
         for key, a in zip("xy", point, strict=False):
             first, last = getattr(self, key)[0], getattr(self, key)[-1]
             if not first <= a <= last:
-                warn_of(diagnose("N246", f"lookup({key})", first=first, last=last))
+                subject = f"tables.{name}, {key}"
+                warn_of(diagnose("N246", subject, first=first, last=last))
         return self.value(*point)
 
     def value(self, *point: float) -> float:

@@ -103,14 +103,15 @@ def signal_and_unit(
             raise InputError(
                 f"gives {target} beside a file", source=path, expected="one of them"
             )
-    columns = read_columns(path, [content.pop(key, None) for key in named])
+    requested = [content.pop(key, None) for key in named]
+    columns = read_columns(path, requested)
     unit_of_values = ""
-    for key, column in zip(named, columns, strict=True):
+    for key, title, column in zip(named, requested, columns, strict=True):
         target = keys[key]
         unit = {"times": "s", "values": content.get("unit") or ""}.get(target, "")
         is_scaled = target == "values" and scale is not None
         if not (is_scaled or column.unit == unit or is_known_unit(column.unit)):
-            warn_of(diagnose("N245", f"{path.name}, {key}", unit=column.unit))
+            warn_of(diagnose("N245", f"{path.name}, {title or key}", unit=column.unit))
         if target == "values" and not is_scaled:
             unit_of_values = column.unit
         try:

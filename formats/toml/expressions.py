@@ -135,8 +135,8 @@ def split_at_commas(text: str) -> list[str]:
 class NumberTable(Protocol):
     """Values over one or two variables."""
 
-    def number(self, *point: float) -> float:
-        """The value at a point.
+    def number(self, name: str, *point: float) -> float:
+        """The value at a point, of the table of a name.
 
         Raises
         ------
@@ -175,7 +175,7 @@ def evaluate_number(
                 problem = f"{quoted_formula(text)} looks up the table {value}"
                 raise InputError(problem, expected=known)
             point = [stack.pop() for _ in range(int(kind[-1]))][::-1]
-            stack.append(tables[str(value)].number(*point))
+            stack.append(tables[str(value)].number(str(value), *point))
             continue
         operation = _OPERATIONS.get(kind) or getattr(math, kind)
         count = 2 if kind in _OF_TWO else 1

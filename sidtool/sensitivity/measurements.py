@@ -66,7 +66,7 @@ def read_measurements(path: Path) -> dict[str, Measurement]:
         ) from None
     for name, unit in heads:
         if not is_known_unit(unit):
-            warn_of(diagnose("N245", f"{path}, {name}", unit=unit))
+            warn_of(diagnose("N245", f"{path.name}, {name}", unit=unit))
     try:
         table *= [_unit_factor(name, unit) for name, unit in heads]
         columns = dict(zip(names[1:], table[:, 1:].T, strict=True))

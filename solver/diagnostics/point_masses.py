@@ -68,7 +68,9 @@ def check_point_masses(system: System) -> None:
         if isinstance(force, PointForce) and np.any(force.torque or 0.0):
             body = marker_reference(force.marker)[0]
             if body in masses:
-                raise _error(f"forces.{name}.torque", "its torque acts", body, "torque")
+                raise _error(
+                    f"forces.{name}.torque", "its torque acts on", body, "no torque"
+                )
     bodies = {d.name for d in system.bodies if d.rotates and d.is_scene_body}
     translating = _translating(scene, masses)
     turning = bodies - translating
@@ -82,7 +84,12 @@ def check_point_masses(system: System) -> None:
 
 
 def _check_centres(system: System, masses: set[str], turning: set[str]) -> None:
-    """Raises what acts beside the centre of a point mass."""
+    """Check that nothing acts beside the centre of a point mass.
+
+    Raises
+    ------
+    InputError : a joint, drive or force does.
+    """
     scene = system.scene
     data = {body.name: body for body in system.bodies if body.name in masses}
     pairs = [(f"joints.{n}", marker_names(joint)) for n, joint in scene.joints.items()]
@@ -93,14 +100,14 @@ def _check_centres(system: System, masses: set[str], turning: set[str]) -> None:
     for place, texts in [*pairs, *carried]:
         for body, marker in map(marker_reference, texts):
             if body in data and data[body].node(marker).position.any():
-                words = f"the marker {marker} lies beside the centre"
-                raise _error(place, words, body, "a marker at its centre", "of")
+                words = f"the marker {marker} lies beside the centre of"
+                raise _error(place, words, body, "a marker at its centre")
     for place, texts in carried:
         first, second = (marker_reference(text)[0] for text in texts)
         if first in masses and second in turning:
             key = "marker" if place.startswith("drives") else "second marker"
             remedy = f"{first} as {key}"
-            raise _error(place, "its axes are those", first, remedy, "of")
+            raise _error(place, "its axes are those of", first, remedy)
 
 
 def _with_axes_of_first(scene: SceneFile) -> Iterator[tuple[str, tuple[str, str]]]:
@@ -120,7 +127,12 @@ def _with_axes_of_first(scene: SceneFile) -> Iterator[tuple[str, tuple[str, str]
 
 
 def _check_tilts(system: System, masses: set[str], turning: set[str]) -> None:
-    """Raises spatial joints whose point mass alone would hold the axis of a body."""
+    """Check that no point mass alone holds the axis of a body by a spatial joint.
+
+    Raises
+    ------
+    InputError : one does.
+    """
     if system.planar:
         return
     tilted = {}
@@ -151,18 +163,18 @@ def _check_tilts(system: System, masses: set[str], turning: set[str]) -> None:
         tilt = C[each].toarray().T
         if np.abs(tilt - others.T @ solve(others @ tilt)).max(initial=0.0) > _HELD:
             freer = _TILTED[system.scene.joints[name].type]
-            words = "the joint holds the direction of an axis, which acts"
-            remedy = f'type = "{freer}"' if freer else "no thread"
+            words = "the joint would hold the axis of another body by"
+            remedy = f'type = "{freer}"' if freer else ""
             raise _error(f"joints.{name}", words, tilted[name], remedy)
 
 
-def _error(
-    place: str, what: str, body: str, remedy: str, link: str = "on"
-) -> InputError:
+def _error(place: str, words: str, body: str, remedy: str) -> InputError:
+    """Return the error of what acts, in words that end before the name of the body."""
+    expected = f"a body with inertia: bodies.{body}.inertia"
     return InputError(
-        f"{what} {link} {body}, a point mass, which does not rotate",
+        f"{words} {body}, a point mass, which has no orientation",
         place=place,
-        expected=f"a body with inertia: bodies.{body}.inertia, or {remedy}",
+        expected=f"{expected}, or {remedy}" if remedy else expected,
     )
 
 
@@ -197,28 +209,28 @@ def _torques(scene: SceneFile) -> Iterator[tuple[str, str, tuple[str, ...], str]
             for other, coordinate, _ in coupled_coordinates(joint, joints):
                 if is_turned(coordinate):
                     markers = tuple(marker_names(joints[other]))
-                    yield place, f"the {coordinate} of {other} acts", markers, "none"
+                    yield place, f"the {coordinate} of {other} acts on", markers, ""
         elif joint.type == "prismatic":
-            words = "the joint holds the orientation, which acts"
+            words = "the joint would hold the orientation of another body by"
             yield place, words, tuple(marker_names(joint)), 'type = "point_on_line"'
         elif joint.type == "revolute" and joint.friction is not None:
             markers = tuple(marker_names(joint))
-            yield f"{place}.friction", "its friction acts", markers, "no friction"
+            yield f"{place}.friction", "its friction acts on", markers, "no friction"
     for name, drive in scene.drives.items():
         if is_turned(driven_coordinate(drive, joints)):
             markers = (drive.marker or "ground", drive.reference)
             if drive.joint is not None:
                 markers = tuple(marker_names(joints[drive.joint]))
-            yield f"drives.{name}", "its torque acts", markers, "no drive"
+            yield f"drives.{name}", "its torque acts on", markers, "no drive"
     for name, force in scene.forces.items():
         joint_name = getattr(force, "joint", None)
         if joint_name is not None and is_turned(force_coordinate(force, scene)):
             markers = tuple(marker_names(joints[joint_name]))
-            yield f"forces.{name}", "its torque acts", markers, "no force"
+            yield f"forces.{name}", "its torque acts on", markers, "no force"
         elif isinstance(force, Bushing) and _twists(force, scene):
             yield (
                 f"forces.{name}",
-                "its torque acts",
+                "its torque acts on",
                 tuple(force.markers),
                 "zeros for rotations",
             )
