@@ -248,9 +248,9 @@ def test_a_solid_swings_with_the_section_forces_of_a_beam() -> None:
     assert (np.abs(solid_forces - beam_forces) <= 5e-3 * size).all()
 
 
-def test_a_plane_at_an_angle_through_curved_elements() -> None:
-    """A half ring, cut where it stands at an angle: mass and centre of the sector
-    beyond, and the weight that hangs on it.
+def test_planes_through_curved_elements() -> None:
+    """A half ring, cut along a radius: mass and centre of the sector beyond. Cut across
+    its elements: the mass of the segment beyond, with the error of the mesh.
     """
     inner, outer, angle = 0.4, 0.6, 2.0
     root = np.sqrt(0.5)
@@ -271,11 +271,13 @@ def test_a_plane_at_an_angle_through_curved_elements() -> None:
                 "s": {
                     "point": [np.cos(angle) * 0.5, np.sin(angle) * 0.5],
                     "normal": [np.sin(angle), -np.cos(angle)],
-                }
+                },
+                "across": {"point": [0.25, 0.5], "normal": [1.0, 0.0]},
             }
         },
     )
-    part = sidtool.convert(model).section("s").part
+    sid = sidtool.convert(model)
+    part = sid.section("s").part
     mass = RHO * HEIGHT * angle / 2 * (outer**2 - inner**2)
     moments = (
         RHO
@@ -287,6 +289,10 @@ def test_a_plane_at_an_angle_through_curved_elements() -> None:
     assert part.mass == pytest.approx(mass, rel=1e-6)
     origin = np.array([-0.5, 0.0])
     assert_allclose(part.mdCM.m0[:2, 0], moments - mass * origin, rtol=1e-6)
+    x, radii = 0.25, np.array([inner, outer])
+    areas = radii**2 / 2 * np.arccos(x / radii) - x / 2 * np.sqrt(radii**2 - x**2)
+    segment = RHO * HEIGHT * (areas[1] - areas[0])
+    assert sid.section("across").part.mass == pytest.approx(segment, rel=3e-5)
 
 
 @pytest.mark.parametrize("kind", SOLIDS)
@@ -349,7 +355,7 @@ def deck(path: Path, cells: list[tuple[int, int, int]], h: float) -> Path:
     text += [str(k) for k in left]
     text += ["*SOLID SECTION, ELSET=ALL, MATERIAL=STEEL", "*MATERIAL, NAME=STEEL"]
     text += ["*ELASTIC", f"{E}, 0.3", "*DENSITY", f"{RHO}", ""]
-    path.write_text("\n".join(text))
+    path.write_text("\n".join(text), encoding="utf-8")
     return path
 
 
