@@ -61,7 +61,7 @@ _about_option = click.option(
     type=output_path,
     help=(
         "File to write: .npz (NumPy), .mat (MATLAB), .json, or .fmu, a functional"
-        " mock-up unit for model exchange."
+        " mock-up unit for model exchange and co-simulation."
     ),
 )
 @click.option(
