@@ -6,6 +6,7 @@
 - `static_equilibrium`, `initial_equilibrium`: static equilibrium
 - `rotating_groups`, `steady_rotation`: steady rotation
 - `reference_axes`, `rotated_shapes`: axes in which small motions are seen
+- `power_laws`: limits of differences that fall slowly with their step
 - `operating_point`: the state that is linearised
 - `multi_blade`: equal bodies around an axis (Coleman transformation)
 - `state_matrix`, `steady_axes`, `rigid_motions`, `whirl`, `linearisation`: natural

@@ -17,9 +17,10 @@ from sidtool.formats.base.sid import Array
 
 #: So many differences show a power law.
 POWER_LAW = 4
-#: Limits are known to this part of them; below the other part of the first difference
-#: they are zero.
-KNOWN, NO_SLOPE = 1e-5, 1e-4
+#: Largest error of a limit that is used, relative to the limit.
+LIMIT_TOLERANCE = 1e-5
+#: Limits below this part of the first difference count as zero.
+ZERO_SLOPE = 1e-4
 #: Differences of successive steps have a limit where they fall at least as much.
 SLOWEST = 0.95
 
@@ -32,7 +33,12 @@ def limits(differences: Sequence[Array]) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    differences : four or more; where they do not fall the last one of four stands
+    differences : four or more; a component that does not converge keeps the last
+        difference.
+
+    Returns
+    -------
+    limits and errors, each of the shape of a difference
     """
     found = [
         _limit(*three)
@@ -47,11 +53,12 @@ def power_law_limit(differences: Sequence[Array], otherwise: Array) -> Array:
     if len(differences) < POWER_LAW:
         return otherwise
     limit, error = limits(differences)
-    size = np.maximum(np.abs(limit), NO_SLOPE * np.abs(differences[0]))
-    return np.where(error <= KNOWN * size, limit, otherwise)
+    size = np.maximum(np.abs(limit), ZERO_SLOPE * np.abs(differences[0]))
+    return np.where(error <= LIMIT_TOLERANCE * size, limit, otherwise)
 
 
 def _limit(first: Array, second: Array, third: Array) -> Array:
+    """Limits (...) of the components of three differences (...) of successive steps."""
     change, next_change = second - first, third - second
     ratio = next_change / np.where(change == 0.0, np.inf, change)
     falls = (ratio > 0.0) & (ratio < SLOWEST)

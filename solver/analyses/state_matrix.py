@@ -24,7 +24,7 @@ from ..system.system import System
 from .dense_equations import DenseEquations, least_squares, null_space
 from .frozen_inputs import state_entries
 from .multi_blade import BladeGroup, mixing_matrix
-from .power_laws import KNOWN, NO_SLOPE, POWER_LAW, limits
+from .power_laws import LIMIT_TOLERANCE, POWER_LAW, ZERO_SLOPE, limits
 from .reference_axes import (
     frame_rotation_matrix,
     independent_rows,
@@ -510,8 +510,8 @@ def _with_limit(steps: Sequence[_Differences]) -> _Differences | None:
     force, error = limits([one.force for one in steps])
     bend, bend_error = limits([one.bend for one in steps])
     unknown = max(error.max(initial=0.0), (np.abs(bend) + bend_error).max(initial=0.0))
-    size = max(np.abs(force).max(initial=0.0), NO_SLOPE * steps[0].size)
-    if unknown > KNOWN * size:
+    size = max(np.abs(force).max(initial=0.0), ZERO_SLOPE * steps[0].size)
+    if unknown > LIMIT_TOLERANCE * size:
         return None
     first = steps[0]  # constraints are smooth, and have less rounding there
     return first._replace(curvature=0.0, columns=[force, *first.columns[1:]])

@@ -3,7 +3,7 @@
 - `samples`: kinematics, accelerations and multipliers of recorded states
 - `evaluated_forces`: forces, energies and momenta of recorded states
 - `body_outputs`: motion, momenta and stresses of bodies and markers
-- `section_forces`: section forces of beams
+- `section_forces`: section forces of bodies
 - `reactions`: forces and torques of joints, drives and forces
 - `energies`: energies, powers and their integrals
 - `scene_outputs`: outputs of the whole scene

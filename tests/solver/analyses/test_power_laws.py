@@ -52,8 +52,7 @@ X, RATE = "rail.displacement", "rail.displacement_rate"
     ],
 )
 def test_a_contact_that_just_touches_adds_no_stiffness(law: str) -> None:
-    """Its slope at the state is zero: 10 rad/s without damping. The first law gave
-    707 rad/s, and no word."""
+    """Its slope at the state is zero: 10 rad/s without damping."""
     modes = sidtool.linearise(slider(law), about="start")
     assert_allclose(modes.eigenvalues, [10j], atol=1e-4)
     assert "N745" not in codes(modes)
@@ -82,7 +81,7 @@ def test_what_has_no_single_power_is_named(law: str) -> None:
 @pytest.mark.parametrize(
     ("law", "slope"),
     [
-        ("1e4*max(u, 0)**1.5", 0.0),  # gave 0.62
+        ("1e4*max(u, 0)**1.5", 0.0),
         ("100*u + 1e5*max(u, 0)**1.5 + 3*sin(u)", 103.0),
         ("exp(u)*50 - 50", 50.0),
         ("1e4*u**2", 0.0),
@@ -113,8 +112,8 @@ def test_limits_of_power_laws() -> None:
     assert error.max() < 1e-12
     same, _ = limits(np.full((5, 2), 4.0))
     assert_allclose(same, 4.0)
-    grows, error = limits((1.0 / steps)[:, None])
-    assert grows < 8.0**5 + 1.0 and error > 1.0
+    kept, change = limits((1.0 / steps)[:, None])
+    assert (kept, change) == (8.0**3, 8.0**3 - 8.0**2)
 
 
 def test_linear_inputs_have_no_corner() -> None:
