@@ -3,11 +3,10 @@
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import ModelWrapValidatorHandler, PrivateAttr, model_validator
 
 from ..toml.constructor_types import (
     Entries,
@@ -18,7 +17,8 @@ from ..toml.constructor_types import (
     Takes,
 )
 from .base import Table
-from .signal_files import SCALE, SIGNAL_KEYS, signal_and_unit
+from .signal_files import SCALE
+from .signal_table import SignalTable
 
 SIGNAL_FILE = (
     "CSV file, HDF5 file or result of sidtool with the times and values, relative to "
@@ -107,7 +107,7 @@ class SineRamp(Table):
     offset: Number = Field(default=0.0, description="of a rate: the value at `from`")
 
 
-class Spline(Table):
+class Spline(SignalTable):
     """A table of values over time, joined by straight lines or by a smooth curve.
 
     `interpolation = "linear"`, the default of forces and of prescribed accelerations:
@@ -139,23 +139,6 @@ class Spline(Table):
     ends: Literal["not-a-knot", "clamped", "natural"] = Field(
         default="not-a-knot", description="what holds at both ends of a smooth curve"
     )
-
-    #: what the file states of its values
-    _unit_of_file: str = PrivateAttr(default="")
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _read_file(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        data, unit = signal_and_unit(data, SIGNAL_KEYS)
-        table = handler(data)
-        if unit:
-            table._unit_of_file = unit
-        return table
-
-    @property
-    def unit_of_file(self) -> str:
-        """The unit that its file states, or ""."""
-        return self._unit_of_file
 
 
 class Given(Table):

@@ -1,21 +1,19 @@
 """Inputs of a scene: signals from outside, for forces, drives and control laws."""
 
 from collections.abc import Mapping
-from typing import Any, Literal, Self
-
-from pydantic import ModelWrapValidatorHandler, PrivateAttr, model_validator
+from typing import Literal
 
 from ..toml.constructor_types import Field, Number, OptionalNumbers
-from .base import Table
 from .functions import SIGNAL_FILE, TIME_COLUMN, VALUE_COLUMN
-from .signal_files import SCALE, SIGNAL_KEYS, signal_and_unit
+from .signal_files import SCALE
+from .signal_table import SignalTable
 
 #: How an input goes on between its values, by the number of continuous derivatives
 #: plus one.
 INTERPOLATIONS = ("hold", "linear", "smooth")
 
 
-class Input(Table):
+class Input(SignalTable):
     """A signal that comes from outside of the scene.
 
     A program that advances the scene as a plant sets it. In a run it follows its table
@@ -47,23 +45,6 @@ class Input(Table):
     values: OptionalNumbers = Field(
         default=None, min_length=1, description="as many as there are times"
     )
-
-    #: what the file states of its values
-    _unit_of_file: str = PrivateAttr(default="")
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _read_file(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        data, unit = signal_and_unit(data, SIGNAL_KEYS)
-        table = handler(data)
-        if unit:
-            table._unit_of_file = unit
-        return table
-
-    @property
-    def unit_of_file(self) -> str:
-        """The unit that its file states, or ""."""
-        return self._unit_of_file
 
     @property
     def continuity(self) -> int:
