@@ -114,8 +114,8 @@ class States:
 class StepMatrices:
     """Matrices of some steps, with H = h (A x I) and the blocks of J.
 
-    Positions are dZ = position_start dz + response dV + `positions`(g_z), velocities
-    system dV = start dz + 1 dv + H (a_p + J_z `positions`(g_z)) + g_v.
+    Positions are dZ = position_start dz + response dV + P g_z, velocities
+    system dV = start dz + 1 dv + H (a_p + J_z P g_z) + g_v. P is `rates.positions`.
 
     Attributes
     ----------
@@ -141,14 +141,6 @@ class StepMatrices:
         """H x."""
         return _by_stages(self.A, self.h, x)
 
-    def positions(self, x: Array) -> Array:
-        """(1 - H T)^-1 x with the derivatives T of rates of positions by positions."""
-        return self.rates.positions(x)
-
-    def positions_back(self, x: Array) -> Array:
-        """The transposed of `positions`."""
-        return self.rates.positions_back(x)
-
 
 class RotationRates:
     """Derivatives T of rates of positions by positions at the stages of some steps.
@@ -158,8 +150,15 @@ class RotationRates:
 
     Parameters
     ----------
-    by_position : (steps, s, nz, nz)
+    h : (steps,) [s]
+    A : (s, s) of the collocation method
+    by_position : (steps, s, nz, nz) T
     rotations : (bodies, 1 or 4) angles or quaternions among the positions
+
+    Attributes
+    ----------
+    inverse : (steps, bodies, s q, s q) of 1 - H T in the q coordinates of the rotation
+        of each body; None in the plane, where it is 1
     """
 
     def __init__(self, h: Array, A: Array, by_position: Array, rotations: IntTable):
@@ -178,7 +177,7 @@ class RotationRates:
 
     def positions(self, x: Array) -> Array:
         """(1 - H T)^-1 x of columns of stages (steps, s, nz, columns)."""
-        turned = self._turned(x[:, :, self.rotations], transposed=False)
+        turned = self._apply_block_inverses(x[:, :, self.rotations], transposed=False)
         return x + _by_stages(self.A, self.h, self.by_rotation @ turned)
 
     def positions_back(self, x: Array) -> Array:
@@ -186,11 +185,12 @@ class RotationRates:
         by_rate = _by_stages(self.A.T, self.h, x)
         moved = self.by_rotation.transpose(0, 1, 3, 2) @ by_rate
         rows = moved.reshape(*x.shape[:2], *self.rotations.shape, x.shape[3])
+        solved = self._apply_block_inverses(rows, transposed=True)
         found = x.copy()
-        found[:, :, self.rotations.ravel()] += self._turned(rows, transposed=True)
+        found[:, :, self.rotations.ravel()] += solved
         return found
 
-    def _turned(self, x: Array, *, transposed: bool) -> Array:
+    def _apply_block_inverses(self, x: Array, *, transposed: bool) -> Array:
         """Rows of rotations (steps, s, bodies, q, columns) by the inverse of each body,
         as (steps, s, bodies q, columns).
         """
@@ -364,13 +364,26 @@ class LinearisedRun:
         states = self.stages.selected(rows)
         return (*states.arguments, *map(np.ascontiguousarray, parts))
 
-    def _differences(self, rows: slice | IntTable, chosen: IntTable) -> Array:
-        """Derivatives by some coordinates, as differences."""
+    def _differences(
+        self,
+        rows: slice | IntTable,
+        columns: IntTable,
+        difference: tuple[Array, Array] | None = None,
+    ) -> Array:
+        """Derivatives by some coordinates, as differences.
+
+        Parameters
+        ----------
+        rows : of the stages
+        columns : coordinates
+        difference : points and weights, default `self.difference`
+        """
+        points, weights = difference or self.difference
         given = self._states_with_forces(rows)
-        out = np.zeros((len(given[0]), len(chosen), self.nv + self.m))
+        out = np.zeros((len(given[0]), len(columns), self.nv + self.m))
         batch_evaluation.differentiate_states(
             *(self.kernels, self.system.arrays, self.work),
-            *(*given, chosen, self.steps_z, self.steps_v, *self.difference, out),
+            *(*given, columns, self.steps_z, self.steps_v, points, weights, out),
         )
         return out
 
@@ -421,8 +434,8 @@ class LinearisedRun:
         (points, weights), found = difference, []
         steps = np.concatenate([self.steps_z[: self.nz], self.steps_v])[:, None]
         for width in (1.0, WIDE_STEP):
-            self.difference = width * points, weights / width
-            found.append(self._differences(rows, np.arange(len(steps))) * steps)
+            scaled = width * points, weights / width
+            found.append(self._differences(rows, np.arange(len(steps)), scaled) * steps)
         return found[0], found[1]
 
     def _row_sizes(self, changes: Array) -> Array:
@@ -497,10 +510,10 @@ class LinearisedRun:
         rates = position_rates(self.system, states.z, states.v)
         h = np.diff(self.times)[steps]
         by_position = rates.by_position.reshape(n, s, nz, nz)
-        turning = RotationRates(h, self.A, by_position, self.rotations)
-        start = turning.positions(np.broadcast_to(np.eye(nz), by_position.shape))
+        rotation_rates = RotationRates(h, self.A, by_position, self.rotations)
+        start = rotation_rates.positions(np.broadcast_to(np.eye(nz), by_position.shape))
         Z = self._own_columns(rates.Z.reshape(n, s, nz, nv))
-        response = turning.positions(self._weighted_blocks(h, Z))
+        response = rotation_rates.positions(self._weighted_blocks(h, Z))
         product = Jz @ response
         product += self._own_columns(J[..., nz:])
         system = np.eye(s * nv) - self._weighted_blocks(h, product).reshape(
@@ -508,7 +521,9 @@ class LinearisedRun:
         )
         right = self._weighted_blocks(h, Jz @ start).reshape(n, s * nv, nz)
         response = response.reshape(n, s * nz, s * nv)
-        return StepMatrices(h, self.A, Jz, turning, start, response, system, right)
+        return StepMatrices(
+            h, self.A, Jz, rotation_rates, start, response, system, right
+        )
 
     def _weighted_blocks(self, h: Array, x: Array) -> Array:
         """H times stages of blocks (steps, s, rows, columns)."""

@@ -301,7 +301,7 @@ class MotionDerivatives:
         rates = self._rate_changes(steps, changes, stretch)
         moved = None
         if rates is not None:
-            moved = matrices.positions(matrices.weighted(rates))
+            moved = matrices.rates.positions(matrices.weighted(rates))
             slopes = slopes + matrices.by_position @ moved
         right = matrices.weighted(slopes).reshape(n, s * nv, count)
         ones = np.broadcast_to(np.tile(np.eye(nv), (s, 1)), (n, s * nv, nv))
@@ -432,7 +432,7 @@ class MotionDerivatives:
         rows = run.stage_rows(steps)
         slopes = matrices.weighted_back(np.asarray(psi).reshape(n, s, nv, count))
         moved = by_z + matrices.by_position.transpose(0, 1, 3, 2) @ slopes
-        rates = matrices.weighted_back(matrices.positions_back(moved))
+        rates = matrices.weighted_back(matrices.rates.positions_back(moved))
         columns = np.zeros((n * s, count, nv + run.m))
         columns[:, :, :nv] = slopes.reshape(n * s, nv, count).transpose(0, 2, 1)
         own = run.accelerations[rows].reshape(n, s, nv)
