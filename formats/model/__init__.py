@@ -239,8 +239,8 @@ class ModelFile(File):
 
     @model_validator(mode="after")
     def _sections_fit_the_geometry(self) -> Self:
-        asked, geometry = self.section_forces, self.geometry
-        if asked is None:
+        requested, geometry = self.section_forces, self.geometry
+        if requested is None:
             return self
         if self.comes_as_matrices:
             raise InputError(
@@ -249,24 +249,33 @@ class ModelFile(File):
                 expected="a beam, a frame or a body of solid elements",
             )
         beam = isinstance(geometry, BeamGeometry | FrameGeometry)
-        if beam is not (asked.stations is not None) or beam is bool(asked.cuts):
+        expected = "stations" if beam else "cuts, each with point and normal"
+        if requested.stations is not None and not beam:
             raise InputError(
-                "has stations of beams for a solid, or cuts of solids for a beam"
-                if asked.stations is not None or asked.cuts
-                else "names no section",
+                "has stations of beams for a solid",
                 place="section_forces",
-                expected="stations" if beam else "cuts, each with point and normal",
+                expected=expected,
             )
-        if asked.members is not None and not isinstance(geometry, FrameGeometry):
+        if requested.cuts and beam:
+            raise InputError(
+                "has cuts of solids for a beam",
+                place="section_forces",
+                expected=expected,
+            )
+        if requested.stations is None and not requested.cuts:
+            raise InputError(
+                "names no section", place="section_forces", expected=expected
+            )
+        if requested.members is not None and not isinstance(geometry, FrameGeometry):
             raise InputError(
                 "is for frames",
                 place="section_forces.members",
                 expected='a geometry of type "frame"',
             )
         if isinstance(geometry, FrameGeometry):
-            for name in asked.members or ():
+            for name in requested.members or ():
                 check_name(name, geometry.members, "member", "section_forces.members")
-        for key, names in (("stations", asked.fractions), ("cuts", asked.cuts)):
+        for key, names in (("stations", requested.fractions), ("cuts", requested.cuts)):
             for name in names:
                 if not _SECTION_NAME.fullmatch(name):
                     raise InputError(
@@ -274,7 +283,7 @@ class ModelFile(File):
                         place=f"section_forces.{key}",
                         expected="letters, digits, _ and -, a letter first",
                     )
-        for name, cut in asked.cuts.items():
+        for name, cut in requested.cuts.items():
             for marker in cut.markers or ():
                 place = f"section_forces.cuts.{name}.markers"
                 check_name(marker, self.markers, "marker", place)

@@ -21,7 +21,7 @@ class PlaneCut(Table):
     y_axis : direction of the section's y axis in space, made perpendicular to the
         normal; by default y, or -x for a normal along y
     nearest : where the plane meets the body in several places, whether the section is
-        the one nearest to the point, and the part beyond what hangs on it alone
+        the one nearest to the point, and the part beyond what is connected with it
     markers : names of the markers beyond; by default those that lie there
     """
 

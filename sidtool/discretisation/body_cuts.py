@@ -42,8 +42,10 @@ def add_cuts(body: FiniteElementModel, model: ModelFile) -> FiniteElementModel:
     ------
     InputError : the body has no solid elements, or a plane does not cut it.
     """
-    asked = model.section_forces
-    if asked is None or not asked.cuts or not np.isrealobj(body.positions):
+    requested = model.section_forces
+    if requested is None or not requested.cuts:
+        return body
+    if not np.isrealobj(body.positions):  # derivatives of SIDs have no sections
         return body
     groups = list(mesh_groups(body.solids)) if body.solids else []
     if body.patches:
@@ -63,7 +65,7 @@ def add_cuts(body: FiniteElementModel, model: ModelFile) -> FiniteElementModel:
     tied = {name for name, marker in model.markers.items() if marker.tie is not None}
     tied |= {name for coupling in body.couplings for name in coupling.markers}
     cuts = []
-    for name, cut in asked.cuts.items():
+    for name, cut in requested.cuts.items():
         try:
             cuts.append(_body_cut(body, groups, name, cut, tied))
         except InputError as error:
@@ -83,8 +85,8 @@ def _body_cut(
     tied: set[str],
 ) -> BodyCut:
     plane, axes = _plane_and_axes(body, cut)
-    n, d = body.positions.shape
-    distances = plane.distances(body.positions)
+    d = body.dimension
+    distances = plane.snapped_distances(body.positions)
     chosen = _nearest_piece(body, plane, distances) if cut.nearest else None
     part = part_beyond(groups, body.positions, plane, body.internal_inertia, chosen)
     nodes = np.flatnonzero(part.section.diagonal())
@@ -101,23 +103,25 @@ def _body_cut(
     before = everything.sum() - part.scalar_mass.sum()
     at_start = before <= _NO_MASS * everything.sum()
 
-    def beyond(places: Array) -> NDArray[np.bool_]:
-        """Of places (k, 3); those in the plane belong to the part, if there is mass
+    def beyond(positions: Array) -> NDArray[np.bool_]:
+        """Of positions (k, 3); those in the plane belong to the part, if there is mass
         before it.
         """
-        s = plane.distances(places[:, :d])
+        s = plane.snapped_distances(positions[:, :d])
         found = (s > 0) if at_start else (s >= 0)
         if chosen is None:
             return found
-        close = np.linalg.norm(body.positions - places[:, None, :d], axis=2)
+        close = np.linalg.norm(body.positions - positions[:, None, :d], axis=2)
         close[:, distances < 0] = np.inf
         return found & chosen[close.argmin(axis=1)]
 
     if cut.markers is not None:
         markers = cut.markers
     else:
-        places = [_place_of_load(body, m, m.name in tied, plane) for m in body.markers]
-        inside = beyond(np.array(places))
+        loaded = [
+            _position_of_load(body, m, m.name in tied, plane) for m in body.markers
+        ]
+        inside = beyond(np.array(loaded))
         markers = tuple(
             m.name
             for m, is_beyond in zip(body.markers, inside, strict=True)
@@ -161,7 +165,7 @@ def _plane_and_axes(body: FiniteElementModel, cut: PlaneCut) -> tuple[Plane, Arr
     return plane, np.array([plane.normal, y_axis, np.cross(plane.normal, y_axis)])
 
 
-def _place_of_load(
+def _position_of_load(
     body: FiniteElementModel, marker: MarkerRows, tied: bool, plane: Plane
 ) -> Array:
     """(3,) where forces at a marker act on the body: of a tied one its nodes.
@@ -175,22 +179,21 @@ def _place_of_load(
     dofs = moving_dofs(marker.displacement)
     held = np.isin(body.table, dofs).any(axis=1)
     positions = body.positions[held]
-    s = plane.distances(positions)
+    s = plane.snapped_distances(positions)
     if s.min() < 0 < s.max():
         raise InputError(
             f"the plane passes through the nodes of the tied marker {marker.name}",
             place=".markers",
             expected="the names of the markers beyond the plane, with it or without it",
         )
-    place = positions.mean(axis=0)
-    return np.pad(place, (0, 3 - body.dimension))
+    return np.pad(positions.mean(axis=0), (0, 3 - body.dimension))
 
 
 def _nearest_piece(
     body: FiniteElementModel, plane: Plane, distances: Array
 ) -> NDArray[np.bool_]:
-    """(n,) mask of the nodes beyond the plane that hang on the section nearest to the
-    point of the plane.
+    """(n,) mask of the nodes beyond the plane that are connected with the section
+    nearest to the point of the plane.
     """
     beyond = distances > 0
     if not beyond.any():

@@ -1,10 +1,9 @@
 """Mass of the part of a solid body beyond a plane, and the section in the plane.
 
-Elements that the plane passes through are divided into simplices (triangles,
-tetrahedra) in their reference coordinates, and each simplex at the plane, with the
-face in the plane between the points where its edges meet the plane. That is exact where
-the map of the element is linear; elsewhere simplices at the plane are halved first. The
-integrals do then not depend on where the mesh has its nodes.
+Elements at the plane are divided into simplices (triangles, tetrahedra) in reference
+coordinates. Simplices that the plane crosses are clipped there, and their faces in the
+plane are the section. This is exact for affine elements; others are subdivided first.
+The integrals then do not depend on where the mesh has its nodes.
 """
 
 from __future__ import annotations
@@ -34,13 +33,15 @@ Indices = NDArray[np.int64]
 #: Values (q, m) and slopes by the reference coordinates (q, m, d) of the functions of
 #: an element at reference points (q, d): those of its nodes, and then of its inside.
 Functions = Callable[[Array], tuple[Array, Array]]
+#: Points (s, d) where edges meet the plane, by their ends (s, d) and the distances (s,)
+#: of both ends from it.
 Crossing = Callable[[Array, Array, tuple[Array, Array]], Array]
 
-#: Places this close to the plane lie in it, relative to the size of the body.
+#: Positions this close to the plane lie in it, relative to the size of the body.
 _IN_PLANE = 1e-9
-#: How often simplices are halved where the map of an element is not linear, and steps
-#: of the secant method to where an edge meets the plane then.
-_HALVINGS, _SECANTS = {2: 4, 3: 2}, 4
+#: How often simplices are subdivided where the map of an element is not affine, and
+#: steps of the secant method to where an edge meets the plane then.
+_SUBDIVISIONS, _SECANTS = {2: 4, 3: 2}, 4
 #: Points stay this far from the faces of a knot span, so that they are in it.
 _INSET = 1e-12
 #: Reference elements as simplices, by their corners.
@@ -59,12 +60,12 @@ _SIMPLICES: dict[str, tuple[tuple[int, ...], ...]] = {
     "wedge": ((0, 1, 2, 5), (0, 1, 4, 5), (0, 3, 4, 5)),
     "pyramid": ((0, 1, 2, 4), (0, 2, 3, 4)),
 }
-#: Simplices by their corners and the middles of their edges, halved.
+#: Subdivisions of simplices by their corners and the middles of their edges.
 _EDGES = {
     2: ((0, 1), (1, 2), (2, 0)),
     3: ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)),
 }
-_HALVES = {
+_SUBSIMPLICES = {
     2: ((0, 3, 5), (1, 4, 3), (2, 5, 4), (3, 4, 5)),
     3: (
         (0, 4, 5, 6),
@@ -81,13 +82,13 @@ _HALVES = {
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A plane, in the plane case a line.
+    """A plane; for plane bodies a line.
 
     Attributes
     ----------
     point : (d,) [m]
     normal : (d,) unit vector towards the part beyond
-    tolerance : distance of places that lie in it [m]
+    tolerance : distance of positions that lie in it [m]
     """
 
     point: Array
@@ -100,13 +101,13 @@ class Plane:
         size = float(np.ptp(positions, axis=0).max())
         return cls(point, normal / np.linalg.norm(normal), _IN_PLANE * size)
 
-    def heights(self, places: Array) -> Array:
-        """Distances (...) of places (..., d), positive beyond."""
-        return np.asarray((places - self.point) @ self.normal)
+    def signed_distances(self, positions: Array) -> Array:
+        """Distances (...) [m] of positions (..., d), positive beyond."""
+        return np.asarray((positions - self.point) @ self.normal)
 
-    def distances(self, places: Array) -> Array:
-        """Distances (...) of places (..., d), zero of places in the plane."""
-        s = self.heights(places)
+    def snapped_distances(self, positions: Array) -> Array:
+        """Signed distances (...) [m] of positions (..., d), zero if in the plane."""
+        s = self.signed_distances(positions)
         return np.where(np.abs(s) <= self.tolerance, 0.0, s)
 
 
@@ -287,11 +288,11 @@ def _batch_beyond(
     """Masses (e, m + k, m + k) of the elements with a part beyond, and their rows; the
     integrals over their faces in the plane go to `section`.
     """
-    distances = plane.distances(positions[batch.nodes])
+    distances = plane.snapped_distances(positions[batch.nodes])
     low, high = distances.min(axis=1), distances.max(axis=1)
-    taken: Any = True
+    taken: NDArray[np.bool_] = np.ones(len(distances), bool)
     if chosen is not None:
-        taken = (chosen[batch.nodes] & (distances > 0)).any(axis=1)
+        taken = np.any(chosen[batch.nodes] & (distances > 0), axis=1)
     whole = taken & (low >= 0) & (high > 0)
     rows = [np.flatnonzero(whole)]
     masses = [element_mass(_rows(batch, whole), group.density)]
@@ -329,7 +330,7 @@ class _Cut:
     ) -> None:
         self._functions, self._nodes, self._group = functions, nodes, group
         self._plane, self._d = plane, nodes.shape[1]
-        self._bent = False
+        self._is_curved = False
         simplices = self._divided(group.simplices)
         distances = self._distances_of(simplices)
         self._beyond, ahead = _clipped(simplices, distances, self._crossing)
@@ -373,13 +374,13 @@ class _Cut:
         nodal = values[:, :m]
         return np.asarray(nodal.T @ (nodal * measures[:, None]) / 2)
 
-    def _places(self, points: Array) -> Array:
+    def _positions_at(self, points: Array) -> Array:
         values, _ = self._functions(points)
         return np.asarray(values[:, : len(self._nodes)] @ self._nodes)
 
     def _distances_of(self, simplices: Array) -> Array:
-        places = self._places(simplices.reshape(-1, self._d))
-        return self._plane.distances(places).reshape(simplices.shape[:2])
+        positions = self._positions_at(simplices.reshape(-1, self._d))
+        return self._plane.snapped_distances(positions).reshape(simplices.shape[:2])
 
     def _crossing(self, first: Array, last: Array, ends: tuple[Array, Array]) -> Array:
         """(s, d) points of edges in the plane.
@@ -390,30 +391,30 @@ class _Cut:
         ends : distances (s,) of both, of different signs
         """
         edge, before, share = last - first, np.zeros(len(first)), _root(0.0, 1.0, *ends)
-        height, sign = np.abs(ends[0]), np.sign(ends[0])
-        for _ in range(_SECANTS if self._bent and len(first) else 0):
+        distance, sign = np.abs(ends[0]), np.sign(ends[0])
+        for _ in range(_SECANTS if self._is_curved and len(first) else 0):
             points = first + share[:, None] * edge
-            here = sign * self._plane.heights(self._places(points))
-            done = (here == 0) | (here == height)
-            ahead = _root(before, share, height, np.where(done, height - 1, here))
-            before, height = share, here
+            here = sign * self._plane.signed_distances(self._positions_at(points))
+            done = (here == 0) | (here == distance)
+            ahead = _root(before, share, distance, np.where(done, distance - 1, here))
+            before, distance = share, here
             share = np.where(done, share, np.clip(ahead, 0.0, 1.0))
         return np.asarray(first + share[:, None] * edge)
 
     def _divided(self, simplices: Array) -> Array:
-        """Simplices halved where the distance from the plane is not linear in them."""
+        """Simplices, subdivided where the distance from the plane is not linear."""
         done, d = [], self._d
-        for _ in range(_HALVINGS[d]):
+        for _ in range(_SUBDIVISIONS[d]):
             ends = self._distances_of(simplices)
             pairs = np.array(_EDGES[d])
             middles = simplices[:, pairs].mean(axis=2)
-            bend = self._distances_of(middles) - ends[:, pairs].mean(axis=2)
+            deviation = self._distances_of(middles) - ends[:, pairs].mean(axis=2)
             mixed = (ends.min(axis=1) < 0) & (ends.max(axis=1) > 0)
-            split = mixed & (np.abs(bend).max(axis=1) > 3 * self._plane.tolerance)
-            self._bent |= bool(split.any())
+            split = mixed & (np.abs(deviation).max(axis=1) > 3 * self._plane.tolerance)
+            self._is_curved |= bool(split.any())
             done.append(simplices[~split])
             every = np.concatenate([simplices, middles], axis=1)[split]
-            simplices = every[:, np.array(_HALVES[d])].reshape(-1, d + 1, d)
+            simplices = every[:, np.array(_SUBSIMPLICES[d])].reshape(-1, d + 1, d)
             if not len(simplices):
                 break
         return np.concatenate([*done, simplices])
@@ -448,11 +449,11 @@ def _clipped(
     d = simplices.shape[2]
     order = np.argsort(-distances, axis=1)
     corners = np.take_along_axis(simplices, order[:, :, None], axis=1)
-    heights = np.take_along_axis(distances, order, axis=1)
-    beyond = (heights > 0).sum(axis=1)
+    ordered = np.take_along_axis(distances, order, axis=1)
+    beyond = (ordered > 0).sum(axis=1)
     volumes, faces = [corners[beyond == d + 1]], [np.zeros((0, d, d))]
     for count in range(1, d + 1):
-        v, s = (x[beyond == count].swapaxes(0, 1) for x in (corners, heights))
+        v, s = (x[beyond == count].swapaxes(0, 1) for x in (corners, ordered))
 
         def at(i: int, j: int, v: Array = v, s: Array = s) -> Array:
             return crossing(v[i], v[j], (s[i], s[j]))
