@@ -156,11 +156,12 @@ class Section:
     Attributes
     ----------
     name : of the section
-    part : mass integrals of the part beyond, with the shape functions and the frame of
-        the whole body; its first node is the section, whose axes are the tangent of a
-        beam or the normal of a cut, and the axes y and z of the section. It has no
-        stiffness. With further shape functions it has the nodes of the body, too
-    beyond : ids of the nodes of the body that belong to the part
+    part : mass integrals of the part beyond, without stiffness, with the shape
+        functions and the frame of the whole body. Its first node is the section, whose
+        axes are the tangent of a beam or the normal of a plane cut, and the axes y and
+        z of the section. With further shape functions the nodes of the body follow
+    beyond : ids of the nodes of the body that belong to the part; empty where the
+        section leaves the body connected
     """
 
     name: str

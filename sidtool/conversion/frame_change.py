@@ -147,7 +147,9 @@ class FrameChange:
     turn: Array
 
     def padded(self, nq: int) -> FrameChange:
-        """Return it for shape functions of which the further ones do not change."""
+        """Extend the change by zero rows for further shape functions, which keep their
+        values.
+        """
         rows = ((0, nq - len(self.turn)), (0, 0))
         shift, turn = np.pad(self.shift, rows), np.pad(self.turn, rows)
         return FrameChange(self.origin, shift, turn)
@@ -238,9 +240,11 @@ def apply_frame_change(sid: SID, change: FrameChange) -> SID:
     """A SID in the frame that a change describes; all blocks consistent."""
     second = has_second_order_field(sid)
     sections = tuple(
-        replace(section, part=_changed(section.part, change.padded(n), second))
+        replace(
+            section,
+            part=_changed(section.part, change.padded(section.part.nq), second),
+        )
         for section in sid.sections
-        for n in [section.part.nq]
     )
     moved = _changed(sid, change, second)
     moved = replace(moved, carried=_remaining_compliance(sid), sections=sections)

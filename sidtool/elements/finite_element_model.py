@@ -119,14 +119,16 @@ class BodyCut:
     ----------
     name : of the section
     section : its motion; the node number is that of no marker
-    axes : (3, 3) rows: the tangent and the axes y, z of the section
-    points : (p,) mask of the inertia points beyond
+    axes : (3, 3) rows: the tangent, or the normal of a plane cut, and the axes y, z of
+        the section
+    points : (p,) mask of the inertia points beyond; with `jump`, those of the element
+        at the cut
     markers : names of the markers beyond
     scalar_mass, internal_inertia : of a solid, those of the part beyond
-    resultants : (6, ndof) sparse; section forces = rows @ u, where the cut leaves the
-        body connected. The inertia points are then those of the element at the cut,
-    jump : and this its motion (ndof, 6) at the node there in the direction of each
-        section force
+    resultants : (6, ndof) sparse; section forces = rows @ u. None where the cut
+        separates the body
+    jump : (ndof, 6) sparse; displacement of the element's end at the node by a unit
+        jump along each section force. None where the cut separates the body
     """
 
     name: str

@@ -193,8 +193,10 @@ def rescale(
 
 
 def _rescaled_part(section: Section, length: float, mass: float, time: float) -> SID:
-    """The part beyond a section; displacements by a jump that is a length have no
-    unit, unlike those of the elastic coordinates.
+    """Rescale the part beyond a section.
+
+    The last six shape functions are displacements per unit jump: the first three (per
+    length) have no unit, the others (per angle) have that of a length.
     """
     part = rescale(section.part, length, mass, time, "section force")
     factors = np.ones(part.nq)
@@ -216,6 +218,13 @@ def _rescaled_part(section: Section, length: float, mass: float, time: float) ->
 
 
 def _scale_coordinates(entry: Taylor, name: str, factors: Array) -> Taylor:
+    """Multiply an entry by the factors of its shape functions.
+
+    Parameters
+    ----------
+    name : of the block or of the entry of a node
+    factors : (nq,)
+    """
     m0, m1, shape = entry.m0, entry.m1, BLOCK_SHAPES.get(name) or NODE_SHAPES[name]
     scales = {"q": factors, "3q": np.tile(factors, 3)}
     for axis, size in zip((-2, -1), shape, strict=True):

@@ -149,7 +149,9 @@ def _combine_parts(
 
 def _body_coordinates(mechanics: DenseEquations, shape: np.ndarray) -> list[np.ndarray]:
     """Of each body displacement and rotation of its frame, and elastic coordinates,
-    (6 + nq,), in its axes, zero of a body that is no body of the scene or is led."""
+    (6 + nq,), in its axes, zero for massless auxiliary bodies and for bodies with
+    prescribed motion.
+    """
     system = mechanics.system
     size = 2 if system.planar else 3
     leads, found = independent_rows(mechanics), []
@@ -169,9 +171,22 @@ def _body_coordinates(mechanics: DenseEquations, shape: np.ndarray) -> list[np.n
 def _inertial_motions(
     mechanics: DenseEquations, k: int, motion: np.ndarray
 ) -> np.ndarray:
-    """Displacements and rotations of body k, in inertial axes, times the roots of its
-    inertia, (points, 3): of its nodes, and the mean ones of its momenta, which do not
-    depend on where nodes are."""
+    """Displacements and rotations of a body in inertial axes, times the roots of its
+    inertia.
+
+    The points are the mean one of the momenta, which does not depend on where nodes
+    are, and the nodes.
+
+    Parameters
+    ----------
+    k : number of the body
+    motion : (6 + nq,) displacement and rotation of its frame, and elastic coordinates,
+        in its axes, see `_body_coordinates`
+
+    Returns
+    -------
+    (2 * points, 3), displacements above rotations
+    """
     system = mechanics.system
     row, sid = system.arrays.body[k], system.bodies[k].sid
     translation, rotation, q = motion[:3], motion[3:6], motion[6:]

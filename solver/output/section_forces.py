@@ -15,7 +15,7 @@ A section in a ring of members leaves the body connected. Its forces are the wor
 loads, inertia included, on the displacements by unit jumps at the section (influence
 functions). Of this work the part that the shape functions have is replaced by their
 own section forces, elastic (sigma of the node times the elastic coordinates) and
-viscous; the two differ by geometric stiffening.
+viscous; the two differ by geometric stiffening (theory, section 7).
 """
 
 from __future__ import annotations
@@ -96,10 +96,10 @@ def section_forces(evaluated: EvaluatedForces, owner: str, name: str) -> Array:
     )
     position, axes = _place(section.node, motion.q)
     total[:, 3:] -= np.cross(position, total[:, :3])
-    return _by_halves(total, axes)
+    return _in_axes(total, axes)
 
 
-def _by_halves(vectors: Array, axes: Array) -> Array:
+def _in_axes(vectors: Array, axes: Array) -> Array:
     """Forces and moments (nt, 6) in axes (nt, 3, 3), which are columns."""
     parts = [np.einsum("taj,ta->tj", axes, vectors[:, k : k + 3]) for k in (0, 3)]
     return np.concatenate(parts, axis=1)
@@ -108,7 +108,10 @@ def _by_halves(vectors: Array, axes: Array) -> Array:
 def _ring_forces(
     evaluated: EvaluatedForces, b: int, section: Section, motion: _Motion
 ) -> Array:
-    """Section forces (nt, 6) where the section leaves the body connected."""
+    """Section forces (nt, 6) where the section leaves the body connected.
+
+    The last formula of the section forces (theory, section 7).
+    """
     sid, part = evaluated.system.bodies[b].sid, section.part
     assert section.node.sigma is not None
     sigma = section.node.sigma.first_order(part.nq)[: sid.nq, :, 0]
@@ -120,7 +123,7 @@ def _ring_forces(
     damping = motion.q_dot @ sid.De.m0.T
     forces += work[:, sid.nq :] + (damping - work[:, : sid.nq]) @ own
     _, axes = _place(section.node, np.pad(motion.q, ((0, 0), (0, section.jumps))))
-    return _by_halves(forces, section.node.AP.m0.T @ axes)
+    return _in_axes(forces, section.node.AP.m0.T @ axes)
 
 
 def _work_of_loads(
