@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import pytest
+
 from sidtool.formats.diagnostics import Diagnostic
+from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
 
 
 class HasDiagnostics(Protocol):
@@ -28,3 +31,10 @@ def only(found: HasDiagnostics, *wanted: str) -> Diagnostic:
     """The one diagnostic with one of some codes."""
     (diagnostic,) = with_code(found, *wanted)
     return diagnostic
+
+
+def only_warning(caught: pytest.WarningsRecorder) -> DiagnosticWarning:
+    """The one warning that was emitted, of a diagnostic."""
+    (warning,) = caught
+    assert isinstance(warning.message, DiagnosticWarning)
+    return warning.message

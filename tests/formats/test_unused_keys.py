@@ -159,7 +159,7 @@ def test_parameters_tables_and_terms_that_no_formula_reads_are_named() -> None:
 
 @pytest.mark.parametrize("inertia", [None, 1.0])
 def test_a_point_mass_has_no_angular_velocity(inertia: float | None) -> None:
-    """Joints and drives, of which the scene has none, were said to have changed it."""
+    """Its initial angular velocity is named as without effect."""
     body = {"mass": 1.0, "initial": {"angular_velocity": 2.0}} | (
         {} if inertia is None else {"inertia": inertia}
     )

@@ -17,6 +17,7 @@ from sidtool.api.sensitivity import parse_problem
 from sidtool.sensitivity.seeds import functional_seeds, linear_functional
 from sidtool.solver.simulation.linearised_run import LinearisedRun
 from sidtool.solver.simulation.motion_derivatives import MotionDerivatives
+from tests.places import EXAMPLES
 from tests.steel_bars import steel_bar
 
 from . import scenes
@@ -478,7 +479,7 @@ def test_an_output_depends_on_its_own_coordinates_alone() -> None:
 def test_rows_of_rounding_do_not_ask_for_differences() -> None:
     """The satellite turns in a plane: rows of what crosses it hold rounding only."""
     panels = {f"{side}.model": "panel.toml" for side in ("left", "right")}
-    scene = sidtool.Scene.load("examples/satellite/scene.toml")
+    scene = sidtool.Scene.load(EXAMPLES / "satellite" / "scene.toml")
     point = point_of(
         scene.with_(panels | {"time.end": 1.0}), ["hub.mass"], ["mean(hub.wy)"]
     )

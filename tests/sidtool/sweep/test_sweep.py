@@ -228,7 +228,7 @@ def test_wrong_wishes_are_refused(
 
 
 def test_a_range_without_a_count_is_no_text(pendulum: Path) -> None:
-    """1:2 was taken as a text, and refused as a length without the form of a range."""
+    """The error of 1:2 names the form of a range."""
     with pytest.raises(InputError) as refused:
         parse_axes("length=1:2")
     assert "FROM:TO:COUNT" in (refused.value.expected or "")

@@ -222,8 +222,8 @@ def keeps_angular_momentum(scene: sidtool.Scene) -> bool:
 def test_a_point_mass_does_not_hold_the_axis_of_a_body(
     joint: str, freer: str | None
 ) -> None:
-    """No load acts: the angular momentum of the joined pair is constant. Held at the
-    mass the axis stood still, and 0.45 of 0.93 kg m^2/s changed within a second."""
+    """No load acts: the angular momentum of the joined pair is constant. Joints whose
+    axis the point mass would hold are refused."""
     pitch = {"pitch": 0.1} if joint == "screw" else {}
     what = refused(free_body({"type": joint} | pitch))
     assert what.startswith("joints.joint:")
@@ -307,7 +307,7 @@ def test_nothing_acts_beside_the_centre_of_a_point_mass(
 
 
 def test_a_mass_on_an_arm_is_no_pendulum() -> None:
-    """It hung on the ground at the end of an arm that could not turn."""
+    """A point mass has no rotation: an arm between it and its joint is refused."""
     data = scene().file_data() | {"gravity": [0.0, -9.81]}
     arm = {"arm": {"position": [-1.0, 0.0]}}
     start = {"position": [1.0, 0.0]}

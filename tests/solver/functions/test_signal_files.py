@@ -254,17 +254,26 @@ def test_parentheses_of_units_are_in_pairs() -> None:
 
 
 @pytest.mark.parametrize(
-    "head", ["t [mm],z", "t,z [g]", "t [s],z [min]", "t,z [1/min]"]
+    ("head", "column"),
+    [
+        ("t [mm],z", "times"),
+        ("t,z [g]", "values"),
+        ("t [s],z [min]", "values"),
+        ("t,z [1/min]", "values"),
+    ],
 )
-def test_units_that_do_not_fit_are_refused(head: str, tmp_path: Path) -> None:
+def test_units_that_do_not_fit_are_refused(
+    head: str, column: str, tmp_path: Path
+) -> None:
     """Times are times; g is a mass and gravity, 1/min a frequency and a speed. A scale
     says what the values are.
     """
     file = tmp_path / "a.csv"
     file.write_text(f"{head}\n0,1\n1,2\n", encoding="utf-8")
     function = {"type": "table", "file": str(file)}
-    with pytest.raises(InputError, match="has the unit"):
+    with pytest.raises(InputError) as caught:
         validate_data(cart(function), SceneFile)
+    assert caught.value.place == f"the column of {column}"
     if "mm" not in head:
         scene = validate_data(cart(function | {"scale": 0.5}), SceneFile)
         assert scene.drives["road"].function.values == (0.5, 1.0)
@@ -283,7 +292,7 @@ def test_units_that_do_not_fit_are_refused(head: str, tmp_path: Path) -> None:
 def test_a_drive_takes_the_dimension_of_its_coordinate(
     unit: str, taken: str, tmp_path: Path
 ) -> None:
-    """A measured force in place of the road moved the cart by as many metres."""
+    """Where values would be metres, a file of other units is refused."""
     file = tmp_path / "f.csv"
     file.write_text(f"t [s],f [{unit}]\n0,0\n0.5,1\n1,0\n", encoding="utf-8")
     table = {"type": "table", "file": str(file)}
@@ -296,7 +305,7 @@ def test_a_drive_takes_the_dimension_of_its_coordinate(
         if not taken:
             validate_data(data, SceneFile)
             continue
-        with pytest.raises(InputError, match=rf"has the unit {unit}") as caught:
+        with pytest.raises(InputError) as caught:
             validate_data(data, SceneFile)
         assert caught.value.place == place
     scaled = cart(table | {"scale": 1e-3})
@@ -313,8 +322,9 @@ def test_a_drive_of_a_rate_takes_a_velocity(of: str, unit: str, tmp_path: Path) 
         if fits:
             validate_data(data, SceneFile)
         else:
-            with pytest.raises(InputError, match="has the unit"):
+            with pytest.raises(InputError) as caught:
                 validate_data(data, SceneFile)
+            assert caught.value.place == "drives.road.function.file"
 
 
 def pushed(unit: str, **changes: Any) -> dict[str, Any]:
