@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 import sidtool
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile
-from sidtool.formats.result import Result
-from sidtool.formats.scene import SceneFile
-from sidtool.formats.toml.reading import validate_data
+from tests.sidtool.conversion.sectioned_bars import (
+    TURN_ABOUT_Z,
+    assert_ends_have_the_forces_of_joints,
+    section,
+    simulated,
+)
 
 L, WIDTH, HEIGHT, E, RHO = 1.0, 0.05, 0.08, 2.1e11, 7850.0
 LINE = RHO * WIDTH * HEIGHT
@@ -29,13 +30,6 @@ SOLIDS: dict[str, dict[str, Any]] = {
     "hex20": {"type": "hex20", "elements": [4, 1, 1]},
     "tet10": {"type": "tet10", "elements": [6, 1, 1]},
     "iga": {"type": "iga", "degrees": [3, 2, 2], "elements": [4, 1, 1]},
-}
-TURN_ABOUT_Z = {
-    "hub": {
-        "type": "revolute",
-        "markers": ["ground", "bar.root"],
-        "axis": [0.0, 0.0, 1.0],
-    }
 }
 WALL = {"wall": {"type": "fixed", "markers": ["ground", "bar.root"]}}
 
@@ -96,26 +90,6 @@ def plate(**changes: Any) -> ModelFile:
     return solid({"type": "q4", "elements": [8, 2]}, **(data | changes))
 
 
-def simulated(sid: sidtool.SID, **scene: Any) -> Result:
-    data: dict[str, Any] = {
-        "format": "sidtool scene",
-        "version": 1,
-        "dimension": "spatial",
-        "time": {"end": 0.5, "output_step": 0.05},
-        "bodies": {"bar": {"sid": "bar.h5", "markers": {"root": 1, "tip": 2}}},
-    }
-    content = validate_data(data | scene, SceneFile)
-    return sidtool.simulate(content, sids={"bar": sid})
-
-
-def vectors(result: Result, owner: str, kind: str) -> Array:
-    return np.stack([result[f"{owner}.{kind}{axis}"] for axis in "xyz"], axis=1)
-
-
-def section(result: Result, name: str, quantities: str) -> Array:
-    return np.stack([result[f"bar.{name}.{q}"] for q in quantities.split()], axis=1)
-
-
 @pytest.mark.parametrize("kind", SOLIDS)
 def test_normal_force_of_a_rotating_bar(kind: str) -> None:
     """N = rho A W^2 (L^2 - x^2) / 2, as the bar hardly stretches."""
@@ -162,46 +136,7 @@ def test_at_both_ends_they_are_the_forces_of_the_joints(
 ) -> None:
     """Of a bar in space that turns and carries a mass at its tip."""
     sid = sidtool.convert(solid(SOLIDS[kind], stiffening=stiffening))
-    turned = [f"bar.{m}.rotation_{axis}" for m in ("root", "tip") for axis in "xyz"]
-    result = simulated(
-        sid,
-        gravity=[0.0, 0.0, -9.81],
-        bodies={
-            "bar": {"sid": "bar.h5", "markers": {"root": 1, "tip": 2}},
-            "load": {
-                "mass": 5.0,
-                "inertia": [0.1, 0.2, 0.3],
-                "centre_of_mass": [0.2, 0.1, 0.0],
-                "initial": {"position": [L, 0.0, 0.0]},
-            },
-        },
-        joints=TURN_ABOUT_Z
-        | {"flange": {"type": "fixed", "markers": ["bar.tip", "load"]}},
-        drives={
-            "motor": {
-                "joint": "hub",
-                "function": {
-                    "type": "sine_ramp",
-                    "of": "rate",
-                    "from": 0.0,
-                    "to": 0.5,
-                    "end": 3.0,
-                },
-            }
-        },
-        outputs={"record": ["bar.s*.*", "hub.*", "motor.*", "flange.*", *turned]},
-    )
-    for end, name, joints in (
-        ("root", "s1", ("hub", "motor")),
-        ("tip", "s5", ("flange",)),
-    ):
-        turn = Rotation.from_rotvec(vectors(result, f"bar.{end}", "rotation_"))
-        axes = sid.section(name).node.AP.m0
-        for kind, quantities in (("f", "N Vy Vz"), ("m", "T My Mz")):
-            joint = sum(vectors(result, each, kind) for each in joints)
-            expected = -turn.inv().apply(joint) @ axes
-            found = section(result, name, quantities)
-            assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    assert_ends_have_the_forces_of_joints(sid, [L, 0.0, 0.0])
 
 
 def test_a_solid_swings_with_the_section_forces_of_a_beam() -> None:

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
-from scipy.spatial.transform import Rotation
 
 import sidtool
 from sidtool.cli.main import run
 from sidtool.conversion.frame_change import change_frame
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
 from sidtool.formats.model import ModelFile
-from sidtool.formats.result import Result
-from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.storage.sid_content import differing_entries
-from sidtool.formats.toml.reading import validate_data
 from sidtool.validate import convert_units
+from tests.sidtool.conversion.sectioned_bars import (
+    assert_ends_have_the_forces_of_joints,
+    section,
+    simulated,
+)
 
 L, WIDTH, HEIGHT, E, RHO = 2.0, 0.02, 0.03, 2.1e11, 7850.0
 LINE = RHO * WIDTH * HEIGHT
@@ -51,22 +51,6 @@ def bar(**changes: Any) -> ModelFile:
         "section_forces": {"stations": 5},
     }
     return ModelFile.checked(data | changes, "bar")
-
-
-def simulated(sid: sidtool.SID, **scene: Any) -> Result:
-    data: dict[str, Any] = {
-        "format": "sidtool scene",
-        "version": 1,
-        "dimension": "spatial",
-        "time": {"end": 0.5, "output_step": 0.05},
-        "bodies": {"bar": {"sid": "bar.h5", "markers": {"root": 1, "tip": 2}}},
-    }
-    content = validate_data(data | scene, SceneFile)
-    return sidtool.simulate(content, sids={"bar": sid})
-
-
-def section(result: Result, name: str, quantities: str) -> Array:
-    return np.stack([result[f"bar.{name}.{q}"] for q in quantities.split()], axis=1)
 
 
 def test_normal_force_of_a_rotating_bar() -> None:
@@ -199,10 +183,6 @@ def test_rod_of_a_crank() -> None:
         assert_allclose(found[1:, 1], -slope[1:], atol=1e-4 * size)
 
 
-def vectors(result: Result, owner: str, kind: str) -> Array:
-    return np.stack([result[f"{owner}.{kind}{axis}"] for axis in "xyz"], axis=1)
-
-
 #: A bar with offsets, twist and lumps: nothing is symmetric.
 UNSYMMETRIC: dict[str, Any] = {
     "type": "beam",
@@ -238,52 +218,7 @@ def test_at_both_ends_they_are_the_forces_of_the_joints(
         reduction={"method": "craig_bampton", "interfaces": ["tip"], "modes": 2},
     )
     sid = sidtool.convert(model)
-    turned = [f"bar.{m}.rotation_{axis}" for m in ("root", "tip") for axis in "xyz"]
-    result = simulated(
-        sid,
-        gravity=[0.0, 0.0, -9.81],
-        bodies={
-            "bar": {"sid": "bar.h5", "markers": {"root": 1, "tip": 2}},
-            "load": {
-                "mass": 5.0,
-                "inertia": [0.1, 0.2, 0.3],
-                "centre_of_mass": [0.2, 0.1, 0.0],
-                "initial": {"position": [L, 0.3, 0.0]},
-            },
-        },
-        joints={
-            "hub": {
-                "type": "revolute",
-                "markers": ["ground", "bar.root"],
-                "axis": [0.0, 0.0, 1.0],
-            },
-            "flange": {"type": "fixed", "markers": ["bar.tip", "load"]},
-        },
-        drives={
-            "motor": {
-                "joint": "hub",
-                "function": {
-                    "type": "sine_ramp",
-                    "of": "rate",
-                    "from": 0.0,
-                    "to": 0.5,
-                    "end": 3.0,
-                },
-            }
-        },
-        outputs={"record": ["bar.s*.*", "hub.*", "motor.*", "flange.*", *turned]},
-    )
-    for end, name, joints in (
-        ("root", "s1", ("hub", "motor")),
-        ("tip", "s5", ("flange",)),
-    ):
-        turn = Rotation.from_rotvec(vectors(result, f"bar.{end}", "rotation_"))
-        axes = sid.section(name).node.AP.m0
-        for kind, quantities in (("f", "N Vy Vz"), ("m", "T My Mz")):
-            joint = sum(vectors(result, each, kind) for each in joints)
-            expected = -turn.inv().apply(joint) @ axes
-            found = section(result, name, quantities)
-            assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    assert_ends_have_the_forces_of_joints(sid, [L, 0.3, 0.0])
 
 
 def test_sections_stay_with_their_body(tmp_path: Path) -> None:
