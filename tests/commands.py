@@ -111,7 +111,8 @@ def run_line(line: str) -> int:
     if words[0] == "sidtool":
         return run(words[1:])
     if words[:2] == ["jupyter", "lab"]:
-        return _run_notebook(Path(words[2]))
+        run_notebook(Path(words[2]))
+        return 0
     assert words[0] == "python" and len(words) == 2, f"not known how to run: {line}"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", words[1:])
@@ -119,11 +120,16 @@ def run_line(line: str) -> int:
     return 0
 
 
-def _run_notebook(path: Path) -> int:
-    """Run the code cells of a notebook, which is stored without outputs."""
+def run_notebook(path: Path) -> dict[str, Any]:
+    """Run the code cells of a notebook, which is stored without outputs.
+
+    Returns
+    -------
+    the variables after the last cell
+    """
     names: dict[str, Any] = {"__name__": "__main__"}
     for k, cell in enumerate(json.loads(path.read_text(encoding="utf-8"))["cells"]):
         if cell["cell_type"] == "code":
             assert not cell["outputs"] and cell["execution_count"] is None
             exec(compile("".join(cell["source"]), f"{path}[{k}]", "exec"), names)
-    return 0
+    return names

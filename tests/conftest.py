@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -94,3 +95,20 @@ def field_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"the real files from the field are not here ({folder.name})")
     return folder
+
+
+@pytest.fixture(scope="session")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The folder of an example, after the commands of its README."""
+    from tests.commands import run_page
+    from tests.example_runs import copy_examples
+
+    top = tmp_path_factory.mktemp("examples")
+    copy_examples(top)
+
+    @cache
+    def run(name: str) -> Path:
+        run_page(top / name / "README.md", top / name)
+        return top / name
+
+    return run
