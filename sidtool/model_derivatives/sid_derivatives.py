@@ -97,7 +97,8 @@ class DifferentiableBody:
     def derivative(self, variable: DesignVariable) -> SID:
         """Return the derivative of every block by a variable, in the form of a SID."""
         model = variable.with_imaginary_step(self.model)
-        body = finite_element_model(model)
+        # Sections have no derivatives, and their displacements by jumps are real.
+        body = replace(finite_element_model(model), cuts=())
         frame = FRAMES[model.frame.type](body, model.frame)
         space, loaded = self._reduced_spaces(body, frame)
         sid, basis = _converted(model, body, frame, space, loaded, self._points)

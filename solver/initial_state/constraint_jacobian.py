@@ -174,6 +174,11 @@ class InitialState:
         return self.largest_relative(self.residual)
 
     @property
+    def has_mass(self) -> bool:
+        """Whether no stiffened body is deformed so far that its inertia is lost."""
+        return bool(np.isfinite(self.work.M).all())
+
+    @property
     def duration(self) -> float:
         return self.system.scene.time.end - self.system.scene.time.start
 
@@ -368,7 +373,7 @@ def assemble_position(
     """
     residual = state.scaled_residual
     for _ in range(MAX_ITERATIONS):
-        if residual <= RESIDUAL_TOLERANCE:
+        if residual <= RESIDUAL_TOLERANCE or not state.has_mass:
             break
         step, _ = state.minimum_norm(-state.residual, rank_tolerance)
         base, base_residual, fraction = state.z.copy(), residual, 1.0
@@ -378,7 +383,7 @@ def assemble_position(
             retract(state.system.arrays, frame, state.z, fraction * step)
             state.evaluate()
             residual = state.scaled_residual
-            if residual < base_residual:
+            if residual < base_residual and state.has_mass:
                 break
             fraction *= 0.5
         else:

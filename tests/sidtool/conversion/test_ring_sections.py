@@ -249,3 +249,22 @@ def test_sections_of_rings_with_fewer_shape_functions_and_in_other_units() -> No
         found = sidtool.static_equilibrium(scene, sids={"c": changed})
         for name in ("c.girder.s2.My", "c.girder.s2.N", "c.left.s1.Vz"):
             assert found[name] == pytest.approx(whole[name], rel=1e-4)
+
+
+def test_sections_do_not_hinder_derivatives_of_the_frame() -> None:
+    """The mass by the height of a corner: that of the light leg to it, per length."""
+    found = sidtool.sid_derivatives(portal(), ["geometry.points.b[2]"])
+    slope = 1e-3 * STIFF["area"]
+    assert found.derivative("mass", "geometry.points.b[2]") == pytest.approx(slope)
+
+
+def test_a_stiffened_frame_on_two_feet_bears_its_weight() -> None:
+    """The foot hardly moves in some shape functions: a search along them for redundant
+    constraints would deform the frame far beyond what has an inertia.
+    """
+    sid = sidtool.convert(portal(stiffening={}))
+    body = PORTAL_SCENE["bodies"]["c"] | {"shape_functions": [1, 2, 3, 4, 5, 6]}
+    scene = PORTAL_SCENE | {"bodies": {"c": body}}
+    scene["outputs"] = {"record": ["left.fz", "right.fz"]}
+    found = sidtool.static_equilibrium(sidtool.Scene(**scene), sids={"c": sid})
+    assert abs(found["left.fz"] + found["right.fz"]) == pytest.approx(1e-4 * sid.mass)
