@@ -14,6 +14,8 @@ from ..toml.constructor_types import Field
 from .base import Table
 from .signal_files import SCALE, Values, with_signal
 
+#: Points beyond a table by this part of its largest one are at its end.
+ROUNDING = 1e-12
 _KEYS = {"x": "x", "y": "y", "values": "values"}
 
 
@@ -71,7 +73,8 @@ class LookupTable(Table):
             )
         for key, a in zip("xy", point, strict=False):
             first, last = getattr(self, key)[0], getattr(self, key)[-1]
-            if not first <= a <= last:
+            rounding = ROUNDING * max(abs(first), abs(last))
+            if not first - rounding <= a <= last + rounding:
                 subject = f"tables.{name}, {key}"
                 warn_of(diagnose("N246", subject, first=first, last=last))
         return self.value(*point)

@@ -24,6 +24,10 @@ class SignalTable(Table):
             table._unit_of_file = unit
         return table
 
+    def __eq__(self, other: object) -> bool:
+        """Whether numbers are equal, whether they came from a file or not."""
+        return type(self) is type(other) and vars(self) == vars(other)
+
     @property
     def unit_of_file(self) -> str:
         """The unit that its file states, or ""."""

@@ -537,6 +537,7 @@ def test_lookups_of_numbers_that_are_not_sound(text: str, expected: str) -> None
         ("x [-],k [N/mm]", 2.5, ["N246"]),
         ("x [1],k", 0.5, ["N246"]),
         ("x,k [N/mm]", 1.5, []),
+        ("x,k [N/mm]", np.nextafter(2.0, 3.0), []),  # its end, but for rounding
     ],
 )
 def test_numbers_that_a_table_may_not_mean_are_warned_of(
@@ -553,3 +554,14 @@ def test_numbers_that_a_table_may_not_mean_are_warned_of(
         validate_data(data, SceneFile)
     found = {each.message.code for each in caught}
     assert sorted(found) == expected
+
+
+def test_a_scene_with_a_file_is_itself_after_saving(tmp_path: Path) -> None:
+    """Numbers are saved in SI units, without the unit of their file."""
+    file = tmp_path / "z.csv"
+    file.write_text("t [s],z [mm]\n0,3\n1,5\n2,6\n", encoding="utf-8")
+    signal = {"type": "table", "file": str(file), "time": "t", "value": "z"}
+    scene = sidtool.Scene.checked(cart(signal), "test")
+    scene.save(tmp_path / "s.toml")
+    assert "[mm]" not in (tmp_path / "s.toml").read_text(encoding="utf-8")
+    assert sidtool.Scene.load(tmp_path / "s.toml") == scene
