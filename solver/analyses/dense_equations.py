@@ -133,6 +133,11 @@ class DenseEquations:
         self.evaluate(z, zero)
         return float(np.linalg.norm(sizes))
 
+    def force_size_in_motion(self, z: Array, v: Array) -> float:
+        """The same at a state: gyroscopic and centrifugal forces are zero at rest."""
+        size = self.force_size(z)
+        return max(size, float(np.linalg.norm(self.force_at(z, v))))
+
     def force_at(self, z: Array, v: Array, without: int | None = None) -> Array:
         """Scaled generalised forces (n,) at a state, which is evaluated; those without
         a force of the scene by its number leave out what else it does."""

@@ -146,7 +146,8 @@ def _equation_changes(
     given = float(numbers[k])
     mechanics.evaluate(evaluation.z, evaluation.v)
     middle = mechanics.force.copy()
-    least = CORNER_ROUNDING * mechanics.force_size(evaluation.z)
+    z, v = evaluation.z, evaluation.v
+    least = CORNER_ROUNDING * mechanics.force_size_in_motion(z, v)
     sizes, bends = list[float](), list[float]()
 
     def differences(step: float) -> list[Array]:

@@ -444,7 +444,7 @@ def _state_derivatives(
     rows = len(multipliers)
     mechanics.evaluate(z, v)
     middle = mechanics.force.copy()
-    least = CORNER_ROUNDING * mechanics.force_size(z)
+    least = CORNER_ROUNDING * mechanics.force_size_in_motion(z, v)
 
     def differences(direction: Direction, delta: float) -> _Differences:
         ends = []
@@ -546,7 +546,7 @@ def corner_notes(
     if not small.corners:
         return
     z, v, deltas = small.z, small.v, _perturbations(mechanics)
-    least = CORNER_ROUNDING * mechanics.force_size(z)
+    least = CORNER_ROUNDING * mechanics.force_size_in_motion(z, v)
     numbers = [k for k, one in enumerate(mechanics.system.forces) if one.is_force]
 
     def differences(direction: Direction, step: float, without: int | None) -> Array:

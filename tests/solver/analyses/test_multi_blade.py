@@ -316,3 +316,47 @@ def test_blades_need_no_marker_but_their_roots() -> None:
     found = [modes.whirl[k] for k in order]
     pairs = sorted((f + shift, names[shift]) for f in alone for shift in names)
     assert found == [name for _, name in pairs]
+
+
+def test_springs_of_a_rotor_in_space_have_no_corners() -> None:
+    """Forces at rest are 0: the rounding of centrifugal ones is no corner."""
+    speed, axis = 8.0, {"axis": [0.0, 0.0, 1.0]}
+    spin = {"angular_velocity": [0.0, 0.0, speed]}
+    hub: dict[str, Any] = {"mass": 3.0, "inertia": [0.2] * 3, "markers": {}}
+    bodies: dict[str, Any] = {"support": {"mass": 10.0, "inertia": [1.0] * 3}}
+    joints: dict[str, Any] = {
+        "axle": {"type": "revolute", "markers": ["support", "hub"]} | axis
+    }
+    base = {
+        "markers": ["ground", "support"],
+        "stiffness": [4e3, 9e3, 1e5, 1e4, 1e4, 1e4],
+    }
+    forces: dict[str, Any] = {"base": {"type": "bushing"} | base}
+    for k in range(3):
+        turn = {"axis_angle": [0.0, 0.0, 2 * np.pi * k / 3]}
+        out = np.array([np.cos(2 * np.pi * k / 3), np.sin(2 * np.pi * k / 3), 0.0])
+        start = {
+            "position": (0.6 * out).tolist(),
+            "velocity": (0.6 * speed * np.cross([0.0, 0.0, 1.0], out)).tolist(),
+        }
+        bodies[f"blade{k}"] = {
+            "mass": 2.0,
+            "inertia": [0.05] * 3,
+            "markers": {"root": {"position": [-0.5, 0.0, 0.0]}},
+            "initial": start | turn | spin,
+        }
+        hub["markers"][f"hinge{k}"] = {"position": (0.1 * out).tolist()} | turn
+        ends = [f"hub.hinge{k}", f"blade{k}.root"]
+        joints[f"lag{k}"] = {"type": "revolute", "markers": ends} | axis
+        spring = {"type": "spring_damper", "joint": f"lag{k}", "stiffness": 60.0}
+        forces[f"spring{k}"] = spring
+    motion = {"type": "constant", "value": speed}
+    scene = sidtool.Scene(
+        dimension="spatial",
+        time={"end": 1.0, "output_step": 0.1},
+        bodies=bodies | {"hub": hub | {"initial": spin}},
+        joints=joints,
+        forces=forces,
+        drives={"motor": {"joint": "axle", "of": "rate", "function": motion}},
+    )
+    assert "N745" not in codes(sidtool.linearise(scene, about="start"))
