@@ -10,7 +10,12 @@ from scipy.optimize import brentq
 import sidtool
 
 from .commands import run_notebook
-from .example_runs import result_of
+from .example_runs import IN_OTHER_FILE, check_files, result_of
+
+
+@pytest.mark.parametrize("name", IN_OTHER_FILE)
+def test_the_commands_run_and_leave_no_tracked_file_changed(ran, name: str) -> None:
+    check_files(ran(name))
 
 
 def test_the_helicopter_shakes_as_coleman_and_feingold_say(ran) -> None:
