@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import tempfile
 import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -117,9 +116,8 @@ def export_unit(
             system.planar, settings.integrator, PLATFORMS[name].target
         )
         report_stage(f"linking for {PLATFORMS[name].title}")
-        with tempfile.TemporaryDirectory(prefix="sidtool-fmu-") as folder:
-            headers = {"scene.h": header, "token.h": text}
-            libraries[name] = link(name, headers, objects, Path(folder), linker)
+        headers = {"scene.h": header, "token.h": text}
+        libraries[name] = link(name, headers, objects, linker)
     variables = _variables(scene, inputs, outputs)
     description = UnitDescription(
         title=scene.title or identifier,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
@@ -58,12 +57,9 @@ def export_linear_unit(
     header = _matrices_header(space)
     token = unit_token(header, *c_sources(LINEAR_SOURCES).values())
     headers = {"matrices.h": header, "token.h": f'#define TOKEN "{token}"\n'}
-    libraries = {}
-    for name in names:
-        with tempfile.TemporaryDirectory(prefix="sidtool-fmu-") as folder:
-            libraries[name] = link(
-                name, headers, {}, Path(folder), linker, LINEAR_SOURCES
-            )
+    libraries = {
+        name: link(name, headers, {}, linker, LINEAR_SOURCES) for name in names
+    }
     identifier = model_identifier(path)
     description = UnitDescription(
         title=space.title or identifier,

@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -71,7 +72,6 @@ def link(
     platform: str,
     headers: Mapping[str, str],
     objects: Mapping[str, bytes],
-    folder: Path,
     linker: str | None = None,
     sources: Sequence[str] = SCENE_SOURCES,
 ) -> bytes:
@@ -82,7 +82,6 @@ def link(
     sources : C files of this package, `SCENE_SOURCES` or `LINEAR_SOURCES`
     headers : generated headers, by name
     objects : object files of the kernels, by symbol
-    folder : an empty folder, which takes all files
     linker : "cc", "zig" or None for what is there
 
     Raises
@@ -90,6 +89,19 @@ def link(
     InputError : there is no linker, or it fails.
     """
     command = choose_linker(platform, linker)
+    with tempfile.TemporaryDirectory(prefix="sidtool-fmu-") as folder:
+        return _linked(command, platform, headers, objects, Path(folder), sources)
+
+
+def _linked(
+    command: list[str],
+    platform: str,
+    headers: Mapping[str, str],
+    objects: Mapping[str, bytes],
+    folder: Path,
+    sources: Sequence[str],
+) -> bytes:
+    """The library of `link`, made in an empty folder, which takes all files."""
     for name, text in (c_sources(sources) | dict(headers)).items():
         (folder / name).write_text(text, encoding="utf-8")
     for symbol, code in objects.items():
