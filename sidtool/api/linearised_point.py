@@ -350,9 +350,8 @@ class LinearisedPoint:
     def _gradient(self) -> AdjointGradient:
         """Gradients of the terms of the motion."""
         run = self._motion.run
-        steps = np.concatenate([run.steps_z[: run.nz], run.steps_v])
         seeds = [
-            functional_seeds(linear, self._history, steps, run.nz)
+            functional_seeds(linear, self._history, run.coordinate_steps, run.nz)
             for linear in self._linear
         ]
         return self._motion.adjoint(np.stack(seeds, axis=2))

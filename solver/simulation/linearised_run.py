@@ -291,6 +291,11 @@ class LinearisedRun:
         Z = np.abs(position_rates(self.system, some.z, some.v).Z).max(axis=0)
         return np.maximum(Z @ sizes, 1e-3 * sizes.min())
 
+    @property
+    def coordinate_steps(self) -> Array:
+        """Steps (nz + nv,) of differences by positions and velocities."""
+        return np.concatenate([self.steps_z[: self.nz], self.steps_v])
+
     @cached_property
     def has_fixed_orientation(self) -> NDArray[np.bool_]:
         """Bodies whose frames move and do not rotate."""
@@ -411,8 +416,7 @@ class LinearisedRun:
         rows = self._rows_between(TRIED_STATES)
         near, wide = self._changes(rows, FOURTH_ORDER)
         sizes = self._row_sizes(np.abs(near).max(axis=(0, 1)))
-        steps = np.concatenate([self.steps_z[: self.nz], self.steps_v])[:, None]
-        known = self._known_derivatives(rows) * steps
+        known = self._known_derivatives(rows) * self.coordinate_steps[:, None]
         error = np.minimum(np.abs(known - near), np.abs(known - wide)).max(axis=0)
         self.differenced = np.flatnonzero((error / sizes).max(axis=1) > COMPLETE / 10)
         near2, wide2 = self._changes(rows, SECOND_ORDER)
@@ -432,7 +436,7 @@ class LinearisedRun:
         over these steps and over wide ones.
         """
         (points, weights), found = difference, []
-        steps = np.concatenate([self.steps_z[: self.nz], self.steps_v])[:, None]
+        steps = self.coordinate_steps[:, None]
         for width in (1.0, WIDE_STEP):
             scaled = width * points, weights / width
             found.append(self._differences(rows, np.arange(len(steps)), scaled) * steps)

@@ -470,7 +470,7 @@ def test_an_output_depends_on_its_own_coordinates_alone() -> None:
     assert point.history is not None and point.grid is not None
     run = LinearisedRun(point.history.motion, point.grid)
     (term,) = point.terms
-    steps = np.concatenate([run.steps_z[: run.nz], run.steps_v])
+    steps = run.coordinate_steps
     linear = linear_functional(term.functional, point.history, term.peak)
     seeds = functional_seeds(linear, point.history, steps, run.nz)
     assert np.count_nonzero(np.abs(seeds).max(axis=0)) == 1
