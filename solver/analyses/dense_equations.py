@@ -134,7 +134,9 @@ class DenseEquations:
         return float(np.linalg.norm(sizes))
 
     def force_size_in_motion(self, z: Array, v: Array) -> float:
-        """The same at a state: gyroscopic and centrifugal forces are zero at rest."""
+        """The same at a state: gyroscopic and centrifugal forces are zero at rest. The
+        state is evaluated.
+        """
         size = self.force_size(z)
         return max(size, float(np.linalg.norm(self.force_at(z, v))))
 

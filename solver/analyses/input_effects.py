@@ -144,10 +144,9 @@ def _equation_changes(
     numbers = mechanics.system.arrays.real_data
     a, multipliers = equations.accelerations, equations.multipliers
     given = float(numbers[k])
-    mechanics.evaluate(evaluation.z, evaluation.v)
-    middle = mechanics.force.copy()
     z, v = evaluation.z, evaluation.v
     least = CORNER_ROUNDING * mechanics.force_size_in_motion(z, v)
+    middle = mechanics.force.copy()
     sizes, bends = list[float](), list[float]()
 
     def differences(step: float) -> list[Array]:

@@ -442,9 +442,8 @@ def _state_derivatives(
     with the step.
     """
     rows = len(multipliers)
-    mechanics.evaluate(z, v)
-    middle = mechanics.force.copy()
     least = CORNER_ROUNDING * mechanics.force_size_in_motion(z, v)
+    middle = mechanics.force.copy()
 
     def differences(direction: Direction, delta: float) -> _Differences:
         ends = []
