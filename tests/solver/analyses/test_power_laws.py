@@ -58,7 +58,7 @@ def test_a_contact_that_just_touches_adds_no_stiffness(law: str) -> None:
     assert "N745" not in codes(modes)
 
 
-def test_the_slope_of_what_is_added_is_kept() -> None:
+def test_a_power_law_adds_to_linear_and_smooth_forces() -> None:
     """k x + c x^1.5 + 500 sin(x): that of the sum of the two others."""
     law = f"-1e8*max({X}, 0)**1.5 - 500*sin({X})"
     modes = sidtool.linearise(slider(law), about="start")

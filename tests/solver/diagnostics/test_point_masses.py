@@ -195,7 +195,7 @@ def free_body(
 
 
 def refused(scene: sidtool.Scene) -> str:
-    """The key that is refused, and what stands there instead."""
+    """The refused key, and what the error expects."""
     with pytest.raises(InputError, match="a point mass") as caught:
         sidtool.simulate(scene)
     assert caught.value.place is not None
@@ -296,7 +296,7 @@ def test_no_drive_turns_a_body_against_a_point_mass(
 
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
 @pytest.mark.parametrize("joint", ["coincident", "fixed"])
-def test_nothing_acts_beside_the_centre_of_a_point_mass(
+def test_markers_off_the_centre_of_a_point_mass_are_refused(
     joint: str, dimension: str
 ) -> None:
     assert keeps_angular_momentum(free_body({"type": joint}, dimension))

@@ -543,7 +543,7 @@ def test_lookups_of_numbers_that_are_not_sound(text: str, expected: str) -> None
 def test_numbers_that_a_table_may_not_mean_are_warned_of(
     head: str, n: float, expected: list[str], tmp_path: Path
 ) -> None:
-    """A unit that nobody knows, and a parameter outside of the table."""
+    """An unknown unit, and a parameter outside of the table."""
     file = tmp_path / "k.csv"
     file.write_text(f"{head}\n1,3\n2,5\n", encoding="utf-8")
     data = formula("t", k={"file": str(file), "x": "x", "values": "k"})
