@@ -33,13 +33,15 @@ class AxisFrames:
     Attributes
     ----------
     places : (n, 3) [m]
-    axes : (n, 3, 3) rows: the tangent and the axes y, z of the cross-section
+    axes : (n, 3, 3) rows: the tangent and the principal axes y, z of the cross-section
+    section_axes : (n, 3, 3) likewise with the axes that the model gives the section
     curvatures : (n, 3) rotation of the axes per length, in the axes: twist, and the
         curvatures about y and z [rad/m]
     """
 
     places: Array
     axes: Array
+    section_axes: Array
     curvatures: Array
 
 
@@ -58,7 +60,9 @@ class Axis:
     place : (n, 3) positions
     tangents : (n, 3) unit tangents, (n, 3) their changes per length
     transported_y : (n, 3) the y axis before the twist
-    twist : angle over the fraction [rad]
+    twist : angle of the principal axes over the fraction [rad]
+    turn : angle of the principal axes from those that the model gives the section,
+        from y to z [rad]
     """
 
     length: float
@@ -68,6 +72,7 @@ class Axis:
     tangents: Callable[[Array], tuple[Array, Array]]
     transported_y: Callable[[Array], Array]
     twist: Profile
+    turn: float = 0.0
 
     def at(self, fractions: Array) -> AxisFrames:
         """The frames at fractions (n,) of the length."""
@@ -83,7 +88,11 @@ class Axis:
         axes = np.stack([tangent, y, cross(tangent, y)], axis=1)
         turning = cross(tangent, change) + np.multiply(rate[:, None], tangent)
         curvatures = np.einsum("nab,nb->na", axes, turning)
-        return AxisFrames(self.place(parameters), axes, curvatures)
+        section_axes = axes
+        if self.turn:
+            c, s = np.cos(self.turn), np.sin(self.turn)
+            section_axes = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ axes
+        return AxisFrames(self.place(parameters), axes, section_axes, curvatures)
 
     def nearest(self, point: Array) -> tuple[float, float]:
         """The fraction of the length nearest to a point, and the distance [m]."""
@@ -132,16 +141,21 @@ def beam_axis(geometry: BeamGeometry) -> Axis:
     given = geometry.twist if isinstance(geometry.twist, tuple) else (geometry.twist,)
     twist = profile(tuple(x + turn for x in given), geometry.interpolation)
     if len(points) == 2:
-        return straight_axis(points[0], points[1], geometry.y_axis, twist)
-    return _spline_axis(points, steps, geometry.y_axis, twist)
+        return straight_axis(points[0], points[1], geometry.y_axis, twist, turn)
+    return _spline_axis(points, steps, geometry.y_axis, twist, turn)
 
 
 def straight_axis(
-    start: Array, end: Array, y_axis: Any, twist: Profile | None = None
+    start: Array,
+    end: Array,
+    y_axis: Any,
+    twist: Profile | None = None,
+    turn: float = 0.0,
 ) -> Axis:
     """A straight axis between two places that differ.
 
-    The y axis is by default y, or -x along y.
+    The y axis is by default y, or -x along y. `turn` is a part of the twist, as in
+    `Axis`.
 
     Raises
     ------
@@ -157,11 +171,14 @@ def straight_axis(
         lambda f: start + np.multiply.outer(f * length, x),
         lambda f: (np.tile(x, (len(f), 1)), np.zeros((len(f), 3))),
         lambda f: np.tile(y, (len(f), 1)),
-        twist or profile(0.0, "linear"),
+        twist or profile(turn, "linear"),
+        turn,
     )
 
 
-def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Axis:
+def _spline_axis(
+    points: Array, steps: Array, y_axis: Any, twist: Profile, turn: float
+) -> Axis:
     """A cubic spline through points, whose parameter runs with their distances."""
     knots = np.concatenate([[0], np.cumsum(steps)])
     spline = _CubicSpline(knots, points)
@@ -194,7 +211,7 @@ def _spline_axis(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Ax
 
     begin = y_direction(y_axis, bent(np.zeros(1))[0][0])
     transported_y = _Transport(marks, first, bent, begin)
-    return Axis(length, False, parameters, spline, bent, transported_y, twist)
+    return Axis(length, False, parameters, spline, bent, transported_y, twist, turn)
 
 
 class _Transport:

@@ -149,7 +149,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     along = np.append(middles, [lump.at for lump in geometry.masses])
     for lump in geometry.masses:
         frames = axis.at(np.array([lump.at]))
-        tensor = rotate_tensor(np.diag(numbers(lump.inertia)), frames.axes[0])
+        tensor = rotate_tensor(np.diag(numbers(lump.inertia)), frames.section_axes[0])
         rows, dofs = _marker_rows(beam, ends, lump.at)
         move = (rows.displacement, rows.rotation, dofs)
         particles.add(frames.places[0], lump.mass, tensor, *move)
@@ -311,7 +311,7 @@ def _cut(
         tangent=frames.axes[0, 0],
     )
     beyond = tuple(marker for marker, place in places.items() if place.real > least)
-    return BodyCut(name, section, frames.axes[0], along.real > least, beyond)
+    return BodyCut(name, section, frames.section_axes[0], along.real > least, beyond)
 
 
 def _marker_rows(

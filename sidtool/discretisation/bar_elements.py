@@ -104,7 +104,7 @@ class Bar:
     beam, first, last : the beam and the fractions of its length
     density : of its sections [kg/m^3]; without effect on sections at stations
     rod : whether it resists stretch and twist only
-    pins : directions 1 to 6 of its axes that are released at either end
+    pins : directions 1 to 6 of the axes of its section that are released at either end
     extra : (p,) non-structural masses per length at `GAUSS_POINTS` [kg/m]
     """
 
@@ -162,7 +162,7 @@ def bar_of_deck(bar: RawBar, places: Array, units: UnitSystem) -> Bar:
     if y_axis is None:
         y_axis = tuple(np.eye(3)[np.argmin(np.abs(ends[1] - ends[0]))].tolist())
     try:
-        axis = straight_axis(ends[0], ends[1], y_axis)
+        axis = straight_axis(ends[0], ends[1], y_axis, turn=bar.section.turn)
     except InputError:
         raise InputError(
             f"the y axis of element {bar.label} lies along it",
@@ -194,7 +194,7 @@ def _release_pins(element: BeamElement, bar: Bar) -> Array:
     ------
     InputError : the bar moves freely between its pins.
     """
-    first, last = element.frames(np.array([0.0, 1.0])).axes
+    first, last = element.frames(np.array([0.0, 1.0])).section_axes
     turn = scipy.linalg.block_diag(first, first, last, last)
     k = turn @ element.stiffness() @ turn.T
     free = [d - 1 + 6 * end for end in (0, 1) for d in bar.pins[end]]

@@ -94,6 +94,7 @@ def member_cuts(
         place = 0.0 if k == 0 else 1.0
         rows = element.rows(place)
         frames = element.frames(np.array([place]))
+        axes = frames.section_axes[0]
         section = MarkerRows(
             name=f"{member}.{name}",
             node=0,
@@ -105,19 +106,17 @@ def member_cuts(
         if mask is not None:
             points = mask[owners]
             beyond = tuple(marker for marker, v in markers.items() if mask[v])
-            cuts.append(BodyCut(section.name, section, frames.axes[0], points, beyond))
+            cuts.append(BodyCut(section.name, section, axes, points, beyond))
             continue
         own, motion = end_motion(of_elements[before], 0 if k == 0 else 1)
-        jump = analytic_pinv(motion, _INDEPENDENT) @ np.kron(
-            np.eye(2), frames.axes[0].T
-        )
+        jump = analytic_pinv(motion, _INDEPENDENT) @ np.kron(np.eye(2), axes.T)
         if k == 0:  # the node is before the section
             jump = -jump
         cuts.append(
             BodyCut(
                 name=section.name,
                 section=section,
-                axes=frames.axes[0],
+                axes=axes,
                 points=owners == of_elements[before],
                 markers=(),
                 resultants=scatter_rows(jump.T @ element.stiffness()[own], dofs, ndof),

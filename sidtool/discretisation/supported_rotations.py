@@ -100,7 +100,8 @@ def _without_free_rotations(
         if not free.shape[1] or heavy[dofs].any():
             continue
         for k, end in own:
-            axes = structure.bar_element(changed[k])[0].frames(np.array([end])).axes[0]
+            element, _ = structure.bar_element(changed[k])
+            axes = element.frames(np.array([end])).section_axes[0]
             for direction in changed[k].pins[end]:
                 axis = axes[direction - 4] if direction > 3 else np.zeros(3)
                 inside = np.linalg.norm(free.T @ axis[there])

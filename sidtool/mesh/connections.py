@@ -54,7 +54,7 @@ class RawBar:
     nodes, offsets : labels of the nodes of its ends, and the ends from them
     y_axis : a direction in the plane of its axes x and y; None for a rod, which has
         neither bending nor shear
-    pins : directions 1 to 6 of its axes that are released at either end
+    pins : directions 1 to 6 of the axes by `y_axis` that are released at either end
     e, g, density : of its material, zero if the file does not state them
     """
 

@@ -94,16 +94,22 @@ def _read_bar(content: BulkData, card: Card) -> RawBar:
     property_ = _bar_property(content, card, card.integer(1, "a property", label))
     offsets = [_vector_in_basic(content, card, nodes[k], 10 + 3 * k) for k in (0, 1)]
     section, free_directions = _with_pinned_stiffness(card, property_.section)
-    pins = tuple(
-        tuple(sorted({*_pin_directions(card, 8 + k), *free_directions[k]}))
-        for k in (0, 1)
-    )
+    given = [_pin_directions(card, 8 + k) for k in (0, 1)]
+    pins = [tuple(sorted({*given[k], *free_directions[k]})) for k in (0, 1)]
     up = _orientation_vector(content, card, nodes[0])
-    if section.turn:
+    if section.turn and free_directions[0]:  # hinges about a principal axis
+        if {*given[0], *given[1]} - {1, 4}:
+            raise InputError(
+                f"{card.name} {label} has pins, and no stiffness about an axis that "
+                "is not its own",
+                place=card.place,
+                expected="I12 squared below I1 times I2, or no pins but 1 and 4",
+            )
         ends = [
             np.add(content.nodes[n], w) for n, w in zip(nodes, offsets, strict=True)
         ]
         up = _principal_axis(up, ends[1] - ends[0], section.turn)
+        section = replace(section, turn=0.0)
     property_ = replace(property_, section=section)
     raw = _make_bar(
         content, card, (label, nodes), property_, up, (offsets[0], offsets[1])

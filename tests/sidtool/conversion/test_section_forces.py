@@ -16,8 +16,10 @@ from sidtool.conversion.frame_change import change_frame
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
 from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.storage.sid_content import differing_entries
+from sidtool.formats.toml.reading import validate_data
 from sidtool.validate import convert_units
 from tests.sidtool.conversion.sectioned_bars import (
     assert_ends_have_the_forces_of_joints,
@@ -75,6 +77,36 @@ def test_normal_force_of_a_rotating_bar() -> None:
     expected = LINE * speed**2 * (L**2 - x**2) / 2
     found = np.array([result[f"bar.s{k}.N"] for k in range(1, 6)])
     assert_allclose(found, np.tile(expected[:, None], 11), atol=1e-6 * expected[0])
+
+
+def test_forces_of_an_angle_section_are_along_its_legs() -> None:
+    """Its weight, m g along -z: Vz = -m g and My = m g L / 2 at the root, Vy = Mz = 0.
+
+    The principal axes of the section are turned by 45 degrees.
+    """
+    angle = {"shape": "L", "height": 0.02, "width": 0.02, "thickness": 0.002}
+    geometry = {"type": "beam", "start": [0.0] * 3, "end": [L, 0.0, 0.0]}
+    geometry |= {"y_axis": [0.0, 1.0, 0.0], "section": angle}
+    sid = sidtool.convert(bar(geometry=geometry))
+    data = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "spatial",
+        "gravity": [0.0, 0.0, -0.01],
+        "time": {"end": 1.0, "output_step": 1.0},
+        "bodies": {"bar": {"sid": "bar.h5", "markers": {"root": 1}}},
+        "joints": {"wall": {"type": "fixed", "markers": ["ground", "bar.root"]}},
+    }
+    scene = validate_data(data, SceneFile)
+    found = sidtool.static_equilibrium(scene, sids={"bar": sid})
+    weight = 0.01 * RHO * (0.02**2 - 0.018**2) * L
+    for name, expected in (
+        ("Vz", -weight),
+        ("My", weight * L / 2),
+        ("Vy", 0),
+        ("Mz", 0),
+    ):
+        assert found[f"bar.s1.{name}"] == pytest.approx(expected, abs=1e-4 * weight)
 
 
 def test_cantilever_in_free_vibration() -> None:

@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from sidtool.discretisation.bar_elements import bar_of_deck
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.importers.nastran.bar_sections import section_of
+from sidtool.importers.nastran.bulk_data import read_bdf
+from sidtool.mesh.unit_systems import unit_system
 from sidtool.pipeline.model_to_sid import sid_from_model
 
 from ..decks import frequencies
@@ -265,3 +269,34 @@ def test_sections_of_plates_have_the_moments_of_their_area(kind: str) -> None:
     else:  # Bredt: 4 A^2 / sum of s / t
         around = 7 / 1 + 7 / 2 + 8.5 / 0.5 + 8.5 / 1.5
         assert found.torsion == pytest.approx(4 * (7 * 8.5) ** 2 / around)
+
+
+def test_pins_are_about_the_axes_of_the_bar_and_not_of_its_section(
+    tmp_path: Path,
+) -> None:
+    """A bar along x whose y axis is y: a hinge about z passes on no moment about z."""
+    product = 2e-13
+    pbar = f"PBAR,1,1,{AREA!r},{IZ!r},{IY!r},{TORSION!r}\n,\n,,,{product!r}"
+    bar = "CBAR,1,1,1,2,0.,1.,0.\n,,6"
+    (tmp_path / "part.bdf").write_text(
+        bulk(*grids([(0, 0, 0), (1, 0, 0)]), bar, pbar, MATERIAL), encoding="utf-8"
+    )
+    (raw,) = read_bdf(tmp_path / "part.bdf").bars
+    found = bar_of_deck(raw, np.array([[0, 0, 0], [1, 0, 0]]), unit_system("SI"))
+    stiffness = found.element(np.eye(12)).stiffness()
+    assert_allclose(stiffness[11], 0.0, atol=1e-9 * E * IZ)
+    # A moment about y bends both ways: curvature My I1 / (E (I1 I2 - I12^2)).
+    tip = np.linalg.inv(stiffness[6:11, 6:11])
+    expected = IZ / (E * (IY * IZ - product**2))
+    assert tip[4, 4] == pytest.approx(expected, rel=1e-9)
+
+
+def test_pins_beside_a_hinge_about_a_principal_axis_are_refused(tmp_path: Path) -> None:
+    """I12 squared is I1 times I2: no stiffness about an axis between y and z."""
+    pbar = f"PBAR,1,1,{AREA!r},{IZ!r},{IZ!r},{TORSION!r}\n,\n,,,{IZ!r}"
+    bar = "CBAR,1,1,1,2,0.,1.,0.\n,,6"
+    (tmp_path / "part.bdf").write_text(
+        bulk(*grids([(0, 0, 0), (1, 0, 0)]), bar, pbar, MATERIAL), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="CBAR 1"):
+        read_bdf(tmp_path / "part.bdf")
