@@ -137,20 +137,23 @@ def column_factor(text: str, wanted: str = "") -> float:
 
     Parameters
     ----------
-    wanted : by default, and where it is not known, the SI unit of the same dimension
+    wanted : by default the SI unit of the same dimension
 
     Raises
     ------
-    InputError : both have different dimensions, or the first one means several things.
+    InputError : the first one cannot be converted to the other, or means several
+        things.
     """
     unit, own = parse_unit(text), parse_unit(wanted)
-    if unit is None:
+    if unit is None or text == wanted:
         return 1.0
-    if own is None and text in _AMBIGUOUS:
-        raise InputError(
-            f"has the unit {text}, which has several meanings",
-            expected="numbers in SI units, or their scale",
-        )
-    if own and unit.exponents != own.exponents:
+    if not wanted:
+        if text in _AMBIGUOUS:
+            raise InputError(
+                f"has the unit {text}, which has several meanings",
+                expected="numbers in SI units, or their scale",
+            )
+        return unit.factor
+    if own is None or unit.exponents != own.exponents:
         raise InputError(f"has the unit {text}", expected=f"one such as {wanted}")
-    return unit.factor / (own.factor if own else 1.0)
+    return unit.factor / own.factor

@@ -2,8 +2,8 @@
 
 Attributes of the root: format, format_version, title, completed, message. Datasets: t,
 values, positions, velocities, multipliers, the names of the columns of each of the
-latter four in names/values, ...; diagnostics, a table of `Diagnostic`; notes and
-warnings, the same as texts; scene (JSON text).
+latter four in names/values, ..., units of outputs in units/values; diagnostics, a table
+of `Diagnostic`; notes and warnings, the same as texts; scene (JSON text).
 Groups counters, drift, settings and versions hold their entries as attributes; group
 bodies/NAME for each flexible body; group events, see `events`; group sids: the SIDs of
 all bodies that have one, equal ones once. Dataset accuracy: an `AccuracyReport` as
@@ -43,6 +43,7 @@ from .accuracy_report import AccuracyReport, Excitation, FlexibleBody
 from .data import TABLES, Result
 from .events import read_events, write_events
 from .rows import ROWS_PER_BLOCK, Columns, Rows, write_rows
+from .table import units_in
 
 FORMAT = "sidtool result"
 VERSION = 2
@@ -138,6 +139,7 @@ def _write_metadata(file: h5py.File, result: Result) -> None:
         completed=result.completed,
         message=result.message,
     )
+    put_texts(file, "units/values", tuple(map(units_in(result), result.names)))
     put_texts(file, "notes", result.notes)  # for readers of sidtool 0.1
     put_texts(file, "warnings", result.warnings)
     write_diagnostics(file, result.diagnostics)

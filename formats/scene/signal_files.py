@@ -219,7 +219,7 @@ def _read_hdf5(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:
             for name in columns:
                 unit: object = ""
                 if is_result:
-                    content = _result_column(file, name)
+                    content, unit = _result_column(file, name)
                 elif isinstance(name, str) and name in file:
                     content = file[name][()]
                     attributes = file[name].attrs
@@ -247,13 +247,18 @@ def _read_hdf5(path: Path, columns: Sequence[Column]) -> list[SignalColumn]:
         ) from None
 
 
-def _result_column(file: Any, name: Column) -> Any:
-    """Times or an output of a result of sidtool, (nt,)."""
+def _result_column(file: Any, name: Column) -> tuple[Any, str]:
+    """Times or an output of a result of sidtool, (nt,), and its unit.
+
+    Results of version 0.1 and of early files of 1.0 hold no units: "".
+    """
     if name in (None, "t"):
-        return file["t"][()]
+        return file["t"][()], "s"
     names = [str(text) for text in file["names/values"].asstr()[:]]
     if name not in names:
         raise InputError(
             f"records no output {name!r}", expected=nearest_key(str(name), names)
         )
-    return file["values"][:, names.index(str(name))]
+    at = names.index(str(name))
+    unit = file["units/values"].asstr()[at] if "units/values" in file else ""
+    return file["values"][:, at], unit

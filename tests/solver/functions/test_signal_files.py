@@ -334,6 +334,30 @@ def pushed(unit: str, **changes: Any) -> dict[str, Any]:
     return cart(inputs={"u": {"initial": 2.0, "unit": unit}}, forces={"push": push})
 
 
+@pytest.mark.parametrize(
+    ("unit", "factor"), [(None, 1.0), ("N", 1.0), ("kN", 1e-3), ("mm", 0.0), ("V", 0.0)]
+)
+def test_outputs_of_a_result_have_their_unit(
+    unit: str | None, factor: float, tmp_path: Path
+) -> None:
+    """A recorded force is converted to the unit of an input, or refused."""
+    pushing = pushed("N") | {"outputs": {"record": ["push.force"]}}
+    sidtool.write(tmp_path / "r.h5", simulated(pushing))
+    table = {"unit": unit, "file": str(tmp_path / "r.h5"), "value": "push.force"}
+    data = formula("u") | {"inputs": {"u": {k: v for k, v in table.items() if v}}}
+    if factor:
+        scene = validate_data(data, SceneFile)
+        assert_allclose(scene.inputs["u"].values, 2.0 * factor)
+    else:
+        with pytest.raises(InputError) as caught:
+            validate_data(data, SceneFile)
+        assert caught.value.place == "the column of values"
+    drive = cart({"type": "table", "file": table["file"], "value": "push.force"})
+    with pytest.raises(InputError) as caught:
+        validate_data(drive, SceneFile)
+    assert caught.value.place == "drives.road.function.file"
+
+
 def test_an_input_has_the_unit_of_what_takes_it() -> None:
     """2 kN would act as 2 N: refused; a formula may convert, and a vector of 1 kN."""
     assert simulated(pushed("N"))["push.force"][-1] == 2.0
