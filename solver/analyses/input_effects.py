@@ -145,7 +145,9 @@ def _equation_changes(
     a, multipliers = equations.accelerations, equations.multipliers
     given = float(numbers[k])
     z, v = evaluation.z, evaluation.v
-    least = CORNER_ROUNDING * mechanics.force_size_in_motion(z, v)
+    size_of_forces = mechanics.force_size_in_motion(z, v)
+    least = CORNER_ROUNDING * size_of_forces
+    rounding = np.finfo(float).eps * size_of_forces
     middle = mechanics.force.copy()
     sizes, bends = list[float](), list[float]()
 
@@ -168,7 +170,8 @@ def _equation_changes(
             )
         bend = np.abs(sum(forces) - 2.0 * middle).max(initial=0.0)
         bends.append(float(bend) / step if bend > least else 0.0)
-        sizes.append(float(np.abs(forces[0] - forces[1]).max(initial=0.0)) / step)
+        size = float(np.abs(forces[0] - forces[1]).max(initial=0.0))
+        sizes.append(size / step if size > least else 0.0)
         return [(p - m) / (2.0 * step) for p, m in zip(*ends, strict=True)]
 
     def first_differences(step: float) -> tuple[float, list[Array]]:
@@ -180,14 +183,29 @@ def _equation_changes(
                 step /= REFINEMENT
         return step, differences(step)
 
+    def is_rounded(step: float, change: list[Array]) -> bool:
+        """Whether rounding of all forces hides digits of a change of them."""
+        size = np.abs(change[0]).max(initial=0.0)
+        return bool(0.0 < AGREEMENT * size < rounding / step)
+
     found: list[tuple[float, float, list[Array]]] = []
-    agrees = False
+    agrees = acts = False
     try:
         step, coarse = first_differences(INPUT_PERTURBATION * max(abs(given), 1.0))
-        for _ in range(MAX_REFINEMENTS):
+        widened = 0
+        while is_rounded(step, coarse) and widened < MAX_REFINEMENTS:
+            try:
+                step, coarse = REFINEMENT * step, differences(REFINEMENT * step)
+            except SimulationError:
+                break
+            widened += 1
+        del sizes[:-1], bends[:-1]
+        for _ in range(MAX_REFINEMENTS + widened):
+            acts |= bool(coarse[0].any())
             fine = differences(step / REFINEMENT)
             pairs = zip(fine, coarse, strict=True)
             error = max(np.abs(f - c).max(initial=0.0) for f, c in pairs)
+            error += acts * rounding / step
             found.append((float(error), step, coarse))
             size = max(np.abs(c).max(initial=0.0) for c in coarse)
             agrees = error <= AGREEMENT * size
@@ -197,7 +215,8 @@ def _equation_changes(
     finally:
         numbers[k] = given
         mechanics.evaluate(evaluation.z, evaluation.v)
-    _, step, best = min(found, key=itemgetter(0))
+    error, step, best = min(found, key=itemgetter(0))
+    agrees |= bool(error < 4.0 * rounding / step)
     if len(bends) < POWER_LAW:
         bend = bends[-1] if bends[-1] > 0.5 * bends[0] else 0.0
     else:

@@ -96,6 +96,17 @@ def test_inputs_have_the_slope_of_their_law(law: str, slope: float) -> None:
     assert "N745" not in codes(space)
 
 
+@pytest.mark.parametrize(
+    ("law", "slope"), [("1e3 + {s}*u", 1e-6), ("1e3 + {s}*u", 1e-9), ("1e3+{s}*u", 0.1)]
+)
+def test_an_input_beside_a_preload_has_its_slope(law: str, slope: float) -> None:
+    """However small its gain is."""
+    scene = slider(law.format(s=slope), u=0.0)
+    space = sidtool.state_space(scene, inputs=["u"], outputs=["m.ax"])
+    assert_allclose(space.B.ravel(), [0.0, slope], rtol=1e-5)
+    assert "N745" not in codes(space)
+
+
 @pytest.mark.parametrize("law", ["100*abs(u)", "5*sign(u)", "100*max(u, 0) + 3*u"])
 def test_corners_and_jumps_of_inputs_are_named(law: str) -> None:
     space = sidtool.state_space(slider(law, u=0.0), inputs=["u"], outputs=["m.ax"])
