@@ -327,7 +327,14 @@ def rigid_body(name: str, body: RigidBody, nodes: tuple[Node, ...]) -> BodyData:
     """The data of a rigid body; see `rigid_nodes`."""
     centre = as_3d(body.centre_of_mass)
     inertia = np.zeros((3, 3)) if body.inertia is None else inertia_tensor(body.inertia)
-    steiner = body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    with np.errstate(over="ignore", invalid="ignore"):
+        steiner = body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    if not np.isfinite(inertia + steiner).all():
+        raise InputError(
+            f"gives {name} an inertia beyond the largest number",
+            place=f"bodies.{name}.centre_of_mass",
+            expected="lengths in metres",
+        )
     sid = rigid_sid(body.mass, centre, inertia + steiner, nodes)
     rotates = body.inertia is not None or bool(centre.any())
     return BodyData(name, sid, rotates, False, {})

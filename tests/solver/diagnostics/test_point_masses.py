@@ -327,3 +327,11 @@ def test_spatial_pins_may_repeat_what_other_joints_hold() -> None:
         assert_allclose(found["axle.angle"], found.t, atol=1e-6)
     across = {"pin": PIN["pin"] | {"axis": [0.0, 1.0, 0.0]}}
     assert refused(scene("spatial", joints=across)).startswith("joints.pin:")
+
+
+def test_a_centre_of_mass_beyond_all_numbers_is_refused() -> None:
+    """Steiner's moment of inertia, m r^2, is infinite."""
+    data = scene().file_data()
+    data["bodies"]["bead"] |= {"centre_of_mass": [1e300, 0.0], "inertia": 1.0}
+    said = refused(sidtool.Scene.checked(data, "test"))
+    assert said.startswith("bodies.bead.centre_of_mass:")
