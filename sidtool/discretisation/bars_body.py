@@ -67,7 +67,8 @@ _SHEAR = diagnose(
 )
 _SHELLS = diagnose(
     "N125",
-    property="shells: shear by TS/T, consistent mass, no stiffening by loads",
+    property="shells: MITC4 and MITC3 with shear by TS/T (5/6), consistent mass, no "
+    "stiffening by loads",
 )
 _HINGED = diagnose(
     "N129", limit="bars and shells that share single nodes with solids are hinged there"
@@ -200,10 +201,10 @@ def _check_sections(imported: ImportedMesh, model: ModelFile) -> None:
     for shell in imported.shells:
         if not shell.section.complete:
             raise InputError(
-                f"shell {shell.label} has no complete material (E, nu and RHO)",
+                f"shell {shell.label} has no complete material (E, nu and density)",
                 place=shell.place,
-                expected="MAT1, MAT2 or MAT8 with RHO; geometry.density adds a density "
-                "(0 where CONM2 hold all mass)",
+                expected="all three in the file; geometry.density adds a density "
+                "(in a .bdf 0 where CONM2 hold all mass)",
             )
 
 
@@ -220,12 +221,16 @@ def _check_choices(model: ModelFile, imported: ImportedMesh) -> None:
             raise InputError(
                 "is not for bars", place=place, expected="what the file says of them"
             )
-    if imported.equations:
-        raise InputError(
-            "MPC beside bars or shells is not supported",
-            place=imported.equations[0].place,
-            expected="RBE2, RBE3 and RBAR; geometry.ignore leaves cards out",
-        )
+    for held, what, instead in (
+        (imported.equations, "*EQUATION or MPC", "RBE2, RBE3, RBAR or *COUPLING"),
+        (imported.ties, "*TIE", "meshes that share nodes, or *COUPLING"),
+    ):
+        if held:
+            raise InputError(
+                f"{what} beside bars or shells is not supported",
+                place=held[0].place,
+                expected=f"{instead}; geometry.ignore leaves it out",
+            )
 
 
 def _with_material(bar: RawBar, model: ModelFile, units: UnitSystem) -> RawBar:

@@ -74,7 +74,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
             if not reason:
                 return calculix_model(model, units, density)
         except DependentNodes as error:
-            if not is_bulk(geometry.file):
+            if not (is_bulk(geometry.file) or _has_own_shells(geometry, density)):
                 raise error.located(geometry.file) from None
             reason = "edges where its shells meet"
         engine_notes = (diagnose("N132", reason=reason),)
@@ -174,6 +174,15 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         ),
         geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
     )
+
+
+def _has_own_shells(geometry: MeshGeometry, density: float | None) -> bool:
+    """Return whether the elements of sidtool represent an .inp with shells."""
+    try:
+        imported = read_mesh(geometry.file, geometry.ignore, geometry.part, density)
+    except InputError:
+        return False
+    return bool(imported.shells) and not (imported.equations or imported.ties)
 
 
 def file_density(model: ModelFile, units: UnitSystem) -> float | None:

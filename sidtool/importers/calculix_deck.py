@@ -10,7 +10,13 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
-from ..mesh.deck_text import IncludedFiles, RefusalCollector, named_file, read_lines
+from ..mesh.deck_text import (
+    IncludedFiles,
+    RefusalCollector,
+    named_file,
+    parse_numbers,
+    read_lines,
+)
 from ..mesh.imported_mesh import ONLY_NODES
 from .abaqus.deck import Namespace
 from .abaqus.element_types import POINTS
@@ -171,8 +177,9 @@ def centre_nodes(lines: list[str]) -> tuple[list[str], Array]:
     rows = [i for i, line in _data_lines(lines, "NODE")]
     table = np.zeros((len(rows), 3))
     for k, i in enumerate(rows):
-        words = [float(w) if w.strip() else 0.0 for w in lines[i].split(",")[1:4]]
-        table[k, : len(words)] = words
+        label, *words = (word.strip() for word in lines[i].split(","))
+        given = [word or "0" for word in words[:3]]
+        table[k, : len(given)] = parse_numbers(given, f"node {label}", "coordinates")
     centre = table.mean(axis=0) if rows else np.zeros(3)
     result = list(lines)
     for i, place in zip(rows, (table - centre).tolist(), strict=True):

@@ -75,7 +75,7 @@ def read_mesh(
     words = frozenset(" ".join(word.upper().strip("*$").split()) for word in ignored)
     module, name = MESH_READERS[ending]
     reader: Reader = getattr(import_module(module), name)
-    shells = {"bending": True} if bending else {}
+    shells = {"bending": True} if bending and name == "read_bdf" else {}
     with hide_included_text(Path(path)), _without_garbage_collection():
         if part is None:
             return reader(path, words, density=density, **shells)

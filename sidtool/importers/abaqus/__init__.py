@@ -7,6 +7,7 @@ element_types     supported element types
 materials         elastic materials and orientations
 node_generation   generated nodes and elements
 instances         instances of parts as one body
+shells            sections of shells
 surfaces          surfaces and the coordinate system of nodes
 couplings         rigid and distributing couplings, masses
 equations         equations, multi-point constraints, ties

@@ -15,8 +15,9 @@ from .keywords import Block
 from .surfaces import defined_elements, resolve_nodes, surface_nodes
 
 _DISPLACEMENTS = {1, 2, 3}
-#: Parameters with node sets of *RIGID BODY; nodes of solids have no rotation.
-_OF_NODES = ("NSET", "TIE NSET", "PIN NSET")
+_ALL = "123456"
+#: Parameters with node sets of *RIGID BODY -> directions of the nodes that it holds.
+_OF_NODES = {"NSET": _ALL, "TIE NSET": _ALL, "PIN NSET": "123"}
 #: Numbers of *ROTARY INERTIA: I11, I22, I33, I12, I13, I23.
 _MOMENTS = 6
 
@@ -63,11 +64,11 @@ def couplings_of(deck: Deck, body: Namespace, instance: str) -> list[RawCoupling
     used = {n for e in body.elements.values() for n in e.nodes} if deck.chosen else None
     for i, definition in enumerate(deck.coupling_definitions, start=1):
         try:
-            coupling = _make_coupling(deck, definition, body, instance, i)
-            if used is not None and used.isdisjoint(coupling.nodes):
-                deck.diagnostics.append(diagnose("N119", what=coupling.name))
+            made = _make_couplings(deck, definition, body, instance, i)
+            if used is not None and all(used.isdisjoint(c.nodes) for c in made):
+                deck.diagnostics.append(diagnose("N119", what=made[0].name))
                 continue
-            couplings.append(coupling)
+            couplings += made
         except InputError as error:
             place = error.place or definition.block.place
             raise InputError(
@@ -76,13 +77,14 @@ def couplings_of(deck: Deck, body: Namespace, instance: str) -> list[RawCoupling
     return couplings
 
 
-def _make_coupling(
+def _make_couplings(
     deck: Deck,
     definition: CouplingDefinition,
     body: Namespace,
     instance: str,
     number: int,
-) -> RawCoupling:
+) -> list[RawCoupling]:
+    """Return the couplings of a keyword, one for the nodes of the same directions."""
     block, options = definition.block, definition.block.options
     name = deck.name(options.get("CONSTRAINT NAME", "")) or f"{block.keyword} {number}"
     rigid = definition.kind is None or definition.kind.keyword == "KINEMATIC"
@@ -91,28 +93,40 @@ def _make_coupling(
             raise InputError(
                 "*COUPLING has no kind", place=block.place, expected="*KINEMATIC"
             )
-        nodes = _surface_coupling(
-            deck, definition, body, instance, options.get("SURFACE", "")
-        )
-        _check_directions(name, definition.kind.rows, definition.kind.place)
+        surface = options.get("SURFACE", "")
+        nodes = _surface_coupling(deck, definition, body, instance, surface)
+        held = _directions(name, definition.kind.rows, definition.kind.place)
+        groups = {held if rigid else _ALL: nodes}
     elif block.keyword == "KINEMATIC COUPLING":
-        nodes = []
+        groups = {}
         for words, place in block.rows:
-            nodes += resolve_nodes(deck, definition.scope, instance, words[0])
-            _check_directions(name, [(words[1:], place)], place)
+            own = resolve_nodes(deck, definition.scope, instance, words[0])
+            held = _directions(name, [(words[1:], place)], place)
+            groups.setdefault(held, []).extend(own)
     else:
-        nodes = _rigid_body_coupling(deck, definition, body, instance)
+        groups = _rigid_body_couplings(deck, definition, body, instance)
     reference = options.get("REF NODE")
     label = (
         None
         if reference is None
         else _reference_label(deck, definition, body, instance, reference)
     )
-    held = tuple(dict.fromkeys(nodes))
     by_area = not rigid and _is_element_surface(
         deck, definition, options.get("SURFACE", "")
     )
-    return RawCoupling(name, rigid, held, label, block.place, by_area=by_area)
+    return [
+        RawCoupling(
+            name,
+            rigid,
+            tuple(dict.fromkeys(nodes)),
+            label,
+            block.place,
+            turns=held == _ALL,
+            by_area=by_area,
+            directions=held,
+        )
+        for held, nodes in groups.items()
+    ]
 
 
 def _is_element_surface(deck: Deck, definition: CouplingDefinition, word: str) -> bool:
@@ -157,17 +171,18 @@ def _surface_coupling(
     )
 
 
-def _rigid_body_coupling(
+def _rigid_body_couplings(
     deck: Deck, definition: CouplingDefinition, body: Namespace, instance: str
-) -> list[int]:
+) -> dict[str, list[int]]:
+    """Return the nodes of a rigid body by their directions that it holds."""
     options = definition.block.options
-    named = [options[key] for key in _OF_NODES if key in options]
-    if named:
-        return [
-            n
-            for word in named
-            for n in resolve_nodes(deck, definition.scope, instance, word)
-        ]
+    groups: dict[str, list[int]] = {}
+    for key, held in _OF_NODES.items():
+        if key in options:
+            own = resolve_nodes(deck, definition.scope, instance, options[key])
+            groups.setdefault(held, []).extend(own)
+    if groups:
+        return groups
     name = deck.name(options.get("ELSET", ""))
     group = definition.scope.elsets.get(name)
     if group is None:
@@ -176,24 +191,30 @@ def _rigid_body_coupling(
         )
     labels = [label for owner, label in group if owner in (instance, "")]
     known = defined_elements(deck, body, labels, f"the rigid body {name!r}")
-    return [n for element in known for n in element.nodes]
+    return {_ALL: [n for element in known for n in element.nodes]}
 
 
-def _check_directions(name: str, rows: list[tuple[list[str], str]], place: str) -> None:
-    """Check the lines of first and last direction; without lines all are
-    constrained.
+def _directions(name: str, rows: list[tuple[list[str], str]], place: str) -> str:
+    """Return the directions of lines of the first and the last one; without lines all
+    are constrained.
+
+    Raises
+    ------
+    InputError : a displacement is free, or a direction is none.
     """
     held: set[int] = set()
     for words, where in rows:
         given = [int(x) for x in parse_numbers([w for w in words[:2] if w], where)]
-        held |= set(range(given[0], given[-1] + 1)) if given else _DISPLACEMENTS
-    if rows and not held >= _DISPLACEMENTS:
+        last = min(given[-1], 7) if given else 0
+        held |= set(range(given[0], last + 1)) if given else {*range(1, 7)}
+    if rows and not _DISPLACEMENTS <= held <= {*range(1, 7)}:
         listed = ", ".join(map(str, sorted(held)))
         raise InputError(
             f"{name} holds the directions {listed}",
             place=place,
             expected="1 to 3, with or without rotations",
         )
+    return "".join(map(str, sorted(held))) or _ALL
 
 
 def labels_named(

@@ -31,7 +31,10 @@ class Element:
 
 @dataclass(frozen=True)
 class Section:
-    """A *SOLID SECTION, with its instance if several form the body."""
+    """A *SOLID SECTION or *SHELL SECTION, with its instance if several form the body.
+
+    `offset` is that of the nodes from the middle of a shell, by its thickness.
+    """
 
     elset: str
     material: str
@@ -39,6 +42,8 @@ class Section:
     place: str
     orientation: str = ""
     instance: str = ""
+    shell: bool = False
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)

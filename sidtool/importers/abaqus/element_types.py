@@ -43,6 +43,8 @@ _LOWER = {
     **dict.fromkeys(("S6", "STRI65", "M3D6", "SFM3D6"), (2, 6)),
     **dict.fromkeys(("S8", "S8R", "M3D8", "M3D8R", "SFM3D8"), (2, 8)),
 }
+#: Shells of corner nodes that a section makes elements of the body -> ours.
+_SHELLS = {"S3": "tri3", "S3R": "tri3", "S4": "quad4", "S4R": "quad4"}
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class ElementType:
     state : of a plane element
     formulation : of our element, if there is a choice
     replaced : differences from the deck, "" for none
+    shell : our shell element, "" for none
     """
 
     kind: str | None
@@ -64,6 +67,7 @@ class ElementType:
     state: str | None = None
     formulation: str | None = None
     replaced: str = ""
+    shell: str = ""
 
 
 def element_type(name: str) -> ElementType | None:
@@ -73,7 +77,8 @@ def element_type(name: str) -> ElementType | None:
     kind = _KINDS.get(base)
     if kind is None or kind not in ELEMENT_KINDS:
         lower = _LOWER.get(name)
-        return None if lower is None else ElementType(None, *lower)
+        shell = _SHELLS.get(name, "")
+        return None if lower is None else ElementType(None, *lower, shell=shell)
     plane = base.startswith("CP")
     state = None
     if plane:
@@ -177,4 +182,5 @@ _FOR_CALCULIX = "solids, or shells, beams and trusses of CalculiX, as S8R, B31, 
 def supported_types() -> str:
     """The supported types, for a message."""
     known = ", ".join(base for base, kind in _KINDS.items() if kind in ELEMENT_KINDS)
-    return f"{known}, or {BY_CALCULIX}"
+    shells = ", ".join(_SHELLS)
+    return f"{known}, {shells} with *SHELL SECTION, or {BY_CALCULIX}"

@@ -1,9 +1,9 @@
 """Abaqus and CalculiX input files (.inp): nodes, elements, sets, materials.
 
 This module reads *NODE, *ELEMENT, their generation, *NSET, *ELSET, *MATERIAL with
-*ELASTIC and *DENSITY, *ORIENTATION, *SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY,
-*MASS, *TIE, *EQUATION, *MPC, *INCLUDE and every *PART with its *INSTANCE. The effect of
-all other keywords is defined in `keywords`.
+*ELASTIC and *DENSITY, *ORIENTATION, *SOLID SECTION, *SHELL SECTION, *SURFACE,
+*COUPLING, *RIGID BODY, *MASS, *TIE, *EQUATION, *MPC, *INCLUDE and every *PART with its
+*INSTANCE. The effect of all other keywords is defined in `keywords`.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from .instances import merge_instances
 from .keywords import Block, UnreadKeyword, keyword_effect, read_blocks, spelled_out
 from .materials import read_elastic, read_orientation
 from .node_generation import read_elcopy, read_elgen, read_ncopy, read_nfill, read_ngen
+from .shells import read_shell_section
 from .surfaces import read_surface, read_system, to_global
 
 
@@ -256,6 +257,7 @@ _READERS = {
     "ELASTIC": read_elastic,
     "DENSITY": read_elastic,
     "SOLID SECTION": _read_section,
+    "SHELL SECTION": read_shell_section,
     "SURFACE": read_surface,
     "KINEMATIC": read_coupling_kind,
     "DISTRIBUTING": read_coupling_kind,

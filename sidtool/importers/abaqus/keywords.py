@@ -168,6 +168,10 @@ READ: dict[str, tuple[str, ...]] = {
     "SOLID SECTION": (
         *("ELSET", "MATERIAL", "ORIENTATION", "CONTROLS", "REF NODE", "OFFSET"),
     ),
+    "SHELL SECTION": (
+        *("ELSET", "MATERIAL", "OFFSET", "ORIENTATION", "COMPOSITE", "CONTROLS"),
+        *("NODAL THICKNESS", "POISSON", "SECTION INTEGRATION", "STACK DIRECTION"),
+    ),
     "SURFACE": (
         *("NAME", "TYPE", "INTERNAL", "COMBINE", "CROP", "TRIM", "REGION TYPE"),
         *("PROPERTY", "SCALE MASS", "DEFINITION", "FILLET RADIUS", "MAX RATIO"),
@@ -263,7 +267,7 @@ _ALTERNATIVES = {
         "MODEL CHANGE": "a deck of the elements that are there",
         "CONTACT PAIR": "one body without contact",
         "EMBEDDED ELEMENT": "one mesh whose nodes are merged",
-        **dict.fromkeys(("SHELL SECTION", "BEAM SECTION", "NORMAL"), BY_CALCULIX),
+        **dict.fromkeys(("BEAM SECTION", "NORMAL"), BY_CALCULIX),
         **dict.fromkeys(("BEAM GENERAL SECTION", "NODAL THICKNESS"), BY_CALCULIX),
         **dict.fromkeys(("MEMBRANE SECTION", "TRUSS SECTION"), BY_CALCULIX),
     }.items()

@@ -11,9 +11,11 @@ from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ...mesh.imported_mesh import (
     ImportedMesh,
+    RawCoupling,
     RawElement,
     assemble_mesh,
     find_undefined_members,
+    mesh_of_points,
     unread_keyword_notes,
 )
 from .couplings import couplings_of, masses_of, reference_labels
@@ -22,6 +24,7 @@ from .element_types import POINTS, unsupported_element_text
 from .equations import equations_of, ties_of
 from .instances import place_nodes
 from .materials import material_name, materials_of
+from .shells import shells_of
 from .surfaces import surface_nodes
 
 
@@ -35,7 +38,7 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     """
     body, instance = _body_scope(deck)
     sections = _section_by_element(deck, body)
-    elements, name_only = _split_elements(body, sections)
+    elements, plates, name_only = _split_elements(body, sections)
     raw = [
         _raw_element(deck, element, sections.get(element.label)) for element in elements
     ]
@@ -45,21 +48,45 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     masses = tuple(masses_of(deck, body, instance))
     ties = tuple(ties_of(deck, body, instance))
     sets = _all_node_sets(deck, body, instance)
-    mesh = assemble_mesh(nodes, raw, sets)
-    states = {element.type.state for element in elements}
+    mesh = assemble_mesh(nodes, raw, sets) if raw else mesh_of_points(nodes, sets)
+    states = {element.type.state for element in elements} or {None}
     if len(states) > 1:
         raise InputError("mixes plane stress and plane strain", expected="one of them")
+    state = next(iter(states))
+    materials = materials_of(deck, sections.values(), instance, state)
+    shells = shells_of(plates, sections, materials, nodes)
+    if shells:
+        _check_couplings_of_shells(couplings)
     return ImportedMesh(
         mesh,
-        materials_of(deck, sections.values(), instance, next(iter(states))),
-        next(iter(states)),
-        tuple(_reading_notes(deck, body, elements, name_only)),
+        materials,
+        state,
+        tuple(_reading_notes(deck, body, [*elements, *plates], name_only)),
         tuple(couplings),
         masses,
         tuple(equations),
         ties,
+        shells=shells,
         undefined=undefined_set_members(deck, body, sets, instance),
     )
+
+
+def _check_couplings_of_shells(couplings: Iterable[RawCoupling]) -> None:
+    """Refuse couplings that need surfaces, or directions of axes of their own."""
+    for coupling in couplings:
+        if coupling.reference is None:
+            what, instead = "has no reference node", "REF NODE"
+        elif coupling.by_area:
+            what = "weighs the nodes of a surface of elements"
+            instead = "a *SURFACE, TYPE=NODE beside shells"
+        elif coupling.directions not in ("123", "123456"):
+            what = f"holds the directions {coupling.directions}"
+            instead = "1 to 3 or 1 to 6 beside shells"
+        else:
+            continue
+        raise InputError(
+            f"{coupling.name} {what}", place=coupling.place, expected=instead
+        )
 
 
 def _with_reference_nodes(
@@ -131,21 +158,27 @@ def _section_by_element(deck: Deck, body: Namespace) -> dict[int, Section]:
 
 def _split_elements(
     body: Namespace, sections: dict[int, Section]
-) -> tuple[list[Element], list[Element]]:
-    """The elements of the body, and those of lower dimension that only name nodes."""
+) -> tuple[list[Element], list[Element], list[Element]]:
+    """Return the solid or plane elements of the body, its shells, and elements of lower
+    dimension that only name nodes.
+    """
     elements = list(body.elements.values())
     top = max((e.type.dimension for e in elements if e.type.kind), default=3)
-    solids, name_only = [], []
+    solids, plates, name_only = [], [], []
     for element in elements:
-        if element.type.kind and element.type.dimension == top:
+        section = sections.get(element.label)
+        of_shell = section is not None and section.shell
+        if element.type.kind and element.type.dimension == top and not of_shell:
             solids.append(element)
-        elif element.label in sections or element.type.dimension >= top:
+        elif element.type.shell and of_shell and top == 3:
+            plates.append(element)
+        elif section is not None or element.type.dimension >= top:
             raise _no_solid_elements(element)
         else:
             name_only.append(element)
-    if name_only and not solids:
+    if name_only and not solids and not plates:
         raise _no_solid_elements(name_only[0])
-    return solids, name_only
+    return solids, plates, name_only
 
 
 def _no_solid_elements(element: Element) -> InputError:

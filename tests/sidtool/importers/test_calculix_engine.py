@@ -236,9 +236,11 @@ def test_without_calculix_the_message_names_the_package(
         _convert(tmp_path)
 
 
-def test_own_elements_name_the_engine(tmp_path: Path) -> None:
+def test_own_elements_name_the_engine_for_shells_with_middle_nodes(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "part.inp").write_text(
-        plate_deck("S4", 0.3, shell(0.005), 2), encoding="utf-8"
+        plate_deck("S8R", 0.3, shell(0.005), 2), encoding="utf-8"
     )
     with pytest.raises(InputError, match='geometry.engine = "calculix"'):
         _convert(tmp_path, engine=None)
