@@ -145,6 +145,7 @@ class Section:
     shear_coupling : shear area of the force along one axis by shear along the other,
         over the area
     shear_centre : (2,) y, z from the centroid [m]
+    third_moments : integrals of yyy, yyz, yzz, zzz [m^5]
     """
 
     area: float
@@ -156,11 +157,18 @@ class Section:
     sides: tuple[float, float] | None = None
     shear_coupling: float = 0.0
     shear_centre: tuple[float, float] = (0.0, 0.0)
+    third_moments: tuple[float, float, float, float] = (0.0,) * 4
 
     @property
     def gyration(self) -> tuple[float, float]:
         """Iy / A and Iz / A [m^2]."""
         return self.iy / self.area, self.iz / self.area
+
+    @property
+    def asymmetry(self) -> Array:
+        """(2, 3) integrals of yy, yz, zz times the stress of My = 1, Mz = 1 [m]."""
+        moments = np.array(self.third_moments)
+        return np.stack([moments[1:] / self.iy, -moments[:3] / self.iz])
 
     def inertia(self, density: float, curvatures: Array) -> tuple[float, Array, Array]:
         """Mass per length [kg/m], its centre (3,) [m] in the axes of the section, and
@@ -331,6 +339,7 @@ def section_at(
             named.shear_z,
             shear_coupling=named.shear_coupling,
             shear_centre=named.shear_centre,
+            third_moments=named.third_moments,
         )
     h, w = (_side_at(geometry, name, fraction) for name in ("height", "width"))
     larger = max(h.real, w.real)

@@ -330,6 +330,7 @@ class MaterialPointCollector:
         self._rows = [RowCollector(ndof) for _ in range(3)]
         self._weights: list[float] = []
         self._gyration: list[tuple[float, float]] = []
+        self._asymmetry: list[Array] = []
         self._curvatures: list[Array] = []
 
     def add(self, element: BeamElement, dofs: Indices) -> None:
@@ -343,7 +344,9 @@ class MaterialPointCollector:
                 self._rows, (rows.strains, turns, rows.resultants), strict=True
             ):
                 kept.add(some, dofs)
-            self._gyration.append(element.section(place).gyration)
+            section = element.section(place)
+            self._gyration.append(section.gyration)
+            self._asymmetry.append(section.asymmetry)
         self._weights.extend(GAUSS_WEIGHTS * element.length)
         self._curvatures.extend(frames.curvatures)
 
@@ -355,6 +358,7 @@ class MaterialPointCollector:
             turns=turns,
             resultants=forces,
             gyration=np.array(self._gyration),
+            asymmetry=np.array(self._asymmetry),
             curvatures=np.array(self._curvatures),
         )
 

@@ -67,6 +67,7 @@ class NamedProperties:
         middle of the back of its web, of a T from the end of its web, else zero [m]
     shear_centre : (2,) from the centroid along the principal axes [m]
     turn : angle from the local y axis to the first principal axis, towards z [rad]
+    third_moments : integrals of yyy, yyz, yzz, zzz along the principal axes [m^5]
     """
 
     area: float
@@ -79,6 +80,7 @@ class NamedProperties:
     centroid: tuple[float, float] = (0.0, 0.0)
     shear_centre: tuple[float, float] = (0.0, 0.0)
     turn: float = 0.0
+    third_moments: tuple[float, float, float, float] = (0.0,) * 4
 
 
 @dataclass(frozen=True)
@@ -120,11 +122,12 @@ def named_properties(section: NamedSection, poissons_ratio: float) -> NamedPrope
     if isinstance(section, CircularSection | TubeSection):
         return _round_section(section, poissons_ratio)
     shape = _SHAPES[type(section)](section)
-    moments = _area_moments(shape)
-    area, centroid, tensor = moments
+    area, centroid, tensor, third = _area_moments(shape)
     turn = _principal_turn(tensor)
     axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     tensor = axes @ tensor @ axes.T
+    third = np.einsum("abc,ia,jb,kc->ijk", third, axes, axes, axes)
+    third = without_rounding(third, _SYMMETRIC * area.real**2.5)
     compliance, centre, middle = _shear_flow(shape)
     offset = axes @ (centre + middle - centroid)
     if shape.closed:
@@ -144,6 +147,7 @@ def named_properties(section: NamedSection, poissons_ratio: float) -> NamedPrope
         centroid=tuple(centroid.tolist()),
         shear_centre=tuple(offset.tolist()),
         turn=turn,
+        third_moments=tuple(third[(0, 0, 0, 1), (0, 0, 1, 1), (0, 1, 1, 1)].tolist()),
     )
 
 
@@ -168,8 +172,10 @@ def _round_section(
     return NamedProperties(area, moment, moment, 2 * moment, shear, shear)
 
 
-def _area_moments(shape: _Shape) -> tuple[float, Array, Array]:
-    """Return area, centroid (2,) and tensor (2, 2) of int y y, y z, z z about it."""
+def _area_moments(shape: _Shape) -> tuple[float, Array, Array, Array]:
+    """Return area, centroid (2,), and tensors (2, 2) and (2, 2, 2) of the second and
+    third moments about it; of fillets without the third ones about their own centroid.
+    """
     parts = [
         (h * w, np.array([y, z]), np.diag([h**2, w**2]) * h * w / 12)
         for y, z, h, w in shape.plates
@@ -181,11 +187,15 @@ def _area_moments(shape: _Shape) -> tuple[float, Array, Array]:
         parts.append((_FILLET_AREA * r**2, centre, own))
     area = sum(part[0] for part in parts)
     centroid = sum((a * c for a, c, _ in parts), np.zeros(2)) / area
-    tensor = np.zeros((2, 2))
+    tensor, third = np.zeros((2, 2)), np.zeros((2, 2, 2))
     for a, centre, own in parts:
         arm = centre - centroid
-        tensor = tensor + own + a * np.outer(arm, arm)
-    return area, centroid, tensor
+        moved = own + a * np.outer(arm, arm)
+        tensor = tensor + moved
+        mixed = np.multiply.outer(own, arm)
+        third = third + np.multiply.outer(moved, arm)
+        third = third + np.moveaxis(mixed, 2, 0) + np.moveaxis(mixed, 2, 1)
+    return area, centroid, tensor, third
 
 
 def _principal_turn(tensor: Array) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -43,6 +43,8 @@ class StationSection:
     centre: Array
     tensor: Array
     gyration: tuple[float, float]
+    #: Third moments are not known.
+    asymmetry: ClassVar[Array] = np.zeros((2, 3))
 
     @property
     def halves(self) -> Array:

@@ -16,9 +16,15 @@ beam, and with g_y and g_z across it:
 
 with the rotation (theta, psi_y, psi_z) of the cross-section and its curvatures ky, kz.
 The integral of sigma_xx g_x . g_x + 2 sigma_xy g_x . g_y + 2 sigma_xz g_x . g_z over
-a doubly symmetric section, with the stresses of its resultants N, My, Mz, Qy, Qz and T,
-is the quadratic form below. The torsional moment acts through
+the section, with the stresses of its resultants N, My, Mz, Qy, Qz and T, is the
+quadratic form below. The torsional moment acts through
 integral (y sigma_xz) = -integral (z sigma_xy) = T / 2.
+
+Third moments of the section (of T, C and L) add P_yy b . b + 2 P_yz b . c + P_zz c . c
+with P_yy = integral (sigma_xx y y), P_yz and P_zz, linear in My and Mz. Their shear
+stress does no work: by the equilibrium along x, 2 integral (y sigma_xy) is the
+derivative of P_yy, so that its work on g_x . g_y is the opposite of its work on the
+displacements of second order by which a section that turns stays plane and rigid.
 
 In a beam that is bent at rest by ky0 and kz0 a fibre has the length 1 + z ky0 - y kz0:
 what strains it is divided by that, (0, psi_z, -psi_y) of a is not, and volumes are
@@ -322,6 +328,7 @@ def beam_stiffness(material: BeamMaterial, states: Array, shapes: Array) -> Arra
         (shear_y, 2 * _field_products(a, across_y)),
         (shear_z, 2 * _field_products(a, across_z)),
         (twisting, _field_products(b, across_z) - _field_products(c, across_y)),
+        *_asymmetric_terms(material, resultants, b, c),
         *_initial_curvature_terms(material, resultants, shapes),
     )
     total: Array = sum(
@@ -346,6 +353,23 @@ def _gradients(material: BeamMaterial, shapes: Array) -> tuple[Array, ...]:
         (psi_y, -theta, zero),
     )
     return tuple(np.stack(vector, axis=1) for vector in vectors)
+
+
+def _asymmetric_terms(
+    material: BeamMaterial, resultants: Array, b: Array, c: Array
+) -> tuple[tuple[Array, Array], ...]:
+    """Forces (p, n) and forms (p, nq, nq) of the third moments of the sections."""
+    if not material.asymmetry.any():
+        return ()
+    *_, bending_y, bending_z = resultants
+    by_y, by_z = np.moveaxis(material.asymmetry, (1, 2), (0, 1))[..., None]
+    forces = by_y * bending_y + by_z * bending_z
+    forms = (
+        _field_products(b, b),
+        2 * _field_products(b, c),
+        _field_products(c, c),
+    )
+    return tuple(zip(forces, forms, strict=True))
 
 
 def _initial_curvature_terms(

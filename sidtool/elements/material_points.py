@@ -184,6 +184,8 @@ class BeamMaterial:
     turns : (3 p, ndof) sparse; rotation of the cross-section
     resultants : (6 p, ndof) sparse; N, Qy, Qz [N], T, My, Mz [N m]
     gyration : (p, 2) Iy / A and Iz / A [m^2]
+    asymmetry : (p, 2, 3) integrals over the section of yy, yz, zz times the stress of
+        My = 1 and of Mz = 1 [m]
     curvatures : (p, 3) of the beam at rest: twist, about y and z [rad/m]
     """
 
@@ -192,6 +194,7 @@ class BeamMaterial:
     turns: sp.csr_matrix
     resultants: sp.csr_matrix
     gyration: Array
+    asymmetry: Array
     curvatures: Array
 
     def strains_of(self, fields: Array) -> Array:
