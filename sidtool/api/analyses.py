@@ -6,6 +6,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -167,7 +168,12 @@ class Equilibrium(_NamedNumbers, SolverEquilibrium):
         ------
         InputError : no output has this name.
         """
-        return float(self.result()[name][0])
+        return float(self._result[name][0])
+
+    @cached_property
+    def _result(self) -> Result:
+        """The result whose outputs are looked up, evaluated once."""
+        return self.result()
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a pandas table: a row per recorded output and multiplier with value
