@@ -20,6 +20,8 @@ SEEDS = range(40)
 #: Scenes that pass positions in which bodies have to deform for loops to close.
 STRETCHED = (105, 749)
 RTOL = 1e-7
+#: Scenes with tables over time, of drives and forces, and springs with curves.
+WITH_TABLES = (3, 6, 33, 43)
 #: Share of the ways in which each scene is said.
 TURNS = 4
 
@@ -41,6 +43,16 @@ def test_the_same_scene_said_differently_moves_the_same(seed: int, name: str) ->
     found = compared(name, case, exact, seed, RTOL)
     if found is None:
         pytest.skip("the scene has nothing that could be said so")
+    error, allowed, where = found
+    assert error < allowed, where
+
+
+@pytest.mark.parametrize("seed", WITH_TABLES)
+def test_signals_from_files_and_formulas_move_a_scene_the_same(seed: int) -> None:
+    case, exact = original(seed)
+    name = "signals from files and formulas"
+    found = compared(name, case, exact, seed, RTOL)
+    assert found is not None
     error, allowed, where = found
     assert error < allowed, where
 

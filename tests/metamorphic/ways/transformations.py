@@ -17,6 +17,7 @@ from tests.metamorphic.ways import (
     descriptions,
     rereferenced,
     rewritten_bodies,
+    signal_files,
     space,
     units,
     worlds,
@@ -55,6 +56,7 @@ TRANSFORMATIONS: dict[str, Transformation] = {
     "couplings as gears": descriptions.couplings,
     "dampings as matrices": damping.in_sids,
     "optional keys left out": default_keys.keys_left_out,
+    "signals from files and formulas": signal_files.signals,
 }
 
 
