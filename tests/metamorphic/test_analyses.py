@@ -28,6 +28,7 @@ STILL = sorted(
     - {"units", "boosted and falling", "continued", "functions as callables"}
     - {"SIDs re-referenced, at the start", "SIDs re-referenced, small motion"}
     - {"energy balance recorded", "joints kept", "optional keys left out"}
+    - {"signals from files and formulas"}
 )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 
 import sidtool
 from sidtool.formats.base.errors import InputError
@@ -181,6 +182,52 @@ def test_a_solid_swings_with_the_section_forces_of_a_beam() -> None:
     beam_forces, solid_forces = np.array(found)
     size = np.abs(beam_forces).max(axis=(0, 1))
     assert (np.abs(solid_forces - beam_forces) <= 5e-3 * size).all()
+
+
+def test_a_solid_in_free_vibration() -> None:
+    """Of a cantilever: N = E A u' of its first mode along the axis, which is exact, and
+    of its first bending mode M = E I w'', V = -E I w''', which neglect shear."""
+    height = 0.02
+    model = plate(
+        discretisation={"type": "iga", "degrees": [4, 2], "elements": [5, 1]},
+        material=STEEL | {"poissons_ratio": 0.0},
+        reduction={"method": "modal", "modes": 7},
+    ).file_data()
+    points = np.array(model["geometry"]["control_points"])
+    model["geometry"]["control_points"] = (points * [1.0, height / WIDTH]).tolist()
+    sid = sidtool.convert(ModelFile.checked(model, "bar"))
+    x, area = L * np.array(PLACES), HEIGHT * height
+    bend = E * area * height**2 / 12
+    omega = np.pi / (2 * L) * np.sqrt(E / RHO)
+    (axial,) = np.flatnonzero(np.abs(np.sqrt(np.diag(sid.Ke.m0)) / omega - 1) < 1e-6)
+
+    def vibrating(mode: int) -> tuple[np.ndarray, dict[str, float]]:
+        elastic = [1e-6 * (k == mode) for k in range(7)]
+        body = {"sid": "bar.h5", "markers": {"root": 1, "tip": 2}}
+        result = simulated(
+            sid,
+            dimension="planar",
+            joints=WALL,
+            bodies={"bar": body | {"initial": {"elastic": elastic}}},
+            time={"end": 1e-6, "output_step": 1e-6},
+            outputs={"record": ["bar.s*.*", "bar.tip.ux", "bar.tip.uy"]},
+        )
+        forces = [section(result, f"s{k}", "N Vy Mz")[0] for k in range(1, 6)]
+        return np.array(forces), {d: result[f"bar.tip.u{d}"][0] for d in "xy"}
+
+    found, tip = vibrating(int(axial))
+    expected = E * area * np.pi / (2 * L) * np.cos(np.pi * x / (2 * L)) * tip["x"]
+    assert_allclose(found[:, 0], expected, atol=1e-6 * abs(expected[0]))
+
+    k = brentq(lambda v: np.cosh(v) * np.cos(v) + 1, 1.0, 3.0) / L
+    s = (np.cosh(k * L) + np.cos(k * L)) / (np.sinh(k * L) + np.sin(k * L))
+    cosh, sinh, cos, sin = (f(k * x) for f in (np.cosh, np.sinh, np.cos, np.sin))
+    found, tip = vibrating(0)
+    scale = tip["y"] / (cosh - cos - s * (sinh - sin))[-1]
+    moment = bend * k**2 * (cosh + cos - s * (sinh + sin)) * scale
+    shear = -bend * k**3 * (sinh - sin - s * (cosh + cos)) * scale
+    assert_allclose(found[:, 2], moment, atol=1e-3 * abs(moment[0]))
+    assert_allclose(found[:, 1], shear, atol=1e-3 * abs(shear[0]))
 
 
 def test_planes_through_curved_elements() -> None:

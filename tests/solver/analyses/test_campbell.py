@@ -98,6 +98,34 @@ def test_whirl_and_critical_speeds_of_an_overhung_rotor() -> None:
     assert codes(found) == []
 
 
+@pytest.mark.parametrize("speed", [60.0, 420.0])
+def test_an_unbalance_bends_the_rotor_as_its_closed_form_says(speed: float) -> None:
+    """Below and above the critical speed, per unbalance: (K11 - m W^2) r + K12 a = W^2
+    and K12 r + (K22 + (C - A) W^2) a = 0, stiffened by the gyroscopic moment."""
+    data = overhung(speed).file_data()
+    for name, force in (("fx", [1.0, 0.0, 0.0]), ("fy", [0.0, 1.0, 0.0])):
+        data["forces"][name] = {
+            "type": "force",
+            "marker": "disc",
+            "force": force,
+            "function": {"type": "input", "name": name},
+        }
+    data["inputs"] = {"fx": {"unit": "N"}, "fy": {"unit": "N"}}
+    outputs = ["disc.x", "disc.y", "disc.rotation_x", "disc.rotation_y"]
+    space = sidtool.Scene.checked(data, "rotor").state_space(
+        outputs=outputs, about="start"
+    )
+    hertz = [speed / (2.0 * math.pi)]
+    found = space.response(hertz, "fx - 1j*fy", unbalance=True).values[0]
+    K = [
+        [K11 - MASS * speed**2, K12],
+        [K12, K22 + (ALONG - ACROSS) * speed**2],
+    ]
+    r, angle = np.linalg.solve(K, [speed**2, 0.0])
+    expected = [r, -1j * r, 1j * angle, angle]
+    assert_allclose(found, expected, rtol=1e-8, atol=1e-10)
+
+
 def masses_on_springs(
     stiffness: Sequence[Any], coupling: Any, k: float
 ) -> sidtool.Scene:
