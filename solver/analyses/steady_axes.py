@@ -28,10 +28,12 @@ from .reference_axes import (
     shared_axes,
     unpaired_frequency,
 )
-from .state_matrix import elastic_coordinates, state_matrix
+from .state_matrix import SmallMotions, elastic_coordinates, state_matrix
 
-#: The motion is followed by so large an angle [rad].
+#: The motion is followed by so large an angle [rad] of each body.
 TEST_ANGLE = 0.4
+#: Bodies that are slower by this part than the fastest one do not turn.
+NO_ROTATION = 1e-6
 #: Rotations during a run below this angle [rad] are rounding.
 ROTATION_ROUNDING = 1e-9
 #: Changes of modes by this part, or by rounding of the matrix, are none.
@@ -155,6 +157,23 @@ def _multi_blade_axes(
             yield SteadyAxes(omegas, (found,), blades=blades)
 
 
+def test_times(own: Array, omegas: Array) -> list[float]:
+    """Times [s] in which bodies turn by the test angle, those of fast bodies first.
+
+    Parameters
+    ----------
+    own, omegas : (bodies, 3)
+        Angular velocities of the bodies and of the axes in which they are described.
+    """
+    turning = np.vstack([own, omegas, own - omegas])
+    times: list[float] = []
+    speeds = np.sort(np.linalg.norm(turning, axis=1))[::-1]
+    for speed in speeds[speeds > NO_ROTATION * speeds[0]]:
+        if not times or speed * times[-1] < 0.5 * TEST_ANGLE:
+            times.append(float(TEST_ANGLE / speed))
+    return times
+
+
 def lowest_changing_mode(
     mechanics: DenseEquations,
     z: Array,
@@ -165,38 +184,50 @@ def lowest_changing_mode(
     """Angular frequency of the lowest mode that changes along a motion that is steady
     in these axes, inf if none does."""
     small = state_matrix(mechanics, z, v, omegas, blades)
-    matrix, N = small.matrix, small.free_directions
     mechanics.evaluate(z, v)
-    own = axis_angular_velocities(mechanics)
-    spin = float(np.linalg.norm(np.vstack([own, omegas]), axis=1).max())
+    times = test_times(axis_angular_velocities(mechanics), omegas)
+    return min(_changing_mode(mechanics, small, dt) for dt in times)
+
+
+def _changing_mode(mechanics: DenseEquations, small: SmallMotions, dt: float) -> float:
+    """The same of a motion of some time [s], as large parts of the frequency or of the
+    angular velocity that belongs to this time."""
+    matrix, N = small.matrix, small.free_directions
+    spin = TEST_ANGLE / dt
     try:
-        later_matrix, N_there, rotation = _after_steady_motion(
-            mechanics, z, v, omegas, TEST_ANGLE / spin, blades
-        )
+        later_matrix, N_there, rotation = _after_steady_motion(mechanics, small, dt)
     except SimulationError:
         return 0.0
     if later_matrix.shape != matrix.shape:
         return 0.0
     n_positions = len(matrix) - N.shape[1]
-    X = turned_states(mechanics, N, N_there, rotation, n_positions)
+    X, misfit = turned_states(mechanics, N, N_there, rotation, n_positions)
     if not len(X) or np.linalg.svd(X, compute_uv=False)[-1] < 0.5:
         return np.inf if not len(X) else 0.0
     change = np.linalg.solve(X, later_matrix @ X) - matrix
     values, vectors = np.linalg.eig(matrix)
-    sizes = np.maximum(np.abs(values), spin) * (
-        np.linalg.norm(vectors[n_positions:], axis=0)
-        + spin * np.linalg.norm(vectors[:n_positions], axis=0)
-    )
+
+    def speeds(positions: Array, velocities: Array) -> Array:
+        norms = [np.linalg.norm(part, axis=0) for part in (positions, velocities)]
+        return np.asarray(spin * norms[0] + norms[1])
+
+    sizes = speeds(vectors[:n_positions], vectors[n_positions:])
+    outside = speeds(*np.split(misfit @ vectors, 2))
     noise = ROUNDING * np.linalg.norm(matrix, 2)
-    changes = (np.linalg.norm(change @ vectors, axis=0) - noise) / sizes
+    changes = np.linalg.norm(change @ vectors, axis=0) - noise
+    changes = (changes / np.maximum(np.abs(values), spin) + outside) / sizes
     changing = np.abs(values)[~(changes < MODE_TOLERANCE)]
     return float(changing.min(initial=np.inf))
 
 
 def turned_states(
     mechanics: DenseEquations, N: Array, N_there: Array, rotation: Array, n_y: int
-) -> Array:
-    """(y, w) of the free directions after a steady motion by those before it.
+) -> tuple[Array, Array]:
+    """(y, w) of the free directions after a steady motion by those before it, and what
+    of positions and velocities before it no free direction after it has.
+
+    Two bodies that tilt together, such as a wheel and its frame, have no free
+    directions in common in axes of which one turns in the other.
 
     Parameters
     ----------
@@ -208,22 +239,20 @@ def turned_states(
     rows, counts = independent_rows(mechanics), (n_y, N.shape[1])
     before = [(rotation @ N)[rows][:, :count] for count in counts]
     after = [N_there[rows][:, :count] for count in counts]
-    parts = zip(after, before, strict=True)
-    return np.asarray(block_diag(*(np.linalg.lstsq(a, b)[0] for a, b in parts)))
+    parts = [*zip(after, before, strict=True)]
+    fits = [np.linalg.lstsq(a, b)[0] for a, b in parts]
+    misfits = [b - a @ x for (a, b), x in zip(parts, fits, strict=True)]
+    return block_diag(*fits), block_diag(*misfits)
 
 
 def _after_steady_motion(
-    mechanics: DenseEquations,
-    z: Array,
-    v: Array,
-    omegas: Array,
-    dt: float,
-    blades: tuple[BladeGroup, ...],
+    mechanics: DenseEquations, small: SmallMotions, dt: float
 ) -> tuple[Array, Array, Array]:
     """Matrix and free directions after a steady motion, and how tangents (n,), scaled,
     in the axes turn into those of the bodies there."""
-    start = mechanics.t
-    later_z, later_v, rotation = steady_motion(mechanics, z, v, omegas, dt)
+    start, omegas, blades = mechanics.t, small.omegas, small.blades
+    mechanics.evaluate(small.z, small.v)
+    later_z, later_v, rotation = steady_motion(mechanics, small.z, small.v, omegas, dt)
     rotation = rotated_tangents(mechanics, blades, dt, rotation)
     try:
         mechanics.t = start + dt

@@ -19,15 +19,15 @@ from .input_effects import (
     input_effects,
 )
 from .output_derivatives import OutputEvaluation
-from .reference_axes import body_axes
+from .reference_axes import axis_angular_velocities, body_axes
 from .state_matrix import linear_equations, small_motions
 from .state_space_forms import FirstOrderForm
 from .steady_axes import (
     ROTATION_ROUNDING,
-    TEST_ANGLE,
     SteadyAxes,
     shared_steady_axes,
     steady_motion,
+    test_times,
     turned_states,
 )
 
@@ -86,7 +86,7 @@ class LinearisedScene:
         finally:
             mechanics.t = start
             numbers[origins] = start
-        X = turned_states(
+        X, _ = turned_states(
             mechanics,
             self.equations.free_directions,
             there.equations.free_directions,
@@ -107,9 +107,16 @@ class LinearisedScene:
         spin
             Of the fastest body [rad/s].
         """
+        self.mechanics.evaluate(self.z, self.v)
+        own = axis_angular_velocities(self.mechanics)
+        changes = [self._changes_after(dt, spin) for dt in test_times(own, self.omegas)]
+        return np.max(changes, axis=0)
+
+    def _changes_after(self, dt: float, spin: float) -> Array:
+        """The same by a motion of some time [s]."""
         names, form = self.evaluation.names, self.form
         try:
-            there, X = self.after(TEST_ANGLE / spin)
+            there, X = self.after(dt)
         except SimulationError:
             return np.ones(len(names))
         if there.form.A.shape != form.A.shape:

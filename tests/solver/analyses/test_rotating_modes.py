@@ -305,6 +305,34 @@ def test_a_gyroscope_nutates_and_precesses_beside_its_ring() -> None:
     assert found.diagnostics[0].data["axes"] == "that do not turn"
 
 
+@pytest.mark.parametrize(
+    ("spin", "wheel"), [(0.0, 100.0), (0.5, 300.0), (2.0, -50.0), (2.0, 118.0)]
+)
+def test_a_gyrostat_nutates_as_its_angular_momentum_asks(
+    spin: float, wheel: float
+) -> None:
+    """A free body of three inertias and a fast round wheel about its axis z.
+
+    A p' + (H - B w) q = 0, B q' - (H - A w) p = 0 for the rates p, q across the axis, H
+    the angular momentum (J. Wittenburg, "Dynamics of Multibody Systems", section 4.6).
+    """
+    bodies = {
+        "frame": {"mass": 100.0, "inertia": [10.0, 12.0, 8.0]},
+        "wheel": {"mass": 5.0, "inertia": [0.03, 0.03, 0.05]},
+    }
+    for name, speed in (("frame", spin), ("wheel", spin + wheel)):
+        bodies[name]["initial"] = {"angular_velocity": [0.0, 0.0, speed]}
+    axle = {"type": "revolute", "markers": ["frame", "wheel"]}
+    system = compile_scene(scene(bodies, {"axle": axle}, dimension="spatial"))
+    modes = linearise(system, about="start")
+    A, B, H = 10.03, 12.03, 8.05 * spin + 0.05 * wheel
+    rate = np.sqrt(complex(-(H - A * spin) * (H - B * spin) / (A * B)))
+    assert np.abs(modes.eigenvalues - rate).min() < 1e-6 * abs(rate)
+    assert ("N714" in codes(modes)) == (rate.real > 0.0)
+    others = modes.eigenvalues[~modes.rigid]
+    assert np.all(np.abs(others**2 - rate**2) < 1e-6 * abs(rate) ** 2)
+
+
 def rotor_on(stiffness: list[float], inertia: list[float]) -> System:
     return rotor_at(50.0, stiffness, inertia)
 
