@@ -15,6 +15,7 @@ from ...mesh.deck_text import parse_integers, parse_numbers
 from ...mesh.imported_mesh import RawCoupling, find_undefined_members
 from .couplings import labels_named
 from .deck import CouplingDefinition, Deck, Namespace, resolve_name
+from .instances import place_nodes
 from .keywords import Block
 from .surfaces import resolve_nodes, surface_faces
 
@@ -65,8 +66,16 @@ class TransformedAxes:
                 place=block.place,
                 expected="nodes of this file",
             )
+        # Transformations of a part turn with its instance.
+        scope = definition.scope
+        owner = instance if scope is body else scope.name
+        placement = [] if scope is deck.assembly else deck.placement.get(owner, [])
+        u, v, w, x, y, z = values
+        points = {0: (u, v, w), 1: (x, y, z), 2: (0.0, 0.0, 0.0)}
+        a, b, origin = map(np.array, place_nodes(points, placement).values())
+        pair = np.concatenate([a - origin, b - origin] if kind == "R" else [a, b])
         for label in labels:
-            self._systems[label] = (kind, np.array(values), block.place)
+            self._systems[label] = (kind, pair, block.place)
 
     def direction(self, label: int, number: int, position: Sequence[float]) -> Array:
         """The unit vector of a direction 1 to 3 at a node."""

@@ -84,6 +84,39 @@ def test_equations_between_sets_of_instances(tmp_path: Path) -> None:
     assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-7)
 
 
+@pytest.mark.parametrize("kind", ["R", "C"])
+def test_transformed_axes_of_a_part_turn_with_its_instance(
+    kind: str, tmp_path: Path
+) -> None:
+    """Direction 1 of the set HIGH in the part: (3, 4, 0) / 5, or from the axis."""
+    axes = "3., 4., 0., -4., 3., 0." if kind == "R" else "0.1, 0.5, 0., 0.1, 0.5, 1."
+    text = part("P", BLOCK).replace(
+        "*SURFACE, NAME=SL",
+        f"*TRANSFORM, NSET=HIGH, TYPE={kind}\n{axes}\n*SURFACE, NAME=SL",
+    )
+    turned = f"{SIZE[0]}, 0., 0.\n0., 0., 0., 0., 0., 1., 30.\n"
+    instances = [TWICE[0], ("I-2", "P", turned)]
+    rows = "*EQUATION\n2\nI-2.HIGH, 1, 1.\nI-1.HIGH, 1, -1.\n"
+    (tmp_path / "part.inp").write_text(
+        assembly(text, instances, rows), encoding="utf-8"
+    )
+    imported = read_mesh(tmp_path / "part.inp")
+    mesh = imported.mesh
+    place = dict(zip(mesh.labels.tolist(), mesh.positions, strict=True))
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def first(x: np.ndarray) -> np.ndarray:
+        arm = np.array([3, 4, 0]) if kind == "R" else x - [0.1, 0.5, x[2]]
+        return np.asarray(arm / np.linalg.norm(arm))
+
+    for equation in imported.equations:
+        (node, found), (other, former) = equation.terms
+        own = turn.T @ place[node] - [SIZE[0], 0.0, 0.0]
+        assert_allclose(found, turn @ first(own), atol=1e-12)
+        assert_allclose(former, -first(place[other]), atol=1e-12)
+
+
 def test_sets_of_instances_keep_their_owner(tmp_path: Path) -> None:
     """Sets of the same name and nodes of the same number are distinguished."""
     rest = TIED + "*NODE\n1, 5., 5., 5.\n*NSET, NSET=POINT\n1,\n"
