@@ -27,7 +27,11 @@ from .dense_equations import DenseEquations
 from .joint_friction import equations_at
 from .multi_blade import mixing_matrix
 from .operating_point import operating_point
-from .reference_axes import axis_angular_velocities, frame_rotation_matrix
+from .reference_axes import (
+    axis_angular_velocities,
+    body_axes,
+    frame_rotation_matrix,
+)
 from .rigid_motions import spectrum
 from .state_matrix import SmallMotions, corner_notes, state_matrix
 from .static_equilibrium import FORCE_ROUNDING
@@ -236,20 +240,18 @@ def unsteady_notes(
             return ()
         near_z = mechanics.displaced(z, moved @ shift)
         near_v = v + mechanics.scale * (small.velocity_directions @ shift)
-        near_matrix = state_matrix(
-            mechanics, near_z, near_v, spins, small.blades
-        ).matrix
+        near = state_matrix(mechanics, near_z, near_v, spins, small.blades)
+        own, other = (spectrum(mechanics, motions).values for motions in (small, near))
         mechanics.evaluate(z, v)
-        return _changed_mode_notes(matrix, near_matrix, first)
+        return _changed_mode_notes(own, other, first)
     return (diagnose("N710", coordinate=first),)
 
 
 def _changed_mode_notes(
-    matrix: Array, other_matrix: Array, first: str
+    eigenvalues: np.ndarray, others: np.ndarray, first: str
 ) -> tuple[Diagnostic, ...]:
     """Frequencies that differ from those of the steady state near by (N711)."""
-    values = [np.linalg.eigvals(m) for m in (matrix, other_matrix)]
-    values = [v[np.argsort(np.abs(v), kind="stable")] for v in values]
+    values = [v[np.argsort(np.abs(v), kind="stable")] for v in (eigenvalues, others)]
     if values[0].shape != values[1].shape:
         return ()
     own, other = np.abs(values)
@@ -287,10 +289,10 @@ def _natural_modes(
         shape /= largest if largest != 0.0 else 1.0
     size = np.abs(values)
     mechanics.evaluate(z, v)
-    velocities = axis_angular_velocities(mechanics)
-    is_rotating = bool(velocities.any())
+    own = body_axes(mechanics, v / mechanics.scale, mechanics.accelerations()[0])
+    is_rotating = bool(own.any())
     whirls = [
-        mode_whirl(mechanics, spins, float(abs(value.imag)), shape, small.blades)
+        mode_whirl(mechanics, own, spins, float(abs(value.imag)), shape, small.blades)
         if is_rotating and value
         else Whirl((float(abs(value.imag)),), float(abs(value.imag)), "")
         for value, shape in zip(values, shapes, strict=True)
@@ -310,6 +312,6 @@ def _natural_modes(
         / (2.0 * np.pi),
         whirl=tuple(w.direction for w in whirls),
         rigid=rigid,
-        speed=float(np.linalg.norm(velocities, axis=1).max(initial=0.0)),
+        speed=float(np.linalg.norm(own, axis=1).max(initial=0.0)),
         scales=mechanics.scale.copy(),
     )

@@ -108,24 +108,34 @@ def candidate_groups(
     """Groups of bodies that may rotate, the more likely ones first.
 
     Bodies whose velocities are not stated, and that rest, either turn with those that
-    they are connected to, or go on resting.
+    they are connected to, or go on resting. If the assembly turns them about another
+    axis, as a load on a universal joint, they turn with these, or about that axis.
     """
-    groups, followers = _find_groups(mechanics, start)
-    if not groups:
-        return
-    if followers:
-        yield tuple(
-            group.with_bodies(more)
-            for group, more in zip(groups, followers, strict=True)
-        )
-    yield groups
+    found = [_find_groups(mechanics, start, tilted) for tilted in (False, True)]
+    if len(found[0][0]) == len(found[1][0]):
+        del found[0]
+    for groups, followers in found:
+        if followers:
+            yield tuple(
+                group.with_bodies(more)
+                for group, more in zip(groups, followers, strict=True)
+            )
+        if groups and groups is found[-1][0]:
+            yield groups
 
 
 def _find_groups(
-    mechanics: DenseEquations, start: StateVectors
+    mechanics: DenseEquations, start: StateVectors, tilted: bool
 ) -> tuple[tuple[RotatingGroup, ...], tuple[tuple[int, ...], ...]]:
     """Groups of bodies that rotate at the start, and who may follow each of them; no
-    followers at all where there are none, no groups where other bodies move."""
+    followers at all where there are none, no groups where other bodies move.
+
+    Parameters
+    ----------
+    tilted
+        Whether bodies whose velocities are not stated may have an axis that is not
+        parallel to that of the first body.
+    """
     system = mechanics.system
     mechanics.evaluate(start.z, start.v)
     positions, rotations = frame_positions(mechanics, start.z)
@@ -133,8 +143,11 @@ def _find_groups(
     omegas = axis_angular_velocities(mechanics)
     velocities = (rotations @ to_3d(frames["v"])[..., None])[..., 0]
     fastest = float(np.linalg.norm(omegas, axis=1).max(initial=0.0))
+    slow = EQUAL_RATE * fastest * system.length
+    moves = np.linalg.norm(velocities, axis=1) > slow
     groups: list[RotatingGroup] = []
     free: dict[int, int] = {}
+    following = set[int]()
     for part, is_grounded in connected_components(system):
         rotating = [b for b in part if np.linalg.norm(omegas[b]) > EQUAL_RATE * fastest]
         rotating.sort(key=lambda b: not _has_specified_velocity(system, b))
@@ -158,24 +171,34 @@ def _find_groups(
                     groups[k] = groups[k].with_bodies([b])
                     break
             else:
-                groups.append(RotatingGroup({b: RotationAxis(omegas[b], point)}, drift))
+                leads = groups[first:] == [] or tilted
+                if not leads and not _has_specified_velocity(system, b):
+                    axis = groups[first].leading_axis
+                    across = np.cross(omegas[b], axis.omega) / axis.speed
+                    leads = bool(np.linalg.norm(across) < EQUAL_AXIS * axis.speed)
+                if leads or _has_specified_velocity(system, b):
+                    axis = RotationAxis(omegas[b], point)
+                    groups.append(RotatingGroup({b: axis}, drift))
+                else:
+                    following.add(b)
         for b in part:
-            if b in rotating or not (groups[first:] or velocities[b].any()):
+            if (b in rotating and b not in following) or not (
+                groups[first:] or moves[b]
+            ):
                 continue
             for k in range(first, len(groups)):
                 axis = groups[k].leading_axis
                 offset = drift + np.cross(axis.omega, positions[b] - axis.point)
                 residual = np.linalg.norm(velocities[b] - offset)
-                if velocities[b].any() and residual < EQUAL_AXIS * np.linalg.norm(
-                    offset
-                ):
+                if moves[b] and residual < EQUAL_AXIS * np.linalg.norm(offset):
                     groups[k] = groups[k].with_bodies([b])
                     break
             else:
-                if velocities[b].any():
-                    return (), ()
-                if len(groups) == first + 1 and not _has_specified_velocity(system, b):
+                is_specified = _has_specified_velocity(system, b)
+                if len(groups) == first + 1 and not is_specified:
                     free[b] = first
+                elif moves[b]:
+                    return (), ()
     if not free:
         return tuple(groups), ()
     more = [tuple(b for b, k in free.items() if k == g) for g in range(len(groups))]

@@ -59,8 +59,9 @@ PERTURBATION = 1e-5
 MIN_STIFFNESS = 1e-8
 MAX_ITERATIONS = 25
 #: Unknowns change by less, in sizes of the mechanism and radians, when they are found.
-#: Frames turn by less in every step when the start is near enough [rad].
-CONVERGED, MAX_ROTATION_STEP = 1e-11, 0.5
+#: Frames turn by less in every step, and in all of them when the start is near enough
+#: [rad].
+CONVERGED, MAX_ROTATION_STEP, MAX_ROTATION = 1e-11, 0.25, 1.5
 #: The rotation is steady if less than this part of the loads is left, or of the forces.
 STEADY_RESIDUAL, ROUNDING = 1e-6, 1e-9
 #: The speed of a group may change by this part within a turn.
@@ -229,13 +230,17 @@ class _SteadyRotationSearch:
         residual = self._residual(z, groups)
         loads = float(np.linalg.norm(residual.forces))
         matrix, change, previous_change = np.zeros((0, 0)), np.inf, np.inf
+        turned = 0.0
         for _ in range(MAX_ITERATIONS):
             if not len(matrix) or change > 0.1 * previous_change:
                 matrix = self._jacobian(z, groups)
             x = self._step(matrix, residual, z, groups)
-            previous_change, change = change, self._extent(x)
-            if not self._angle(x) < MAX_ROTATION_STEP:
+            angle = self._angle(x)
+            turned += min(angle, MAX_ROTATION_STEP)
+            if not turned < MAX_ROTATION:
                 return None, "what carries them is too soft"
+            x *= min(1.0, MAX_ROTATION_STEP / max(angle, 1e-300))
+            previous_change, change = change, self._extent(x)
             z, groups = self._displaced(z, groups, x)
             residual = self._residual(z, groups)
             if change < CONVERGED:

@@ -20,7 +20,7 @@ from ..spatial import system_arrays as at
 from ..system.rotations import to_rotation_matrices
 from .dense_equations import DenseEquations
 from .multi_blade import BladeGroup
-from .reference_axes import axis_angular_velocities, independent_rows
+from .reference_axes import independent_rows
 
 FORWARD, BACKWARD = "forward", "backward"
 #: Parts of the kinetic energy of a motion that are none; frequencies that are the same,
@@ -50,6 +50,7 @@ class Whirl:
 
 def mode_whirl(
     mechanics: DenseEquations,
+    own: Array,
     omegas: Array,
     omega: float,
     shape: np.ndarray,
@@ -59,6 +60,8 @@ def mode_whirl(
 
     Parameters
     ----------
+    own : (bodies, 3)
+        Angular velocities of the bodies, see `body_axes`.
     omegas : (bodies, 3)
         The axes in which bodies are seen.
     omega
@@ -68,7 +71,6 @@ def mode_whirl(
     blades
         Groups of bodies in multi-blade coordinates.
     """
-    own = axis_angular_velocities(mechanics)
     parts: list[tuple[float, float, float, str]] = []
     fastest = float(np.linalg.norm(own, axis=1).max(initial=0.0))
     axis = own[np.argmax(np.linalg.norm(own, axis=1))] / fastest if fastest else None

@@ -18,7 +18,7 @@ from sidtool.formats.base.sid import SID
 from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result
 from sidtool.pipeline.model_to_sid import sid_from_model
-from sidtool.solver import simulate
+from sidtool.solver import compile_scene, linearise, simulate
 from sidtool.solver.system.system import System
 from tests.codes import codes, only, with_code
 from tests.solver.scenes import compiled, polynomial, scene
@@ -291,6 +291,58 @@ def test_a_free_pair_on_a_spring_keeps_its_distance() -> None:
     expected = rest * stiffness / (stiffness - load)
     assert result["guide.displacement"] == pytest.approx(expected, rel=1e-6)
     assert result["hub.z"] == pytest.approx(0.1 * result.t, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("joint", "speed", "angle"),
+    [("distance", 1.5, 0.9), ("universal", 1.5, 0.0)],
+)
+def test_a_load_on_a_turning_jib_hangs_outwards(
+    joint: str, speed: float, angle: float
+) -> None:
+    """The weight balances the centrifugal force about the tip, and modes are those of
+    x'' + 2 W x x' = grad(W^2 r^2 / 2 - g z) on the sphere, seen from the jib.
+
+    A load that a universal joint holds has inertia, and starts upright. Nobody states
+    a velocity of the load.
+    """
+    R, L, m, A, C = 4.0, 3.0, 3.0, 0.02, 0.04
+    held = joint == "universal"
+    place = [R + L * np.sin(angle), 0.0, -L * np.cos(angle)]
+    load: dict[str, Any] = {"mass": m, "initial": {"position": place}}
+    rope: dict[str, Any] = {"type": joint, "markers": ["jib.tip", "load"]}
+    if held:
+        load |= {"inertia": [A, C, C], "markers": {"top": {"position": [0, 0, L]}}}
+        rope |= {"markers": ["jib.tip", "load.top"]}
+    jib = {"mass": 100.0, "inertia": [1.0, 5.0, 5.0]}
+    jib |= {"markers": {"tip": {"position": [R, 0.0, 0.0]}}}
+    jib |= {"initial": {"angular_velocity": [0.0, 0.0, speed]}}
+    motor = {"joint": "tower", "function": polynomial(0.0, speed)}
+    tower = {"type": "revolute", "markers": ["ground", "jib"]}
+    system = started(
+        {"jib": jib, "load": load},
+        ["load.x", "load.y", "load.z"],
+        joints={"tower": tower, "rope": rope},
+        drives={"motor": motor},
+        gravity=[0.0, 0.0, -G],
+    )
+    result = simulate(system)
+    radius = np.hypot(result["load.x"], result["load.y"])
+    out = float(np.arcsin((radius[0] - R) / L))
+    excess = (A - C if held else 0.0) * np.sin(out) * np.cos(out)
+    centrifugal = speed**2 * (m * radius[0] * L * np.cos(out) + excess)
+    assert m * G * L * np.sin(out) == pytest.approx(centrifugal, rel=1e-8)
+    assert np.ptp(radius) < 1e-7
+    assert "N224" not in codes(result)
+    if not held:
+        stretch = G / np.cos(out)  # of the rope, by L
+        M = np.diag([stretch / L - speed**2 * np.cos(out) ** 2, stretch / L - speed**2])
+        coriolis = 2.0 * speed * np.cos(out) * np.array([[0.0, -1.0], [1.0, 0.0]])
+        matrix = np.block([[np.zeros((2, 2)), np.eye(2)], [-M, -coriolis]])
+        expected = np.unique(np.abs(np.linalg.eigvals(matrix).imag).round(9))
+        whole = compile_scene(system.scene, keep_joints=True)
+        found = linearise(whole, about="start").rotating_frequencies
+        assert np.sort(2.0 * np.pi * found) == pytest.approx(expected, rel=1e-6)
 
 
 @cache
