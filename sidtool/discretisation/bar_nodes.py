@@ -120,7 +120,11 @@ def bar_nodes(imported: ImportedMesh, bars: Sequence[Bar], mesh: Mesh) -> BarNod
     pairs = [(nodes[0], n) for nodes, _ in members for n in nodes[1:]]
     pairs += [(n, reference) for n, (reference, _) in partial.items()]
     pairs += [(n, other) for n, (others, *_) in means.items() for other in others]
-    _check_connected(pairs, owner, row, used, mesh)
+    for equation in imported.equations:
+        first, *others = (n for n, _ in (*equation.terms, *equation.rotations))
+        pairs += [(first, n) for n in others if n in row and first in row]
+    named = {row[owner.get(n, n)] for pair in pairs for n in pair}
+    _check_connected(pairs, owner, row, sorted({*used, *named}), mesh)
     return BarNodes(mesh, row, owner, partial, means, table)
 
 

@@ -39,6 +39,7 @@ from ..mesh.mesh import Mesh
 from ..mesh.unit_systems import UnitSystem
 from .bar_elements import Bar, bar_of_deck, bar_outline
 from .bar_nodes import BarNodes, bar_nodes, nearest_node, node_sets
+from .imported_constraints import structure_equations
 from .structure import Structure, add_bar_mass, check_mechanism
 from .structure_elements import (
     merge_particles,
@@ -157,6 +158,10 @@ def bars_model(
             *unsupported,
         ),
     )
+    equations, found = structure_equations(
+        imported.equations, nodes, body, units.length
+    )
+    body = replace(body, equations=equations, diagnostics=(*body.diagnostics, *found))
     check_mechanism(body)
     return body
 
@@ -176,9 +181,9 @@ def _bars_in_si(
 
 
 def _marked(model: ModelFile, structure: Structure) -> set[int]:
-    """Return the labels of nodes at which markers are."""
+    """Return the labels of nodes at which markers or equations are."""
     nodes = structure.nodes
-    return {
+    return structure.imported.nodes_in_equations | {
         marker.mesh_node or nearest_node(nodes, position_of(nodes.mesh, marker))
         for _, marker in with_places(model.markers)
         if marker.tie is None
@@ -221,16 +226,13 @@ def _check_choices(model: ModelFile, imported: ImportedMesh) -> None:
             raise InputError(
                 "is not for bars", place=place, expected="what the file says of them"
             )
-    for held, what, instead in (
-        (imported.equations, "*EQUATION or MPC", "RBE2, RBE3, RBAR or *COUPLING"),
-        (imported.ties, "*TIE", "meshes that share nodes, or *COUPLING"),
-    ):
-        if held:
-            raise InputError(
-                f"{what} beside bars or shells is not supported",
-                place=held[0].place,
-                expected=f"{instead}; geometry.ignore leaves it out",
-            )
+    if imported.ties:
+        raise InputError(
+            "*TIE of shells is not supported",
+            place=imported.ties[0].place,
+            expected="meshes that share nodes, or *COUPLING; geometry.ignore leaves it "
+            "out",
+        )
 
 
 def _with_material(bar: RawBar, model: ModelFile, units: UnitSystem) -> RawBar:

@@ -21,6 +21,8 @@ from ..mesh.connections import Coupling, Equations, PointMass, RawEquation, RawT
 from ..mesh.imported_mesh import ImportedMesh, RawCoupling, RawMass
 from ..mesh.mesh import Mesh
 from ..mesh.unit_systems import UnitSystem
+from .bar_nodes import BarNodes
+from .structure_elements import node_motion
 
 Indices = NDArray[np.int64]
 
@@ -279,6 +281,29 @@ def _check_equations(
     mesh: Mesh,
 ) -> Equations | None:
     """The equations by the unknowns of the mesh that they give."""
+    unmarked = FiniteElementModel(
+        mesh.positions, None, sp.csr_matrix((mesh.positions.size,) * 2), {}, ()
+    )
+    return _checked_equations(given, number, equations, unmarked)
+
+
+def _checked_equations(
+    given: dict[int, tuple[int, dict[int, float]]],
+    number: Indices,
+    equations: Sequence[RawEquation],
+    body: FiniteElementModel,
+) -> Equations | None:
+    """Return the equations by the unknowns of the body that they give.
+
+    Parameters
+    ----------
+    given : unknown -> the equation that gives it, and its row of the other unknowns
+    number : degrees of freedom of the unknowns
+
+    Raises
+    ------
+    InputError : an equation resists a rigid motion.
+    """
     if not given:
         return None
     i, j, v = [], [], []
@@ -286,13 +311,10 @@ def _check_equations(
         i += [k] * (len(row) + 1)
         j += [dof, *row]
         v += [1.0, *(-share for share in row.values())]
-    matrix = sp.csr_matrix((v, (i, number[j])), shape=(len(given), mesh.positions.size))
-    size = float(np.ptp(mesh.positions, axis=0).max())
-    unmarked = FiniteElementModel(
-        mesh.positions, None, sp.csr_matrix((mesh.positions.size,) * 2), {}, ()
-    )
-    rigid = unmarked.rigid_body_modes(np.pad(mesh.positions.mean(axis=0), (0, 1))[:3])
-    rigid[:, mesh.dimension :] /= size
+    matrix = sp.csr_matrix((v, (i, number[j])), shape=(len(given), body.ndof))
+    size = float(np.ptp(body.positions, axis=0).max())
+    rigid = body.rigid_body_modes(np.pad(body.positions.mean(axis=0), (0, 1))[:3])
+    rigid[:, body.dimension :] /= size
     left = np.abs(matrix @ rigid).max(axis=1)
     worst = int(np.argmax(left / np.asarray(abs(matrix).sum(axis=1)).ravel()))
     if left[worst] > _RIGID_MOTION_TOLERANCE * abs(matrix[worst]).sum():
@@ -306,3 +328,60 @@ def _check_equations(
         )
     dependent = number[np.fromiter(given, np.int64, len(given))]
     return Equations(matrix, dependent)
+
+
+def structure_equations(
+    equations: Sequence[RawEquation],
+    nodes: BarNodes,
+    body: FiniteElementModel,
+    length: float,
+) -> tuple[Equations | None, list[Diagnostic]]:
+    """Return the equations between displacements and rotations of a structure.
+
+    What no element resists, as the motion of nodes without elements, follows from the
+    equations.
+
+    Parameters
+    ----------
+    body : without equations
+    length : of one unit of the file [m]
+
+    Raises
+    ------
+    InputError : an equation resists a rigid motion of the body, or names an unknown
+        node.
+    """
+    if not equations:
+        return None, []
+    motion = node_motion(nodes).matrix
+    index: list[tuple[int, int]] = []
+    values: list[float] = []
+    for i, equation in enumerate(equations):
+        for terms, first, factor in (
+            (equation.terms, 0, 1.0),
+            (equation.rotations, 3, length),
+        ):
+            for label, shares in terms:
+                if label not in nodes.row:
+                    raise InputError(
+                        f"an equation names node {label}, which is not defined",
+                        place=equation.place,
+                        expected="nodes of this file",
+                    )
+                row = 6 * nodes.row[label] + first
+                index += [(i, row + axis) for axis in range(3) if shares[axis]]
+                values += [factor * share for share in shares if share]
+    rows, columns = np.array(index, np.int64).reshape(-1, 2).T
+    shape = (len(equations), motion.shape[0])
+    named = sp.csr_matrix((values, (rows, columns)), shape=shape)
+    free = np.diff(motion.indptr) == 0
+    matrix = sp.csr_matrix(sp.hstack([named @ motion, named[:, free]]))
+    matrix.eliminate_zeros()
+    unresisted = range(body.ndof, matrix.shape[1])
+    none = np.full(len(equations), -1)
+    given = dependent_unknowns(matrix, none, unresisted)
+    given = {dof: found for dof, found in given.items() if dof not in unresisted}
+    held = {n for e in equations for n, _ in (*e.terms, *e.rotations)}
+    note = diagnose("N133", count=len(equations), nodes=len(held))
+    number = np.arange(body.ndof)
+    return _checked_equations(given, number, equations, body), [note]

@@ -182,7 +182,7 @@ def _has_own_shells(geometry: MeshGeometry, density: float | None) -> bool:
         imported = read_mesh(geometry.file, geometry.ignore, geometry.part, density)
     except InputError:
         return False
-    return bool(imported.shells) and not (imported.equations or imported.ties)
+    return bool(imported.shells) and not imported.ties
 
 
 def file_density(model: ModelFile, units: UnitSystem) -> float | None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
+import numpy as np
+
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
 
 from ..beams.beam_model import beam_model
@@ -43,6 +47,22 @@ def finite_element_model(model: ModelFile) -> FiniteElementModel:
     ------
     InputError : the model is not valid; the error names the key.
     """
-    body = DISCRETISERS[model.geometry.type, model.discretisation.type](model)
-    tied = add_rigid_couplings(add_couplings(body), model)
-    return add_cuts(markers_as_nodes(tied, model), model)
+    with refuse_extreme_numbers():
+        body = DISCRETISERS[model.geometry.type, model.discretisation.type](model)
+        tied = add_rigid_couplings(add_couplings(body), model)
+        return add_cuts(markers_as_nodes(tied, model), model)
+
+
+@contextmanager
+def refuse_extreme_numbers() -> Iterator[None]:
+    """Refuse a model whose matrices cannot be computed because of rounding."""
+    try:
+        yield
+    except (np.linalg.LinAlgError, OverflowError, ValueError) as error:
+        if type(error) is ValueError and "infs or NaNs" not in str(error):  # of SciPy
+            raise
+        raise InputError(
+            f"a matrix of the body cannot be computed ({error}): numbers of the model "
+            "are too large, too small or too far apart",
+            expected="lengths, sections and materials in SI units",
+        ) from None

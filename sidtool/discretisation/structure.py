@@ -17,6 +17,7 @@ from ..beams.element import GAUSS_WEIGHTS, ParticleCollector, assemble
 from ..eigensolvers.factorisation import symmetric_factors
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.material_points import InertiaPoints
+from ..elements.mortar_ties import elimination_matrix
 from ..mesh.imported_mesh import ImportedMesh
 from ..mesh.materials import ElasticMaterial
 from ..mesh.unit_systems import UnitSystem
@@ -174,7 +175,7 @@ def check_mechanism(
             place=place,
             expected="a density above zero, or masses with inertia or off one line",
         )
-    energies, motions = _least_energies(body, min(rigid.shape[1] + 1, body.ndof))
+    energies, motions = _least_energies(body, rigid.shape[1] + 1)
     if energies.max() < _MECHANISM_TOLERANCE:
         x, y, z = (f"{value:.4g}" for value in _most_moved(body, rigid, motions))
         raise InputError(
@@ -194,7 +195,8 @@ def _most_moved(body: FiniteElementModel, rigid: Array, motions: Array) -> Array
     """
     scale = np.sqrt(np.maximum(body.stiffness.diagonal(), 0.0))
     basis, _ = np.linalg.qr(scale[:, None] * rigid)
-    rest = motions - basis @ (basis.T @ motions)
+    scaled = scale[:, None] * motions
+    rest = scaled - basis @ (basis.T @ scaled)
     column = np.linalg.norm(rest, axis=0).argmax()
     moved = int(np.abs(rest[:, column]).argmax())
     row = np.flatnonzero((body.table == moved).any(axis=1))[0]
@@ -203,7 +205,7 @@ def _most_moved(body: FiniteElementModel, rigid: Array, motions: Array) -> Array
 
 def _least_energies(body: FiniteElementModel, count: int) -> tuple[Array, Array]:
     """(count,) smallest eigenvalues of the stiffness scaled to a unit diagonal, and
-    (ndof, k) motions of these energies, scaled likewise.
+    (ndof, k) motions of these energies, which satisfy the equations of the body.
 
     Their scale is the stiffness at the degrees of freedom themselves: neither small
     masses nor small elements elsewhere change it. Many motions of nearly no energy,
@@ -211,24 +213,32 @@ def _least_energies(body: FiniteElementModel, count: int) -> tuple[Array, Array]
     values of each step (G. H. Golub, C. F. Van Loan, "Matrix computations", 2013,
     8.2.5); it ends when their largest does not change.
     """
-    diagonal = body.stiffness.diagonal()
+    held = body.equations
+    free = (
+        sp.csr_matrix(sp.eye_array(body.ndof))
+        if held is None
+        else elimination_matrix(held.matrix, held.dependent)
+    )
+    stiffness = sp.csr_matrix(free.T @ body.stiffness @ free)
+    size, diagonal = stiffness.shape[0], stiffness.diagonal()
+    count = min(count, size)
     if diagonal.min() <= 0:
-        return np.zeros(count), np.eye(body.ndof, 1, -int(diagonal.argmin()))
+        unit = np.eye(size, 1, -int(diagonal.argmin()))
+        return np.zeros(count), np.asarray(free @ unit)
     scale = sp.diags_array(1 / np.sqrt(diagonal))
-    scaled = sp.csr_matrix(scale @ body.stiffness @ scale)
-    if body.ndof <= 600:
+    scaled = sp.csr_matrix(scale @ stiffness @ scale)
+    motion = sp.csr_matrix(free @ scale)
+    if size <= 600:
         values, vectors = scipy.linalg.eigh(
             scaled.toarray(), subset_by_index=[0, count - 1]
         )
-        return values, vectors
-    raised = sp.csr_matrix(scaled + _SHIFT * sp.eye_array(body.ndof))
+        return values, motion @ vectors
+    raised = sp.csr_matrix(scaled + _SHIFT * sp.eye_array(size))
     try:
-        factors = symmetric_factors(raised, body.dof_positions)
+        factors = symmetric_factors(raised, body.coordinate_positions(free))
     except RuntimeError:  # of SuperLU: singular
-        return np.zeros(count), np.ones((body.ndof, 1))
-    vectors = np.random.default_rng(0).standard_normal(
-        (body.ndof, count + _SPARE_VECTORS)
-    )
+        return np.zeros(count), motion @ np.ones((size, 1))
+    vectors = np.random.default_rng(0).standard_normal((size, count + _SPARE_VECTORS))
     values = np.full(count, np.inf)
     for _ in range(_MOST_STEPS):
         before = values
@@ -237,4 +247,4 @@ def _least_energies(body: FiniteElementModel, count: int) -> tuple[Array, Array]
         vectors, values = vectors @ turn, ritz[:count]
         if values[-1] < _MECHANISM_TOLERANCE or values[-1] > 0.9 * before[-1]:
             break
-    return values, vectors[:, :count]
+    return values, motion @ vectors[:, :count]

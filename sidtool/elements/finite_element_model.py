@@ -355,6 +355,13 @@ class FiniteElementModel:
         positions[self.table[there]] = self.positions[nodes[there]]
         return positions
 
+    def coordinate_positions(self, transform: sp.csr_matrix) -> Array:
+        """Return positions (n, d) of the coordinates y of displacements ``transform @
+        y``: of its node, or the mean of the nodes that it moves.
+        """
+        moved = sp.csr_matrix(abs(transform) > 0).astype(float)
+        return (moved.T @ self.dof_positions) / (moved.T @ np.ones((self.ndof, 1)))
+
     def linear_fields(self, origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """(ndof, 1 or 6) displacements S r with symmetric S at r from `origin`.
 

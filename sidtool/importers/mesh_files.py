@@ -145,7 +145,7 @@ def extract_part(imported: ImportedMesh, name: str) -> ImportedMesh:
     masses = tuple(mass for mass in imported.masses if mass.node in held)
     equations = []
     for equation in imported.equations:
-        inside = [node in held for node, _ in equation.terms]
+        inside = [n in held for n, _ in (*equation.terms, *equation.rotations)]
         if any(inside) and not all(inside):
             raise InputError(
                 f"an equation holds the part {name!r} to the rest",

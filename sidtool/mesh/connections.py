@@ -76,15 +76,17 @@ Term = tuple[int, tuple[float, float, float]]
 
 @dataclass(frozen=True)
 class RawEquation:
-    """A sum of displacements that is zero.
+    """A sum of displacements and rotations that is zero.
 
     Attributes
     ----------
     terms : the first one is that which follows from the others
+    rotations : the coefficients of the rotations of nodes
     """
 
     terms: tuple[Term, ...]
     place: str
+    rotations: tuple[Term, ...] = ()
 
 
 @dataclass(frozen=True)

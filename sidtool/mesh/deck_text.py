@@ -177,7 +177,14 @@ class IncludedFiles:
 
 
 def named_file(deck: Path, name: str) -> Path:
-    r"""Return the file that a deck names, also in the spelling of Windows, ..\FILE."""
+    r"""Return the file that a deck names, also in the spelling of Windows, ..\FILE.
+
+    Raises
+    ------
+    InputError : the name has a zero byte.
+    """
+    if "\0" in name:
+        raise InputError(f"names the file {name!r}", expected="a name without \\x00")
     path = deck.parent / name
     if "\\" in name and not path.exists():
         return deck.parent / name.replace("\\", "/")

@@ -118,6 +118,11 @@ class ImportedMesh:
         """Whether it has elements with rotational degrees of freedom."""
         return bool(self.bars or self.shells or self.springs)
 
+    @property
+    def nodes_in_equations(self) -> set[int]:
+        """Labels of nodes that equations name."""
+        return {n for e in self.equations for n, _ in (*e.terms, *e.rotations)}
+
 
 @dataclass(frozen=True)
 class RawElement:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import null_space_with_step
-from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import NamedStages, count_within, report_stage
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.diagnostics import Diagnostic, diagnose, without
@@ -32,7 +30,7 @@ from ..conversion.stress_recovery import (
     add_stress_recovery,
     check_stress,
 )
-from ..discretisation.registry import finite_element_model
+from ..discretisation.registry import finite_element_model, refuse_extreme_numbers
 from ..eigensolvers.factorisation import expected_gigabytes
 from ..eigensolvers.slepc import use_engine
 from ..elements.finite_element_model import (
@@ -113,23 +111,10 @@ def _run_conversion(
         lengths = _stage_durations(content, with_field)
         with (
             locate_errors(content),
-            _refuse_extreme_numbers(),
+            refuse_extreme_numbers(),
             count_within(NamedStages(lengths)) as parts,
         ):
             return _convert(content, report, with_field, parts)
-
-
-@contextmanager
-def _refuse_extreme_numbers() -> Iterator[None]:
-    """Refuse a model whose matrices cannot be inverted because of rounding."""
-    try:
-        yield
-    except np.linalg.LinAlgError as error:
-        raise InputError(
-            f"a matrix of the body cannot be computed ({error}): numbers of the model "
-            "are too large, too small or too far apart",
-            expected="lengths, sections and materials in SI units",
-        ) from None
 
 
 def _stage_durations(model: ModelFile, with_field: bool) -> dict[str, float]:

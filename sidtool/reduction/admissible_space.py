@@ -282,7 +282,7 @@ def space_without_conditions(
     InputError : no displacement is left, or a rigid piece is fixed in part.
     """
     parts = reduced_matrices(model, held, frame)
-    places = _coordinate_positions(model, parts["transform"])
+    places = model.coordinate_positions(parts["transform"])
     shift = free_body_shift(
         model.stiffness, model.mass, model.positions, model.place_table
     )
@@ -368,14 +368,6 @@ def _free_coordinates(
     matrix = sp.csr_matrix(model.equations.matrix @ transform)
     rest = elimination_matrix(matrix, number[model.equations.dependent])
     return sp.csr_matrix(transform @ rest)
-
-
-def _coordinate_positions(model: FiniteElementModel, transform: sp.csr_matrix) -> Array:
-    """Return positions (n, d) of each y: of its node, or the mean of the nodes that it
-    moves.
-    """
-    moved = sp.csr_matrix(abs(transform) > 0).astype(float)
-    return (moved.T @ model.dof_positions) / (moved.T @ np.ones((model.ndof, 1)))
 
 
 def coordinates_of(transform: sp.csr_matrix, displacements: Array) -> Array:

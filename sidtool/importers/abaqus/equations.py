@@ -102,6 +102,20 @@ class TransformedAxes:
         return axis
 
 
+def check_constraints_of_shells(deck: Deck) -> None:
+    """Refuse *MPC that holds rotations, which equations of a deck do not have."""
+    for definition in deck.equations:
+        block = definition.block
+        kinds = {words[0].upper() for words, _ in block.rows if words}
+        if block.keyword == "MPC" and not kinds <= {"PIN", "BEAM"}:
+            raise InputError(
+                f"*MPC of type {', '.join(sorted(kinds - {'PIN', 'BEAM'}))} holds "
+                "shells",
+                place=block.place,
+                expected="types PIN and BEAM, *EQUATION or *COUPLING",
+            )
+
+
 def equations_of(
     deck: Deck,
     body: Namespace,

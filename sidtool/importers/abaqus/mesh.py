@@ -21,7 +21,7 @@ from ...mesh.imported_mesh import (
 from .couplings import couplings_of, masses_of, reference_labels
 from .deck import Deck, Element, Member, Namespace, Section
 from .element_types import POINTS, unsupported_element_text
-from .equations import equations_of, ties_of
+from .equations import check_constraints_of_shells, equations_of, ties_of
 from .instances import place_nodes
 from .materials import material_name, materials_of
 from .shells import shells_of
@@ -57,6 +57,7 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     shells = shells_of(plates, sections, materials, nodes)
     if shells:
         _check_couplings_of_shells(couplings)
+        check_constraints_of_shells(deck)
     return ImportedMesh(
         mesh,
         materials,

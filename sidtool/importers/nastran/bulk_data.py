@@ -440,7 +440,7 @@ def _imported_mesh(content: BulkData, bending: bool) -> ImportedMesh:
             depth = thickness_of(content, label, given, place)
             raw.append(RawElement(label, kind, nodes, place, material, depth))
     with stops.collect_errors():
-        equations = equations_of(content)
+        equations = equations_of(content, turning=False)
     for coupling in content.couplings:
         with stops.collect_errors():
             _check_axes(content, coupling)

@@ -172,8 +172,12 @@ def read_case_control(content: BulkData, card: Card) -> None:
         content.chosen[int(word)] = None
 
 
-def equations_of(content: BulkData) -> tuple[RawEquation, ...]:
+def equations_of(content: BulkData, *, turning: bool = True) -> tuple[RawEquation, ...]:
     """The equations of the set that case control names; of bulk data alone, of all.
+
+    Parameters
+    ----------
+    turning : whether nodes have rotations
 
     Raises
     ------
@@ -199,7 +203,7 @@ def equations_of(content: BulkData) -> tuple[RawEquation, ...]:
     ]
     if rest:
         content.unread_keywords["sets of MPC that case control does not name"] = None
-    return tuple(_make_equation(content, card) for card in cards)
+    return tuple(_make_equation(content, card, 6 if turning else 3) for card in cards)
 
 
 def _selected_sets(content: BulkData) -> bool:
@@ -226,34 +230,35 @@ def _cards_of_set(content: BulkData, label: int) -> list[Card]:
     return [own for part in sets for own in content.multipoint[part]]
 
 
-def _make_equation(content: BulkData, card: Card) -> RawEquation:
+def _make_equation(content: BulkData, card: Card, last: int) -> RawEquation:
     terms: list[Term] = []
+    rotations: list[Term] = []
     for i in range(len(card.words)):
         if i % _FIELDS_PER_LINE not in (1, 4):
             continue
         if not any(card.words[i : i + 3]):
             continue
         node, direction = (card.integer(i + k, "a number") for k in (0, 1))
-        if node not in content.nodes or direction not in (1, 2, 3):
+        if node not in content.nodes or not 1 <= direction <= last:
             raise InputError(
                 f"MPC {card.word(0)} names direction {direction} of {node}",
                 place=card.place,
-                expected="nodes of this file and their directions 1, 2 and 3",
+                expected=f"nodes of this file and their directions 1 to {last}",
             )
         system = content.direction_system(node)
-        axis = content.frames.direction(node, system, direction)
+        axis = content.frames.direction(node, system, (direction - 1) % 3 + 1)
         share = card.real(i + 2, "a factor")
         x, y, z = (share * float(a) for a in axis)
-        terms.append((node, (x, y, z)))
+        (terms if direction < 4 else rotations).append((node, (x, y, z)))
     stray = [
         w
         for i, w in enumerate(card.words)
         if w and i and i % _FIELDS_PER_LINE in (0, 7)
     ]
-    if not terms or stray:
+    if not (terms or rotations) or stray:
         raise InputError(
             f"MPC {card.word(0)} holds {', '.join(stray) or 'no term'}",
             place=card.place,
             expected="SID, G1, C1, A1, G2, C2, A2; lines of two terms",
         )
-    return RawEquation(tuple(terms), card.place)
+    return RawEquation(tuple(terms), card.place, tuple(rotations))

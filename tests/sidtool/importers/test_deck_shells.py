@@ -144,7 +144,8 @@ def test_shells_that_meet_in_an_edge_need_no_calculix(tmp_path: Path) -> None:
         ("MATERIAL=S\n0.005", "MATERIAL=S, NODAL THICKNESS\n0.005"),
         ("*DENSITY\n7850.0\n", ""),
         ("*ELASTIC\n210000000000.0, 0.3", "*ELASTIC, TYPE=LAMINA\n1e11,1e10,.3,5e9"),
-        ("*SHELL SECTION", "*EQUATION\n2\n1,1,1.,2,1,-1.\n*SHELL SECTION"),
+        ("*SHELL SECTION", "*EQUATION\n2\n1,2,1.,2,2,-1.\n*SHELL SECTION"),
+        ("*SHELL SECTION", "*MPC\nTIE,1,2\n*SHELL SECTION"),
         ("TYPE=S4", "TYPE=CPS4"),
     ],
 )

@@ -152,3 +152,12 @@ def test_files_are_found_in_the_spelling_of_windows(
     found, expected = read_mesh(deck).mesh, read_mesh(whole).mesh
     assert (found.positions == expected.positions).all()
     assert (found.blocks[0].nodes == expected.blocks[0].nodes).all()
+
+
+@pytest.mark.parametrize(("ending", "line"), [("inp", _inp), ("bdf", _bdf)])
+def test_a_file_name_with_a_zero_byte_is_refused(
+    tmp_path: Path, ending: str, line: Callable[[str], str]
+) -> None:
+    (tmp_path / f"part.{ending}").write_text(line("a\0b"), encoding="utf-8")
+    with pytest.raises(InputError, match="names the file"):
+        read_mesh(tmp_path / f"part.{ending}")

@@ -487,3 +487,64 @@ def test_a_plate_without_a_membrane_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         body(tmp_path, bulk(*cards, f"PSHELL,1,,{DEPTH},1", MATERIAL))
     assert "PSHELL 1" in error.value.problem and "MID1" in str(error.value.expected)
+
+
+def halves(*links: str, gap: float = 0.0, unit: float = 1.0) -> str:
+    """Two halves of a beam of CBAR, the second one behind a gap, and their links."""
+    count = 8
+    step = LENGTH / (2 * count) / unit
+    first = [[i * step, 0.0, 0.0] for i in range(count + 1)]
+    second = [[LENGTH / 2 / unit + gap + i * step, 0.0, 0.0] for i in range(count + 1)]
+    places = np.array([*first, *second]) @ TURN.T
+    up = ",".join(repr(float(x)) for x in TURN[:, 2])
+    ends = [*range(1, count + 1), *range(count + 2, 2 * count + 2)]
+    bars = [f"CBAR,{k},1,{k},{k + 1},{up}" for k in ends]
+    cards = [grid(i, x) for i, x in enumerate(places, 1)]
+    area, moment = 1e-4 / unit**2, 1e-9 / unit**4
+    section = f"PBAR,1,1,{area!r},{moment!r},{moment!r},{2 * moment!r}"
+    steel = f"MAT1,1,{E * unit**2!r},,{NU!r},{RHO * unit**4!r}"
+    return bulk(*cards, *bars, *links, section, steel if unit != 1 else MATERIAL)
+
+
+DIRECT = tuple(f"MPC,9,10,{d},1.,9,{d},-1." for d in range(1, 7))
+THROUGH_A_FREE_NODE = (
+    "GRID,99,,7.,7.,7.",
+    *(f"MPC,9,99,{d},2.,{n},{d},-2." for d in range(1, 7) for n in (9, 10)),
+)
+
+
+@pytest.mark.parametrize("links", [DIRECT, THROUGH_A_FREE_NODE])
+def test_mpc_of_all_directions_make_one_beam_of_two(
+    links: tuple[str, ...], tmp_path: Path
+) -> None:
+    sid = body(tmp_path, halves(*links))
+    assert sid.mass == pytest.approx(RHO * 1e-4 * LENGTH, rel=1e-9)
+    expected = [beam_hertz(E * 1e-9, RHO * 1e-4, root) for root in BEAM]
+    assert_allclose(frequencies(sid)[[0, 2]], expected, rtol=5e-3)
+    (held,) = with_code(sid, "N133")
+    assert held.data["count"] == sum(card.startswith("MPC") for card in links)
+
+
+def test_mpc_of_displacements_and_rotations_are_a_rigid_arm(tmp_path: Path) -> None:
+    """In mm: u = u0 + theta x r, where RBE2 says the same."""
+    gap = 40.0
+    arm = (TURN @ [gap, 0.0, 0.0]).tolist()
+    links = [f"MPC,9,10,{d},1.,9,{d},-1." for d in (4, 5, 6)]
+    for d in range(3):
+        second, third = (d + 1) % 3, (d + 2) % 3
+        links.append(
+            f"MPC,9,10,{d + 1},1.,9,{d + 1},-1.,,\n"
+            f",,9,{second + 4},{-arm[third]!r},9,{third + 4},{arm[second]!r}"
+        )
+    found = [
+        frequencies(
+            body(tmp_path, halves(*held, gap=gap, unit=1e-3), geometry={"unit": 1e-3})
+        )
+        for held in (links, ["RBE2,90,9,123456,10"])
+    ]
+    assert_allclose(found[0], found[1], rtol=1e-8)
+
+
+def test_an_mpc_that_supports_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="resists a rigid motion"):
+        body(tmp_path, halves(*DIRECT, "MPC,9,3,6,1.,5,6,1."))

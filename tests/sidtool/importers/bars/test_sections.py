@@ -84,7 +84,7 @@ def test_shear_areas_of_circles(kind: str, sizes: Any, share: float) -> None:
         (frame(PBAR, "RBE2,9,1,,4"), "holds the directions"),
         (frame(PBAR, "RBE2,9,1,123,4", "RBE2,8,2,123,4"), "held already"),
         (frame(PBAR, "RBE2,9,1,123,4", "RBE2,8,4,123,1"), "in a ring"),
-        (frame(PBAR, "MPC,9,1,1,1.,2,1,-1."), "MPC beside bars"),
+        (frame(PBAR, "MPC,9,1,1,1.,2,1,-1."), "resists a rigid motion"),
         (frame(PBAR, "GRID,9,,1.,1.,1.", "CONM2,8,9,,2."), "held by no bar"),
         (
             frame(PBAR, "GRID,9,,1.,1.,1.", "RBE2,8,9,123456,2,3", "RBE2,7,1,123456,2"),
