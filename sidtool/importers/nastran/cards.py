@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from decimal import Decimal
 from math import isfinite
 from pathlib import Path
 
@@ -209,6 +210,7 @@ class _CardCollector:
     def __init__(self) -> None:
         self.cards: list[Card] = []
         self._apart: list[tuple[str, list[str], str, str, str]] = []
+        self._changes: list[str] = []
 
     def add(self, text: str, place: str) -> None:
         """Add a line as a new card, or as a continuation."""
@@ -218,6 +220,9 @@ class _CardCollector:
         if text[0] in " +*" and self.cards and self.cards[-1].name == _EQUATION:
             return
         name, words, after = _split_fields(text, place)
+        if name[:1] == "=":
+            self._replicate(name, words, place)
+            return
         if name and name[0] not in "+*":
             self.cards.append(Card(name.rstrip("* "), place, words, after))
             return
@@ -226,6 +231,29 @@ class _CardCollector:
             _continue(self.cards[-1], words, after)
         else:
             self._apart.append((mark, words, after, text, place))
+
+    def _replicate(self, name: str, words: list[str], place: str) -> None:
+        """Add the card before with other fields, or do so COUNT times again (=COUNT).
+
+        Raises
+        ------
+        InputError : there is no such card, or it has continuations.
+        """
+        count = 1
+        if name != "=":
+            (count,) = parse_integers([_in_parentheses(name)], place, "=COUNT")
+            words = self._changes
+        last = self.cards[-1] if self.cards else Card("", place)
+        if not words or len(last.words) > len(words) or not 0 < count <= MOST_MEMBERS:
+            raise InputError(
+                f"repeats {last.name or 'no card'} {count} times",
+                place=place,
+                expected="a line of = behind a card of one line, and =COUNT behind it",
+            )
+        self._changes = words
+        for _ in range(count):
+            last = Card(last.name, place, _changed_fields(last, words, place))
+            self.cards.append(last)
 
     def finish(self) -> list[Card]:
         """Return the cards with all continuations.
@@ -254,6 +282,39 @@ class _CardCollector:
                 )
             waiting = left
         return self.cards
+
+
+def _in_parentheses(word: str) -> str:
+    """The number of a field of replication: =8, =(8), *1, *(0.5)."""
+    return word[1:].strip().removeprefix("(").removesuffix(")")
+
+
+def _changed_fields(card: Card, changes: list[str], place: str) -> list[str]:
+    """Return the fields of a replicated card.
+
+    = copies a field, == all that follow, and *STEP adds to it (blank is zero); others
+    replace it. Decimal numbers are added exactly.
+    """
+    fields = []
+    for i, change in enumerate(changes):
+        if change == "==":
+            return fields + card.words[i:]
+        if change[:1] != "*":
+            fields.append(card.word(i) if change == "=" else change)
+            continue
+        own, step = (
+            _EXPONENT.sub(r"\1E\2", word)
+            for word in (card.word(i) or "0", _in_parentheses(change))
+        )
+        try:
+            fields.append(str(Decimal(own) + Decimal(step)))
+        except ArithmeticError:
+            raise InputError(
+                f"adds {step!r} to the field {own!r} of {card.name}",
+                place=place,
+                expected="numbers",
+            ) from None
+    return fields
 
 
 def _matches(after: str, mark: str) -> bool:

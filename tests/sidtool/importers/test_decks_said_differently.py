@@ -228,3 +228,53 @@ def test_elements_folded_by_curved_edges_are_reported(tmp_path: Path) -> None:
     text = "\n".join(["BEGIN BULK", *rows, "MAT1,1,2.1e11,,0.3,7850.", "ENDDATA", ""])
     with pytest.raises(InputError, match=r"is folded.*Mesh\.HighOrderOptimize"):
         body(tmp_path, text, discretisation={"type": "mesh"})
+
+
+def test_replicated_cards_of_nastran_are_the_cards_themselves(tmp_path: Path) -> None:
+    """A strip of four squares in free and in fixed fields."""
+    head = ["BEGIN BULK", "MAT1,1,2.1e11,,0.3,7850.", "PSHELL,1,1,0.01"]
+    both = (
+        [
+            f"GRID,{10 * j + i},,{0.1 * i:.1f},{0.1 * j:.1f},0."
+            for j in (1, 2)
+            for i in range(1, 6)
+        ],
+        [f"CQUAD4,{i},1,{10 + i},{11 + i},{21 + i},{20 + i}" for i in range(1, 5)],
+    )
+    free = [
+        *("GRID,11,,+1.-1,0.1,0.,,", "=,*1,,*.1,==", "=3"),
+        *(
+            "GRID    21              0.1     0.2     0.",
+            "=       *(1)    =       *(0.1)  ==",
+            "=(3)",
+        ),
+        *("CQUAD4,1,1,11,12,22,21", "=,*1,=,*1,*(1),*1,*1", "=2"),
+    ]
+    texts = ("\n".join([*head, *both[0], *both[1], ""]), "\n".join([*head, *free, ""]))
+    read = []
+    for text in texts:
+        (tmp_path / "part.bdf").write_text(text, encoding="utf-8")
+        read.append(read_mesh(tmp_path / "part.bdf").mesh)
+    assert read[0].labels.tolist() == read[1].labels.tolist()
+    assert (read[0].positions == read[1].positions).all()
+    (one,), (other,) = read[0].blocks, read[1].blocks
+    assert one.nodes.tolist() == other.nodes.tolist()
+    assert one.labels.tolist() == other.labels.tolist()
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        ["=,*1,=,*1,=,="],
+        ["GRID,1,,0.,0.,0.", "=3"],
+        ["GRID,1,,0.,0.,0.", "=,*1,,*x,=,="],
+        ["GRID,1,,0.,0.,0.", "=,*1,,*1.,=,=", "=0"],
+        ["RBE3,9,,1,123,1.,123,2,3", ",4", "=,*1,=,=,=,=,=,=,="],
+    ],
+)
+def test_replication_of_nothing_is_refused(cards: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "part.bdf"
+    path.write_text("\n".join(["BEGIN BULK", *cards, ""]), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_mesh(path)
+    assert caught.value.place == f"line {len(cards) + 1}"
