@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import iterate_with_progress
 from sidtool.formats.base.sid import Array
 from sidtool.formats.base.stress import von_mises
@@ -344,8 +345,16 @@ def write_pvd(path: Path, mesh: ExportMesh) -> None:
     """Write one VTU per time into a folder next to the PVD, and the PVD. Files of an
     earlier motion are kept until all new ones are written. While they are moved into
     place there is no PVD, so it never names files of two motions.
+
+    Raises
+    ------
+    InputError : the name is not UTF-8, in which a PVD names its files.
     """
     folder = path.with_suffix("")
+    if folder.name != folder.name.encode(errors="replace").decode():
+        raise InputError(
+            "is no name in UTF-8", source=path, expected="another -o, or .vtkhdf"
+        )
     entries = []
     with temporary_folder(folder) as written:
         for k, (t, step) in enumerate(zip(mesh.t, mesh.steps(), strict=True)):
@@ -371,7 +380,7 @@ def _remove_motion(path: Path) -> None:
     """Remove a PVD and the files that it names in its folder."""
     if not path.is_file():
         return
-    folder, text = path.with_suffix(""), path.read_text(encoding="utf-8")
+    folder, text = path.with_suffix(""), path.read_text("utf-8", errors="replace")
     path.unlink()
     for file in folder.glob("*.vtu"):
         if quoteattr(f"{folder.name}/{file.name}") in text:

@@ -37,6 +37,9 @@ def test_scenes_whose_names_are_not_utf_8(
     result = str(scene.with_suffix(".h5"))
     assert run(["simulate", str(scene), "-o", result]) == 0
     np.testing.assert_allclose(sidtool.read(result)["stone.x"], [0.0, 0.1, 0.2])
+    assert run(["export", result, "-o", str(scene.with_suffix(".vtkhdf"))]) == 0
+    pvd = scene.with_suffix(".pvd")  # XML, which names files
+    assert run(["export", result, "-o", str(pvd)]) == 2 and not pvd.exists()
     titles = []
 
     def study(*_: object, title: str, **__: object) -> None:
