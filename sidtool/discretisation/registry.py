@@ -58,11 +58,17 @@ def refuse_extreme_numbers() -> Iterator[None]:
     """Refuse a model whose matrices cannot be computed because of rounding."""
     try:
         yield
-    except (np.linalg.LinAlgError, OverflowError, ValueError) as error:
-        if type(error) is ValueError and "infs or NaNs" not in str(error):  # of SciPy
+    except (np.linalg.LinAlgError, OverflowError) as error:
+        raise _extreme_numbers(error) from None
+    except (ValueError, RuntimeError) as error:  # of SciPy
+        if not any(words in str(error) for words in ("infs or NaNs", "singular")):
             raise
-        raise InputError(
-            f"a matrix of the body cannot be computed ({error}): numbers of the model "
-            "are too large, too small or too far apart",
-            expected="lengths, sections and materials in SI units",
-        ) from None
+        raise _extreme_numbers(error) from None
+
+
+def _extreme_numbers(error: Exception) -> InputError:
+    return InputError(
+        f"a matrix of the body cannot be computed ({error}): numbers of the model "
+        "are too large, too small or too far apart",
+        expected="lengths, sections and materials in SI units",
+    )
