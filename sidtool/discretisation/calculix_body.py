@@ -171,7 +171,10 @@ def _quadratic_alternative(
         for words in (better.replaced, better.replaced.values())
     )
     size = expected_size(better.names)
-    return ElementAlternative(own, new, size, "geometry.order = 2", discretise)
+    remedy = "geometry.order = 2"
+    if better.replaced.keys() <= {"S3", "S3R", "S4", "S4R"}:
+        remedy += ", or leave out geometry.engine (shells of sidtool)"
+    return ElementAlternative(own, new, size, remedy, discretise)
 
 
 @contextmanager

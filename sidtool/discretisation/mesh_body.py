@@ -70,7 +70,9 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     engine_notes: tuple[Diagnostic, ...] = ()
     if bending:
         try:
-            reason = beyond_calculix(Path(geometry.file), geometry.ignore, density)
+            reason = beyond_calculix(
+                Path(geometry.file), geometry.ignore, density, order=geometry.order
+            )
             if not reason:
                 return calculix_model(model, units, density)
         except DependentNodes as error:

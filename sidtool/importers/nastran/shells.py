@@ -20,6 +20,9 @@ from .content import BulkData
 from .properties import material_name, materials_of
 
 _PER_LINE = 12
+#: Unknowns of the solids of CalculiX (S8R) by each corner of quadrilaterals, and how
+#: many take minutes.
+_UNKNOWNS_PER_NODE, _LARGEST_MESH = 21, 150_000
 #: Tolerance for the rounded factor 5/6 in decks.
 _ROUNDED = 1e-3
 #: Rows of a law in the order of CalculiX (11, 22, 33, 12, 13, 23) by ours.
@@ -58,11 +61,19 @@ def is_bulk(file: str | Path) -> bool:
 
 
 def beyond_calculix(
-    path: Path, ignored: Iterable[str], density: float | None = None
+    path: Path,
+    ignored: Iterable[str],
+    density: float | None = None,
+    *,
+    order: int | None = None,
 ) -> str:
     """Return why the elements of sidtool are used: content that a CalculiX deck has
-    not, or no CalculiX; "" for none. Shells of sidtool have corner nodes only, so decks
-    with CQUAD8 or CTRIA6 are left to CalculiX.
+    not, matrices of minutes, or no CalculiX; "" for none. Shells of sidtool have corner
+    nodes only, so decks with CQUAD8 or CTRIA6 are left to CalculiX.
+
+    Parameters
+    ----------
+    order : of the elements that CalculiX is to take, whatever its matrices cost
 
     Raises
     ------
@@ -99,7 +110,14 @@ def beyond_calculix(
     if True not in flat:
         return ""
     beyond = ", ".join(what for what, is_present in held if is_present)
-    return beyond or ("" if is_installed() else "CalculiX (ccx) is not installed")
+    if beyond or not is_installed():
+        return beyond or "CalculiX (ccx) is not installed"
+    size = _UNKNOWNS_PER_NODE * len(
+        {n for *_, nodes, _ in content.elements for n in nodes}
+    )
+    if order is None and size > _LARGEST_MESH:
+        return f"about {size} degrees of freedom of the solids of CalculiX"
+    return ""
 
 
 def _extent(mass: RawMass) -> tuple[float, ...]:

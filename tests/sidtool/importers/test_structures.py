@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import WARNING
+from sidtool.importers.nastran import shells
 from sidtool.importers.nastran.bulk_data import read_bdf
 from tests.codes import with_code
 
@@ -548,3 +549,21 @@ def test_mpc_of_displacements_and_rotations_are_a_rigid_arm(tmp_path: Path) -> N
 def test_an_mpc_that_supports_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="resists a rigid motion"):
         body(tmp_path, halves(*DIRECT, "MPC,9,3,6,1.,5,6,1."))
+
+
+def test_plates_whose_solids_take_minutes_have_own_shells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """S8R has 21 unknowns by each corner; `order` asks for them."""
+    monkeypatch.setattr(shells, "is_installed", lambda: True)
+    monkeypatch.setattr(shells, "_LARGEST_MESH", 21 * 6)
+    reasons = []
+    for count in (2, 3):
+        cards = strip(count, 1, (LENGTH, WIDTH), turn=np.eye(3))
+        path = tmp_path / "part.bdf"
+        path.write_text(bulk(*cards, "PSHELL,1,1,.01,1,,1", MATERIAL), encoding="utf-8")
+        reasons += [
+            shells.beyond_calculix(path, (), order=order) for order in (None, 2)
+        ]
+    assert [bool(reason) for reason in reasons] == [False, False, True, False]
+    assert str(21 * 8) in reasons[2]
