@@ -48,7 +48,10 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     masses = tuple(masses_of(deck, body, instance))
     ties = tuple(ties_of(deck, body, instance))
     sets = _all_node_sets(deck, body, instance)
-    mesh = assemble_mesh(nodes, raw, sets) if raw else mesh_of_points(nodes, sets)
+    if plates and not raw:
+        mesh = mesh_of_points(nodes, sets)
+    else:
+        mesh = assemble_mesh(nodes, raw, sets)
     states = {element.type.state for element in elements} or {None}
     if len(states) > 1:
         raise InputError("mixes plane stress and plane strain", expected="one of them")

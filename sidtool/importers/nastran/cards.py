@@ -295,7 +295,7 @@ def _changed_fields(card: Card, changes: list[str], place: str) -> list[str]:
     = copies a field, == all that follow, and *STEP adds to it (blank is zero); others
     replace it. Decimal numbers are added exactly.
     """
-    fields = []
+    fields: list[str] = []
     for i, change in enumerate(changes):
         if change == "==":
             return fields + card.words[i:]

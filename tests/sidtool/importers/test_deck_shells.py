@@ -136,6 +136,11 @@ def test_shells_that_meet_in_an_edge_need_no_calculix(tmp_path: Path) -> None:
     assert_allclose(frequencies(other), frequencies(own), rtol=1e-9)
 
 
+def test_a_deck_without_elements_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no solid element"):
+        body(tmp_path, "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n")
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [
