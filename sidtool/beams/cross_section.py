@@ -160,15 +160,11 @@ class Section:
     third_moments: tuple[float, float, float, float] = (0.0,) * 4
 
     @property
-    def gyration(self) -> tuple[float, float]:
-        """Iy / A and Iz / A [m^2]."""
-        return self.iy / self.area, self.iz / self.area
-
-    @property
-    def asymmetry(self) -> Array:
-        """(2, 3) integrals of yy, yz, zz times the stress of My = 1, Mz = 1 [m]."""
-        moments = np.array(self.third_moments)
-        return np.stack([moments[1:] / self.iy, -moments[:3] / self.iz])
+    def stress_moments(self) -> Array:
+        """(3, 3) as of `BeamMaterial`."""
+        own = np.array([self.iz, 0.0, self.iy]) / self.area
+        third = np.array(self.third_moments)
+        return np.stack([own, third[1:] / self.iy, -third[:3] / self.iz])
 
     def inertia(self, density: float, curvatures: Array) -> tuple[float, Array, Array]:
         """Mass per length [kg/m], its centre (3,) [m] in the axes of the section, and

@@ -223,6 +223,8 @@ class ParticleCollector:
         self._where: list[Array] = []
         self._masses: list[float] = []
         self._inertias: list[Array] = []
+        self._arms: list[Array] = []
+        self._tangents: list[Array] = []
         self._displacement, self._rotation = RowCollector(ndof), RowCollector(ndof)
 
     def add(
@@ -233,8 +235,17 @@ class ParticleCollector:
         displacement: Array,
         rotation: Array,
         dofs: Indices,
+        arm: Array | None = None,
+        tangent: Array | None = None,
     ) -> None:
-        """A piece, by rows (3, k) of its motion by degrees of freedom (k,)."""
+        """A piece, by rows (3, k) of its motion by degrees of freedom (k,).
+
+        Parameters
+        ----------
+        arm, tangent : (3,) as in `InertiaPoints`
+        """
+        self._arms.append(np.zeros(3) if arm is None else arm)
+        self._tangents.append(np.zeros(3) if tangent is None else tangent)
         self._where.append(where)
         self._masses.append(mass)
         self._inertias.append(inertia)
@@ -248,9 +259,11 @@ class ParticleCollector:
             *slice_inertia(element, frames, GAUSS_POINTS, GAUSS_WEIGHTS, density),
             strict=True,
         )
-        places = frames.places
-        for rows, place, piece in zip(element.gauss_rows, places, pieces, strict=True):
-            self._add_rigid_piece(rows, dofs, place, *piece)
+        points = zip(frames.places, frames.axes[:, 0], strict=True)
+        for rows, (place, tangent), piece in zip(
+            element.gauss_rows, points, pieces, strict=True
+        ):
+            self._add_rigid_piece(rows, dofs, place, *piece, tangent)
 
     def add_half_elements(
         self, element: BeamElement, dofs: Indices, density: float
@@ -268,8 +281,10 @@ class ParticleCollector:
             tensor = tensors.sum(axis=0) - np.einsum(
                 "p,pab,pbc->ac", masses, spread, spread
             )
-            place = element.frames(np.array([end])).places[0]
-            self._add_rigid_piece(element.rows(end), dofs, place, centre, mass, tensor)
+            at_end = element.frames(np.array([end]))
+            place, tangent = at_end.places[0], at_end.axes[0, 0]
+            piece = centre, mass, tensor, tangent
+            self._add_rigid_piece(element.rows(end), dofs, place, *piece)
 
     def _add_rigid_piece(
         self,
@@ -279,11 +294,13 @@ class ParticleCollector:
         centre: Array,
         mass: float,
         tensor: Array,
+        tangent: Array,
     ) -> None:
         """A piece that is fixed to the section at a place of an element."""
-        arm = skew(centre - place)
-        moved = rows.displacement - arm @ rows.rotation
-        self.add(centre, mass, tensor, moved, rows.rotation, dofs)
+        arm = centre - place
+        moved = rows.displacement - skew(arm) @ rows.rotation
+        arm = arm - (arm @ tangent) * tangent
+        self.add(centre, mass, tensor, moved, rows.rotation, dofs, arm, tangent)
 
     @property
     def count(self) -> int:
@@ -297,6 +314,8 @@ class ParticleCollector:
             inertias=np.array(self._inertias),
             displacement=self._displacement.matrix(),
             rotation=self._rotation.matrix(),
+            arms=np.array(self._arms),
+            tangents=np.array(self._tangents),
         )
 
 
@@ -329,8 +348,7 @@ class MaterialPointCollector:
     def __init__(self, ndof: int) -> None:
         self._rows = [RowCollector(ndof) for _ in range(3)]
         self._weights: list[float] = []
-        self._gyration: list[tuple[float, float]] = []
-        self._asymmetry: list[Array] = []
+        self._stress_moments: list[Array] = []
         self._curvatures: list[Array] = []
 
     def add(self, element: BeamElement, dofs: Indices) -> None:
@@ -344,9 +362,7 @@ class MaterialPointCollector:
                 self._rows, (rows.strains, turns, rows.resultants), strict=True
             ):
                 kept.add(some, dofs)
-            section = element.section(place)
-            self._gyration.append(section.gyration)
-            self._asymmetry.append(section.asymmetry)
+            self._stress_moments.append(element.section(place).stress_moments)
         self._weights.extend(GAUSS_WEIGHTS * element.length)
         self._curvatures.extend(frames.curvatures)
 
@@ -357,8 +373,7 @@ class MaterialPointCollector:
             strains=strains,
             turns=turns,
             resultants=forces,
-            gyration=np.array(self._gyration),
-            asymmetry=np.array(self._asymmetry),
+            stress_moments=np.array(self._stress_moments),
             curvatures=np.array(self._curvatures),
         )
 

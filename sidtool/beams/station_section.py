@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +34,8 @@ class StationSection:
     mass : per length [kg/m]
     centre : (3,) of mass in the axes of the section [m]
     tensor : (3, 3) mass moments of inertia per length about the centre [kg m]
-    gyration : EI_y / EA and EI_z / EA about the axis of the beam [m^2]
+    stress_moments : (3, 3) as of `BeamMaterial`, with moments about the axis
+    offset : (2,) y, z of the centre of tension [m]
     """
 
     sheared: Array | None
@@ -42,14 +43,15 @@ class StationSection:
     mass: float
     centre: Array
     tensor: Array
-    gyration: tuple[float, float]
-    #: Third moments are not known.
-    asymmetry: ClassVar[Array] = np.zeros((2, 3))
+    stress_moments: Array
+    offset: Array
 
     @property
     def halves(self) -> Array:
-        """(2,) half the sides, along y and z, of the rectangle of this gyration [m]."""
-        return np.sqrt(3 * np.array(self.gyration[::-1]))
+        """(2,) half the sides, along y and z, of the rectangle with EI / EA of the
+        section about its centre of tension [m].
+        """
+        return np.asarray(np.sqrt(3 * (self.stress_moments[0, ::2] + self.offset**2)))
 
     def inertia(self, density: float, curvatures: Array) -> tuple[float, Array, Array]:
         """Mass per length, centre and tensor; the table holds the density."""
@@ -218,8 +220,24 @@ def _section_of_columns(value: dict[str, Any]) -> StationSection:
     tensor = np.diag(np.array([about_y + about_z, about_y, about_z], dtype))
     tensor[1, 2] = tensor[2, 1] = -value.get("inertia_yz", 0.0)
     centre = np.array([0.0, value.get("mass_y", 0.0), value.get("mass_z", 0.0)])
-    gyration = ei_y / ea + z**2, ei_z / ea + y**2
-    return StationSection(sheared, unsheared, mass, centre, tensor, gyration)
+    moments = _stress_moments(y, z, ei_y / ea, ei_z / ea)
+    offset = np.array([y, z])
+    return StationSection(sheared, unsheared, mass, centre, tensor, moments, offset)
+
+
+def _stress_moments(y: Any, z: Any, own_y: Any, own_z: Any) -> Array:
+    """Return `stress_moments` for a centre of tension (y, z).
+
+    The stress of N, My and Mz about the axis is that of N, My - z N and Mz + y N about
+    the centre, where the section counts as doubly symmetric.
+
+    Parameters
+    ----------
+    own_y, own_z : EI_y / EA and EI_z / EA about the centre of tension
+    """
+    none = 0 * y
+    of_force = [own_z - y**2, -y * z, own_y - z**2]
+    return np.array([of_force, [none, y, 2 * z], [-2 * y, -z, none]])
 
 
 def _by_matrices(
@@ -303,5 +321,8 @@ def _section_of_matrices(stiffness: Array, matrix: Array) -> StationSection:
     unsheared = moved.T @ unsheared @ moved
     mass, arm, tensor = _rigid_slice(matrix)
     axial = stiffness[0, 0]
-    gyration = (stiffness[4, 4] / axial).item(), (stiffness[5, 5] / axial).item()
-    return StationSection(sheared, unsheared, mass, arm, tensor, gyration)
+    z, y = (stiffness[0, 4] / axial).item(), (-stiffness[0, 5] / axial).item()
+    own_y = (stiffness[4, 4] / axial).item() - z**2
+    own_z = (stiffness[5, 5] / axial).item() - y**2
+    moments, offset = _stress_moments(y, z, own_y, own_z), np.array([y, z])
+    return StationSection(sheared, unsheared, mass, arm, tensor, moments, offset)

@@ -34,21 +34,29 @@ T theta (ky0 psi_y + kz0 psi_z).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.model.reduction import Stiffening
+from sidtool.formats.sid_mass import skew
 
+from ..beams.element import translate_motion
 from ..discretisation.marker_couplings import (
     second_order_rows,
     second_order_work_of_ties,
 )
 from ..elements.finite_element_model import FiniteElementModel, MarkerRows
-from ..elements.material_points import BeamMaterial, stress_from_gradient
+from ..elements.material_points import (
+    BeamMaterial,
+    InertiaPoints,
+    stress_from_gradient,
+)
 from ..reduction.admissible_space import AdmissibleSpace, constrained_space
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
@@ -84,7 +92,8 @@ def add_geometric_stiffening(
     for cut in body.cuts:
         if cut.resultants is not None:
             continue
-        parts += _frame_loads(_InertiaLoads(part_of_body(body, cut), frame), settings)
+        beyond = _InertiaLoads(part_of_body(body, cut), frame, cut.points)
+        parts += _frame_loads(beyond, settings)
         parts += _marker_loads(cut.section)
     results = iter(geometric_stiffness(body, frame, basis.shapes, parts, loaded))
     blocks: dict[str, Taylor] = {}
@@ -113,7 +122,20 @@ def add_geometric_stiffening(
     return replace(sid, **changes)
 
 
-def _frame_loads(loads: _InertiaLoads, settings: Stiffening) -> list[Array | None]:
+class LoadGroup(NamedTuple):
+    """Loads that belong together.
+
+    Attributes
+    ----------
+    nodal : (ndof, n)
+    forces : (p, 3, n) of them on the inertia points of the body; None for zero
+    """
+
+    nodal: Array
+    forces: Array | None = None
+
+
+def _frame_loads(loads: _InertiaLoads, settings: Stiffening) -> list[LoadGroup | None]:
     """Loads of the acceleration and of the angular acceleration of the frame."""
     return [
         loads.acceleration() if settings.acceleration else None,
@@ -121,9 +143,10 @@ def _frame_loads(loads: _InertiaLoads, settings: Stiffening) -> list[Array | Non
     ]
 
 
-def _marker_loads(marker: MarkerRows) -> list[Array | None]:
-    """Unit forces and unit moments at a marker, (ndof, 3) each."""
-    return [part.T.toarray() for part in (marker.displacement, marker.rotation)]
+def _marker_loads(marker: MarkerRows) -> list[LoadGroup | None]:
+    """Unit forces and unit moments at a marker."""
+    rows = marker.displacement, marker.rotation
+    return [LoadGroup(part.T.toarray()) for part in rows]
 
 
 def stiffening_markers(
@@ -138,7 +161,7 @@ def geometric_stiffness(
     body: FiniteElementModel,
     frame: Frame,
     shapes: Array,
-    groups: list[Array | None],
+    groups: list[LoadGroup | None],
     loaded: AdmissibleSpace | None = None,
 ) -> list[Array | None]:
     """Phi^T Kg Phi for the stress states of loads that the frame supports.
@@ -146,7 +169,7 @@ def geometric_stiffness(
     Parameters
     ----------
     shapes : (ndof, nq)
-    groups : load vectors (ndof, n) in groups; None stays None
+    groups : None stays None
     loaded : space in which the loads deform the body, by default that of its frame
 
     Returns
@@ -160,14 +183,16 @@ def geometric_stiffness(
     given = [group for group in groups if group is not None]
     if not given:
         return [None for _ in groups]
-    loads = balanced_loads(body, frame, np.hstack(given))
+    nodal = np.hstack([group.nodal for group in given])
+    loads = balanced_loads(body, frame, nodal)
     states = (loaded or constrained_space(body, frame)).static(loads)
     total = projected_stiffness(body, states, shapes)
     total += piece_stiffness(body, loads, states, shapes)
+    total += _arm_stiffness(body, frame, given, nodal, shapes)
     results: list[Array | None] = []
     start = 0
     for group in groups:
-        count = 0 if group is None else group.shape[1]
+        count = 0 if group is None else group.nodal.shape[1]
         results.append(None if group is None else total[start : start + count])
         start += count
     return results
@@ -184,6 +209,76 @@ def balanced_loads(body: FiniteElementModel, frame: Frame, loads: Array) -> Arra
     reactions = np.linalg.solve((frame.rows @ rigid).T, rigid.T @ loads)
     balanced: Array = loads - frame.rows.T @ reactions
     return balanced
+
+
+def _arm_stiffness(
+    body: FiniteElementModel,
+    frame: Frame,
+    groups: list[LoadGroup],
+    nodal: Array,
+    shapes: Array,
+) -> Array:
+    """(n, nq, nq) stiffness of inertia forces on particles at arms and couplings.
+
+    Parameters
+    ----------
+    nodal : (ndof, n) loads of all groups, of which mean axes take away their inertia
+    """
+    points, nq = body.inertia_points, shapes.shape[1]
+    if points is None or body.full_mass is not None:
+        return np.zeros((nodal.shape[1], nq, nq))
+    none = np.zeros((len(points.masses), 3, 1))
+    forces = np.concatenate(
+        [
+            np.tile(none, group.nodal.shape[1])
+            if group.forces is None
+            else group.forces
+            for group in groups
+        ],
+        axis=2,
+    )
+    rigid = body.rigid_body_modes(frame.origin)
+    inertia, rows = (body.mass @ rigid).T, frame.rows
+    if rows is not None and rows.shape == inertia.shape and _same(rows, inertia):
+        spatial = [0, 1, 2, 3, 4, 5] if body.dimension == 3 else [0, 1, 5]
+        motion = np.linalg.solve(inertia @ rigid, rigid.T @ nodal)
+        moved = translate_motion(points.positions - frame.origin)[:, :3, spatial]
+        forces = forces - points.masses[:, None, None] * (moved @ motion)
+    if body.beam_material is not None:
+        return _work_at_arms(points, forces, shapes)
+    total = np.zeros((nodal.shape[1], nq, nq), number_type(shapes, forces))
+    for k in np.flatnonzero(np.diff(points.rotation.indptr[::3])):
+        rows_of = (
+            part[3 * k : 3 * k + 3] for part in (points.displacement, points.rotation)
+        )
+        marker = MarkerRows("mass", 0, points.positions[k], *rows_of)
+        shift, _ = second_order_rows(body, marker, shapes)
+        total += np.einsum("an,akl->nkl", forces[k], shift)
+    return total
+
+
+def _same(first: Array, second: Array) -> bool:
+    return bool(np.abs(first - second).max() <= 1e-9 * np.abs(second).max())
+
+
+def _work_at_arms(points: InertiaPoints, forces: Array, shapes: Array) -> Array:
+    """(n, nq, nq) stiffness of forces f (p, 3, n) at the ends of arms r of particles.
+
+    These turn by w and move to second order by (w (w . r) - r (w . w)) / 2. In a
+    cross-section what f along the beam does there is a part of its bending moments.
+    """
+    count, nq = len(points.masses), shapes.shape[1]
+    if points.arms is None or points.tangents is None or not points.arms.any():
+        return np.zeros((forces.shape[2], nq, nq))
+    along = np.einsum("pa,pan->pn", points.tangents, forces)
+    forces = forces - points.tangents[:, :, None] * along[:, None]
+    turns = (points.rotation @ shapes).reshape(count, 3, nq)
+    by_force = np.einsum("pan,pak->pnk", forces, turns)
+    by_arm = np.einsum("pa,pak->pk", points.arms, turns)
+    mixed = np.einsum("pnk,pl->nkl", by_force, by_arm)
+    lengths = np.einsum("pan,pa->pn", forces, points.arms)
+    total: Array = np.einsum("pn,pkl->nkl", lengths, _field_products(turns, turns))
+    return total - (mixed + np.swapaxes(mixed, 1, 2)) / 2
 
 
 def piece_stiffness(
@@ -234,21 +329,51 @@ def contract_stress(stress: Array, slopes: Array) -> Array:
 
 
 class _InertiaLoads:
-    """D'Alembert loads of a unit motion of the frame, (ndof, n) each."""
+    """D'Alembert loads of a unit motion of the frame.
 
-    def __init__(self, body: FiniteElementModel, frame: Frame) -> None:
-        self._body, self._origin = body, frame.origin
+    Parameters
+    ----------
+    chosen : (p,) particles of the whole body that the body holds; all by default
+    """
 
-    def acceleration(self) -> Array:
+    def __init__(
+        self,
+        body: FiniteElementModel,
+        frame: Frame,
+        chosen: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self._body, self._origin, self._chosen = body, frame.origin, chosen
+
+    def acceleration(self) -> LoadGroup:
         """-rho e_a; in the plane the third one is zero."""
-        return -self._body.mass @ self._rigid()[:, :3]
+        nodal = -self._body.mass @ self._rigid()[:, :3]
+        return LoadGroup(nodal, self._forces(lambda arms: np.eye(3)[None]))
 
-    def angular_acceleration(self) -> Array:
+    def angular_acceleration(self) -> LoadGroup:
         """-rho e_a x c."""
-        return -self._body.mass @ self._rigid()[:, 3:]
+        nodal = -self._body.mass @ self._rigid()[:, 3:]
+        return LoadGroup(nodal, self._forces(lambda arms: -skew(arms)))
 
-    def centrifugal(self) -> Array:
+    def centrifugal(self) -> LoadGroup:
         """-rho W_k c; of particles with rotary inertia their moments, too."""
+        forces = self._forces(
+            lambda arms: np.einsum("kab,pb->pak", CENTRIFUGAL_PRODUCTS, arms)
+        )
+        return LoadGroup(self._centrifugal_nodal(), forces)
+
+    def _forces(self, field: Callable[[Array], Array]) -> Array | None:
+        """(p, 3, n) on all particles, by the acceleration (p, 3, n) at arms (p, 3)."""
+        points = self._body.inertia_points
+        if points is None:
+            return None
+        own = -points.masses[:, None, None] * field(points.positions - self._origin)
+        if self._chosen is None:
+            return own
+        forces = np.zeros((len(self._chosen), *own.shape[1:]), own.dtype)
+        forces[self._chosen] = own
+        return forces
+
+    def _centrifugal_nodal(self) -> Array:
         d = self._body.dimension
         arms = self._body.positions - self._origin[:d]
         fields = np.zeros((self._body.ndof, 6), arms.dtype)
@@ -315,20 +440,21 @@ def beam_stiffness(material: BeamMaterial, states: Array, shapes: Array) -> Arra
     shapes : (ndof, nq)
     """
     a, b, c, across_y, across_z = _gradients(material, shapes)
-    iy, iz = material.gyration.T[:, :, None, None]
-    normal = (
-        _field_products(a, a) + iz * _field_products(b, b) + iy * _field_products(c, c)
-    )
     resultants = np.moveaxis(material.resultants_of(states), 1, 0)
     normal_force, shear_y, shear_z, twisting, bending_y, bending_z = resultants
+    squares = np.einsum("pab,apn->bpn", material.stress_moments, resultants[[0, 4, 5]])
     terms = (
-        (normal_force, normal),
+        (normal_force, _field_products(a, a)),
         (bending_y, 2 * _field_products(a, c)),
         (-bending_z, 2 * _field_products(a, b)),
         (shear_y, 2 * _field_products(a, across_y)),
         (shear_z, 2 * _field_products(a, across_z)),
         (twisting, _field_products(b, across_z) - _field_products(c, across_y)),
-        *_asymmetric_terms(material, resultants, b, c),
+        *zip(
+            squares,
+            (_field_products(b, b), 2 * _field_products(b, c), _field_products(c, c)),
+            strict=True,
+        ),
         *_initial_curvature_terms(material, resultants, shapes),
     )
     total: Array = sum(
@@ -353,23 +479,6 @@ def _gradients(material: BeamMaterial, shapes: Array) -> tuple[Array, ...]:
         (psi_y, -theta, zero),
     )
     return tuple(np.stack(vector, axis=1) for vector in vectors)
-
-
-def _asymmetric_terms(
-    material: BeamMaterial, resultants: Array, b: Array, c: Array
-) -> tuple[tuple[Array, Array], ...]:
-    """Forces (p, n) and forms (p, nq, nq) of the third moments of the sections."""
-    if not material.asymmetry.any():
-        return ()
-    *_, bending_y, bending_z = resultants
-    by_y, by_z = np.moveaxis(material.asymmetry, (1, 2), (0, 1))[..., None]
-    forces = by_y * bending_y + by_z * bending_z
-    forms = (
-        _field_products(b, b),
-        2 * _field_products(b, c),
-        _field_products(c, c),
-    )
-    return tuple(zip(forces, forms, strict=True))
 
 
 def _initial_curvature_terms(

@@ -115,7 +115,8 @@ class Structure:
                     place=mass.place,
                     expected="a node of this file",
                 )
-            place = nodes.place(mass.node) + units.length * np.array(mass.offset)
+            arm = units.length * np.array(mass.offset)
+            place = nodes.place(mass.node) + arm
             motion, dofs = nodes.motion(mass.node, place)
             fixed = not motion[3:].any()
             incomplete = fixed and (any(mass.offset) or any(mass.inertia))
@@ -130,7 +131,7 @@ class Structure:
             tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
             tensor = tensor * (units.mass * units.length**2)
             heavy = mass.mass * units.mass
-            particles.add(place, heavy, tensor, motion[:3], motion[3:], dofs)
+            particles.add(place, heavy, tensor, motion[:3], motion[3:], dofs, arm)
 
 
 def add_bar_mass(

@@ -348,4 +348,12 @@ def merge_particles(points: list[InertiaPoints]) -> InertiaPoints:
         np.concatenate([p.inertias for p in points]),
         sp.csr_matrix(sp.vstack([p.displacement for p in points])),
         sp.csr_matrix(sp.vstack([p.rotation for p in points])),
+        *(
+            np.concatenate([_given_or_zero(getattr(p, name), p) for p in points])
+            for name in ("arms", "tangents")
+        ),
     )
+
+
+def _given_or_zero(vectors: Array | None, points: InertiaPoints) -> Array:
+    return np.zeros_like(points.positions) if vectors is None else vectors

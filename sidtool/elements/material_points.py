@@ -141,6 +141,9 @@ class InertiaPoints:
     inertias : (p, 3, 3) about the particles themselves, axes of the model [kg m^2]
     displacement : (3 p, ndof) sparse; displacements of the particles = rows @ u
     rotation : (3 p, ndof) sparse; their small rotations = rows @ u
+    arms : (p, 3) to the particles from points that they are fixed to and turn with,
+        whose displacements are linear in the degrees of freedom [m]; None for zero
+    tangents : (p, 3) of the beams whose cross-sections hold the arms, else zero
     """
 
     positions: Array
@@ -148,6 +151,8 @@ class InertiaPoints:
     inertias: Array
     displacement: sp.csr_matrix
     rotation: sp.csr_matrix
+    arms: Array | None = None
+    tangents: Array | None = None
 
     def selected(self, mask: NDArray[np.bool_]) -> InertiaPoints:
         """Return the particles of a mask (p,)."""
@@ -158,6 +163,8 @@ class InertiaPoints:
             self.inertias[mask],
             self.displacement[rows],
             self.rotation[rows],
+            None if self.arms is None else self.arms[mask],
+            None if self.tangents is None else self.tangents[mask],
         )
 
     def mass_matrix(self) -> sp.csr_matrix:
@@ -183,9 +190,8 @@ class BeamMaterial:
         y and z of every point = rows @ u
     turns : (3 p, ndof) sparse; rotation of the cross-section
     resultants : (6 p, ndof) sparse; N, Qy, Qz [N], T, My, Mz [N m]
-    gyration : (p, 2) Iy / A and Iz / A [m^2]
-    asymmetry : (p, 2, 3) integrals over the section of yy, yz, zz times the stress of
-        My = 1 and of Mz = 1 [m]
+    stress_moments : (p, 3, 3) integrals of yy, yz, zz over the section times the axial
+        stress of N = 1 [m^2], of My = 1 and of Mz = 1 [m]
     curvatures : (p, 3) of the beam at rest: twist, about y and z [rad/m]
     """
 
@@ -193,8 +199,7 @@ class BeamMaterial:
     strains: sp.csr_matrix
     turns: sp.csr_matrix
     resultants: sp.csr_matrix
-    gyration: Array
-    asymmetry: Array
+    stress_moments: Array
     curvatures: Array
 
     def strains_of(self, fields: Array) -> Array:

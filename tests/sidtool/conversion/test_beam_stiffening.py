@@ -14,6 +14,7 @@ from sidtool.formats.base.sid import SID, Node
 from sidtool.formats.geometric_stiffening import load_stiffness
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.beams import TSection
+from sidtool.formats.sid_mass import skew
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.validate.checks import check
@@ -43,7 +44,8 @@ def model(
         "reduction": {"method": "modal", "modes": 9},
         "stiffening": {},
     }
-    return validate_data(data | changes, ModelFile)
+    whole = {key: value for key, value in (data | changes).items() if value is not None}
+    return validate_data(whole, ModelFile)
 
 
 def line(section: dict[str, Any], end: tuple[float, ...] = (1.0, 0.0, 0.0)) -> Any:
@@ -238,3 +240,102 @@ def test_the_load_of_a_prestressed_beam_stiffens_once(carriers: dict[str, Any]) 
     assert_allclose(scipy.linalg.eigvalsh(found, pulled.Me.m0), expected, rtol=1e-9)
     load = force @ pulled.node(2).phi.m0
     assert_allclose(pulled.ksigma.m0[:, 0], load, atol=1e-9 * np.abs(load).max())
+
+
+def stationed(y: float, z: float, *, matrices: bool) -> SID:
+    """A beam whose centres of mass, tension and shear are (y, z) from its axis, and
+    in the same place for all y and z.
+    """
+    values = {"EA": 8e8, "GA_y": 1e8, "GA_z": 1e8, "GJ": 2e5, "EI_y": 4e5, "EI_z": 2e7}
+    sections: dict[str, Any] = {"position": [0.0, 3.0], "mass_per_length": [20.0] * 2}
+    offsets = {
+        f"{n}_{a}": v
+        for n in ("tension", "mass", "shear")
+        for a, v in zip("yz", (y, z), strict=True)
+    }
+    own = {"inertia_y": 0.01, "inertia_z": 0.5}
+    sections |= {name: [v, v] for name, v in (values | offsets | own).items()}
+    if matrices:
+        moved = np.eye(6)
+        moved[4, 0], moved[5, 0], moved[3, 1:3] = -z, y, (z, -y)
+        stiffness = np.linalg.inv(
+            moved.T @ np.diag([1 / v for v in values.values()]) @ moved
+        )
+        carried = np.eye(6)
+        carried[:3, 3:] = -skew(np.array([0.0, y, z]))
+        mass = carried.T @ np.diag([20.0, 20.0, 20.0, 0.51, 0.01, 0.5]) @ carried
+        sections = {
+            "position": [0.0, 3.0],
+            "stiffness": [stiffness.tolist()] * 2,
+            "mass": [mass.tolist()] * 2,
+        }
+    geometry = {
+        "type": "beam",
+        "start": [0, -y, -z],
+        "end": [3, -y, -z],
+        "sections": sections,
+    }
+    settings = {"type": "beam", "elements": 8}
+    return sid_from_model(model(geometry, settings, material=None))
+
+
+@pytest.mark.parametrize("matrices", [False, True])
+def test_stiffening_does_not_depend_on_the_axis_of_a_table(*, matrices: bool) -> None:
+    """Stations about the line of centroids, and about one beside it.
+
+    By accelerations across the beam up to the square of the length of the elements.
+    """
+    one, other = (
+        stationed(0.0, 0.0, matrices=False),
+        stationed(0.1, 0.15, matrices=matrices),
+    )
+    moved = [sid.node(2).psi for sid in (one, other)]
+    sign = np.sign((moved[0].m0 * moved[1].m0).sum(axis=0))
+    pair = sign[:, None] * sign
+    turned = moved[1].m1 * pair[:, None]
+    assert_allclose(turned, moved[0].m1, atol=1e-9 * np.abs(turned).max())
+    found, expected = other.Ct.m1 * pair[:, :, None], one.Ct.m1
+    scale = np.abs(expected).max()
+    assert_allclose(found[..., 0], expected[..., 0], atol=1e-9 * scale)
+    assert_allclose(found, expected, atol=0.03 * scale)
+
+
+@pytest.mark.parametrize("below", [0.0, 0.5])
+def test_a_mass_below_a_shaft_is_a_pendulum(below: float) -> None:
+    """w^2 = (G J / L + m g d) / (m d^2 + I), on a shaft that only twists."""
+    mass, own, torsion = 10.0, 0.2, 1e-9
+    section = {"shape": "general", "area": 0.01, "iy": 1e-4, "iz": 1e-4}
+    geometry = {
+        "type": "frame",
+        "points": {"root": [0, 0, 0], "tip": [1, 0, 0]},
+        "members": {
+            "shaft": {
+                "start": "root",
+                "end": "tip",
+                "section": section | {"torsion": torsion},
+            }
+        },
+        "masses": [
+            {
+                "point": "tip",
+                "mass": mass,
+                "inertia": [own, 0, 0],
+                "offset": [0, 0, -below],
+            }
+        ],
+    }
+    names = {n: {"node": k, "point": n} for k, n in enumerate(("root", "tip"), 1)}
+    frame = {"type": "tangent", "marker": "root", "clamp": "root"}
+    material = {"youngs_modulus": 2e11, "poissons_ratio": 0.0, "density": 1e-3}
+    line_model = model(
+        geometry,
+        {"type": "beam", "elements": 2},
+        markers=names,
+        frame=frame,
+        material=material,
+    )
+    sid = sid_from_model(line_model)
+    stiffness = sid.Ke.m0 + 9.81 * sid.Ct.m1[..., 2]
+    found = scipy.linalg.eigvalsh((stiffness + stiffness.T) / 2, sid.Me.m0)[0]
+    held = 1e11 * torsion + mass * 9.81 * below
+    assert found == pytest.approx(held / (mass * below**2 + own), rel=1e-4)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -319,3 +321,57 @@ def test_numbers_that_do_not_fit_are_refused() -> None:
         sid_from_model(beam(IGA, stiffening=table))
     with pytest.raises(InputError, match="stiffening: there is no marker 'hub'"):
         beam(IGA, stiffening={"markers": ["hub"]})
+
+
+@pytest.mark.parametrize("coupling", ["RBE2", "RBE3"])
+def test_weight_of_a_mass_stiffens_as_a_force_there(
+    coupling: str, tmp_path: Path
+) -> None:
+    """Of a body with hardly any mass but one off its face: Ct m1 = m phi m1."""
+    mass, count = 0.5, 3
+    number = {at: k for k, at in enumerate(np.ndindex(count + 1, 2, 2), 1)}
+    cards = [
+        f"GRID,{k},,{0.2 * x!r},{0.1 * y!r},{0.1 * z!r}"
+        for (x, y, z), k in number.items()
+    ]
+    for i in range(count):
+        corners = [
+            str(number[i + x, y, z])
+            for z in (0, 1)
+            for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))
+        ]
+        cards.append(
+            f"CHEXA,{i + 1},1,{','.join(corners[:6])}\n,{','.join(corners[6:])}"
+        )
+    root, tip = (
+        [str(number[x, y, z]) for y, z in np.ndindex(2, 2)] for x in (0, count)
+    )
+    cards += [
+        "PSOLID,1,1",
+        "MAT1,1,2.1+9,,0.3,1.-6",
+        "GRID,90,,0.7,0.02,-0.3",
+        f"SPC1,1,123,{','.join(root)}",
+        f"RBE2,80,90,123456,{','.join(tip)}"
+        if coupling == "RBE2"
+        else f"RBE3,80,,90,123456,1.,123,{','.join(tip[:2])}\n,{','.join(tip[2:])}",
+        f"CONM2,81,90,0,{mass!r}",
+    ]
+    text = "\n".join(["BEGIN BULK", *cards, "ENDDATA", ""])
+    (tmp_path / "part.bdf").write_text(text, encoding="utf-8")
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "geometry": {"type": "mesh", "file": "part.bdf"},
+        "discretisation": {"type": "mesh"},
+        "frame": {"type": "tangent", "marker": "root", "clamp": "SPC1"},
+        "markers": {
+            "root": {"node": 1, "mesh_node": 1},
+            "end": {"node": 2, "mesh_node": 90},
+        },
+        "reduction": {"method": "modal", "modes": 5},
+        "stiffening": {},
+    }
+    (tmp_path / "model.json").write_text(json.dumps(data), encoding="utf-8")
+    sid = sid_from_model(tmp_path / "model.json")
+    expected = mass * np.moveaxis(sid.node(2).phi.m1, 1, 2)
+    assert_allclose(sid.Ct.m1, expected, atol=1e-4 * np.abs(expected).max())
