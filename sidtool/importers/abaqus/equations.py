@@ -10,7 +10,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import diagnose
 
-from ...mesh.connections import RawEquation, RawTie
+from ...mesh.connections import RawEquation, RawTie, Term
 from ...mesh.deck_text import parse_integers, parse_numbers
 from ...mesh.imported_mesh import RawCoupling, find_undefined_members
 from .couplings import labels_named
@@ -22,7 +22,8 @@ from .surfaces import resolve_nodes, surface_faces
 Rows = list[tuple[list[str], str]]
 
 _PER_TERM = 3
-_DIRECTIONS = range(1, 4)
+#: Directions of displacements; those of rotations follow.
+_DISPLACEMENTS = 3
 
 
 def read_equation(deck: Deck, block: Block) -> None:
@@ -102,27 +103,19 @@ class TransformedAxes:
         return axis
 
 
-def check_constraints_of_shells(deck: Deck) -> None:
-    """Refuse *MPC that holds rotations, which equations of a deck do not have."""
-    for definition in deck.equations:
-        block = definition.block
-        kinds = {words[0].upper() for words, _ in block.rows if words}
-        if block.keyword == "MPC" and not kinds <= {"PIN", "BEAM"}:
-            raise InputError(
-                f"*MPC of type {', '.join(sorted(kinds - {'PIN', 'BEAM'}))} holds "
-                "shells",
-                place=block.place,
-                expected="types PIN and BEAM, *EQUATION or *COUPLING",
-            )
-
-
 def equations_of(
     deck: Deck,
     body: Namespace,
     instance: str,
     positions: dict[int, tuple[float, float, float]],
+    *,
+    turning: bool,
 ) -> tuple[list[RawEquation], list[RawCoupling]]:
     """The equations of the body, and *MPC of type BEAM as rigid couplings.
+
+    Parameters
+    ----------
+    turning : whether the body has nodes with rotations
 
     Raises
     ------
@@ -131,15 +124,16 @@ def equations_of(
     axes = TransformedAxes(deck, body, instance, positions)
     equations: list[RawEquation] = []
     beams: list[RawCoupling] = []
+    last = 2 * _DISPLACEMENTS if turning else _DISPLACEMENTS
     for definition in deck.equations:
         try:
             if definition.block.keyword == "EQUATION":
                 equations += _make_equations(
-                    deck, definition, body, instance, positions, axes
+                    deck, definition, body, instance, positions, axes, last
                 )
             elif definition.block.keyword == "MPC":
                 constraints = _multi_point_constraints(
-                    deck, definition, body, instance, positions
+                    deck, definition, body, instance, positions, turning
                 )
                 for one in constraints:
                     held = beams if isinstance(one, RawCoupling) else equations
@@ -159,11 +153,12 @@ def _make_equations(
     instance: str,
     positions: dict[int, tuple[float, float, float]],
     axes: TransformedAxes,
+    last: int,
 ) -> Iterator[RawEquation]:
     for rows in _equation_terms(definition.block.rows):
         place = rows[0][1]
         terms = [
-            _equation_term(deck, definition, body, instance, words, where)
+            _equation_term(deck, definition, body, instance, words, where, last)
             for words, where in rows
         ]
         if deck.chosen and not all(labels for labels, _, _ in terms):
@@ -188,18 +183,12 @@ def _make_equations(
                     place=place,
                     expected="a node of this file",
                 )
-            yield RawEquation(
-                tuple(
-                    (
-                        n,
-                        _three_components(
-                            share * axes.direction(n, number, positions[n])
-                        ),
-                    )
-                    for n, number, share in chosen
-                ),
-                place,
-            )
+            parts: tuple[list[Term], list[Term]] = ([], [])
+            for n, number, share in chosen:
+                axis = axes.direction(n, (number - 1) % 3 + 1, positions[n])
+                term = (n, _three_components(share * axis))
+                parts[number > _DISPLACEMENTS].append(term)
+            yield RawEquation(tuple(parts[0]), place, tuple(parts[1]))
 
 
 def _equation_terms(rows: Rows) -> Iterator[Rows]:
@@ -239,15 +228,17 @@ def _equation_term(
     instance: str,
     words: list[str],
     place: str,
+    last: int,
 ) -> tuple[list[int], int, float]:
     labels = labels_named(deck, definition, body, instance, words[0])
     (number,) = parse_integers(words[1:2], place, "a direction")
     (share,) = parse_numbers(words[2:], place, "a coefficient")
-    if number not in _DIRECTIONS:
+    if not 1 <= number <= last:
+        turns = "nodes of solids have no others" if last == _DISPLACEMENTS else ""
         raise InputError(
             f"an equation has the direction {number}",
             place=place,
-            expected="displacements 1 to 3: nodes of solids have no others",
+            expected=f"directions 1 to {last}" + (f": {turns}" if turns else ""),
         )
     if not labels and not deck.chosen:
         raise InputError(
@@ -264,6 +255,7 @@ def _multi_point_constraints(
     body: Namespace,
     instance: str,
     positions: dict[int, tuple[float, float, float]],
+    turning: bool,
 ) -> Iterator[RawEquation | RawCoupling]:
     for words, place in definition.block.rows:
         kind, *names = [word for word in words if word]
@@ -298,7 +290,10 @@ def _multi_point_constraints(
                 yield RawCoupling("MPC BEAM", True, (nodes[0],), nodes[1], place)
             else:
                 places = [np.array(positions[n]) for n in nodes]
-                yield from _multi_point_equations(kind.upper(), nodes, places, place)
+                held = list(_multi_point_equations(kind.upper(), nodes, places, place))
+                yield from held
+                if turning and kind.upper() in ("TIE", "LINEAR"):
+                    yield from (RawEquation((), place, own.terms) for own in held)
 
 
 #: Number of nodes of the supported types of *MPC.

@@ -21,7 +21,7 @@ from ...mesh.imported_mesh import (
 from .couplings import couplings_of, masses_of, reference_labels
 from .deck import Deck, Element, Member, Namespace, Section
 from .element_types import POINTS, unsupported_element_text
-from .equations import check_constraints_of_shells, equations_of, ties_of
+from .equations import equations_of, ties_of
 from .instances import place_nodes
 from .materials import material_name, materials_of
 from .shells import shells_of
@@ -43,7 +43,8 @@ def mesh_of(deck: Deck) -> ImportedMesh:
         _raw_element(deck, element, sections.get(element.label)) for element in elements
     ]
     nodes = _with_reference_nodes(deck, body)
-    equations, beams = equations_of(deck, body, instance, nodes)
+    turning = bool(plates)
+    equations, beams = equations_of(deck, body, instance, nodes, turning=turning)
     couplings = [*couplings_of(deck, body, instance), *beams]
     masses = tuple(masses_of(deck, body, instance))
     ties = tuple(ties_of(deck, body, instance))
@@ -60,7 +61,6 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     shells = shells_of(plates, sections, materials, nodes)
     if shells:
         _check_couplings_of_shells(couplings)
-        check_constraints_of_shells(deck)
     return ImportedMesh(
         mesh,
         materials,

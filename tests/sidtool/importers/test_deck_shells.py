@@ -117,6 +117,46 @@ def test_a_rigid_body_clamps_or_hinges_the_nodes_of_shells(
     assert np.abs(found / strip_hertz(root, DEPTH) - 1).min() < 0.01
 
 
+def linked_halves(links: str) -> str:
+    """A strip of two halves, whose nodes A in the middle have twins B."""
+    block, cut = Block((16, 1), (LENGTH, WIDTH)), LENGTH / 2
+    middle = [n for n, x in enumerate(block.points, 1) if abs(x[0] - cut) < 1e-9]
+    block.elements = [
+        [n + 100 if n in middle and min(e) in middle else n for n in e]
+        for e in block.elements
+    ]
+    twins = "".join(
+        f"{n + 100}, {cut!r}, {block.points[n - 1][1]!r}, 0.\n" for n in middle
+    )
+    text = plate(block, "S4", DEPTH).replace("*ELEMENT", f"{twins}*ELEMENT", 1)
+    sets = listed("A", middle) + listed("B", [n + 100 for n in middle])
+    return text + sets + links
+
+
+@pytest.mark.parametrize(
+    ("links", "root"),
+    [
+        ("*MPC\nTIE, A, B\n", 4.730041),
+        (
+            "*EQUATION\n"
+            + "".join(f"2\nA, {d}, 1., B, {d}, -1.\n" for d in range(1, 7)),
+            4.730041,
+        ),
+        ("*MPC\nPIN, A, B\n*EQUATION\n2\nA, 4, 1., B, 4, -1.\n", None),
+    ],
+)
+def test_equations_hold_the_rotations_of_shells(
+    links: str, root: float | None, tmp_path: Path
+) -> None:
+    """One beam, or two on a hinge, which is a mechanism."""
+    if root is None:
+        with pytest.raises(InputError, match="mechanism"):
+            body(tmp_path, linked_halves(links))
+        return
+    found = frequencies(body(tmp_path, linked_halves(links)))
+    assert found[0] == pytest.approx(strip_hertz(root, DEPTH), rel=0.02)
+
+
 @pytest.mark.needs("ccx")
 def test_shells_that_meet_in_an_edge_need_no_calculix(tmp_path: Path) -> None:
     """CalculiX joins three shells by equations, which its matrices leave out."""
@@ -151,6 +191,7 @@ def test_a_deck_without_elements_is_refused(tmp_path: Path) -> None:
         ("*ELASTIC\n210000000000.0, 0.3", "*ELASTIC, TYPE=LAMINA\n1e11,1e10,.3,5e9"),
         ("*SHELL SECTION", "*EQUATION\n2\n1,2,1.,2,2,-1.\n*SHELL SECTION"),
         ("*SHELL SECTION", "*MPC\nTIE,1,2\n*SHELL SECTION"),
+        ("*SHELL SECTION", "*EQUATION\n2\n1,7,1.,2,7,-1.\n*SHELL SECTION"),
         ("TYPE=S4", "TYPE=CPS4"),
     ],
 )
