@@ -51,7 +51,7 @@ class LookupTable(Table):
         data = with_signal(data, _KEYS, ("y",))
         if isinstance(data, dict) and isinstance(data.get("y"), tuple):
             x, y, values = (np.array(data[key], float) for key in ("x", "y", "values"))
-            if values.ndim == 1 and len(x) == len(values):
+            if values.ndim == 1 and len(x) == len(y) == len(values):
                 data = data | _grid(x, y, values)
         return data
 

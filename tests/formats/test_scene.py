@@ -290,6 +290,14 @@ def test_a_wrong_term_of_a_formula(function: dict[str, Any], place: str) -> None
     assert raised.value.place == f"forces.motor.function.{place}"
 
 
+def test_a_table_over_no_second_variable_is_refused() -> None:
+    """As many values as x, but no y: neither one variable nor a grid."""
+    table = {"x": [0.0, 0.5], "y": [], "values": [0.0, 0.1]}
+    with pytest.raises(InputError) as raised:
+        validate_data(planar() | {"tables": {"k": table}}, SceneFile)
+    assert raised.value.place == "tables.k.y"
+
+
 def test_output_times_hit_the_end_and_the_written_decimals() -> None:
     times = output_times(read_scene(EXAMPLE))
     assert len(times) == 301
