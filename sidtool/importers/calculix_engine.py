@@ -215,6 +215,10 @@ def read_frd(path: Path) -> tuple[Indices, Array, tuple[ElementBlock, ...]]:
     """Read node numbers, positions and solids of the mesh of a .frd file.
 
     Only nodes of solids are returned.
+
+    Raises
+    ------
+    InputError : an element has a node without a position.
     """
     places: dict[int, list[float]] = {}
     kinds: dict[str, list[list[int]]] = {}
@@ -240,6 +244,11 @@ def read_frd(path: Path) -> tuple[Indices, Array, tuple[ElementBlock, ...]]:
         elif reading == "3C" and len(nodes) < wanted:
             nodes += [int(line[k : k + 10]) for k in range(3, len(line.rstrip()), 10)]
     used = sorted({n for rows in kinds.values() for row in rows for n in row})
+    if undefined := [n for n in used if n not in places]:
+        raise InputError(
+            f"CalculiX writes an element of node {undefined[0]}, which has no position",
+            expected="elements of defined nodes",
+        )
     row = {n: i for i, n in enumerate(used)}
     blocks = []
     for kind, listed in kinds.items():

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from sidtool.formats.base.errors import InputError
+from sidtool.importers.calculix_engine import read_frd
 from sidtool.importers.mesh_files import read_mesh
 from tests.places import posix
 
@@ -161,3 +162,13 @@ def test_a_file_name_with_a_zero_byte_is_refused(
     (tmp_path / f"part.{ending}").write_text(line("a\0b"), encoding="utf-8")
     with pytest.raises(InputError, match="names the file"):
         read_mesh(tmp_path / f"part.{ending}")
+
+
+def test_an_element_of_calculix_without_a_node_is_refused(tmp_path: Path) -> None:
+    """CalculiX passes the number -1 of a deck on to its mesh."""
+    nodes = [f" -1{n:10d}{n % 2:12.5E}{n // 2:12.5E}{0:12.5E}" for n in range(1, 4)]
+    element = [f" -1{1:10d}{3:5d}    0    1", f" -2{1:10d}{2:10d}{3:10d}{-1:10d}"]
+    lines = ["    2C", *nodes, " -3", "    3C", *element, " -3"]
+    (tmp_path / "mesh.frd").write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(InputError, match="of node -1"):
+        read_frd(tmp_path / "mesh.frd")
