@@ -14,6 +14,7 @@ BENCHMARKS = (
     "slider_crank",
     "simeon",
     "four_bars",
+    "flexible_machines",
     "integrators",
     "bdf",
     "spatial",

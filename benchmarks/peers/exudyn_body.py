@@ -8,17 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.base.sid import SID, Array
-from sidtool.superelement.exudyn import exudyn_arrays
-
-_INTEGRALS = (
-    "mPsiTildePsi",
-    "mPsiTildePsiTilde",
-    "mPhitTPsi",
-    "mPhitTPsiTilde",
-    "mXRefTildePsi",
-    "mXRefTildePsiTilde",
-)
+from sidtool.formats.base.sid import SID
+from sidtool.superelement.exudyn import MATRICES, exudyn_arrays
 
 
 def exudyn() -> Any:
@@ -35,51 +26,40 @@ def exudyn() -> Any:
 
 
 def add_body(
-    exu: Any, mbs: Any, sid: SID, nodes: Sequence[str], position: Sequence[float]
-) -> tuple[int, int, int]:
-    """Adds a flexible body in the plane z = 0; its object, frame and modal node.
+    exu: Any, mbs: Any, sid: SID, nodes: Sequence[str], frame: int
+) -> tuple[int, int, list[list[int]]]:
+    """Adds a flexible body; the object, its modal node, and mesh nodes of each node.
 
     Parameters
     ----------
-    nodes : ids of the nodes of the SID that carry markers, in the order of the mesh
-        nodes of the object
-    position : of the body frame [m], which starts without rotation
+    nodes : ids of the nodes of the SID that carry markers
+    frame : Exudyn's node of the body frame
+
+    Returns
+    -------
+    Of each node of the SID the mesh node in its place, and six on arms about it.
     """
     from exudyn import itemInterface as items
 
-    frame = mbs.AddNode(
-        items.NodeRigidBodyRxyz(
-            referenceCoordinates=[*position, *[0.0] * (6 - len(position))]
-        )
-    )
+    zero = [0.0] * sid.nq
     modal = mbs.AddNode(
         items.NodeGenericODE2(
             numberOfODE2Coordinates=sid.nq,
-            referenceCoordinates=[0.0] * sid.nq,
-            initialCoordinates=[0.0] * sid.nq,
-            initialCoordinates_t=[0.0] * sid.nq,
+            referenceCoordinates=zero,
+            initialCoordinates=zero,
+            initialCoordinates_t=zero,
         )
     )
     arrays = exudyn_arrays(sid, nodes)
-    points = [next(n for n in sid.nodes if n.id == node) for node in nodes]
+    mesh_nodes = arrays.pop("markerNodes").tolist()
+    del arrays["nodeNames"]
+    given: dict[str, Any] = dict(arrays)
+    for name in MATRICES:
+        matrix = np.ascontiguousarray(arrays[name])
+        given[name] = exu.MatrixContainer()
+        given[name].SetWithDenseMatrix(matrix, useDenseMatrix=True)
+    given["mass"] = float(arrays["mass"])
     body = mbs.AddObject(
-        items.ObjectFFRFreducedOrder(
-            nodeNumbers=[frame, modal],
-            massMatrixReduced=_matrix(exu, sid.Me.m0),
-            stiffnessMatrixReduced=_matrix(exu, sid.Ke.m0),
-            dampingMatrixReduced=_matrix(exu, sid.De.m0),
-            modeBasis=np.vstack([point.phi.m0 for point in points]),
-            referencePositions=np.concatenate([p.origin.m0[:, 0] for p in points]),
-            mass=sid.mass,
-            inertia=arrays["inertia"],
-            centerOfMass=arrays["centerOfMass"],
-            **{name: arrays[name] for name in _INTEGRALS},
-        )
+        items.ObjectFFRFreducedOrder(nodeNumbers=[frame, modal], **given)
     )
-    return body, frame, modal
-
-
-def _matrix(exu: Any, values: Array) -> Any:
-    container = exu.MatrixContainer()
-    container.SetWithDenseMatrix(np.ascontiguousarray(values), useDenseMatrix=True)
-    return container
+    return body, modal, mesh_nodes

@@ -69,14 +69,17 @@ def _model(exu: Any, sid: SID) -> tuple[Any, tuple[int, int]]:
         )
     )
     pin = _crank(exu, mbs, items, zero)
-    body, frame, modal = add_body(exu, mbs, sid, ("1", "2"), (CRANK, 0.0, 0.0))
+    frame = mbs.AddNode(
+        items.NodeRigidBodyRxyz(referenceCoordinates=[CRANK, *[0.0] * 5])
+    )
+    body, modal, mesh_nodes = add_body(exu, mbs, sid, ("1", "2"), frame)
     near, far = (
         mbs.AddMarker(
             items.MarkerSuperElementPosition(
-                bodyNumber=body, meshNodeNumbers=[i], weightingFactors=[1.0]
+                bodyNumber=body, meshNodeNumbers=[centre], weightingFactors=[1.0]
             )
         )
-        for i in (0, 1)
+        for centre, *_ in mesh_nodes
     )
     _join(mbs, items, pin, near)
     for coordinate in (2, 3, 4):  # in the plane
