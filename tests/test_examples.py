@@ -180,9 +180,7 @@ def test_the_press_takes_the_work_of_forming_from_its_flywheel(ran) -> None:
     lowest = 10.0 + 0.019 * (2e4 + 1e4 * 0.019 / 0.029 / 2)
     first = result.t < 0.4
     assert -result["energy.supplied"][first][-1] == pytest.approx(lowest, rel=2e-3)
-    rubbed = np.trapezoid(
-        np.abs(result["guide.friction"] * result["slide.vy"]), result.t
-    )
+    rubbed = trapezoid(np.abs(result["guide.friction"] * result["slide.vy"]), result.t)
     assert result["energy.dissipated"][-1] == pytest.approx(rubbed, rel=0.02)
     balance = result["energy.balance"]
     assert np.ptp(balance) < 1e-6 * balance[0]
@@ -547,7 +545,7 @@ def test_the_light_rod_reaches_its_limit_of_stress(ran) -> None:
     assert found["converged"] and found["is_feasible"]
     result = result_of(folder)
     stress = result["rod.peak_von_mises"]
-    norm = (np.trapezoid(stress**12, result.t) / np.ptp(result.t)) ** (1 / 12)
+    norm = (trapezoid(stress**12, result.t) / np.ptp(result.t)) ** (1 / 12)
     assert norm == pytest.approx(50e6, rel=0.02)
     # Control points of a quadratic spline weigh with the integrals of their functions.
     x, y = np.array([0.0, 0.025, 0.075, 0.125, 0.15]), np.array([16, 14, 12, 10, 10])
@@ -557,7 +555,7 @@ def test_the_light_rod_reaches_its_limit_of_stress(ran) -> None:
     knots = [0, 0, 0, 1 / 3, 2 / 3, 1, 1, 1]
     u = np.linspace(0.0, 1.0, 2001)
     curve = BSpline(knots, np.column_stack([x, y]), 2)(u)
-    area = 2.0 * np.trapezoid(curve[:, 1], curve[:, 0])
+    area = 2.0 * trapezoid(curve[:, 1], curve[:, 0])
     mass = 7850.0 * found["best"]["x"]["thickness"] * area
     assert found["best"]["values"]["mass(rod)"] == pytest.approx(mass, rel=1e-5)
     assert mass < 0.41 * found["history"][0]["values"][0]

@@ -162,7 +162,7 @@ def _deflated_spectrum(
     columns = []
     for k in np.flatnonzero(is_kept):
         shift = own - values[k] * np.eye(len(own))
-        along = np.linalg.lstsq(shift, -coupled @ inner_vectors[:, k])[0]
+        along = np.linalg.lstsq(shift, -coupled @ inner_vectors[:, k], rcond=None)[0]
         columns.append(complement @ inner_vectors[:, k] + first @ along)
     rigid = [(value, x) for value, vectors in known for x in vectors.T]
     return Spectrum(

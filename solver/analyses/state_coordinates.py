@@ -84,5 +84,7 @@ def choose_coordinates(
         weights[u : u + translations] = TRANSLATION
     weights = np.where(candidates, weights, 0.0)
     count = directions.shape[1]
+    if not count:
+        return []
     _, _, order = qr((directions * weights[:, None]).T, mode="economic", pivoting=True)
     return sorted(int(k) for k in order[:count])

@@ -240,7 +240,7 @@ def turned_states(
     before = [(rotation @ N)[rows][:, :count] for count in counts]
     after = [N_there[rows][:, :count] for count in counts]
     parts = [*zip(after, before, strict=True)]
-    fits = [np.linalg.lstsq(a, b)[0] for a, b in parts]
+    fits = [np.linalg.lstsq(a, b, rcond=None)[0] for a, b in parts]
     misfits = [b - a @ x for (a, b), x in zip(parts, fits, strict=True)]
     return block_diag(*fits), block_diag(*misfits)
 

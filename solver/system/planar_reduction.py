@@ -84,7 +84,8 @@ def unloaded_across(sid: SID, transverse: Array) -> SID:
     """
     if not len(transverse):
         return sid
-    P = np.eye(sid.nq) - np.linalg.lstsq(sid.Me.m0, transverse.T)[0] @ transverse
+    across = np.linalg.lstsq(sid.Me.m0, transverse.T, rcond=None)[0]
+    P = np.eye(sid.nq) - across @ transverse
 
     def in_plane(term: Taylor, form: str) -> Taylor:
         if term.m1 is None:

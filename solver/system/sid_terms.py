@@ -178,7 +178,7 @@ def _least_remaining_inertia(M: Array, axes: list[int]) -> float:
     frame, both, elastic = M[np.ix_(axes, axes)], M[6:, axes], M[6:, 6:]
     size = np.sqrt(np.abs(frame.diagonal()))
     size = np.where(size > 0.0, size, 1.0)
-    remaining = (frame - both.T @ np.linalg.lstsq(elastic, both)[0]) / np.outer(
-        size, size
-    )
+    remaining = (
+        frame - both.T @ np.linalg.lstsq(elastic, both, rcond=None)[0]
+    ) / np.outer(size, size)
     return float(np.linalg.eigvalsh(0.5 * (remaining + remaining.T))[0])

@@ -271,7 +271,7 @@ def test_past_a_singular_configuration() -> None:
     found = sidtool.sensitivity(
         scenes.folding_crank(), "parameters.w", "final(piston.x)"
     )
-    assert only(found, "N738").t == pytest.approx(math.pi / 2, abs=0.1)
+    assert only(found, "N738").t == pytest.approx(math.pi / 2, abs=0.15)
     exact = -2.0 * 2.0 * math.sin(2.0)
     assert found.derivatives[0, 0] == pytest.approx(exact, rel=1e-5)
 
