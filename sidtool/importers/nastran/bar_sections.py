@@ -214,6 +214,13 @@ def _section_type(card: Card) -> tuple[str, int]:
 def _section_at(
     card: Card, kind: str, at: int, count: int
 ) -> tuple[SectionProperties, float]:
+    for i in range(count):
+        if not card.word(at + i):
+            raise InputError(
+                f"{card.name} {card.word(0)} leaves DIM{i + 1} of its {kind} blank",
+                place=card.place,
+                expected=f"{count} dimensions",
+            )
     sizes = [card.real(at + i, "a dimension") for i in range(count)]
     try:
         shape = section_of(kind, sizes)

@@ -78,6 +78,14 @@ def test_shear_areas_of_circles(kind: str, sizes: Any, share: float) -> None:
         (frame("PBARL,1,1,,L\n,1.,1.,.1,.1"), "is a L"),
         (frame("PBEAML,1,1,,T\n,1.,1.,.1,.1", card="CBEAM"), "shear centre"),
         (frame("PBARL,1,1,,TUBE\n,0.01,0.02"), "is no TUBE"),
+        (frame("PBARL,1,1,,TUBE\n,0.02"), "DIM2"),
+        (
+            frame(
+                "PBEAML,1,1,,TUBE\n,.03,.02,0.,NO,1.0,.02,,0.",
+                card="CBEAM",
+            ),
+            "DIM2",
+        ),
         (frame("PROD,1,1,1.-4"), "CBAR 1 has the property 1"),
         (frame(PBAR).replace("CBAR,2,1,2,3", "CBAR,2,1,2,77"), "node 77"),
         (frame(PBAR).replace("CBAR,2,1,2,3", "CBAR,1,1,2,3"), "1 is defined twice"),
