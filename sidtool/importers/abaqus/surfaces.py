@@ -28,6 +28,8 @@ _EDGES = {
     "quad": ("12", "23", "34", "41"),
     "tri": ("12", "23", "31"),
 }
+#: Sides of shells.
+_SIDES = ("SPOS", "SNEG", "")
 
 
 def read_surface(deck: Deck, block: Block) -> None:
@@ -144,6 +146,8 @@ def defined_elements(
 
 
 def _face_nodes(element: Element, face: str) -> list[int] | None:
+    if element.type.shell and face in _SIDES:
+        return element.nodes
     shape = (element.type.kind or "").rstrip("0123456789")
     number = face[1:]
     if shape not in _FACES or face[:1] != "S" or not number.isdecimal():

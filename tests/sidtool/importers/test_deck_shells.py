@@ -117,6 +117,38 @@ def test_a_rigid_body_clamps_or_hinges_the_nodes_of_shells(
     assert np.abs(found / strip_hertz(root, DEPTH) - 1).min() < 0.01
 
 
+def test_a_turned_instance_with_a_surface_is_the_flat_deck(tmp_path: Path) -> None:
+    """The end of a strip on a rigid coupling to a mass: as nodes, and as shells."""
+    block = Block((6, 2), (0.3, 0.1))
+    text = plate(block, "S4", DEPTH)
+    last = [i for i, e in enumerate(block.elements, 1) if set(block.right) & set(e)]
+    held = [n for i in last for n in block.elements[i - 1]]
+    sets = (
+        listed("END", sorted(set(held))) + f"*ELSET, ELSET=LAST\n{last[0]}, {last[1]}\n"
+    )
+    mass = "*ELEMENT, TYPE=MASS, ELSET=M\n901, 900\n*MASS, ELSET=M\n1.\n"
+    head, tail = text.split("*MATERIAL")
+    tail, section = ("*MATERIAL" + tail).split("*SHELL")
+    found = []
+    for kind, place in (
+        ("NODE\nEND", ""),
+        ("ELEMENT\nLAST, SPOS", "0., 0., 0.\n0., 0., 0., 1., 2., 3., 40.\n"),
+    ):
+        own, _, line = kind.partition("\n")
+        surface = f"*SURFACE, NAME=F, TYPE={own}\n{line}\n"
+        node = "*NODE, NSET=R\n900, 0.3, 0.05, 0.\n"
+        coupling = "*COUPLING, CONSTRAINT NAME=C, REF NODE=900, SURFACE=F\n*KINEMATIC\n"
+        body_ = head + sets + "*SHELL" + section + node + surface + coupling + mass
+        if place:
+            body_ = (
+                f"*PART, NAME=P\n{body_}*END PART\n*ASSEMBLY, NAME=A\n"
+                f"*INSTANCE, NAME=I, PART=P\n{place}*END INSTANCE\n*END ASSEMBLY\n"
+            )
+        sid = body(tmp_path, body_ + tail)
+        found.append((sid.mass, *frequencies(sid)))
+    assert_allclose(found[1], found[0], rtol=1e-7)
+
+
 def linked_halves(links: str) -> str:
     """A strip of two halves, whose nodes A in the middle have twins B."""
     block, cut = Block((16, 1), (LENGTH, WIDTH)), LENGTH / 2
