@@ -38,6 +38,9 @@ UNCERTAIN_AGREEMENT = 0.5
 #: Relative accuracy of a critical speed.
 _CRITICAL_TOLERANCE = 1e-10
 _MAX_EVALUATIONS = 60
+#: Halvings of the interval in which modes are followed, where shapes alone do not
+#: determine which of them crosses.
+_MAX_HALVINGS = 8
 #: Relative distance of a frequency from a multiple of the speed that is no crossing but
 #: a jump between modes.
 _MISSED = 1e-6
@@ -330,31 +333,68 @@ def _critical_speeds(
     orders: Sequence[float],
 ) -> Iterator[CriticalSpeed]:
     """Where frequencies in inertial axes cross multiples of the speed."""
-    from scipy.optimize import brentq
-
     for mode, order in ((k, x) for k in range(paths.shape[1]) for x in orders):
         lines = order * diagram.speeds
         gap = 2.0 * np.pi * diagram.inertial_frequencies[:, mode] - lines
         for n in map(int, np.flatnonzero(gap[:-1] * gap[1:] <= 0.0)):
             if gap[n + 1] == 0.0 == gap[n] or (n and gap[n] == 0.0):
                 continue  # a rigid motion at rest, or found as the end before
-            shapes = _ModeShapes.of(points[n + 1])  # at rest forward is like backward
-            start = shapes.selected(paths[n + 1, mode : mode + 1])
-            crossing = _Crossing(modes_at, start, order)
+            ends = float(diagram.values[n]), float(diagram.values[n + 1])
+            first, last = (int(k) for k in paths[n : n + 2, mode])
+            found = _crossing_between(modes_at, order, ends, (first, last))
+            if found is not None and found[1] > 0.0:
+                whirl = str(diagram.whirl[n + 1, mode])
+                yield CriticalSpeed(mode + 1, *found, order, whirl)
+
+
+def _crossing_between(
+    modes_at: Callable[[float], Linearisation],
+    order: float,
+    ends: tuple[float, float],
+    numbers: tuple[int, int],
+) -> tuple[float, float] | None:
+    """Value and speed at which the frequency of a mode is a multiple of the speed, None
+    where modes that are followed in smaller steps do not cross it.
+
+    Parameters
+    ----------
+    ends, numbers
+        Values of the parameter, and numbers of the mode there.
+    """
+    from scipy.optimize import brentq
+
+    (a, b), (first, last) = ends, numbers
+    for _ in range(_MAX_HALVINGS):
+        start = _ModeShapes.of(modes_at(b))  # at rest forward is like backward
+        crossing = _Crossing(modes_at, start.selected(np.array([last])), order)
+        if crossing.gap(a) * crossing.gap(b) <= 0.0:
             value, _ = brentq(
                 crossing.gap,
-                float(diagram.values[n]),
-                float(diagram.values[n + 1]),
-                xtol=_CRITICAL_TOLERANCE * float(np.abs(diagram.values).max()),
+                a,
+                b,
+                xtol=_CRITICAL_TOLERANCE * max(map(abs, ends)),
                 rtol=_CRITICAL_TOLERANCE,
                 maxiter=_MAX_EVALUATIONS,
                 full_output=True,
                 disp=False,
             )
-            missed = abs(crossing.gap(value)) > _MISSED * crossing.speed
-            speed, whirl = crossing.speed, str(diagram.whirl[n + 1, mode])
-            if speed > 0.0 and not missed:
-                yield CriticalSpeed(mode + 1, float(value), speed, order, whirl)
+            if abs(crossing.gap(value)) <= _MISSED * crossing.speed:
+                return float(value), crossing.speed
+        values = a, 0.5 * (a + b), b
+        points = [modes_at(value) for value in values]
+        paths, _ = _followed_paths(points)
+        path = paths[:, list(paths[0]).index(first)]
+        if (path < 0).any():
+            return None
+        gap = [
+            2.0 * np.pi * point.inertial_frequencies[k] - order * point.speed
+            for point, k in zip(points, path, strict=True)
+        ]
+        half = 0 if gap[0] * gap[1] <= 0.0 else 1
+        if gap[half] * gap[half + 1] > 0.0:
+            return None
+        (a, b), (first, last) = values[half : half + 2], path[half : half + 2]
+    return None
 
 
 class _Crossing:

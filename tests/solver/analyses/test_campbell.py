@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 
 import sidtool
 from sidtool.cli.main import run
@@ -124,6 +125,93 @@ def test_an_unbalance_bends_the_rotor_as_its_closed_form_says(speed: float) -> N
     r, angle = np.linalg.solve(K, [speed**2, 0.0])
     expected = [r, -1j * r, 1j * angle, angle]
     assert_allclose(found, expected, rtol=1e-8, atol=1e-10)
+
+
+#: Rigid rotor: mass [kg], inertia along and across [kg m^2], bearings from its centre
+#: [m]; their stiffness [N/m] and damping [N s/m], yy, yz, zy, zz, at both speeds.
+BODY, POLAR, DIAMETRAL, BEARINGS = 30.0, 0.4, 1.0, (-0.3, 0.5)
+RANGE = (60.0, 600.0)
+STIFFNESS = np.array([[2.0, 2.2], [2.5, 0.5], [-1.9, -2.3], [1.2, 0.7]]) * 1e6
+DAMPING = np.array([[16.0, 31.0], [4.0, 1.0], [3.0, 4.0], [17.0, 24.0]]) * 1e3
+
+
+def on_films(speed: float) -> sidtool.Scene:
+    names = ("yy", "yz", "zy", "zz")
+    tables = {
+        f"{letter}{name}": {"x": RANGE, "values": row.tolist()}
+        for letter, rows in (("k", STIFFNESS), ("c", DAMPING))
+        for name, row in zip(names, rows, strict=True)
+    }
+
+    def matrix(letter: str) -> list[list[Any]]:
+        rows: list[list[Any]] = [[0.0] * 6 for _ in range(6)]
+        for n, name in enumerate(names):
+            rows[1 + n // 2][1 + n % 2] = f"lookup({letter}{name}, speed)"
+        return rows
+
+    films = {"stiffness": matrix("k"), "damping": matrix("c"), "shaft": "x"}
+    markers = {
+        n: {"position": [x, 0.0, 0.0]} for n, x in zip("ab", BEARINGS, strict=True)
+    }
+    return sidtool.Scene(
+        dimension="spatial",
+        parameters={"speed": speed},
+        time={"end": 1.0, "output_step": 0.1},
+        tables=tables,
+        ground={"markers": markers},
+        bodies={
+            "rotor": {
+                "mass": BODY,
+                "inertia": [POLAR, DIAMETRAL, DIAMETRAL],
+                "markers": markers,
+                "initial": {"angular_velocity": ["speed", 0.0, 0.0]},
+            }
+        },
+        joints={
+            "thrust": {
+                "type": "point_on_plane",
+                "markers": ["ground", "rotor"],
+                "axis": [1.0, 0.0, 0.0],
+            }
+        },
+        forces={
+            n: {"type": "bushing", "markers": [f"ground.{n}", f"rotor.{n}"]} | films
+            for n in "ab"
+        },
+    )
+
+
+def film_frequencies(speed: float) -> np.ndarray:
+    """Angular frequencies, ascending, of y, z and rotations about y and z."""
+    K, C = (
+        np.array([np.interp(speed, RANGE, row) for row in rows]).reshape(2, 2)
+        for rows in (STIFFNESS, DAMPING)
+    )
+    # A film moves by y + x tz, z - x ty.
+    ways = [np.array([[1, 0, 0, x], [0, 1, -x, 0]]) for x in BEARINGS]
+    stiffness, damping = (sum(w.T @ m @ w for w in ways) for m in (K, C))
+    damping[2, 3] += POLAR * speed
+    damping[3, 2] -= POLAR * speed
+    inverse = np.diag(1.0 / np.array([BODY, BODY, DIAMETRAL, DIAMETRAL]))
+    A = np.block(
+        [[np.zeros((4, 4)), np.eye(4)], [-inverse @ stiffness, -inverse @ damping]]
+    )
+    return np.sort(np.linalg.eigvals(A).imag)
+
+
+def test_critical_speeds_between_two_values_far_apart() -> None:
+    """Modes on films change much between them: shapes alone do not determine which of
+    them crosses the speed. Found are all crossings of frequencies of 4 x 4 matrices."""
+    speeds = np.linspace(*RANGE, 541)
+    gaps = np.array([film_frequencies(w) - w for w in speeds])
+    expected = [
+        brentq(lambda w, k=k: film_frequencies(w)[k] - w, *speeds[n : n + 2])
+        for n, k in np.argwhere(gaps[:-1] * gaps[1:] < 0.0)
+    ]
+    assert len(expected) >= 2
+    found = sidtool.campbell(on_films(60.0), {"parameters.speed": RANGE})
+    speeds = np.sort([each.speed for each in found.critical_speeds])
+    assert_allclose(speeds, np.sort(expected), rtol=1e-6)
 
 
 def masses_on_springs(
