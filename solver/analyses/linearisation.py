@@ -20,10 +20,11 @@ from sidtool.formats.diagnostics import (
 
 from ..diagnostics.body_loads import find_state_warnings
 from ..output.columns import velocity_names
+from ..spatial import system_arrays as at
 from ..system.characteristic_sizes import coordinate_sizes
 from ..system.errors import SimulationError
 from ..system.system import System
-from .dense_equations import DenseEquations
+from .dense_equations import DenseEquations, least_squares
 from .joint_friction import equations_at
 from .multi_blade import mixing_matrix
 from .operating_point import operating_point
@@ -45,6 +46,11 @@ NEAR_STATE, STEADY_RESIDUAL = 0.05, 1e-6
 #: this share are the same, and those below this share of the square of the highest are
 #: rounding.
 NO_DISPLACEMENT, EQUAL_FREQUENCY, ROUNDING = 1e-12, 0.01, 1e-11
+#: A state is steady when the way to steady motion is shorter than this share of the
+#: sizes and of the velocities; Newton steps towards it.
+STEADY_STATE, MAX_SHIFTS = 1e-9, 4
+#: Of rotations and deformations, where that of displacements is one.
+ROTATION_MOBILITY = 1e-4
 SAG_ADVICE = (
     'Analyse the straight shaft, without state = "static": one that sags would '
     "rotate about its bent axis."
@@ -167,14 +173,15 @@ def linearise(
 def linearised_at(
     system: System, t: float, z: Array, v: Array, *, multi_blade: bool = False
 ) -> tuple[DenseEquations, SteadyAxes, SmallMotions, tuple[Diagnostic, ...]]:
-    """Equations at a state, axes in which they are constant, the small motions in them,
-    and why these do not describe a motion, if so."""
+    """Equations at a state, axes in which they are constant, the small motions in them
+    about the steady motion next to the state, and why these do not describe a motion,
+    if so."""
     mechanics = equations_at(system, t, z, v)
     mechanics.set_scale(z, stiffness=0.0)
     axes = steady_axes(mechanics, z, v, multi_blade=multi_blade)
     small = state_matrix(mechanics, z, v, axes.omegas, axes.blades)
-    causes = unsteady_notes(mechanics, small)
-    return mechanics, axes, small, causes or axes.changing
+    steady, causes = near_steady_motion(mechanics, small)
+    return mechanics, axes, steady, causes or axes.changing
 
 
 def _growth_notes(modes: Linearisation) -> Iterator[Diagnostic]:
@@ -206,45 +213,86 @@ def steady_residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
     return np.concatenate([small.drift, small.free_directions.T @ (a - W @ slow)])
 
 
-def unsteady_notes(
+def near_steady_motion(
     mechanics: DenseEquations, small: SmallMotions
-) -> tuple[Diagnostic, ...]:
-    """Why the state is far from rest and from steady motion (N710, N711).
+) -> tuple[SmallMotions, tuple[Diagnostic, ...]]:
+    """Small motions about the steady motion near a state, or why the state is far from
+    rest and from steady motion (N710, N711).
 
     Near is where the equations, taken as linear, have such a state. It may be near and
     have other modes: a column that nothing compresses yet accelerates, and is stiff.
+    About a state that is not quite steady the equations lack what its own accelerations
+    contribute, and modes that keep their energy seem to grow.
     """
-    matrix, motion, moved = (
-        small.matrix,
-        small.free_directions,
-        small.position_directions,
-    )
-    z, v, spins = small.z, small.v, small.omegas
-    forces = -steady_residual(mechanics, small)
-    residual = -forces[len(small.drift) :]
+    residual = steady_residual(mechanics, small)[len(small.drift) :]
     force = np.abs(mechanics.force).max(initial=0.0)
-    force = max(force, mechanics.force_size(z))
-    mechanics.evaluate(z, v)
+    force = max(force, mechanics.force_size(small.z))
+    mechanics.evaluate(small.z, small.v)
     if np.abs(residual).max(initial=0.0) <= FORCE_ROUNDING * force:
-        return ()
-    shift = np.linalg.lstsq(matrix, forces, rcond=1e-10)[0]
-    sizes = coordinate_sizes(mechanics.system) / mechanics.scale
-    displacement = np.abs(moved @ shift) / sizes
-    remaining = np.abs(matrix @ shift - forces).max(initial=0.0)
+        return small, ()
+    shift, displacement, remaining = _steady_shift(mechanics, small)
     names = velocity_names(mechanics.system)
-    first = names[int(np.argmax(np.abs(motion @ residual) / sizes))]
-    if displacement.max(
+    sizes = coordinate_sizes(mechanics.system) / mechanics.scale
+    first = names[int(np.argmax(np.abs(small.free_directions @ residual) / sizes))]
+    if displacement >= NEAR_STATE or remaining > STEADY_RESIDUAL * np.abs(residual).max(
         initial=0.0
-    ) < NEAR_STATE and remaining <= STEADY_RESIDUAL * np.abs(residual).max(initial=0.0):
-        if displacement.max(initial=0.0) < NO_DISPLACEMENT:
-            return ()
-        near_z = mechanics.displaced(z, moved @ shift)
-        near_v = v + mechanics.scale * (small.velocity_directions @ shift)
-        near = state_matrix(mechanics, near_z, near_v, spins, small.blades)
-        own, other = (spectrum(mechanics, motions).values for motions in (small, near))
+    ):
+        return small, (diagnose("N710", coordinate=first),)
+    if displacement < NO_DISPLACEMENT:
+        return small, ()
+    steady = _shifted(mechanics, small, shift)
+    own, other = (spectrum(mechanics, each).values for each in (small, steady))
+    mechanics.evaluate(small.z, small.v)
+    causes = _changed_mode_notes(own, other, first)
+    if causes:
+        return small, causes
+    for _ in range(MAX_SHIFTS):
+        shift, displacement, _ = _steady_shift(mechanics, steady)
+        rates = np.abs(steady.velocity_directions @ shift) / sizes
+        speed = np.abs(steady.v / mechanics.scale / sizes).max(initial=0.0)
+        if max(displacement, rates.max(initial=0.0) / (1.0 + speed)) < STEADY_STATE:
+            break
+        steady = _shifted(mechanics, steady, shift)
+    return steady, ()
+
+
+def _steady_shift(
+    mechanics: DenseEquations, small: SmallMotions
+) -> tuple[Array, float, float]:
+    """Way to steady motion by the linear equations, its largest displacement in sizes
+    of the coordinates, and what it leaves of the accelerations."""
+    rates = steady_residual(mechanics, small)
+    mechanics.evaluate(small.z, small.v)
+    shift = np.asarray(np.linalg.lstsq(small.matrix, -rates, rcond=1e-10)[0], float)
+    sizes = coordinate_sizes(mechanics.system) / mechanics.scale
+    moved = np.abs(small.position_directions @ shift) / sizes
+    remaining = np.abs(small.matrix @ shift + rates).max(initial=0.0)
+    return shift, float(moved.max(initial=0.0)), float(remaining)
+
+
+def _shifted(
+    mechanics: DenseEquations, small: SmallMotions, shift: Array
+) -> SmallMotions:
+    """Small motions about a state beside that of others, which meets the joints.
+
+    There bodies move, rather than turn or deform, at other rates: relative rotations
+    within the steady motion are no small motions.
+    """
+    z = mechanics.displaced(small.z, small.position_directions @ shift)
+    z = mechanics.closed(z)
+    v = small.v
+    if v.any():  # what rests stays at rest, without rounding
+        v = v + mechanics.scale * (small.velocity_directions @ shift)
         mechanics.evaluate(z, v)
-        return _changed_mode_notes(own, other, first)
-    return (diagnose("N710", coordinate=first),)
+        mobility = np.full(len(v), ROTATION_MOBILITY)
+        axes = 2 if mechanics.system.planar else 3
+        for row in mechanics.system.arrays.body:
+            mobility[row[at.VEL] : row[at.VEL] + min(axes, int(row[at.RD]))] = 1.0
+        step = least_squares(mechanics.jacobian * mobility, -mechanics.constraint_rates)
+        v = v + mechanics.scale * mobility * step
+        rates = np.abs(v) / coordinate_sizes(mechanics.system)
+        v = np.where(rates > NO_DISPLACEMENT * rates.max(), v, 0.0)
+    return state_matrix(mechanics, z, v, small.omegas, small.blades)
 
 
 def _changed_mode_notes(

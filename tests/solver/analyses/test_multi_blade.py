@@ -154,6 +154,67 @@ def test_multipliers_are_those_of_floquet(count: int) -> None:
         assert min(abs(x - round(x)) for x in (orders, sums)) < 1e-4
 
 
+def test_a_start_beside_a_steady_rotation_has_the_modes_of_the_rotation() -> None:
+    """Springs that are loaded at the start accelerate the blades there. Nothing damps
+    them or feeds them: about the rotation with hinges bent by b, in which the springs
+    bear the centrifugal moment e S W^2 sin b, no mode grows."""
+    speed, lag = 10.0, 0.02
+    rest = lag + OFFSET * BLADE * ARM * speed**2 * np.sin(lag) / LAG
+    loaded = {f"forces.spring{k}.rest": rest for k in range(3)}
+    bent = dict[str, Any](loaded)
+    for k in range(3):
+        azimuth, angle = 2 * np.pi * k / 3, 2 * np.pi * k / 3 + lag
+        centre = OFFSET * np.exp(1j * azimuth) + ARM * np.exp(1j * angle)
+        velocity = 1j * speed * centre
+        bent[f"bodies.blade{k}.initial"] = {
+            "position": [float(centre.real), float(centre.imag)],
+            "velocity": [float(velocity.real), float(velocity.imag)],
+            "angle": float(angle),
+            "angular_velocity": speed,
+        }
+    beside, steady = (
+        sidtool.linearise(lagging_rotor(speed, 3, **changes), about="start")
+        for changes in (loaded, bent)
+    )
+    assert np.abs(beside.damping_ratios).max() < 1e-8
+    assert "N714" not in codes(beside)
+    assert_allclose(beside.eigenvalues, steady.eigenvalues, rtol=1e-7, atol=1e-8)
+
+
+@pytest.mark.parametrize("travel", [0.0, 3.0])
+def test_what_does_not_turn_does_not_whirl(travel: float) -> None:
+    """A body on a trolley, under its weight beside its equilibrium: w^2 = k / m."""
+    start = {"initial": {"velocity": [travel, 0.0, 0.0]}}
+    k = [100.0, 400.0, 900.0]
+    scene = sidtool.Scene(
+        dimension="spatial",
+        gravity=[0.0, 0.0, -9.81],
+        time={"end": 1.0, "output_step": 0.1},
+        bodies={
+            "trolley": {"mass": 5.0, "inertia": [1.0] * 3} | start,
+            "load": {"mass": 1.0, "inertia": [1.0] * 3} | start,
+        },
+        joints={"rail": {"type": "prismatic", "markers": ["ground", "trolley"]}},
+        drives={
+            "motor": {
+                "joint": "rail",
+                "of": "rate",
+                "function": {"type": "constant", "value": travel},
+            }
+        },
+        forces={
+            "springs": {
+                "type": "bushing",
+                "markers": ["trolley", "load"],
+                "stiffness": [*k, 1e3, 1e3, 1e3],
+            }
+        },
+    )
+    modes = sidtool.linearise(scene, about="start")
+    assert {*modes.whirl} == {""}
+    assert_allclose(2 * np.pi * modes.frequencies[:3], np.sqrt(k), rtol=1e-6)
+
+
 def flapping_rotor(speed: float) -> sidtool.Scene:
     """Three blades with flap hinges in space, on a support that tilts and moves."""
     bodies: dict[str, Any] = {
