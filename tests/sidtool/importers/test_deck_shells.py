@@ -62,7 +62,7 @@ def strip_hertz(root: float, thickness: float) -> float:
     return float(value / (2 * np.pi))
 
 
-@pytest.mark.parametrize("kind", ["S3", "S4", "S4R"])
+@pytest.mark.parametrize("kind", ["S3", "S4R"])
 def test_a_free_plate_has_the_frequencies_of_leissa(kind: str, tmp_path: Path) -> None:
     side, depth = 0.4, 0.004
     sid = body(tmp_path, plate(Block((10, 10), (side, side)), kind, depth))
