@@ -236,7 +236,7 @@ ENTRIES = (
         "{limit}",
         "What elements of the deck cannot do in this body; the number of nodes or bars "
         "concerned is above 0.",
-        example={"limit": "offsets add no geometric stiffness"},
+        example={"limit": "springs add no geometric stiffness"},
     ),
     Entry(
         "N130",

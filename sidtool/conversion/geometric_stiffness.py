@@ -39,6 +39,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import number_type
@@ -53,10 +54,11 @@ from ..discretisation.marker_couplings import (
 )
 from ..elements.finite_element_model import FiniteElementModel, MarkerRows
 from ..elements.material_points import (
+    BarEnds,
     BeamMaterial,
-    InertiaPoints,
     stress_from_gradient,
 )
+from ..mesh.quadratic_fields import LEVI_CIVITA
 from ..reduction.admissible_space import AdmissibleSpace, constrained_space
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
@@ -211,6 +213,27 @@ def balanced_loads(body: FiniteElementModel, frame: Frame, loads: Array) -> Arra
     return balanced
 
 
+def _end_stiffness(ends: BarEnds, states: Array, shapes: Array) -> Array:
+    """(n, nq, nq) stiffness of forces F and moments M on the ends of bars at nodes.
+
+    A node turns by a rotation vector w. The form of a bar of direction t lacks what M
+    does then, -(w . t) (w x M) . t, which ends that continue each other share (J. H.
+    Argyris et al., Comput. Methods Appl. Mech. Eng. 20, 1979: semitangential moments).
+    """
+    count = len(ends.arms)
+    forces, moments = (
+        (rows @ states).reshape(count, 3, -1) for rows in (ends.forces, ends.moments)
+    )
+    turns = (ends.rotation @ shapes).reshape(count, 3, -1)
+    along = np.einsum("pa,pak->pk", ends.tangents, turns)
+    crossed = np.einsum(
+        "abc,pbk,pcn,pa->pnk", LEVI_CIVITA, turns, moments, ends.tangents
+    )
+    mixed = np.einsum("pk,pnl->nkl", along, crossed)
+    total: Array = -(mixed + np.swapaxes(mixed, 1, 2)) / 2
+    return total - _work_at_arms(ends.arms, ends.node_rotation, forces, shapes)
+
+
 def _arm_stiffness(
     body: FiniteElementModel,
     frame: Frame,
@@ -245,7 +268,11 @@ def _arm_stiffness(
         moved = translate_motion(points.positions - frame.origin)[:, :3, spatial]
         forces = forces - points.masses[:, None, None] * (moved @ motion)
     if body.beam_material is not None:
-        return _work_at_arms(points, forces, shapes)
+        if points.arms is None or points.tangents is None:
+            return np.zeros((nodal.shape[1], nq, nq))
+        along = np.einsum("pa,pan->pn", points.tangents, forces)
+        forces = forces - points.tangents[:, :, None] * along[:, None]
+        return _work_at_arms(points.arms, points.rotation, forces, shapes)
     total = np.zeros((nodal.shape[1], nq, nq), number_type(shapes, forces))
     for k in np.flatnonzero(np.diff(points.rotation.indptr[::3])):
         rows_of = (
@@ -261,22 +288,19 @@ def _same(first: Array, second: Array) -> bool:
     return bool(np.abs(first - second).max() <= 1e-9 * np.abs(second).max())
 
 
-def _work_at_arms(points: InertiaPoints, forces: Array, shapes: Array) -> Array:
-    """(n, nq, nq) stiffness of forces f (p, 3, n) at the ends of arms r of particles.
+def _work_at_arms(
+    arms: Array, rotation: sp.csr_matrix, forces: Array, shapes: Array
+) -> Array:
+    """(n, nq, nq) stiffness of forces f (p, 3, n) at the ends of rigid arms r (p, 3).
 
-    These turn by w and move to second order by (w (w . r) - r (w . w)) / 2. In a
-    cross-section what f along the beam does there is a part of its bending moments.
+    They turn by w, (3 p, ndof) rows, and move to second order by
+    (w (w . r) - r (w . w)) / 2.
     """
-    count, nq = len(points.masses), shapes.shape[1]
-    if points.arms is None or points.tangents is None or not points.arms.any():
-        return np.zeros((forces.shape[2], nq, nq))
-    along = np.einsum("pa,pan->pn", points.tangents, forces)
-    forces = forces - points.tangents[:, :, None] * along[:, None]
-    turns = (points.rotation @ shapes).reshape(count, 3, nq)
+    turns = (rotation @ shapes).reshape(len(arms), 3, shapes.shape[1])
     by_force = np.einsum("pan,pak->pnk", forces, turns)
-    by_arm = np.einsum("pa,pak->pk", points.arms, turns)
+    by_arm = np.einsum("pa,pak->pk", arms, turns)
     mixed = np.einsum("pnk,pl->nkl", by_force, by_arm)
-    lengths = np.einsum("pan,pa->pn", forces, points.arms)
+    lengths = np.einsum("pan,pa->pn", forces, arms)
     total: Array = np.einsum("pn,pkl->nkl", lengths, _field_products(turns, turns))
     return total - (mixed + np.swapaxes(mixed, 1, 2)) / 2
 
@@ -305,7 +329,10 @@ def projected_stiffness(
     InputError : the body came without elements.
     """
     if body.beam_material is not None:
-        return beam_stiffness(body.beam_material, states, shapes)
+        total = beam_stiffness(body.beam_material, states, shapes)
+        if body.bar_ends is not None:
+            total = total + _end_stiffness(body.bar_ends, states, shapes)
+        return total
     nq = shapes.shape[1]
     total = np.zeros((states.shape[1], nq, nq), number_type(states, shapes))
     for part in quadrature_parts(body):

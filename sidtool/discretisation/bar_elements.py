@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.sid_mass import skew
@@ -56,6 +57,10 @@ class BarElement(BeamElement):
         """(k, k) in the axes of the model."""
         return np.asarray(self.ends.T @ super().stiffness() @ self.ends)
 
+    def end_forces(self) -> Array:
+        """(12, k) forces and moments on its ends in the axes of the model."""
+        return np.asarray(BeamElement.stiffness(self) @ self.ends)
+
 
 @dataclass(frozen=True, eq=False)
 class RodElement(BarElement):
@@ -83,6 +88,15 @@ class RodElement(BarElement):
         law[3] = self.beam.g * section.torsion
         element_rows = ElementRows(move, turn, strains, law[:, None] * strains)
         return ElementRows(*(rows @ self.ends for rows in element_rows))
+
+    def end_forces(self) -> Array:
+        pulled = np.zeros((12, self.ends.shape[1]), number_type(self.ends))
+        along = self.frames(np.array([0.5])).axes[0, 0]
+        force = np.outer(
+            along, GAUSS_WEIGHTS @ [r.resultants[0] for r in self.gauss_rows]
+        )
+        pulled[:3], pulled[6:9] = -force, force
+        return pulled
 
     def stiffness(self) -> Array:
         weights = GAUSS_WEIGHTS * self.length

@@ -74,8 +74,8 @@ _SHELLS = diagnose(
 _HINGED = diagnose(
     "N129", limit="bars and shells that share single nodes with solids are hinged there"
 )
-_MAX_ARM = diagnose(
-    "N129", limit="offsets and rigid couplings add no geometric stiffness"
+_NO_STIFFENING = diagnose(
+    "N129", limit="RBE3 and RBE2 of some directions add no geometric stiffness"
 )
 _MAX_TWIST = diagnose(
     "N129", limit="the torsion of rods at nodes without bars has no effect"
@@ -143,10 +143,11 @@ def bars_model(
         scalar_mass=None,
         stiffness=stiffness,
         node_sets=node_sets(nodes, used, imported.undefined),
-        markers=_bar_markers(model, nodes, ndof),
+        markers=_bar_markers(model, structure),
         inertia_points=merge_particles(inertia),
         dof_table=nodes.table[used],
         beam_material=points.material() if alone and imported.bars else None,
+        bar_ends=structure.bar_ends() if alone and imported.bars else None,
         outlines=tuple(outlines),
         diagnostics=(
             *imported.diagnostics,
@@ -256,10 +257,8 @@ def _with_material(bar: RawBar, model: ModelFile, units: UnitSystem) -> RawBar:
     return bar
 
 
-def _bar_markers(
-    model: ModelFile, nodes: BarNodes, ndof: int
-) -> tuple[MarkerRows, ...]:
-    markers = []
+def _bar_markers(model: ModelFile, structure: Structure) -> tuple[MarkerRows, ...]:
+    markers, nodes, ndof = [], structure.nodes, structure.ndof
     for name, marker in with_places(model.markers):
         with name_marker_in_errors(name):
             where = position_of(nodes.mesh, marker)
@@ -277,8 +276,10 @@ def _bar_markers(
             move, turn = (
                 scatter_rows(part, dofs, ndof) for part in (motion[:3], motion[3:])
             )
+            tangent = structure.continued.get(structure.base(label))
+            place = nodes.place(label)
             markers.append(
-                MarkerRows(name, marker.node, nodes.place(label), move, turn)
+                MarkerRows(name, marker.node, place, move, turn, tangent=tangent)
             )
     return tuple(markers)
 
@@ -290,7 +291,5 @@ def _bar_limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[Diagnostic]:
         and any(len(nodes.motion(n, nodes.place(n))[1]) < 6 for n in bar.nodes)
         for bar in bars
     )
-    arms = bool(nodes.owner or nodes.partly_dependent or nodes.means) or any(
-        any(w) for b in bars for w in b.offsets
-    )
-    return [_MAX_TWIST] * is_limited + [_MAX_ARM] * arms
+    couplings = bool(nodes.partly_dependent or nodes.means)
+    return [_MAX_TWIST] * is_limited + [_NO_STIFFENING] * couplings

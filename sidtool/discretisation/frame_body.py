@@ -60,9 +60,7 @@ _SI = unit_system("SI")
 _DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 #: What is expected of the members of a frame.
 _HELD = "members that hold each other, or fewer releases"
-_NO_STIFFENING = diagnose(
-    "N129", limit="offsets of members and springs add no geometric stiffness"
-)
+_NO_STIFFENING = diagnose("N129", limit="springs add no geometric stiffness")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +132,6 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
     others, _ = structure.other_elements()
     stiffness = sp.csr_matrix(others + assemble(parts, ndof))
     used = np.flatnonzero((nodes.table >= 0).any(axis=1))
-    arms = any(
-        any((*m.offsets.start, *m.offsets.end)) for m in geometry.members.values()
-    )
     cuts = _cuts(model, structure, members, elements, labels, particles.count)
     body = FiniteElementModel(
         positions=nodes.mesh.positions[used],
@@ -147,11 +142,12 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
         inertia_points=merge_particles(inertia),
         dof_table=nodes.table[used],
         beam_material=points.material(),
+        bar_ends=structure.bar_ends(),
         outlines=tuple(outlines),
         beam_stress=None if stress is None else stress.stress(),
         cuts=cuts,
         diagnostics=(
-            *([_NO_STIFFENING] if arms or geometry.springs else []),
+            *([_NO_STIFFENING] if geometry.springs else []),
             *unsupported,
         ),
         geometry_mass=lambda: _frame_mass(geometry, members),
@@ -320,28 +316,39 @@ def _markers(
     labels: Mapping[str, int],
     elements: Mapping[str, list[tuple[BarElement, Indices]]],
 ) -> tuple[MarkerRows, ...]:
-    nodes, ndof, markers = structure.nodes, structure.ndof, []
+    assert isinstance(model.geometry, FrameGeometry)
+    nodes, ndof, markers = structure.nodes, structure.ndof, list[MarkerRows]()
+    tangent: Array | None
     for name, marker in markers_with_position(model.markers):
         with name_marker_in_errors(name):
             if marker.member is not None:
                 assert not isinstance(marker.at, str | tuple | None)
                 found = _point_of_member(elements[marker.member], marker.at)
-                move, turn, place, dofs = found
+                move, turn, place, dofs, tangent = found
+                if marker.at in (0.0, 1.0):
+                    member = model.geometry.members[marker.member]
+                    point = member.end if marker.at else member.start
+                    tangent = structure.continued.get(labels[point])
             else:
                 assert marker.point is not None
                 label = labels[marker.point]
                 place = nodes.place(label)
                 motion, dofs = nodes.motion(label, place)
                 move, turn = motion[:3], motion[3:]
-            rows = [scatter_rows(part, dofs, ndof) for part in (move, turn)]
-            markers.append(MarkerRows(name, marker.node, place, *rows))
+                tangent = structure.continued.get(label)
+            shift, rotation = (scatter_rows(part, dofs, ndof) for part in (move, turn))
+            markers.append(
+                MarkerRows(name, marker.node, place, shift, rotation, tangent=tangent)
+            )
     return tuple(markers)
 
 
 def _point_of_member(
     elements: list[tuple[BarElement, Indices]], at: float
-) -> tuple[Array, Array, Array, Indices]:
-    """Rows (3, k) of displacement and rotation, position, and degrees of freedom."""
+) -> tuple[Array, Array, Array, Indices, Array]:
+    """Rows (3, k) of displacement and rotation, position, degrees of freedom, and the
+    direction of the member.
+    """
     element, dofs = next(
         (
             pair
@@ -352,8 +359,9 @@ def _point_of_member(
     )
     where = (at - element.first) / (element.last - element.first)
     rows = element.rows(where)
-    place = element.frames(np.array([where])).places[0]
-    return rows.displacement, rows.rotation, place, dofs
+    frames = element.frames(np.array([where]))
+    place, tangent = frames.places[0], frames.axes[0, 0]
+    return rows.displacement, rows.rotation, place, dofs, tangent
 
 
 def _cuts(
@@ -436,6 +444,7 @@ def _cuts(
             markers,
             structure.ndof,
             end_motion,
+            structure.continued,
         )
     return tuple(cuts)
 

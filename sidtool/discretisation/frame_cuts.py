@@ -70,6 +70,7 @@ def member_cuts(
     markers: Mapping[str, int],
     ndof: int,
     end_motion: Callable[[int, int], tuple[Indices, Array]],
+    continued: Mapping[int, Array],
 ) -> list[BodyCut]:
     """Return the cuts of a member, called MEMBER.SECTION.
 
@@ -83,6 +84,7 @@ def member_cuts(
     end_motion : of the vertex of an element and the number of an end, the rows of the
         element's degrees of freedom that are its node's there, and the motion (6, k) of
         the end by them
+    continued : label of a node, its vertex plus 1 -> direction of all its members
     """
     of_elements, of_nodes = vertices
     cuts = []
@@ -101,7 +103,7 @@ def member_cuts(
             position=frames.places[0],
             displacement=rows_without_rounding(rows.displacement, dofs, ndof),
             rotation=rows_without_rounding(rows.rotation, dofs, ndof),
-            tangent=frames.axes[0, 0],
+            tangent=continued.get(of_nodes[k] + 1),
         )
         if mask is not None:
             points = mask[owners]

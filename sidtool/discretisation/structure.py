@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
 
 import numpy as np
 import scipy.linalg
@@ -13,10 +15,15 @@ from numpy.typing import NDArray
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
-from ..beams.element import GAUSS_WEIGHTS, ParticleCollector, assemble
+from ..beams.element import (
+    GAUSS_WEIGHTS,
+    ParticleCollector,
+    RowCollector,
+    assemble,
+)
 from ..eigensolvers.factorisation import symmetric_factors
 from ..elements.finite_element_model import FiniteElementModel
-from ..elements.material_points import InertiaPoints
+from ..elements.material_points import BarEnds, InertiaPoints
 from ..elements.mortar_ties import elimination_matrix
 from ..mesh.imported_mesh import ImportedMesh
 from ..mesh.materials import ElasticMaterial
@@ -34,6 +41,10 @@ Indices = NDArray[np.int64]
 
 #: Relative energy below which a deformation has none.
 _MECHANISM_TOLERANCE = 1e-13
+#: Arms below this share of the body are rounding.
+_NO_ARM = 1e-12
+#: Directions whose cosine differs from one by less are the same.
+_SAME_DIRECTION = 1e-12
 #: Relative stiffness to the ground that makes the matrix of the iteration regular.
 _SHIFT = 1e-12
 #: Further vectors of the iteration, and its steps at most.
@@ -76,6 +87,54 @@ class Structure:
         dofs = np.concatenate([dofs for _, dofs in moved])
         return bar.element(ends), dofs
 
+    @cached_property
+    def continued(self) -> dict[int, Array]:
+        """Nodes whose bars all have one direction and no arms, and its (3,) vector."""
+        found: dict[int, Array | None] = {}
+        for bar, k in product(self.bars, (0, 1)):
+            node, t = self.base(bar.nodes[k]), self._tangent(bar, k)
+            known = found.setdefault(node, t)
+            aligned = known is not None and abs(known @ t) > 1 - _SAME_DIRECTION
+            if not aligned or self._arm(bar.nodes[k], bar.ends[k]).any():
+                found[node] = None
+        return {node: t for node, t in found.items() if t is not None}
+
+    def bar_ends(self) -> BarEnds | None:
+        """Return the ends of bars at nodes that are not `continued`."""
+        arms, tangents = list[Array](), list[Array]()
+        rows = [RowCollector(self.ndof) for _ in range(4)]
+        for bar, k in product(self.bars, (0, 1)):
+            node, place, first = bar.nodes[k], bar.ends[k], 6 * k
+            if self.base(node) in self.continued:
+                continue
+            element, dofs = self.bar_element(bar)
+            loads, (turns, own) = element.end_forces(), self.nodes.motion(node, place)
+            arms.append(self._arm(node, place))
+            tangents.append(self._tangent(bar, k))
+            rows[0].add(loads[first : first + 3], dofs)
+            rows[1].add(loads[first + 3 : first + 6], dofs)
+            rows[2].add(turns[3:], own)
+            rows[3].add(element.ends[first + 3 : first + 6], dofs)
+        if not arms:
+            return None
+        found = (part.matrix() for part in rows)
+        return BarEnds(np.array(arms), np.array(tangents), *found)
+
+    def base(self, node: int) -> int:
+        """Return the node that a node is fixed to, or itself."""
+        return self.nodes.owner.get(node, node)
+
+    @staticmethod
+    def _tangent(bar: Bar, end: int) -> Array:
+        fraction = bar.last if end else bar.first
+        return np.asarray(bar.beam.axis.at(np.array([fraction])).axes[0, 0])
+
+    def _arm(self, node: int, place: Array) -> Array:
+        """(3,) from the base of a node to a place [m]."""
+        arm = place - self.nodes.place(self.base(node))
+        size = np.ptp(self.nodes.mesh.positions.real, axis=0).max()
+        return arm if np.abs(arm).max() > _NO_ARM * size else np.zeros(3)
+
     def bar_stiffness(self, bars: Iterable[Bar]) -> sp.csr_matrix:
         """(ndof, ndof) of bars."""
         parts = []
@@ -115,8 +174,7 @@ class Structure:
                     place=mass.place,
                     expected="a node of this file",
                 )
-            arm = units.length * np.array(mass.offset)
-            place = nodes.place(mass.node) + arm
+            place = nodes.place(mass.node) + units.length * np.array(mass.offset)
             motion, dofs = nodes.motion(mass.node, place)
             fixed = not motion[3:].any()
             incomplete = fixed and (any(mass.offset) or any(mass.inertia))
@@ -131,6 +189,7 @@ class Structure:
             tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
             tensor = tensor * (units.mass * units.length**2)
             heavy = mass.mass * units.mass
+            arm = self._arm(mass.node, place)
             particles.add(place, heavy, tensor, motion[:3], motion[3:], dofs, arm)
 
 

@@ -18,7 +18,7 @@ from sidtool.formats.sid_mass import skew
 
 from ..mesh.connections import Coupling, Equations, PointMass
 from .faces import Surface
-from .material_points import BeamMaterial, Continuum, InertiaPoints
+from .material_points import BarEnds, BeamMaterial, Continuum, InertiaPoints
 from .solid_mesh import InternalInertia
 
 if TYPE_CHECKING:
@@ -217,6 +217,7 @@ class FiniteElementModel:
     equations : equations that all displacements satisfy
     continua : materials of solid elements, for stresses
     beam_material : the material of beam elements, for stress resultants
+    bar_ends : of beam elements that do not continue each other
     surface : function that returns the surface of named edges, faces or node sets; None
         if their nodes have no common surface
     geometry_mass : mass and centre of the geometry by an independent quadrature
@@ -248,6 +249,7 @@ class FiniteElementModel:
     equations: Equations | None = None
     continua: tuple[Continuum, ...] = ()
     beam_material: BeamMaterial | None = None
+    bar_ends: BarEnds | None = None
     surface: Callable[[tuple[str, ...]], Surface | None] = _no_alternative
     geometry_mass: Callable[[], GeometryMass] | None = None
     solids: SolidMesh | None = None

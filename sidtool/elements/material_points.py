@@ -180,6 +180,27 @@ class InertiaPoints:
 
 
 @dataclass(frozen=True, eq=False)
+class BarEnds:
+    """Ends of bars at nodes where directions of bars may differ.
+
+    Attributes
+    ----------
+    arms : (m, 3) rigid ones from the nodes [m]
+    tangents : (m, 3) of the bars
+    forces, moments : (3 m, ndof) sparse; on the ends of the bars = rows @ u [N], [N m]
+    node_rotation, rotation : (3 m, ndof) sparse; small rotations of the nodes, and of
+        the ends, which pins may release
+    """
+
+    arms: Array
+    tangents: Array
+    forces: sp.csr_matrix
+    moments: sp.csr_matrix
+    node_rotation: sp.csr_matrix
+    rotation: sp.csr_matrix
+
+
+@dataclass(frozen=True, eq=False)
 class BeamMaterial:
     """Points on the axes of beams, in the axes of the section there.
 

@@ -339,3 +339,101 @@ def test_a_mass_below_a_shaft_is_a_pendulum(below: float) -> None:
     found = scipy.linalg.eigvalsh((stiffness + stiffness.T) / 2, sid.Me.m0)[0]
     held = 1e11 * torsion + mass * 9.81 * below
     assert found == pytest.approx(held / (mass * below**2 + own), rel=1e-4)
+
+
+def framed(
+    points: dict[str, list[float]],
+    members: dict[str, Any],
+    tip: str,
+    modes: int,
+    **more: Any,
+) -> SID:
+    """A frame that is clamped at the point a, with a marker of node 2."""
+    geometry = {"type": "frame", "points": points, "members": members} | more
+    marked = {n: {"node": k, "point": n} for k, n in enumerate(("a", tip), 1)}
+    return sid_from_model(
+        model(
+            geometry,
+            {"type": "beam", "elements": 4, "theory": "euler_bernoulli"},
+            markers=marked,
+            frame={"type": "tangent", "marker": "a", "clamp": "a"},
+            reduction={"method": "modal", "modes": modes},
+            material={
+                "youngs_modulus": 71240.0,
+                "poissons_ratio": 0.31,
+                "density": 1.0,
+            },
+        )
+    )
+
+
+def test_lateral_buckling_of_a_right_angled_frame() -> None:
+    """J. H. Argyris et al., Comput. Methods Appl. Mech. Eng. 20, 1979: 1.088.
+
+    Two legs of 240, sections 30 by 0.6, E = 71240, nu = 0.31; a force in the plane at
+    the free end, along the leg that is clamped. Moments turn at the corner.
+    """
+    blade = {"shape": "rectangle", "height": 30.0, "width": 0.6}
+    members = {
+        "ab": {"start": "a", "end": "b", "section": blade, "y_axis": [0, 1, 0]},
+        "bc": {"start": "b", "end": "c", "section": blade, "y_axis": [1, 0, 0]},
+    }
+    points = {"a": [0, 0, 0], "b": [240, 0, 0], "c": [240, -240, 0]}
+    sid = framed(points, members, "c", 48)
+    force = lowest_load(sid, sid.node(2).phi.m1[:, 0, :])
+    assert force == pytest.approx(1.088, rel=3e-3)
+
+
+def test_an_offset_stiffens_as_a_rigid_member() -> None:
+    arm, shape = (
+        [0.05, 0.1, -0.3],
+        {"shape": "rectangle", "height": 0.03, "width": 0.02},
+    )
+    stiff = {"shape": "general", "area": 5.0, "iy": 1e-2, "iz": 1e-2, "torsion": 1e-2}
+    points = {"a": [0, 0, 0], "b": [1, 0, 0], "c": [1.6, 0.3, -0.6]}
+    first = {"start": "a", "end": "b", "section": shape}
+    last = {"start": "b", "end": "c", "section": shape}
+    one = framed(
+        points, {"ab": first, "bc": last | {"offsets": {"start": arm}}}, "c", 3
+    )
+    members = {"ab": first, "be": {"start": "b", "end": "e", "section": stiff}}
+    members["ec"] = last | {"start": "e"}
+    material = {"youngs_modulus": 71240.0, "poissons_ratio": 0.31, "density": 1e-10}
+    members["be"] |= {"material": "light"}
+    points |= {"e": [1 + arm[0], arm[1], arm[2]]}
+    geometry = {"materials": {"light": material}}
+    other = framed(points, members, "c", 3, **geometry)
+    phi = [sid.node(2).phi for sid in (one, other)]
+    sign = np.sign((phi[0].m0 * phi[1].m0).sum(axis=0))
+    found = phi[0].m1 * sign[:, None, None] * sign
+    assert_allclose(found, phi[1].m1, atol=1e-3 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_two_members_in_line_stiffen_as_one_beam(*, turned: bool) -> None:
+    shape = {"shape": "rectangle", "height": 0.03, "width": 0.02}
+    points = {"a": [0.0, 0, 0], "b": [0.9, 0.5, 0.3], "m": [0.45, 0.25, 0.15]}
+    up = {"section": shape, "y_axis": [0, 0, 1], "elements": 2}
+    ends = ("b", "m") if turned else ("m", "b")
+    whole = {"ab": {"start": "a", "end": "b", **up, "elements": 4}}
+    halves = {
+        "am": {"start": "a", "end": "m", **up},
+        "mb": {"start": ends[0], "end": ends[1], **up},
+    }
+    alone = {name: place for name, place in points.items() if name != "m"}
+    one, two = framed(alone, whole, "b", 5), framed(points, halves, "b", 5)
+    geometry = line(shape, (0.9, 0.5, 0.3)) | {"y_axis": [0, 0, 1]}
+    settings = {"type": "beam", "elements": 4, "theory": "euler_bernoulli"}
+    material = {"youngs_modulus": 71240.0, "poissons_ratio": 0.31, "density": 1.0}
+    reduction = {"method": "modal", "modes": 5}
+    beam = sid_from_model(
+        model(geometry, settings, material=material, reduction=reduction)
+    )
+    expected = beam.node(2)
+    for sid in (one, two):
+        tip = sid.node(2)
+        sign = np.sign((tip.phi.m0 * expected.phi.m0).sum(axis=0))
+        for name in ("phi", "psi"):
+            found = getattr(tip, name).m1 * sign[:, None, None] * sign
+            wanted = getattr(expected, name).m1
+            assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())

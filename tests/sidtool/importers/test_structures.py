@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.diagnostics import WARNING
 from sidtool.importers.nastran import shells
 from sidtool.importers.nastran.bulk_data import read_bdf
 from tests.codes import with_code
@@ -123,8 +122,7 @@ def test_a_stiffener_below_a_strip_bends_it_about_their_common_axis(
     ]
     sid = body(tmp_path, bulk(*cards))
     assert len(with_code(sid, "N125")) == 2  # bars and shells
-    (limit,) = with_code(sid, "N129")
-    assert limit.severity == WARNING and "offsets" in str(limit.data["limit"])
+    assert not with_code(sid, "N129")
     plate = WIDTH * DEPTH
     axis = below * area / (area + plate)
     bending = WIDTH * DEPTH**3 / 12 + plate * axis**2
