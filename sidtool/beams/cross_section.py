@@ -161,10 +161,12 @@ class Section:
 
     @property
     def stress_moments(self) -> Array:
-        """(3, 3) as of `BeamMaterial`."""
+        """(3, 3) as of `BeamMaterial`; rods have no moments."""
         own = np.array([self.iz, 0.0, self.iy]) / self.area
-        third = np.array(self.third_moments)
-        return np.stack([own, third[1:] / self.iy, -third[:3] / self.iz])
+        third, zero = np.array(self.third_moments), np.zeros(3)
+        about_y = third[1:] / self.iy if self.iy else zero
+        about_z = -third[:3] / self.iz if self.iz else zero
+        return np.stack([own, about_y, about_z])
 
     def inertia(self, density: float, curvatures: Array) -> tuple[float, Array, Array]:
         """Mass per length [kg/m], its centre (3,) [m] in the axes of the section, and
