@@ -3,7 +3,7 @@
 import numpy as np
 
 from .base.errors import InputError
-from .base.sid import SID
+from .base.sid import SID, Taylor
 from .diagnostics import Diagnostic, diagnose
 from .geometric_stiffening import elastic_basis
 from .sid_mass import body_size
@@ -53,13 +53,17 @@ def material_warnings(youngs_modulus: float, density: float) -> list[Diagnostic]
     ]
 
 
+def _is_finite(block: Taylor) -> bool:
+    return all(np.isfinite(x).all() for x in (block.m0, block.m1) if x is not None)
+
+
 def check_body(sid: SID) -> None:
     """Refuse a body whose mass, inertia or first frequency no body can have.
 
     Raises
     ------
-    InputError : mass or inertia are not finite and above zero, the mean density is not
-        that of matter, or waves are slower or faster than any.
+    InputError : mass or inertia are not finite and above zero, a block is not finite,
+        the mean density is not that of matter, or waves are slower or faster than any.
     """
     moments = sid.J.m0[:3, 0]
     numbers = np.array([sid.mass, *moments])
@@ -70,6 +74,12 @@ def check_body(sid: SID) -> None:
             f"the body has a mass of {sid.mass:.3g} kg and moments of inertia of "
             f"{listed} kg m2",
             expected=f"numbers above zero: {expected}",
+        )
+    bad = [name for name, block in sid.blocks.items() if not _is_finite(block)]
+    if bad:
+        raise InputError(
+            f"the blocks {', '.join(bad)} hold values that are no numbers",
+            expected=expected,
         )
     size = body_size(sid)
     if not _DENSITIES[0] < sid.mass / size**3 < _DENSITIES[1]:
