@@ -349,8 +349,7 @@ def test_a_frame_said_differently() -> None:
     expected = carried(crane(one), one, sections, small)
     for model, axes in (
         (crane(turn), turn),
-        (crane(one, order=-1), one),
-        (crane(one, halves=True), one),
+        (crane(one, order=-1, halves=True), one),
     ):
         assert_same(carried(model, axes, sections, small), expected)
     back = [f"{name}.s{k}" for name in MEMBERS for k in range(4, 0, -1)]
