@@ -323,6 +323,11 @@ def _known_positions(
     Nodes expanded from one node surround it, unless a section has an offset.
     """
     owners, of = np.unique(labels, return_inverse=True)
+    if undefined := [int(label) for label in owners if int(label) not in names.nodes]:
+        raise InputError(
+            f"an element names node {undefined[0]}, which is not defined",
+            expected="nodes of the deck: CalculiX places others at the origin",
+        )
     given = np.array([names.nodes[int(label)] for label in owners])
     counts = np.bincount(of)
     means = np.column_stack([np.bincount(of, x) / counts for x in result.positions.T])

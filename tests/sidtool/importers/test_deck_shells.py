@@ -208,6 +208,19 @@ def test_shells_that_meet_in_an_edge_need_no_calculix(tmp_path: Path) -> None:
     assert_allclose(frequencies(other), frequencies(own), rtol=1e-9)
 
 
+@pytest.mark.needs("ccx")
+def test_a_node_that_calculix_places_at_the_origin_is_refused(tmp_path: Path) -> None:
+    text = (
+        "*NODE\n2, 1., 0., 0.\n3, .5, 0., 0.\n4, 2., 0., 0.\n5, 1.5, 0., 0.\n"
+        "*ELEMENT, TYPE=B32, ELSET=E\n1, 1, 3, 2\n2, 2, 5, 4\n"
+        "*MATERIAL, NAME=S\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7850.\n"
+        "*BEAM SECTION, ELSET=E, MATERIAL=S, SECTION=RECT\n.05, .08\n0., 1., 0.\n"
+    )
+    path = model(tmp_path, text, 2, geometry={"engine": "calculix"})
+    with pytest.raises(InputError, match="node 1, which is not defined"):
+        sid_from_model(path)
+
+
 def test_a_deck_without_elements_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no solid element"):
         body(tmp_path, "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n")
