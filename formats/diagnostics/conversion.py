@@ -259,8 +259,9 @@ ENTRIES = (
         "N132",
         INFO,
         "own shells, bars and springs instead of those of CalculiX: {reason}",
-        "The deck has what CalculiX does not have, or joins by rigid knots as large "
-        "as the sections are thick; or CalculiX is not installed.",
+        "The deck has what CalculiX does not have, or edges that CalculiX joins by "
+        "rigid knots as large as the sections are thick. Or its solids would take "
+        "minutes, which geometry.order accepts. Or CalculiX is not installed.",
         example={"reason": "edges where its shells meet"},
     ),
     Entry(

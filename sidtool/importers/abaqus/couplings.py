@@ -165,9 +165,10 @@ def _surface_coupling(
         if nodes is not None:
             return nodes
     raise InputError(
-        f"names the surface {word!r}, which is not one of solids here",
+        f"names the surface {word!r}, which is none of element faces or nodes",
         place=definition.block.place,
-        expected="a *SURFACE of faces S1, S2, ... or nodes",
+        expected="a *SURFACE of faces S1, S2, ... of solids, of sides SPOS, SNEG of "
+        "shells, or of nodes",
     )
 
 

@@ -400,7 +400,7 @@ def _tie_side(
         nodes = resolve_nodes(deck, scope, instance, own)
         return (), _body_nodes(deck, body, nodes, word, place)
     raise InputError(
-        f"names the surface {word!r}, which is not one of solids here",
+        f"names the surface {word!r}, which is none of element faces or nodes",
         place=place,
         expected=f"a *SURFACE of faces S1, S2, ... or nodes; {_IGNORABLE}",
     )
