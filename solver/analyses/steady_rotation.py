@@ -50,7 +50,7 @@ from .rotating_groups import (
     frame_positions,
 )
 
-#: Angles [rad] by which the fastest body has turned where the equations are solved.
+#: Angles [rad] by which a group has turned where the equations are solved.
 TEST_ANGLES = (0.0, 2.1, -2.1)
 #: Perturbation of coordinates for differences, in sizes of the mechanism and radians.
 PERTURBATION = 1e-5
@@ -175,6 +175,9 @@ class _SteadyRotationSearch:
     ----------
     groups
         Bodies that rotate, all others rest.
+    times
+        At which the equations are solved: each group has turned by the test angles
+        [s].
     """
 
     def __init__(
@@ -185,6 +188,8 @@ class _SteadyRotationSearch:
         self.n = self.system.n_velocities
         self.axes = 2 if self.system.planar else 3
         self.fastest = max(group.leading_axis.speed for group in groups)
+        speeds = [group.leading_axis.speed for group in groups]
+        self.times = sorted({a / s for a in TEST_ANGLES for s in speeds}, key=abs)
         self.sizes = coordinate_sizes(self.system)
         self._set_scale()
 
@@ -267,7 +272,7 @@ class _SteadyRotationSearch:
 
     def _reason(self, forces: Array, part: float) -> str:
         """Which body is out of balance as all turn."""
-        rows = np.abs(forces.reshape(len(TEST_ANGLES), self.n)).max(axis=0)
+        rows = np.abs(forces.reshape(len(self.times), self.n)).max(axis=0)
         worst = int(rows.argmax())
         names = [
             data.name
@@ -285,12 +290,11 @@ class _SteadyRotationSearch:
     def _residual(self, z: Array, groups: tuple[RotatingGroup, ...]) -> _Residual:
         mechanics = self.mechanics
         closure, rates, forces, torques = np.zeros(0), [], [], []
-        for angle in TEST_ANGLES:
-            time = angle / self.fastest
+        for time in self.times:
             z_there, v, a = self._state(z, groups, time)
             mechanics.evaluate(z_there, v)
             C, sizes = mechanics.jacobian, mechanics.constraint_sizes
-            if angle == 0.0:
+            if time == 0.0:
                 acceleration_residual = (C @ a - mechanics.gamma) / (
                     self.fastest**2 * sizes
                 )

@@ -452,3 +452,30 @@ def test_a_flexible_shaft_that_sags_has_no_steady_rotation() -> None:
     """It deforms anew in each turn."""
     system = shaft_with_disc(80.0, 5e5, gravity=[0.0, 0.0, -G])
     assert "shaft" in only(system, "N224").subject
+
+
+def test_a_load_hangs_outwards_beside_a_fast_rotor() -> None:
+    """On a slow jib: tan(out) = W^2 r / g, whatever another machine does."""
+    R, L, speed = 3.0, 2.0, 1.2
+    turning = {"angular_velocity": [0.0, 0.0, speed]}
+    jib: dict[str, Any] = {"mass": 100.0, "inertia": [1.0, 5.0, 5.0]}
+    jib |= {"markers": {"tip": {"position": [R, 0.0, 0.0]}}, "initial": turning}
+    load = {"mass": 2.0, "initial": {"position": [R, 0.0, -L]}}
+    rotor: dict[str, Any] = {"mass": 1.0, "inertia": [0.01, 0.01, 0.02]}
+    rotor |= {"initial": {"angular_velocity": [0.0, 0.0, 50.0]}}
+    system = started(
+        {"jib": jib, "load": load, "rotor": rotor},
+        ["load.x", "load.y"],
+        joints={
+            "tower": {"type": "revolute", "markers": ["ground", "jib"]},
+            "rope": {"type": "distance", "markers": ["jib.tip", "load"]},
+            "bearing": {"type": "revolute", "markers": ["ground", "rotor"]},
+        },
+        drives={"motor": {"joint": "tower", "function": polynomial(0.0, speed)}},
+        gravity=[0.0, 0.0, -G],
+    )
+    result = simulate(system)
+    radius = float(np.hypot(result["load.x"][0], result["load.y"][0]))
+    out = np.arcsin((radius - R) / L)
+    assert np.tan(out) == pytest.approx(speed**2 * radius / G, rel=1e-8)
+    assert "N224" not in codes(result)
