@@ -42,7 +42,7 @@ class Section:
     place: str
     orientation: str = ""
     instance: str = ""
-    shell: bool = False
+    is_shell: bool = False
     offset: float = 0.0
 
 

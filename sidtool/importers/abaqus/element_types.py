@@ -58,7 +58,7 @@ class ElementType:
     state : of a plane element
     formulation : of our element, if there is a choice
     replaced : differences from the deck, "" for none
-    shell : our shell element, "" for none
+    shell_kind : our shell element, "" for none
     """
 
     kind: str | None
@@ -67,7 +67,7 @@ class ElementType:
     state: str | None = None
     formulation: str | None = None
     replaced: str = ""
-    shell: str = ""
+    shell_kind: str = ""
 
 
 def element_type(name: str) -> ElementType | None:
@@ -78,7 +78,7 @@ def element_type(name: str) -> ElementType | None:
     if kind is None or kind not in ELEMENT_KINDS:
         lower = _LOWER.get(name)
         shell = _SHELLS.get(name, "")
-        return None if lower is None else ElementType(None, *lower, shell=shell)
+        return None if lower is None else ElementType(None, *lower, shell_kind=shell)
     plane = base.startswith("CP")
     state = None
     if plane:

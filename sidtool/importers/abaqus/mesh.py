@@ -171,10 +171,10 @@ def _split_elements(
     solids, plates, name_only = [], [], []
     for element in elements:
         section = sections.get(element.label)
-        of_shell = section is not None and section.shell
+        of_shell = section is not None and section.is_shell
         if element.type.kind and element.type.dimension == top and not of_shell:
             solids.append(element)
-        elif element.type.shell and of_shell and top == 3:
+        elif element.type.shell_kind and of_shell and top == 3:
             plates.append(element)
         elif section is not None or element.type.dimension >= top:
             raise _no_solid_elements(element)

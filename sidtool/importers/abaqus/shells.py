@@ -65,7 +65,7 @@ def read_shell_section(deck: Deck, block: Block) -> None:
             thickness,
             block.place,
             deck.own_name(axes) if axes else "",
-            shell=True,
+            is_shell=True,
             offset=offset,
         )
     )
@@ -94,7 +94,7 @@ def shells_of(
         section = sections[element.label]
         if section not in made:
             made[section] = _shell_section(section, materials.get(section.material))
-        kind, labels = collapse_element(element.type.shell, element.nodes)
+        kind, labels = collapse_element(element.type.shell_kind, element.nodes)
         check_defined(element.label, labels, nodes, element.place)
         own = made[section]
         shells.append(RawShell(element.label, kind, tuple(labels), element.place, own))

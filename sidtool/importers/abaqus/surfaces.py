@@ -146,7 +146,7 @@ def defined_elements(
 
 
 def _face_nodes(element: Element, face: str) -> list[int] | None:
-    if element.type.shell and face in _SIDES:
+    if element.type.shell_kind and face in _SIDES:
         return element.nodes
     shape = (element.type.kind or "").rstrip("0123456789")
     number = face[1:]

@@ -46,7 +46,7 @@ REFUSED = {
     "*DENSITY\n1000.": "DENSITY of material S is defined twice",
     "*MATERIAL, NAME=T\n*ELASTIC\n1e9, 0.3\n*DENSITY\n1.\n*SOLID SECTION, ELSET=E, "
     "MATERIAL=T": "element 1 has another section already",
-    "*SHELL SECTION, ELSET=E, MATERIAL=S\n0.1": "SHELL SECTION",
+    "*SHELL SECTION, ELSET=E, MATERIAL=S\n0.1": "element 1 has another section already",
     "*USER ELEMENT": "USER ELEMENT is not known",
     "*NODE, WHATEVER=3\n99, 0, 0, 0": "parameter WHATEVER",
     "*NSET, NSET=X, INSTANCE=Q\n1": "instance 'Q', which is not defined",
