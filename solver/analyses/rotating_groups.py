@@ -6,8 +6,9 @@ not stated may rotate with the bodies that they are connected to.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -108,18 +109,23 @@ def candidate_groups(
     """Groups of bodies that may rotate, the more likely ones first.
 
     Bodies whose velocities are not stated, and that rest, either turn with those that
-    they are connected to, or go on resting. If the assembly turns them about another
-    axis, as a load on a universal joint, they turn with these, or about that axis.
+    they are connected to, or go on resting: those that stand on the ground, as a tower
+    does below a jib and its load, or all of them. If the assembly turns them about
+    another axis, as a load on a universal joint, they turn with these, or about that
+    axis.
     """
     found = [_find_groups(mechanics, start, tilted) for tilted in (False, True)]
     if len(found[0][0]) == len(found[1][0]):
         del found[0]
     for groups, followers in found:
-        if followers:
-            yield tuple(
-                group.with_bodies(more)
-                for group, more in zip(groups, followers, strict=True)
-            )
+        standing = _standing_bodies(mechanics.system, chain.from_iterable(followers))
+        hanging = tuple(
+            tuple(b for b in bodies if b not in standing) for bodies in followers
+        )
+        for more in dict.fromkeys((hanging, followers)):
+            if any(more):
+                pairs = zip(groups, more, strict=True)
+                yield tuple(group.with_bodies(bodies) for group, bodies in pairs)
         if groups and groups is found[-1][0]:
             yield groups
 
@@ -181,6 +187,7 @@ def _find_groups(
                     groups.append(RotatingGroup({b: axis}, drift))
                 else:
                     following.add(b)
+        nearest = _nearest_groups(system, part, groups[first:])
         for b in part:
             if (b in rotating and b not in following) or not (
                 groups[first:] or moves[b]
@@ -194,15 +201,47 @@ def _find_groups(
                     groups[k] = groups[k].with_bodies([b])
                     break
             else:
-                is_specified = _has_specified_velocity(system, b)
-                if len(groups) == first + 1 and not is_specified:
-                    free[b] = first
+                if groups[first:] and not _has_specified_velocity(system, b):
+                    free[b] = first + nearest[b]
                 elif moves[b]:
                     return (), ()
     if not free:
         return tuple(groups), ()
     more = [tuple(b for b, k in free.items() if k == g) for g in range(len(groups))]
     return tuple(groups), tuple(more)
+
+
+def _standing_bodies(system: System, bodies: Iterable[int]) -> set[int]:
+    """Those of some bodies that joints or forces connect to the ground, through others
+    of them."""
+    left = {system.bodies[b].name: b for b in bodies}
+    links = _links(system)
+    standing, new = set[int](), {GROUND_NAME}
+    while new:
+        near = set[str]().union(*(link for link in links if link & new))
+        new = near & left.keys()
+        standing |= {left.pop(name) for name in new}
+    return standing
+
+
+def _nearest_groups(
+    system: System, part: Iterable[int], groups: Sequence[RotatingGroup]
+) -> dict[int, int]:
+    """The group that each body of a part is connected to by the fewest links."""
+    links = _links(system)
+    nearest = {b: k for k, group in enumerate(groups) for b in group.axes}
+    new = list(nearest)
+    while new:
+        reached = new
+        new = []
+        for b in reached:
+            name = system.bodies[b].name
+            near = set[str]().union(*(link for link in links if name in link))
+            for other in part:
+                if other not in nearest and system.bodies[other].name in near:
+                    nearest[other] = nearest[b]
+                    new.append(other)
+    return nearest
 
 
 def _mean_velocity(
@@ -229,6 +268,13 @@ def _has_specified_origin_velocity(system: System, b: int) -> bool:
     return system.scene.initial_of(system.bodies[b].name).velocity is not None
 
 
+def _links(system: System) -> list[set[str]]:
+    """Names of the bodies that each joint and each force connects."""
+    scene = system.scene
+    tables = (scene.joints, scene.forces)
+    return [marker_owners(part) for table in tables for part in table.values()]
+
+
 def connected_components(system: System) -> Iterator[tuple[list[int], bool]]:
     """Bodies that joints and forces connect, but for the ground, and whether they are
     connected to that, too; without bodies whose frames are held."""
@@ -238,12 +284,7 @@ def connected_components(system: System) -> Iterator[tuple[list[int], bool]]:
         for b, data in enumerate(system.bodies)
         if data.is_scene_body and data.name != GROUND_NAME and body[b, at.RD] > 0
     }
-    scene = system.scene
-    links = [
-        marker_owners(part)
-        for table in (scene.joints, scene.forces)
-        for part in table.values()
-    ]
+    links = _links(system)
     left = set(rows)
     while left:
         reached, new = set[str](), {min(left, key=rows.__getitem__)}
