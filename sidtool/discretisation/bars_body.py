@@ -68,7 +68,7 @@ _SHEAR = diagnose(
 )
 _SHELLS = diagnose(
     "N125",
-    property="shells: MITC4 and MITC3 with shear by TS/T (5/6), consistent mass, no "
+    property="shells: MITC4 and MITC3, shear of 5/6 (or TS/T), consistent mass, no "
     "stiffening by loads",
 )
 _HINGED = diagnose(

@@ -109,7 +109,7 @@ def candidate_groups(
     """Groups of bodies that may rotate, the more likely ones first.
 
     Bodies whose velocities are not stated, and that rest, either turn with those that
-    they are connected to, or go on resting: those that stand on the ground, as a tower
+    they are connected to, or go on resting: those that the ground holds, as a tower
     does below a jib and its load, or all of them. If the assembly turns them about
     another axis, as a load on a universal joint, they turn with these, or about that
     axis.
