@@ -407,6 +407,17 @@ ENTRIES = (
         example={"count": 1, "total": -0.2},
     ),
     Entry(
+        "N147",
+        WARNING,
+        "nothing resists rotation about {axes} at markers {markers}",
+        "No element at the node of the marker has stiffness or inertia about this axis "
+        "of the model, so psi = 0 about it. The marker turns about it with the body "
+        "frame. A joint that holds this rotation, or a moment about it, acts on the "
+        "body frame: displacements and section forces are then wrong.",
+        remedy="Use joints that leave it free.",
+        example={"axes": ("z",), "markers": ("a",)},
+    ),
+    Entry(
         "N150",
         WARNING,
         "the mesh differs from its geometry: mass {mass:+.3g}, centre {centre:.3g} m "

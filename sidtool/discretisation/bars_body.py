@@ -46,7 +46,7 @@ from .structure_elements import (
     node_motion,
     shell_outlines,
 )
-from .supported_rotations import without_unsupported
+from .supported_rotations import markers_without_rotation, without_unsupported
 
 Indices = NDArray[np.int64]
 
@@ -138,12 +138,13 @@ def bars_model(
             expected="masses (CONM2, CMASS2), or elements with a density",
         )
     used = np.flatnonzero((nodes.table >= 0).any(axis=1))
+    markers = _bar_markers(model, structure)
     body = FiniteElementModel(
         positions=mesh.positions[used],
         scalar_mass=None,
         stiffness=stiffness,
         node_sets=node_sets(nodes, used, imported.undefined),
-        markers=_bar_markers(model, structure),
+        markers=markers,
         inertia_points=merge_particles(inertia),
         dof_table=nodes.table[used],
         beam_material=points.material() if alone and imported.bars else None,
@@ -157,6 +158,7 @@ def bars_model(
             *([_HINGED] if imported.mesh.blocks else []),
             *_bar_limits(imported.bars, nodes),
             *unsupported,
+            *markers_without_rotation(markers),
         ),
     )
     equations, found = structure_equations(

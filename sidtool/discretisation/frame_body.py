@@ -48,7 +48,7 @@ from .bar_nodes import bar_nodes, node_sets
 from .frame_cuts import Connectivity, member_cuts
 from .structure import Structure, add_bar_mass, check_mechanism
 from .structure_elements import merge_particles
-from .supported_rotations import without_unsupported
+from .supported_rotations import markers_without_rotation, without_unsupported
 
 Indices = NDArray[np.int64]
 
@@ -132,13 +132,14 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
     others, _ = structure.other_elements()
     stiffness = sp.csr_matrix(others + assemble(parts, ndof))
     used = np.flatnonzero((nodes.table >= 0).any(axis=1))
+    markers = _markers(model, structure, labels, elements)
     cuts = _cuts(model, structure, members, elements, labels, particles.count)
     body = FiniteElementModel(
         positions=nodes.mesh.positions[used],
         scalar_mass=None,
         stiffness=stiffness,
         node_sets=node_sets(nodes, used, {}),
-        markers=_markers(model, structure, labels, elements),
+        markers=markers,
         inertia_points=merge_particles(inertia),
         dof_table=nodes.table[used],
         beam_material=points.material(),
@@ -149,6 +150,7 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
         diagnostics=(
             *([_NO_STIFFENING] if geometry.springs else []),
             *unsupported,
+            *markers_without_rotation(markers),
         ),
         geometry_mass=lambda: _frame_mass(geometry, members),
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.elements.finite_element_model import MarkerRows, moving_dofs
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
@@ -34,6 +35,17 @@ def without_unsupported(
     structure, found = _resolve_pins(structure, marked)
     structure, more = _without_idle(structure)
     return structure, found + more
+
+
+def markers_without_rotation(markers: Iterable[MarkerRows]) -> list[Diagnostic]:
+    """Name the markers at nodes that do not turn about an axis of the model (N147)."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for marker in markers:
+        rows = zip("xyz", marker.rotation, strict=True)
+        axes = tuple(axis for axis, row in rows if not moving_dofs(row).size)
+        if axes and marker.displacement.nnz:  # the body holds the point
+            found.setdefault(axes, []).append(marker.name)
+    return [diagnose("N147", markers=m, axes=axes) for axes, m in found.items()]
 
 
 def _resolve_pins(

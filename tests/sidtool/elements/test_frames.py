@@ -16,7 +16,7 @@ from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import ModelFile
-from tests.codes import with_code
+from tests.codes import only, with_code
 from tests.sidtool.frames import (
     NU,
     RHO,
@@ -90,6 +90,41 @@ def test_a_truss_of_pinned_members_by_the_method_of_joints() -> None:
     normal = force * length / (2 * b)
     assert u["t"][2] == pytest.approx(-2 * normal**2 * length / (E * area * force))
     assert body.cuts[0].name == "left.s1"
+
+
+def test_a_marker_that_nothing_turns_is_named_and_right_in_a_hinge() -> None:
+    """Released about z at a marker: q L^2 / 8 in the middle, and at the other clamp."""
+    span, q = 2.0, RHO * 0.01 * np.array([0.3, 0.7])
+    section = STIFF | {"area": 0.01}
+    released = {"section": section, "y_axis": [0, 1, 0], "releases": {"start": ["rz"]}}
+    model = frame(
+        {"a": [0, 0, 0], "b": [span, 0, 0]},
+        {"m": ("a", "b", released)},
+        discretisation={"type": "beam", "elements": 2, "theory": "euler_bernoulli"},
+        frame={"type": "buckens"},
+        markers={"a": {"node": 1, "point": "a"}, "b": {"node": 2, "point": "b"}},
+        reduction={"method": "attachment", "interfaces": ["a", "b"], "modes": 4},
+        section_forces={"stations": [0.0, 0.5]},
+    )
+    sid = sidtool.convert(model)
+    assert only(sid, "N147").data == {"markers": ("a",), "axes": ("z",)}
+    hinge = {"type": "revolute", "axis": [0, 0, 1], "markers": ["ground", "c.a"]}
+    scene = sidtool.Scene(
+        dimension="spatial",
+        time={"end": 1.0, "output_step": 1.0},
+        gravity=[0.0, -0.3, -0.7],
+        ground={"markers": {"wall": {"position": [span, 0, 0]}}},
+        bodies={"c": {"sid": "c.h5", "markers": {"a": 1, "b": 2}}},
+        joints={
+            "hinge": hinge,
+            "ball": {"type": "spherical", "markers": ["ground.wall", "c.b"]},
+        },
+    )
+    found = sidtool.static_equilibrium(scene, sids={"c": sid})
+    size = q * span**2 / 8
+    assert found["c.m.s1.Mz"] == pytest.approx(0, abs=1e-6 * size[0])
+    assert found["c.m.s2.Mz"] == pytest.approx(size[0], rel=1e-5)
+    assert found["c.m.s1.My"] == pytest.approx(size[1], rel=1e-5)
 
 
 def test_an_offset_is_a_rigid_arm() -> None:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tests.codes import only
+
 from .decks import NU, E, body, bulk, grids
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -39,3 +41,5 @@ def test_rods_stiffen_as_bars_that_are_pinned_at_both_ends(tmp_path: Path) -> No
         found, expected = (np.abs(sid.blocks[name].m1) for sid in sids)
         assert expected.max() > 0.1
         assert_allclose(found, expected, rtol=1e-8, atol=1e-9)
+    for sid in sids:
+        assert only(sid, "N147").data == {"markers": ("p",), "axes": tuple("xyz")}
