@@ -34,14 +34,14 @@ from .precision import (
 from .report import Report, Table
 
 WANTED = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-RTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+RTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 #: Fixed steps of an output step of sidtool.
 OWN_STEPS = (1, 2, 5)
 #: Steps of an output step, and tolerances of Newton's iteration, of Exudyn.
-STEPS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+STEPS = (1, 2, 5, 10, 20, 50, 100, 200)
 TOLERANCES = (1e-3, 1e-5, 1e-8)
 #: Exudyn gets no finer step after a run of so many seconds.
-LONGEST = 30.0
+LONGEST = 5.0
 NAME = "Exudyn generalised-alpha"
 STEEL = {"youngs_modulus": 2.1e11, "poissons_ratio": 0.3, "density": 7850.0}
 
@@ -57,10 +57,9 @@ class Machine:
     def tables(self, quadratic_inertia: bool) -> SceneFile:
         table = json.loads(json.dumps(self.scene))
         for name in self.sids:
-            table["bodies"][name] |= {
-                "sid": "given",
-                "quadratic_inertia": quadratic_inertia,
-            }
+            table["bodies"][name]["sid"] = "given"
+            if quadratic_inertia:
+                table["bodies"][name]["quadratic_inertia"] = True
         return SceneFile.model_validate(table)
 
     def system(self, quadratic_inertia: bool = False) -> System:
