@@ -385,7 +385,6 @@ def satellite() -> Machine:
 
 def four_bar() -> Machine:
     """A coupler with 100 shape functions between a crank and a rocker under gravity."""
-    half = {"position": [0.0, 0.0]}
     scene = _scene("Four-bar with 100 shape functions", "planar", 1.0, 0.01) | {
         "gravity": [0.0, -scenes.GRAVITY],
         "ground": {"markers": {"rocker": {"position": [1.0, 0.0]}}},
@@ -409,7 +408,7 @@ def four_bar() -> Machine:
                 "markers": {
                     "low": {"position": [0.0, -0.15]},
                     "high": {"position": [0.0, 0.15]},
-                    "centre": half,
+                    "centre": {"position": [0.0, 0.0]},
                 },
                 "initial": {"position": [1.0, 0.15]},
             },

@@ -271,23 +271,13 @@ def _file_equations(
     number = np.full(whole.positions.size, -1)
     for label, i in known.items():
         number[row[label] * d : row[label] * d + d] = np.arange(i * d, i * d + d)
-    return _check_equations(given, number, equations, mesh)
-
-
-def _check_equations(
-    given: dict[int, tuple[int, dict[int, float]]],
-    number: Indices,
-    equations: Sequence[RawEquation],
-    mesh: Mesh,
-) -> Equations | None:
-    """The equations by the unknowns of the mesh that they give."""
     unmarked = FiniteElementModel(
         mesh.positions, None, sp.csr_matrix((mesh.positions.size,) * 2), {}, ()
     )
-    return _checked_equations(given, number, equations, unmarked)
+    return _check_equations(given, number, equations, unmarked)
 
 
-def _checked_equations(
+def _check_equations(
     given: dict[int, tuple[int, dict[int, float]]],
     number: Indices,
     equations: Sequence[RawEquation],
@@ -384,4 +374,4 @@ def structure_equations(
     held = {n for e in equations for n, _ in (*e.terms, *e.rotations)}
     note = diagnose("N133", count=len(equations), nodes=len(held))
     number = np.arange(body.ndof)
-    return _checked_equations(given, number, equations, body), [note]
+    return _check_equations(given, number, equations, body), [note]

@@ -157,7 +157,7 @@ def _multi_blade_axes(
             yield SteadyAxes(omegas, (found,), blades=blades)
 
 
-def test_times(own: Array, omegas: Array) -> list[float]:
+def turning_times(own: Array, omegas: Array) -> list[float]:
     """Times [s] in which bodies turn by the test angle, those of fast bodies first.
 
     Parameters
@@ -185,7 +185,7 @@ def lowest_changing_mode(
     in these axes, inf if none does."""
     small = state_matrix(mechanics, z, v, omegas, blades)
     mechanics.evaluate(z, v)
-    times = test_times(axis_angular_velocities(mechanics), omegas)
+    times = turning_times(axis_angular_velocities(mechanics), omegas)
     return min(_changing_mode(mechanics, small, dt) for dt in times)
 
 

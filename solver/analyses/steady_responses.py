@@ -27,8 +27,8 @@ from .steady_axes import (
     SteadyAxes,
     shared_steady_axes,
     steady_motion,
-    test_times,
     turned_states,
+    turning_times,
 )
 
 #: Responses that change by a smaller part are constant; responses below this part of
@@ -109,7 +109,9 @@ class LinearisedScene:
         """
         self.mechanics.evaluate(self.z, self.v)
         own = axis_angular_velocities(self.mechanics)
-        changes = [self._changes_after(dt, spin) for dt in test_times(own, self.omegas)]
+        changes = [
+            self._changes_after(dt, spin) for dt in turning_times(own, self.omegas)
+        ]
         return np.max(changes, axis=0)
 
     def _changes_after(self, dt: float, spin: float) -> Array:

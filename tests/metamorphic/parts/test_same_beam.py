@@ -213,7 +213,7 @@ def turned_matrices(table: Data, angle: float) -> Data:
 
 
 @pytest.mark.parametrize("kind", ["columns", "matrices"])
-def test_a_blade_by_stations_said_differently(tmp_path: Path, kind: str) -> None:
+def test_equivalent_blades_by_stations_move_alike(tmp_path: Path, kind: str) -> None:
     seed = 0 if kind == "columns" else 1
     table = random_table(seed) if kind == "columns" else by_matrices(random_table(seed))
     one, turn = np.eye(3), any_turn(seed)
@@ -339,7 +339,7 @@ def crane(
     )
 
 
-def test_a_frame_said_differently() -> None:
+def test_equivalent_frames_carry_the_same_section_forces() -> None:
     """Also from the ends of its members, and with a member in two.
 
     Sections in rings are exact for small deformations.
@@ -372,7 +372,7 @@ def cut_bar(turn: Array, cut: Data) -> ModelFile:
     return ModelFile.checked(data | {"section_forces": {"cuts": {"s": vectors}}}, "bar")
 
 
-def test_a_cut_of_a_solid_said_differently() -> None:
+def test_equivalent_cuts_of_a_solid_carry_the_same() -> None:
     """Turned in space, by another point, by other axes, and from the other side."""
     one, turn = np.eye(3), any_turn(3)
     normal = np.array([0.9, 0.3, -0.2])
