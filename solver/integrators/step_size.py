@@ -269,10 +269,15 @@ def set_error_tolerances(system, control, h):
 
     An error of elastic velocities may be as large as the frequency times that of the
     deformation; of others as large as the motion that it causes until it is damped out.
+    A deformation counts with what it can reach in the step, and in the run where steps
+    share the tolerance: the share and a deformation of h^2 would ask for errors of h^3,
+    which a method of second order has at any step.
     """
     length, period = control.mechanism_length, control.duration
     control.tolerance_share, rounding_floor = 1.0, RESOLVED * ROUNDED
+    reach = h
     if control.shares_tolerance == 1:
+        reach = period
         control.tolerance_share, rounding_floor = h / period, RESOLVED_PART * ROUNDED
     tolerance = control.relative_tolerance * control.tolerance_share
     resolved = max(tolerance, rounding_floor)
@@ -327,8 +332,8 @@ def set_error_tolerances(system, control, h):
             control.scale_v[u] = max(resolved * size, ROUNDED_STATE * smallest_size)
             control.scale_z[p] = control.scale_v[u] * period
             continue
-        size = min(h * deformation_rates[0], deformation_rates[2]) + min(
-            0.5 * h * h * deformation_rates[1], deformation_rates[3]
+        size = min(reach * deformation_rates[0], deformation_rates[2]) + min(
+            0.5 * reach * reach * deformation_rates[1], deformation_rates[3]
         )
         size = max(size, control.largest_deformation[b], SMALLEST_DEFORMATION * motion)
         size = max(size, ROUNDED_DEFORMATION / control.relative_tolerance * length)

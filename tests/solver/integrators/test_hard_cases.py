@@ -19,9 +19,11 @@ from sidtool.formats.base.sid import SID, Array, Taylor
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid_files import read_sid
+from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import simulate
 from sidtool.solver.system.errors import SimulationError
 from tests.places import SLIDER_CRANK
+from tests.sidtool.beams import beam
 from tests.solver.scenes import GRAVITY, compiled, polynomial, scene, slender_rod
 from tests.solver.transformed import BLOCKS, first_modes
 
@@ -280,6 +282,29 @@ def test_with_the_exact_inertia_the_fast_crank_turns_on(rod: SID) -> None:
     for name in ("piston.x", "rod.q1"):
         size = np.abs(fine[name][early]).max()
         assert coarse[name][early] == pytest.approx(fine[name][early], abs=1e-4 * size)
+
+
+@pytest.mark.parametrize("integrator", ["trapezoidal", "generalised_alpha", "radau9"])
+def test_a_load_on_a_mode_damped_far_above_critical(integrator: str) -> None:
+    """m q'' + d q' + k q = f from rest has two times that lie far apart."""
+    undamped = sid_from_model(beam())
+    m, k = float(undamped.Me.m0[0, 0]), float(undamped.Ke.m0[0, 0])
+    stiff = 1e8 * k
+    d = 1e3 * 2.0 * math.sqrt(stiff * m)
+    sid = replace(undamped, Ke=Taylor([[stiff]]), De=Taylor([[d]]))
+    described = scene(
+        {"rod": {"sid": "rod", "markers": {"root": 1}}},
+        {"root": {"type": "fixed", "markers": ["ground", "rod.root"]}},
+        gravity=[0.0, -GRAVITY],
+        record=["rod.q1"],
+    )
+    result = simulate(compiled(described, rod=sid), integrator=integrator, rtol=1e-4)
+    fast, slow = np.roots([m, d, stiff])
+    t, static = result.t, -GRAVITY * float(undamped.Ct.m0[0, 1]) / stiff
+    rest = (fast * np.exp(slow * t) - slow * np.exp(fast * t)) / (fast - slow)
+    assert result["rod.q1"] == pytest.approx(
+        static * (1.0 - rest), abs=2e-4 * abs(static)
+    )
 
 
 # --- what is not smooth -----------------------------------------------------------
