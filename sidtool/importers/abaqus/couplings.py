@@ -167,8 +167,8 @@ def _surface_coupling(
     raise InputError(
         f"names the surface {word!r}, which is none of element faces or nodes",
         place=definition.block.place,
-        expected="a *SURFACE of faces S1, S2, ... of solids, of sides SPOS, SNEG of "
-        "shells, or of nodes",
+        expected="a *SURFACE of faces S1, S2, ... of solids, of sides SPOS, SNEG or "
+        "edges E1, E2, ... of shells, or of nodes",
     )
 
 

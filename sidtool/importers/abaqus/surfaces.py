@@ -146,17 +146,28 @@ def defined_elements(
 
 
 def _face_nodes(element: Element, face: str) -> list[int] | None:
-    if element.type.shell_kind and face in _SIDES:
+    """Return the nodes of a face S1, S2, ... of a solid or a plane element, or of a
+    side SPOS, SNEG or an edge E1, E2, ... of a shell; None for other names.
+
+    Edge k of a shell has the nodes k and k + 1, the last one the first node.
+
+    Raises
+    ------
+    InputError : the element has fewer faces or edges.
+    """
+    is_shell = bool(element.type.shell_kind)
+    if is_shell and face in _SIDES:
         return element.nodes
-    shape = (element.type.kind or "").rstrip("0123456789")
-    number = face[1:]
-    if shape not in _FACES or face[:1] != "S" or not number.isdecimal():
+    kind = element.type.shell_kind if is_shell else element.type.kind
+    shape = (kind or "").rstrip("0123456789")
+    letter, number = ("E" if is_shell else "S"), face[1:]
+    if shape not in _FACES or face[:1] != letter or not number.isdecimal():
         return None
     if not 1 <= int(number) <= len(_FACES[shape]):
         raise InputError(
-            f"element {element.label} has no face {face}",
+            f"element {element.label} has no {'edge' if is_shell else 'face'} {face}",
             place=element.place,
-            expected=f"S1 to S{len(_FACES[shape])}",
+            expected=f"{letter}1 to {letter}{len(_FACES[shape])}",
         )
     corners = _FACES[shape][int(number) - 1]
     count = max(int(c) for c in "".join(_FACES[shape]))

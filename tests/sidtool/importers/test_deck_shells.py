@@ -117,6 +117,28 @@ def test_a_rigid_body_clamps_or_hinges_the_nodes_of_shells(
     assert np.abs(found / strip_hertz(root, DEPTH) - 1).min() < 0.01
 
 
+@pytest.mark.parametrize(("kind", "left"), [("S4", "1, E4"), ("S3", "2, E3")])
+def test_edges_of_shells_in_a_heavy_body_are_clamped(
+    kind: str, left: str, tmp_path: Path
+) -> None:
+    """Both ends of a strip by edges k from node k to k + 1, the last one to node 1."""
+    text = plate(Block((32, 1), (LENGTH, WIDTH)), kind, DEPTH)
+    right = "63, E2" if kind == "S3" else "32, E2"
+    text += (
+        f"*NODE\n900, 0., {WIDTH / 2!r}, 0.\n"
+        f"*SURFACE, NAME=ENDS\n{left}\n{right}\n"
+        "*COUPLING, CONSTRAINT NAME=C, REF NODE=900, SURFACE=ENDS\n*KINEMATIC\n"
+        "*ELEMENT, TYPE=MASS, ELSET=M\n901, 900\n"
+        "*ELEMENT, TYPE=ROTARYI, ELSET=I\n902, 900\n"
+        "*MASS, ELSET=M\n1e7\n*ROTARY INERTIA, ELSET=I\n1e5, 1e5, 1e5\n"
+    )
+    found = frequencies(body(tmp_path, text, 900))
+    assert np.abs(found / strip_hertz(4.730041, DEPTH) - 1).min() < 0.01
+    beyond = text.replace(left, "1, E5")
+    with pytest.raises(InputError, match=r"element 1 has no edge E5.*E1 to E[34]"):
+        body(tmp_path, beyond, 900)
+
+
 def test_a_turned_instance_with_a_surface_is_the_flat_deck(tmp_path: Path) -> None:
     """The end of a strip on a rigid coupling to a mass: as nodes, and as shells."""
     block = Block((6, 2), (0.3, 0.1))
