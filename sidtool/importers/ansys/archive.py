@@ -138,8 +138,12 @@ def _read_command(content: ArchiveContent, line: str, ignored: frozenset[str]) -
 
 
 def _read_type(content: ArchiveContent, words: list[str]) -> None:
+    """ET: number, type and KEYOPT 1 to 6 of an element type."""
     key, kind = parse_integers(words[1:3], content.place, "ET, number, type")
     content.types[key] = kind
+    for i, word in enumerate(words[3:9], start=1):
+        if word:
+            content.options[key, i] = parse_integers([word], content.place)[0]
 
 
 def _read_keyopt(content: ArchiveContent, words: list[str]) -> None:

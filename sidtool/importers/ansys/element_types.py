@@ -26,13 +26,18 @@ HEADER_LENGTH = 11
 #: Types that carry loads on surfaces, or only serve meshing.
 WITHOUT_STIFFNESS = (153, 154, 200)
 _PLANE = (182, 42, 183, 82)
-#: KEYOPT(2) of 182 and 185: formulation, and what it replaces.
-_KEYOPT = {
+#: Element type -> number of the KEYOPT that chooses its formulation.
+_FORMULATION_KEY = {185: 2, 182: 1}
+#: Value of that KEYOPT -> formulation, and what it replaces.
+_FORMULATIONS = {
     0: ("full_integration", "B-bar is replaced by full integration"),
     1: ("incompatible_modes", "reduced integration is replaced by incompatible modes"),
     2: ("incompatible_modes", "enhanced strains are replaced by incompatible modes"),
     3: ("incompatible_modes", "enhanced strains are replaced by incompatible modes"),
 }
+#: Former element type -> number of the KEYOPT that is 1 without extra displacement
+#: shapes (incompatible modes).
+_EXTRA_SHAPES_KEY = {45: 1, 42: 2}
 #: Distinct corners of a hexahedron -> our shape, and which of its corners these are.
 _CORNERS = {
     4: ("tet", (0, 1, 2, 4)),
@@ -78,16 +83,20 @@ def element_kind(
             place=place,
             expected=instead + "one of " + ", ".join(map(str, _ANSYS)),
         )
-    kind, option = _ANSYS[given], keys.get(2, 0)
-    if given in (45, 42):
-        return kind, "incompatible_modes", []
-    if given not in (185, 182):
+    kind = _ANSYS[given]
+    if given in _EXTRA_SHAPES_KEY:
+        reduced = given == 45 and keys.get(2, 0) == 1
+        suppressed = keys.get(_EXTRA_SHAPES_KEY[given], 0) == 1 and not reduced
+        return kind, "full_integration" if suppressed else "incompatible_modes", []
+    if given not in _FORMULATION_KEY:
         replaced = "reduced integration is replaced by full integration"
-        if given != 183 and (given != 186 or option):
+        if given != 183 and (given != 186 or keys.get(2, 0)):
             return kind, None, []
         return kind, None, [diagnose("N114", type=str(given), replacement=replaced)]
-    formulation, replaced = _KEYOPT.get(option, _KEYOPT[0])
-    name = f"{given}, KEYOPT(2) = {option}"
+    key = _FORMULATION_KEY[given]
+    option = keys.get(key, 0)
+    formulation, replaced = _FORMULATIONS.get(option, _FORMULATIONS[0])
+    name = f"{given}, KEYOPT({key}) = {option}"
     return kind, formulation, [diagnose("N114", type=name, replacement=replaced)]
 
 

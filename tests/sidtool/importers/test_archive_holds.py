@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,8 +48,8 @@ def archive(*lines: str, block: Block = WHOLE, material: str = MATERIAL) -> str:
     return HEAD + material + nodes(block) + elements(block) + "\n".join([*lines, ""])
 
 
-def body(folder: Path, text: str) -> SID:
-    return body_of(folder, text, file="part.cdb")
+def body(folder: Path, text: str, **more: Any) -> SID:
+    return body_of(folder, text, file="part.cdb", **more)
 
 
 TURN = ",33.,-21.,57."
@@ -215,6 +216,44 @@ def test_triangles_of_quadratic_plane_elements(collapsed: bool, tmp_path: Path) 
     (block,) = mesh.mesh.blocks
     assert block.kind == "tri6" and block.thickness == 0.02
     assert mesh.mesh.labels[block.nodes].tolist() == [list(row) for row in HALVES]
+
+
+#: Types and KEYOPTs of linear elements, and whether they lock in bending.
+TECHNOLOGIES = {
+    "ET,1,182\nKEYOPT,1,1,0": True,
+    "ET,1,182\nKEYOPT,1,1,2": False,
+    "ET,1,182\nKEYOPT,1,1,3": False,
+    "ET,1,182,2,,3": False,
+    "ET,1,42\nKEYOPT,1,2,0": False,
+    "ET,1,42\nKEYOPT,1,2,1": True,
+    "ET,1,185,,2": False,
+    "ET,1,185\nKEYOPT,1,2,0": True,
+    "ET,1,45\nKEYOPT,1,1,0": False,
+    "ET,1,45\nKEYOPT,1,1,1": True,
+}
+
+
+@pytest.mark.parametrize("types", TECHNOLOGIES)
+def test_keyopts_choose_elements_that_bend(types: str, tmp_path: Path) -> None:
+    """The first frequency of a free bar of Euler and Bernoulli, root 4.730041."""
+    length, height, width = 0.4, 0.02, 0.05
+    plane = types.startswith(("ET,1,182", "ET,1,42"))
+    sizes = (length, height) if plane else (length, height, width)
+    block = Block((10, 1, 1)[: len(sizes)], sizes)
+    head = f"/PREP7\n{types}\nTYPE,1\nMAT,1\n"
+    if plane:
+        head += f"KEYOPT,1,3,3\nR,1,{width!r}\nREAL,1\n"
+    points = "".join(
+        f"N,{i},{','.join(map(repr, p))}\n" for i, p in enumerate(block.points, 1)
+    )
+    text = head + MATERIAL + points + elements(block)
+    found = frequencies(body(tmp_path, text, discretisation={"type": "mesh"}))[0]
+    wave = (4.730041 / length) ** 2
+    slender = wave * height * np.sqrt(STEEL["e"] / STEEL["rho"] / 12) / (2 * np.pi)
+    if TECHNOLOGIES[types]:
+        assert found > 1.2 * slender
+    else:
+        assert found == pytest.approx(slender, rel=0.02)
 
 
 def test_elements_over_several_lines(tmp_path: Path) -> None:
