@@ -159,8 +159,8 @@ ENTRIES = (
         "mode {mode} is followed from {key} = {before:.6g} to {after:.6g} with little "
         "certainty",
         "Largest agreement of mode shapes at neighbouring values (modal assurance "
-        "criterion in the metric of the kinetic energy, {agreement:.2g}); below 0.5 "
-        "another mode may be taken for it.",
+        "criterion in the metric of the kinetic energy, `agreement` in the data); "
+        "below 0.5 another mode may be taken for it.",
         remedy="Take more values.",
         example={
             "mode": 3,
@@ -226,7 +226,7 @@ ENTRIES = (
         "Largest difference of positions, velocities and deformations between the end "
         "of the period and its start, but for whole revolutions, or of accelerations "
         "of equal states near the motion a period apart, in sizes of the mechanism and "
-        "of the period: {size:.2g}; a motion returns below 1e-6.",
+        "of the period (`size` in the data); a motion returns below 1e-6.",
         remedy="Begin in the periodic motion, as with initial = {{state = "
         '"result"}} after a long run. Give the period of all functions of time, '
         "best as a formula, and the functions over two periods.",
@@ -244,7 +244,7 @@ ENTRIES = (
     Entry(
         "N743",
         WARNING,
-        "multipliers are known to {error:.1e} alone",
+        "multipliers are known only to {error:.1e}",
         "A hundredth of the change of the multipliers when the steps of the period are "
         "halved, up to 2048 of them; reported above 1e-6. Modes that are fast against "
         "the period need many steps.",

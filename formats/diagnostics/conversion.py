@@ -93,7 +93,7 @@ ENTRIES = (
         "left out by geometry.ignore: {keywords}",
         "The model asks for the mesh without them: masses, stiffnesses and constraints "
         "that they hold are 0 in the body.",
-        remedy="The body lacks their mass, stiffness and constraints.",
+        remedy="Give their masses, stiffnesses and constraints in the model.",
         example={"keywords": ("*NONSTRUCTURAL MASS",)},
     ),
     Entry(
@@ -227,7 +227,9 @@ ENTRIES = (
         "N128",
         WARNING,
         "CalculiX warns: {warning}",
-        "A warning in the output of CalculiX (max one line of each).",
+        "Text after *WARNING in the output of CalculiX; each text is reported 1 time. "
+        "sidtool does not judge it.",
+        remedy="See the manual of CalculiX.",
         example={"warning": "no linear elastic material"},
     ),
     Entry(

@@ -10,7 +10,7 @@ import pytest
 
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.solver import compile_scene, simulate
+from sidtool.solver import compile_scene, inverse_dynamics, simulate
 from sidtool.solver.analyses.dense_equations import DenseEquations
 from sidtool.solver.analyses.static_equilibrium import _check_equilibrium
 from sidtool.solver.diagnostics import failure_causes
@@ -237,8 +237,23 @@ def test_an_open_joint_is_no_equilibrium() -> None:
 
 
 def test_rates_that_do_not_exist_name_their_joints() -> None:
-    """Both rows of the hinge demand another rate of one coordinate."""
-    C = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    """A table on two screws: one lifts it by t, the other by t + t^3 (t - 0.1). At
+    t = 0.1 s both demand the same height, and rates that differ by 0.001 m/s."""
+    markers = {"l": {"position": [-1.0, 0.0]}, "r": {"position": [1.0, 0.0]}}
+    table = {"mass": 2.0, "inertia": 1.0, "markers": markers}
+    joints, drives = {}, {}
+    lifts = {"l": (0.0, 1.0), "r": (0.0, 1.0, 0.0, -0.1, 1.0)}
+    for name, coefficients in lifts.items():
+        ends = [f"ground.{name}", f"table.{name}"]
+        joints[name] = {"type": "prismatic", "markers": ends, "axis": [0.0, 1.0]}
+        drives[f"screw_{name}"] = {"joint": name, "function": polynomial(*coefficients)}
+    more = {"ground": {"markers": markers}, "end": 0.5, "steps": 5}
+    system = compile_scene(
+        scene({"table": table}, joints, drives, **more), keep_joints=True
+    )
     with pytest.raises(SimulationError) as failure:
-        hinged_rod(0.0).solve_demanded(C, np.array([0.0, 1.0]), 1)
-    assert failure.value.code == "N723" and failure.value.data["joints"] == ("pin",)
+        inverse_dynamics(system)
+    assert failure.value.code == "N723" and failure.value.data["rates"] == "velocities"
+    assert {"screw_l", "screw_r"} <= set(failure.value.data["joints"])
+    assert failure.value.result is not None
+    assert failure.value.result.t == pytest.approx([0.0], abs=0)
