@@ -21,6 +21,7 @@ from numba import float64, int64, types
 
 from ..compiler.kernels import inner
 from ..spatial.system_arrays import (
+    AT_LIMIT,
     C_GAMMA,
     C_RATE,
     C_VALUE,
@@ -56,8 +57,9 @@ MAX_ITERATIONS, CONVERGED, ROUNDING = 60, 1e-13, 1e-6
 #: Compliance by which joints that stick share what they hold together, and the least
 #: limit of friction that counts in it, relative.
 SHARED_COMPLIANCE, LEAST_LIMIT = 1e-3, 1e-6
-#: How often limits are found anew for that.
-COMPLIANCE_ROUNDS = 4
+#: How often limits are found anew for that, and the change of the compliance at the
+#: end, relative to the largest one.
+COMPLIANCE_ROUNDS, COMPLIANCE_CHANGE = 40, 1e-13
 #: Code of a state in which friction has no solution, or not one alone.
 NO_FRICTION_SOLUTION = 6
 
@@ -67,6 +69,8 @@ def friction_limit(system, j, rate):
     """Friction of a unit load at a rate of the coordinate, and its derivative."""
     law, real_data = system.friction[j, R_LAW], system.real_data
     radius, width = real_data[law + L_RADIUS], real_data[law + L_SPEED]
+    if system.friction_state[j, AT_LIMIT] > 0.0:
+        return radius * real_data[law + L_STATIC], 0.0
     if width == 0.0:
         return radius * real_data[law + L_SLIDING], 0.0
     x = radius * rate / width
@@ -186,15 +190,21 @@ def linearise_friction(system, work):
             work.Gv[i] = damping * work.C[i]
 
 
-@inner(types.void(SYSTEM, WORK, F1, F2))
+@inner(types.UniTuple(float64, 2)(SYSTEM, WORK, F1, F2))
 def _set_shared_compliance(system, work, multiplier, P):
-    """Set the compliance of sticking joints, into the last column of P.
+    """Set the compliance of sticking joints, into a column of P, before its last value.
 
     It is proportional to sqrt(P_jj) / limit: a load that one motion causes is shared in
     proportion to the limits, so that all joints start to slide together.
+
+    Returns
+    -------
+    float, float
+        The largest limit, and the largest change of a compliance.
     """
-    n, largest, largest_compliance = len(P), 0.0, 0.0
+    n, largest, largest_compliance, change = len(P), 0.0, 0.0, 0.0
     for j in range(n):
+        P[j, n + 2] = P[j, n + 1]
         law = system.friction[j, R_LAW]
         unit_limit = system.real_data[law + L_STATIC] * system.real_data[law + L_RADIUS]
         P[j, n + 1] = unit_limit * joint_load(system, j, multiplier)
@@ -207,6 +217,8 @@ def _set_shared_compliance(system, work, multiplier, P):
             largest_compliance = max(largest_compliance, P[j, n + 1])
     for j in range(n):
         P[j, n + 1] *= SHARED_COMPLIANCE / max(largest_compliance, 1e-300)
+        change = max(change, abs(P[j, n + 1] - P[j, n + 2]))
+    return largest, change
 
 
 @inner(float64(SYSTEM, WORK, int64, F1))
@@ -288,12 +300,13 @@ def _set_multipliers_with_friction(work, memory):
             memory.dmu[r] += work.friction_force[k] * memory.friction_L[k, r]
 
 
-@inner(int64(SYSTEM, WORK, MEMORY))
-def _solve_newton(system, work, memory):
+@inner(int64(SYSTEM, WORK, MEMORY, float64))
+def _solve_newton(system, work, memory, largest_limit):
     """Newton iteration for the friction forces, from zero; returns 0 or JAMMED.
 
     Compliance enters the matrix only: it selects one solution for sticking joints and
-    leaves no acceleration.
+    leaves no acceleration. Rounding errors are relative to the largest limit: joints
+    that come to rest without a load along their coordinates need no force at all.
     """
     L, P, A, dt = (
         memory.friction_L,
@@ -306,7 +319,7 @@ def _solve_newton(system, work, memory):
         t[i] = 0.0
     for _ in range(MAX_ITERATIONS):
         _set_multipliers_with_friction(work, memory)
-        size = 0.0
+        size = largest_limit
         for i in range(n):
             dt[i] = -_friction_equation(system, work, i, lambda_, L, P, A)
             size = max(size, abs(dt[i]))
@@ -366,8 +379,10 @@ def solve_friction(system, work, memory):
         if k > 0 and not shared:
             break
         _set_multipliers_with_friction(work, memory)
-        _set_shared_compliance(system, work, memory.dmu, P)
-        if _solve_newton(system, work, memory) != 0:
+        largest_limit, change = _set_shared_compliance(system, work, memory.dmu, P)
+        if k > 0 and change <= COMPLIANCE_CHANGE * SHARED_COMPLIANCE:
+            break
+        if _solve_newton(system, work, memory, largest_limit) != 0:
             return NO_FRICTION_SOLUTION
     _set_multipliers_with_friction(work, memory)
     for i in range(n):

@@ -11,5 +11,6 @@
 - `dense_output`: states between the ends of steps
 - `events`: events
 - `stick_slip`: stick and slip of joints with friction
+- `stick_slip_events`: instants of steps at which it changes
 - `resume`: state from which a run is continued
 """

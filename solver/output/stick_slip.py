@@ -5,9 +5,8 @@ located at which a sliding joint stops or a sticking joint reaches its limit; th
 states are decided again: what slides goes on sliding, what rests sticks if it can.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
-from ..integrators import loop_state, output_sampling
+from ..integrators import output_sampling
 from ..integrators.output_sampling import (
     N_FRICTION_OUTPUT,
     OUTPUT_ACCELERATION,
@@ -35,8 +34,6 @@ from ..system.characteristic_sizes import (
 )
 from ..system.joint_friction import FrictionStateHistory
 from ..system.system import System
-from .dense_output import StepPoints, StepStates, join_steps
-from .events import LocatedEvent
 from .samples import StateSampler
 
 #: Friction is at its limit within this part of it.
@@ -71,7 +68,27 @@ def with_friction_states(
     )
 
 
-StateOfMotion = tuple[Array, Array, Array]
+#: Times, positions and velocities.
+StatesOfMotion = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True)
+class JointGroup:
+    """Joints with friction whose coordinates only move in proportion.
+
+    Attributes
+    ----------
+    joints
+        Their rows.
+    ratios
+        Rates of their coordinates, relative to the first one.
+    mobility
+        Acceleration of the first coordinate by a unit force along it.
+    """
+
+    joints: Array
+    ratios: Array
+    mobility: float
 
 
 class StickSlipDecision:
@@ -85,6 +102,10 @@ class StickSlipDecision:
         Contact points, in one row, whose force changes its side next.
     changed_joints
         Those whose friction states did last.
+    groups
+        Joints that hold one motion together.
+    is_without_limit
+        Joints that never stick, with a coefficient of zero.
     """
 
     def __init__(
@@ -113,6 +134,7 @@ class StickSlipDecision:
         self.rest_speed = np.array(
             [self._static_limit(j) for j in range(len(self.friction_state))]
         )
+        self.is_without_limit = ~self.prescribed & (self.rest_speed == 0.0)
         self.largest_rate, self.rtol = np.zeros(len(self.friction_state)), rtol
         self.has_single_direction = np.array(
             [self._has_single_direction(j) for j in range(len(self.friction_state))]
@@ -122,6 +144,7 @@ class StickSlipDecision:
             np.zeros(len(self.friction_state)),
             np.zeros(len(self.friction_state)),
         )
+        self.groups: list[JointGroup] = []
         self.changing_joints: list[int] = []
         self.reversing_contacts: list[int] = []
         self.changed_joints = set[int]()
@@ -181,7 +204,8 @@ class StickSlipDecision:
         at_rest[changing] = True
         slip_direction[:] = np.where(at_rest, 0.0, np.sign(output[:, OUTPUT_RATE]))
         self._set_prescribed_directions(output)
-        at_rest &= ~self.prescribed
+        slip_direction[self.is_without_limit] = 1.0  # either sense has no friction
+        at_rest &= ~self.prescribed & ~self.is_without_limit
         stays_stuck = (before[:, at.SLIP_DIRECTION] == 0.0) & at_rest & self.is_started
         self.friction_state[:, at.STICK_POSITION] = np.where(
             stays_stuck, before[:, at.STICK_POSITION], output[:, OUTPUT_POSITION]
@@ -195,6 +219,7 @@ class StickSlipDecision:
         is_decided = self._release_overloaded(
             states, at_rest, [j for j in changing if stays_stuck[j]]
         )
+        self.groups = self.groups_of_one_motion()
         self.friction_state[~self._is_sticking, at.STICK_POSITION] = 0.0
         self._set_contact_sides(states, before[:, at.CONTACT_SIDE :])
         changed = (before[:, at.SLIP_DIRECTION] != slip_direction) & self.is_started
@@ -252,7 +277,7 @@ class StickSlipDecision:
             directions[self.prescribed]
         )
 
-    def _set_contact_sides(self, states: StateOfMotion, before: Array) -> None:
+    def _set_contact_sides(self, states: StatesOfMotion, before: Array) -> None:
         """Store the contact sides of sliding joints, until they change."""
         output = self.friction_output(*states)
         contact_force, certain_force = (
@@ -270,7 +295,7 @@ class StickSlipDecision:
         )
         self.reversing_contacts = []
 
-    def _reverses(self, states: StateOfMotion, j: int, slip_direction: float) -> bool:
+    def _reverses(self, states: StatesOfMotion, j: int, slip_direction: float) -> bool:
         """True if a joint that turns round does so far above what could stop it.
 
         To stop it might take any force: where other joints move on, its coordinate may
@@ -294,7 +319,7 @@ class StickSlipDecision:
         self.friction_state[j, at.SLIP_DIRECTION] = 0.0
         return False
 
-    def _leave_dead_points(self, states: StateOfMotion, at_rest: Array) -> None:
+    def _leave_dead_points(self, states: StatesOfMotion, at_rest: Array) -> None:
         """Set the slip directions of joints that a mechanism at rest moves at once.
 
         At a dead point the coordinate x of a joint is stationary: no friction force of
@@ -338,7 +363,7 @@ class StickSlipDecision:
         )
 
     def _release_overloaded(
-        self, states: StateOfMotion, at_rest: Array, observed_slips: list[int]
+        self, states: StatesOfMotion, at_rest: Array, observed_slips: list[int]
     ) -> bool:
         """Lets go, in sequence, what friction cannot hold; False without a decision.
 
@@ -348,11 +373,21 @@ class StickSlipDecision:
             Joints that were seen to break loose.
         """
         slip_direction = self.friction_state[:, at.SLIP_DIRECTION]
+        held = np.zeros(len(slip_direction), bool)
         for _ in range(4 * len(slip_direction) + 1):
             self._mark_shared()
             output = self.friction_output(*states)[0]
             if not np.isfinite(output[:, OUTPUT_FRICTION]).all():
                 return self._release_together(states, at_rest)
+            groups = self.groups_of_one_motion()
+            group = next((each for each in groups if not held[each.joints].any()), None)
+            if group is not None:
+                observed = bool(np.isin(group.joints, observed_slips).any())
+                load = output[:, OUTPUT_LOAD]
+                held[group.joints] = not self._release_group(
+                    states, group, load, observed
+                )
+                continue
             limits = self.rest_speed * output[:, OUTPUT_LOAD]
             negligible = self._negligible()
             excess = np.abs(output[:, OUTPUT_FRICTION]) - limits - negligible
@@ -360,7 +395,7 @@ class StickSlipDecision:
                 OBSERVED_SLIP * limits[observed_slips]
                 + 2.0 * negligible[observed_slips]
             )
-            excess[~self._is_sticking] = -np.inf
+            excess[~self._is_sticking | held] = -np.inf
             most_loaded = int(np.argmax(excess - LIMIT_TOLERANCE * limits))
             if excess[most_loaded] > LIMIT_TOLERANCE * limits[most_loaded]:
                 slip_direction[most_loaded] = -np.sign(
@@ -378,6 +413,67 @@ class StickSlipDecision:
             slip_direction[must_stick] = 0.0
         return False
 
+    def groups_of_one_motion(self) -> list[JointGroup]:
+        """Sticking joints, two or more, whose coordinates only move in proportion."""
+        P, groups = self.memory.friction_P, list[JointGroup]()
+        mobility = P.diagonal()
+        remaining = np.flatnonzero(self._is_sticking & (mobility > 0.0))
+        while len(remaining):
+            row = P[remaining[0], remaining]
+            size = np.sqrt(mobility[remaining] * mobility[remaining[0]])
+            is_proportional = np.abs(row) >= (1.0 - SHARED_MOTION) * size
+            joints = remaining[is_proportional]
+            if len(joints) > 1:
+                ratios = row[is_proportional] / mobility[remaining[0]]
+                groups.append(JointGroup(joints, ratios, float(mobility[joints[0]])))
+            remaining = remaining[~is_proportional]
+        return groups
+
+    def released_forces(self, states: StatesOfMotion, group: JointGroup) -> Array:
+        """Forces (2, nt) along the first coordinate of a group that friction at its
+        limit leaves, of sliding in either sense, positive in this sense.
+
+        Negative ones brake, so that the group sticks: how its joints share what they
+        hold is open, whether they hold it is not.
+        """
+        forces, sticking = [], self.friction_state[group.joints]
+        for sign in (1.0, -1.0):
+            self._let_slide(group, sign)
+            self.friction_state[group.joints, at.AT_LIMIT] = 1.0
+            output = self.friction_output(*states)
+            forces.append(sign * output[:, group.joints[0], OUTPUT_ACCELERATION])
+        self.friction_state[group.joints] = sticking
+        return np.nan_to_num(np.array(forces), nan=-np.inf) / group.mobility
+
+    def _let_slide(self, group: JointGroup, sign: float) -> None:
+        self.friction_state[group.joints, at.SLIP_DIRECTION] = sign * np.sign(
+            group.ratios
+        )
+        self.friction_state[group.joints, at.SHARES_MOTION] = 0.0
+
+    def _release_group(
+        self, states: StatesOfMotion, group: JointGroup, load: Array, observed: bool
+    ) -> bool:
+        """Release joints of one motion if they then accelerate in this sense.
+
+        Parameters
+        ----------
+        observed
+            They were seen to break loose.
+        """
+        forces = self.released_forces(states, group)[:, 0]
+        bound = self.group_bound(group, load)
+        if forces.max() <= (-bound if observed else bound):
+            return False
+        self._let_slide(group, (1.0, -1.0)[int(forces.argmax())])
+        return True
+
+    def group_bound(self, group: JointGroup, load: Array) -> float:
+        """Force along the first coordinate of a group that is rounding."""
+        limits = self.rest_speed * load
+        limit = float(np.abs(group.ratios) @ limits[group.joints])
+        return LIMIT_TOLERANCE * limit + float(self._negligible()[group.joints[0]])
+
     def _negligible(self) -> Array:
         """Friction forces that change no rate in the whole run, (n_frictions,).
 
@@ -386,7 +482,7 @@ class StickSlipDecision:
         mobility = np.maximum(self.memory.friction_P.diagonal(), np.finfo(float).tiny)
         return np.asarray(self.is_at_rest / (self.span * mobility))
 
-    def _release_together(self, states: StateOfMotion, slow: Array) -> bool:
+    def _release_together(self, states: StatesOfMotion, slow: Array) -> bool:
         """Lets go all that rests and holds one motion together, one way or the other.
 
         Where in sequence lets go, what the last of them holds may feed loads without
@@ -430,195 +526,3 @@ def set_friction_states(system: System, t: Array, z: Array, v: Array) -> None:
     for t_k, position, velocity in zip(t, z, v, strict=True):
         decision.choose_states(float(t_k), position, velocity)
         system.friction_history.store(float(np.nextafter(t_k, -np.inf)))
-
-
-#: What changes of `StickSlipEvents` during a run; none of it is changed in place.
-_CHANGING = (
-    "largest_rate",
-    "largest_contact_force",
-    "largest_acceleration",
-    "largest_compliance",
-    "changing_joints",
-    "reversing_contacts",
-    "changed_joints",
-    "is_started",
-    "stride",
-    "steps_since_change",
-    "_last",
-    "_count",
-)
-#: Steps that may be lost at once, and which share of those since the last change.
-MAX_STRIDE, MAX_LOST_FRACTION = 4, 0.25
-
-
-class StickSlipEvents(StickSlipDecision):
-    """Looks at the steps of a run for instants at which friction states change.
-
-    Attributes
-    ----------
-    stride
-        Steps to make before they are looked at; those behind a change are lost.
-    steps_since_change
-        Steps since the last change.
-    """
-
-    def __init__(
-        self, system: System, closed: Array, points: StepPoints, rtol: float
-    ) -> None:
-        super().__init__(system, rtol, closed)
-        self.points, self.stride, self.steps_since_change = points, 1, 0
-
-    def save(self) -> dict[str, Any]:
-        """Return what changes during a run, but for `friction_state`."""
-        return self.history.save() | {name: getattr(self, name) for name in _CHANGING}
-
-    def restore(self, saved: Mapping[str, Any]) -> None:
-        """Go on from what `save` has returned."""
-        self.history.restore(saved)
-        for name in _CHANGING:
-            setattr(self, name, saved[name])
-
-    def discard_changes(self) -> None:
-        """Forget changes that were located: the motion takes another way before."""
-        self.changing_joints, self.reversing_contacts = [], []
-
-    @property
-    def needs_decision(self) -> bool:
-        """True if friction states must be decided before the run continues."""
-        return bool(self.changing_joints or self.reversing_contacts)
-
-    def enter_interval(
-        self, t: float, z: Array, v: Array
-    ) -> tuple[Diagnostic | None, list[LocatedEvent]]:
-        """Decide friction from an instant on, and set sticking coordinates of z and v
-        to rest.
-
-        Returns why there is no decision, if so; and the joints that changed.
-        """
-        if self.is_started:
-            self._project(t, z, v)
-        why = self.choose_states(t, z, v)
-        self.history.store(t)
-        self._project(t, z, v)
-        state = t, z.copy(), v.copy()
-        slip_direction, joints = (
-            self.friction_state[:, at.SLIP_DIRECTION],
-            self.system.friction_joints,
-        )
-        kinds = [
-            (j, "slip" if slip_direction[j] else "stick")
-            for j in sorted(self.changed_joints)
-        ]
-        return why, [LocatedEvent(joints[j].joint, kind, *state) for j, kind in kinds]
-
-    def steps_before(self, steps: StepStates, end: float) -> StepStates:
-        """The parts of steps before an instant."""
-        count = self.points.count
-        n_complete = count * int(np.searchsorted(steps.t[count - 1 :: count], end))
-        before = StepStates(
-            steps.t[:n_complete], steps.z[:n_complete], steps.v[:n_complete]
-        )
-        begin = steps.t[n_complete]
-        if not end > begin:
-            return before
-        return join_steps([before, self.points.restrict(steps, begin, end)])
-
-    def steps_until_change(
-        self, control: loop_state.StepLoopState, steps: StepStates
-    ) -> StepStates:
-        """The steps as far as no friction state changes; there the control
-        goes back.
-        """
-        t = self.first_state_change(steps) if len(steps.t) else None
-        self.steps_since_change += len(steps.t) // self.points.count
-        self.stride = max(
-            min(2 * self.stride, MAX_STRIDE),
-            int(MAX_LOST_FRACTION * self.steps_since_change),
-        )
-        if t is None:
-            return steps
-        self.stride, self.steps_since_change = 1, 0
-        control.time = t
-        control.z[:], control.v[:] = self.points.interpolate_state(steps, t)
-        known = control.output_times[: control.next_output]
-        control.next_output = int(np.searchsorted(known, t, "right"))
-        return self.steps_before(steps, t)
-
-    def first_state_change(self, steps: StepStates) -> float | None:
-        """The first instant in some steps at which a friction state changes."""
-        output = self.friction_output(steps.t, steps.z, steps.v)
-        margins, bounds = self._margins(output), self._margin_bounds(output)
-        first, changing = np.inf, list[int]()
-        for j, bound in enumerate(bounds):
-            negative = np.flatnonzero(margins[:, j] < -bound)
-            if not len(negative):
-                continue
-            before = np.flatnonzero(margins[: negative[0], j] > 0.0)
-            time = self._change_time(
-                steps, j, before[-1] if len(before) else 0, negative[0]
-            )
-            if time < first:
-                first, changing = time, []
-            if time <= first:
-                changing.append(j)
-        count = len(self.friction_state)
-        self.changing_joints = [j for j in changing if j < count]
-        self.reversing_contacts = [j - count for j in changing if j >= count]
-        return first if changing else None
-
-    def _margins(self, output: Array) -> Array:
-        """How far joints are from another friction state, negative beyond: (nt,
-        frictions).
-
-        Of sliding ones the rate, of sticking ones what their load holds beyond what
-        they need, of those that drives keep at rest how much slower they are than what
-        counts as motion. Behind them the forces that press their places of contact.
-        """
-        slip_direction, rate = (
-            self.friction_state[:, at.SLIP_DIRECTION],
-            output[:, :, OUTPUT_RATE],
-        )
-        margin_of_sticking = self.rest_speed * output[:, :, OUTPUT_LOAD] - np.abs(
-            output[:, :, OUTPUT_FRICTION]
-        )
-        margin_of_sticking = np.where(
-            self.prescribed, 2.0 * self.is_at_rest - np.abs(rate), margin_of_sticking
-        )
-        own = np.where(slip_direction == 0.0, margin_of_sticking, slip_direction * rate)
-        side = self.friction_state[:, at.CONTACT_SIDE :]
-        contact_margin = np.where(
-            side == 0.0, np.inf, side * output[:, :, OUTPUT_CONTACT_FORCE:]
-        )
-        return np.hstack([own, contact_margin.reshape(len(output), -1)])
-
-    def _margin_bounds(self, output: Array) -> Array:
-        """How far beyond is certain, of each of `_margins`."""
-        self.largest_rate = np.fmax(
-            self.largest_rate, np.abs(output[:, :, OUTPUT_RATE]).max(axis=0)
-        )
-        moving = self.is_at_rest + self.rtol * self.largest_rate
-        load = np.abs(output[:, :, OUTPUT_LOAD]).max(axis=0)
-        bound_of_sticking = (
-            LIMIT_TOLERANCE * self.rest_speed * load + self._negligible()
-        )
-        own = np.where(self._is_sticking, bound_of_sticking, moving)
-        return np.concatenate([own, self._certain_contact_force(output).ravel()])
-
-    def _change_time(self, steps: StepStates, j: int, low: int, high: int) -> float:
-        from scipy.optimize import brentq
-
-        def margin(t: float) -> float:
-            z, v = self.points.interpolate_state(steps, t)
-            output = self.friction_output(np.array([t]), z[None], v[None])
-            return float(self._margins(output)[0, j])
-
-        begin, end = float(steps.t[low]), float(steps.t[high])
-        if begin == end or margin(begin) <= 0.0:
-            return begin
-        rounding = float(np.finfo(float).eps)
-        smallest = rounding * max(abs(begin), abs(end), end - begin)
-        return float(brentq(margin, begin, end, xtol=smallest, rtol=4.0 * rounding))
-
-    def _project(self, t: float, z: Array, v: Array) -> None:
-        """Project a state onto all constraints, with sticking joints at rest."""
-        self.sampler.sample(np.array([np.nextafter(t, np.inf)]), z[None], v[None])

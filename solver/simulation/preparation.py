@@ -36,7 +36,8 @@ from ..output.energies import EnergyIntegrals, needs_energy_integrals
 from ..output.evaluated_forces import needs_body_quantities
 from ..output.resume import ResumeState, resume_state
 from ..output.samples import StateSampler
-from ..output.stick_slip import StickSlipEvents, with_friction_states
+from ..output.stick_slip import with_friction_states
+from ..output.stick_slip_events import StickSlipEvents
 from ..spatial.system_arrays import WorkArrays
 from ..system.sensors import OutputTimesAtSamples
 from ..system.system import System

@@ -226,8 +226,9 @@ SHARES_MOTION = (
 REST_RATE = (
     3  # above 0: joints and drives prescribe its motion, which rests below that rate
 )
+AT_LIMIT = 4  # 1: slides with the coefficient of rest, as what breaks loose
 CONTACT_SIDE = (
-    4  # of each place of contact, 1 or -1: where it is pressed; 0: on any side
+    5  # of each place of contact, 1 or -1: where it is pressed; 0: on any side
 )
 MAX_CONTACTS = 2
 N_FRICTION_STATE = CONTACT_SIDE + MAX_CONTACTS

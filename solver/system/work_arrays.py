@@ -163,7 +163,7 @@ def _memory_maker(system: System, pairs: int) -> Callable[[], Memory]:
         dmu=(m,),
         friction_X=(n_friction, n),
         friction_L=(n_friction, m),
-        friction_P=(n_friction, n_friction + 2),
+        friction_P=(n_friction, n_friction + 3),
         friction_A=(n_friction, n_friction),
         friction_t=(n_friction,),
         friction_pivots=(n_friction,),
