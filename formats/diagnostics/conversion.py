@@ -182,9 +182,10 @@ ENTRIES = (
     Entry(
         "N123",
         INFO,
-        "lies on a part of {master}: tied weakly (mortar method)",
-        "A side of one patch covers part of a side of another. Displacements are "
-        "equal in the mean over the side, not point by point.",
+        "lies on {master}: tied weakly (mortar method)",
+        "A side of one patch covers a side of another, or a part of it, with other "
+        "knots, degrees or control points. Displacements are equal in the mean over "
+        "the side, not point by point.",
         example={"subject": "flange.left", "master": "web.right"},
     ),
     Entry(

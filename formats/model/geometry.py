@@ -145,8 +145,9 @@ class PatchesGeometry(Table):
     """Several NURBS patches of one file, joined along matching sides.
 
     Sides match if they have the same control points, weights, degrees and knots. A side
-    that lies wholly on a part of another is tied weakly (mortar method), which
-    `convert` says; sides that touch otherwise and patches that overlap are refused.
+    that lies wholly on another, or on a part of it, is tied weakly (mortar method),
+    which `convert` says, so that patches may have other knots and degrees. Sides that
+    touch otherwise and patches that overlap are refused.
 
     The file is a patch file of ours, a geomdl JSON file or a G+Smo XML file; see
     `sidtool.importers`. The sides of patch NAME are called NAME.left and so

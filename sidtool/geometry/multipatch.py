@@ -35,6 +35,8 @@ SIDE_NAMES = {
 }
 #: Distance at which points of refined patches are the same, relative to the part.
 _SAME_POINT_TOLERANCE = 1e-9
+#: Difference at which knots are the same, relative to their range.
+_SAME_KNOT_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -164,9 +166,11 @@ def find_topology(
     seams = []
     for a, b in combinations(sides, 2):
         for turn in _direction_maps(nets[a].ndim - 1):
-            if _are_equal_nets(
-                nets[a], turn.of(nets[b]), tolerance * size
-            ) and _are_proportional(weights[a], turn.of(weights[b])):
+            if (
+                _are_equal_nets(nets[a], turn.of(nets[b]), tolerance * size)
+                and _are_proportional(weights[a], turn.of(weights[b]))
+                and _have_equal_knots(patches, a, b, turn)
+            ):
                 seams.append(Seam(a, b, turn))
                 break
     collapsed = [
@@ -326,6 +330,30 @@ def _are_equal_nets(a: Array, b: Array, distance: float) -> bool:
     if a.shape != b.shape:
         return False
     return bool(np.linalg.norm(a - b, axis=-1).max() <= distance)
+
+
+def _have_equal_knots(
+    patches: Mapping[str, NurbsPatch], first: Side, second: Side, turn: DirectionMap
+) -> bool:
+    """Check the degrees and the knots along two sides, whatever their ranges."""
+    one, other = (
+        [
+            (degree, (knots - knots[0]) / (knots[-1] - knots[0]))
+            for k, (degree, knots) in enumerate(
+                zip(patches[s.patch].degrees, patches[s.patch].knots, strict=True)
+            )
+            if k != s.direction
+        ]
+        for s in (first, second)
+    )
+    for (degree, knots), k, flip in zip(one, turn.order, turn.reversed, strict=True):
+        its_degree, its = other[k]
+        its = 1.0 - its[::-1] if flip else its
+        if degree != its_degree or knots.shape != its.shape:
+            return False
+        if np.abs(knots - its).max() > _SAME_KNOT_TOLERANCE:
+            return False
+    return True
 
 
 def _are_proportional(a: Array, b: Array) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -47,7 +48,10 @@ _NEARLY_EQUAL_TOLERANCE = 0.02
 
 @dataclass(frozen=True)
 class WeakTie:
-    """A side that lies wholly on a part of another."""
+    """A side that lies wholly on another one: of two equal sides the finer one.
+
+    A coarser slave would hold the master only in the mean over its longer spans.
+    """
 
     slave: Side
     master: Side
@@ -72,12 +76,12 @@ class _Geometry:
 def weak_ties(
     patches: Mapping[str, NurbsPatch], topology: Topology, tolerance: float
 ) -> list[WeakTie]:
-    """The sides without a seam that lie on a part of another one.
+    """The sides without a seam that lie on another one.
 
     Raises
     ------
-    InputError : two sides touch and neither lies wholly on the other, or they are the
-        same in other control points.
+    InputError : two sides touch and neither lies wholly on the other, or they are
+        nearly the same.
     """
     content = [
         (name, p.degrees, p.control_points.shape, *map(np.ndarray.tobytes, arrays))
@@ -108,9 +112,7 @@ def _weak_ties(geometry: _Geometry) -> tuple[WeakTie, ...]:
         there = _side_distances(patches, a, b, near)
         back = _side_distances(patches, b, a, near)
         on_a, on_b = back <= near, there <= near
-        if on_a.all() and on_b.all():
-            raise incompatible_sides(a, b)
-        if on_b.all():
+        if on_b.all() and not (on_a.all() and _spans(patches, b) > _spans(patches, a)):
             ties.append(WeakTie(a, b))
         elif on_a.all():
             ties.append(WeakTie(b, a))
@@ -279,6 +281,13 @@ def _normals(patch: NurbsPatch, parameters: Array, side: Side) -> Array:
     normals = np.linalg.pinv(jacobians)[:, side.direction]
     lengths = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     return np.asarray(normals / lengths)
+
+
+def _spans(patches: Mapping[str, NurbsPatch], side: Side) -> int:
+    """Return the number of knot spans of a side."""
+    knots = patches[side.patch].knots
+    across = [k for i, k in enumerate(knots) if i != side.direction]
+    return math.prod(len(np.unique(k)) - 1 for k in across)
 
 
 def _boxes_overlap(
