@@ -149,6 +149,7 @@ class StickSlipDecision:
         self.reversing_contacts: list[int] = []
         self.changed_joints = set[int]()
         self.is_started, self._last, self._count = False, -np.inf, 0
+        self._since = -np.inf
 
     def _static_limit(self, j: int) -> float:
         """Largest friction force per unit of load of a sticking joint."""
@@ -184,14 +185,16 @@ class StickSlipDecision:
         no decision (N501, N502), if so.
         """
         progress = TIME_ROUNDING * max(abs(t), self.span)
-        self._count = self._count + 1 if t <= self._last + progress else 0
+        is_same_instant = t <= self._last + progress
+        self._count = self._count + 1 if is_same_instant else 0
+        self._since = self._since if is_same_instant else t
         self._last = t
         if self._count > MAX_SIMULTANEOUS:
             count = self.has_single_direction.shape[1]
             joints = self.changing_joints or [
                 k // count for k in self.reversing_contacts
             ]
-            return diagnose("N502", t=t, joints=self._joint_names(joints))
+            return diagnose("N502", t=self._since, joints=self._joint_names(joints))
         states = np.array([t]), z[None], v[None]
         before, changing = self.friction_state.copy(), self.changing_joints
         slip_direction = self.friction_state[:, at.SLIP_DIRECTION]

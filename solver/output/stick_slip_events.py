@@ -35,6 +35,7 @@ _CHANGING = (
     "stride",
     "steps_since_change",
     "_last",
+    "_since",
     "_count",
 )
 #: Steps that may be lost at once, and which share of those since the last change.
