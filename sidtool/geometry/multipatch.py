@@ -7,10 +7,10 @@ Refined patches are joined along these seams, however close their control points
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +33,10 @@ SIDE_NAMES = {
     (2, 0): "back",
     (2, 1): "front",
 }
+T = TypeVar("T")
 #: Distance at which points of refined patches are the same, relative to the part.
 _SAME_POINT_TOLERANCE = 1e-9
-#: Difference at which knots are the same, relative to their range.
+#: Difference at which knots on [0, 1] are the same.
 _SAME_KNOT_TOLERANCE = 1e-9
 
 
@@ -51,6 +52,10 @@ class Side:
     def name(self) -> str:
         """Name as in the model file: PATCH.SIDE."""
         return f"{self.patch}.{SIDE_NAMES[self.direction, self.end]}"
+
+    def along(self, values: Sequence[T]) -> list[T]:
+        """What a patch has by direction, of the directions along the side."""
+        return [value for k, value in enumerate(values) if k != self.direction]
 
 
 @dataclass(frozen=True)
@@ -288,8 +293,7 @@ def _differently_refined(patches: Mapping[str, NurbsPatch], seam: Seam) -> Input
     counts = []
     for side in (seam.first, seam.second):
         shape = patches[side.patch].shape
-        along = [n for k, n in enumerate(shape) if k != side.direction]
-        counts.append(" x ".join(map(str, along)))
+        counts.append(" x ".join(map(str, side.along(shape))))
     return InputError(
         f"the sides {seam.first.name} and {seam.second.name} are refined differently: "
         f"{counts[0]} and {counts[1]} functions along them",
@@ -335,23 +339,11 @@ def _are_equal_nets(a: Array, b: Array, distance: float) -> bool:
 def _have_equal_knots(
     patches: Mapping[str, NurbsPatch], first: Side, second: Side, turn: DirectionMap
 ) -> bool:
-    """Check the degrees and the knots along two sides, whatever their ranges."""
-    one, other = (
-        [
-            (degree, (knots - knots[0]) / (knots[-1] - knots[0]))
-            for k, (degree, knots) in enumerate(
-                zip(patches[s.patch].degrees, patches[s.patch].knots, strict=True)
-            )
-            if k != s.direction
-        ]
-        for s in (first, second)
-    )
-    for (degree, knots), k, flip in zip(one, turn.order, turn.reversed, strict=True):
-        its_degree, its = other[k]
-        its = 1.0 - its[::-1] if flip else its
-        if degree != its_degree or knots.shape != its.shape:
-            return False
-        if np.abs(knots - its).max() > _SAME_KNOT_TOLERANCE:
+    """Check the knots along two sides of equal nets, and so their degrees."""
+    own, others = (side.along(patches[side.patch].knots) for side in (first, second))
+    for knots, k, is_reversed in zip(own, turn.order, turn.reversed, strict=True):
+        its = 1.0 - others[k][::-1] if is_reversed else others[k]
+        if len(knots) != len(its) or np.abs(knots - its).max() > _SAME_KNOT_TOLERANCE:
             return False
     return True
 

@@ -104,7 +104,7 @@ def patch_from_model(geometry: NurbsGeometry | VolumeGeometry) -> NurbsPatch:
     weights = geometry.weights
     return NurbsPatch(
         degrees=geometry.degrees,
-        knots=tuple(_scale_knots(np.array(knots, float)) for knots in geometry.knots),
+        knots=tuple(scale_knots(np.array(knots, float)) for knots in geometry.knots),
         control_points=points,
         weights=np.ones(points.shape[:-1]) if weights is None else np.array(weights),
     )
@@ -245,7 +245,8 @@ def _outer_product(rows: list[LocalBasis], derived: int | None) -> Array:
     return product
 
 
-def _scale_knots(knots: Array) -> Array:
+def scale_knots(knots: Array) -> Array:
+    """Knots on the range [0, 1]."""
     return (knots - knots[0]) / (knots[-1] - knots[0])
 
 

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
+from .bspline import breakpoints
 from .multipatch import (
     CollapsedSide,
     CommonNumbering,
@@ -261,7 +262,7 @@ def _side_distances(
         second, points, (b.direction, b.end), reach
     )
     distances = np.linalg.norm(nearest - points, axis=1)
-    across = [i for i in range(parameters.shape[1]) if i != b.direction]
+    across = b.along(range(parameters.shape[1]))
     inside = ((parameters[:, across] > 0) & (parameters[:, across] < 1)).all(axis=1)
     distances[~inside | (distances > reach)] = np.inf
     close = np.flatnonzero(np.isfinite(distances))
@@ -285,9 +286,8 @@ def _normals(patch: NurbsPatch, parameters: Array, side: Side) -> Array:
 
 def _spans(patches: Mapping[str, NurbsPatch], side: Side) -> int:
     """Return the number of knot spans of a side."""
-    knots = patches[side.patch].knots
-    across = [k for i, k in enumerate(knots) if i != side.direction]
-    return math.prod(len(np.unique(k)) - 1 for k in across)
+    knots = side.along(patches[side.patch].knots)
+    return math.prod(len(breakpoints(each)) - 1 for each in knots)
 
 
 def _boxes_overlap(

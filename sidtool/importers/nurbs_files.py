@@ -26,7 +26,7 @@ from sidtool.formats.model.checks import check_knots
 from sidtool.formats.storage.unreadable import unreadable_error
 from sidtool.formats.toml.reading import read_data
 
-from ..geometry.nurbs_patch import NurbsPatch
+from ..geometry.nurbs_patch import NurbsPatch, scale_knots
 
 
 def read_gismo(path: Path) -> dict[str, NurbsPatch]:
@@ -184,8 +184,7 @@ def make_patch(
             )
         vector = [float(x) for x in required_array({"k": knots[i]}, "k", where).ravel()]
         check_knots(vector, degrees[i], points.shape[i], where)
-        u = np.array(vector)
-        scaled.append((u - u[0]) / (u[-1] - u[0]))
+        scaled.append(scale_knots(np.array(vector)))
     return NurbsPatch(tuple(degrees), tuple(scaled), points, weights)
 
 
