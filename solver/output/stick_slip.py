@@ -86,7 +86,7 @@ class JointGroup:
         Acceleration of the first coordinate by a unit force along it.
     """
 
-    joints: Array
+    joints: NDArray[np.intp]
     ratios: Array
     mobility: float
 
@@ -185,9 +185,10 @@ class StickSlipDecision:
         no decision (N501, N502), if so.
         """
         progress = TIME_ROUNDING * max(abs(t), self.span)
-        is_same_instant = t <= self._last + progress
-        self._count = self._count + 1 if is_same_instant else 0
-        self._since = self._since if is_same_instant else t
+        if t <= self._last + progress:
+            self._count += 1
+        else:
+            self._count, self._since = 0, t
         self._last = t
         if self._count > MAX_SIMULTANEOUS:
             count = self.has_single_direction.shape[1]
@@ -419,18 +420,22 @@ class StickSlipDecision:
     def groups_of_one_motion(self) -> list[JointGroup]:
         """Sticking joints, two or more, whose coordinates only move in proportion."""
         P, groups = self.memory.friction_P, list[JointGroup]()
-        mobility = P.diagonal()
-        remaining = np.flatnonzero(self._is_sticking & (mobility > 0.0))
+        remaining = np.flatnonzero(self._is_sticking & (P.diagonal() > 0.0))
         while len(remaining):
-            row = P[remaining[0], remaining]
-            size = np.sqrt(mobility[remaining] * mobility[remaining[0]])
-            is_proportional = np.abs(row) >= (1.0 - SHARED_MOTION) * size
+            is_proportional = self._move_in_proportion(remaining)
             joints = remaining[is_proportional]
             if len(joints) > 1:
-                ratios = row[is_proportional] / mobility[remaining[0]]
-                groups.append(JointGroup(joints, ratios, float(mobility[joints[0]])))
+                first = joints[0]
+                mobility = float(P[first, first])
+                groups.append(JointGroup(joints, P[first, joints] / mobility, mobility))
             remaining = remaining[~is_proportional]
         return groups
+
+    def _move_in_proportion(self, joints: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Which joints only move in proportion to the first of them, (joints,)."""
+        P, first = self.memory.friction_P, joints[0]
+        size = np.sqrt(np.maximum(P.diagonal()[joints] * P[first, first], 0.0))
+        return np.asarray(np.abs(P[first, joints]) >= (1.0 - SHARED_MOTION) * size)
 
     def released_forces(self, states: StatesOfMotion, group: JointGroup) -> Array:
         """Forces (2, nt) along the first coordinate of a group that friction at its
@@ -491,14 +496,10 @@ class StickSlipDecision:
         Where in sequence lets go, what the last of them holds may feed loads without
         bound, though the mechanism can move.
         """
-        at_rest, P = np.flatnonzero(slow), self.memory.friction_P.copy()
-        if not len(at_rest):
+        at_rest = np.flatnonzero(slow)
+        if not len(at_rest) or not self._move_in_proportion(at_rest).all():
             return False
-        first = at_rest[0]
-        size = np.sqrt(np.maximum(P.diagonal() * P[first, first], 0.0))
-        if (np.abs(P[at_rest, first]) < (1.0 - SHARED_MOTION) * size[at_rest]).any():
-            return False
-        signs = np.sign(P[at_rest, first])
+        signs = np.sign(self.memory.friction_P[at_rest[0], at_rest])
         for sign in (signs, -signs):
             self.friction_state[at_rest, at.SLIP_DIRECTION] = sign
             self._mark_shared()

@@ -37,13 +37,16 @@ def sliding(
     )
 
 
-def harmonic(offset: float, amplitude: float, frequency: float) -> dict[str, Any]:
-    return {
+def harmonic_push(marker: str, offset: float, amplitude: float) -> dict[str, Any]:
+    """A force along x, harmonic with 1 Hz."""
+    function = {
         "type": "harmonic",
         "offset": offset,
         "amplitude": amplitude,
-        "frequency": frequency,
+        "frequency": 1.0,
     }
+    force = {"type": "force", "marker": marker, "force": [1.0, 0.0]}
+    return force | {"function": function}
 
 
 @pytest.mark.parametrize("rest", [1.0, 1.3])
@@ -80,14 +83,7 @@ def test_a_block_on_two_feet(rest: float, height: float) -> None:
             }
             for name, m in zip(("front", "back"), mu, strict=True)
         },
-        forces={
-            "push": {
-                "type": "force",
-                "marker": "block.push",
-                "force": [1.0, 0.0],
-                "function": harmonic(0.0, 12.0, 1.0),
-            }
-        },
+        forces={"push": harmonic_push("block.push", 0.0, 12.0)},
         outputs={"record": ["block.x", *ENERGIES]},
     )
     known = sliding(acceleration).motion(0.0, 0.0, 1.0)
@@ -129,12 +125,7 @@ def test_a_wedge_that_lifts_a_ram(mu: tuple[float, ...]) -> None:
             "face": guide(["wedge", "ram"], [cosine, -sine], mu[2]),
         },
         forces={
-            "push": {
-                "type": "force",
-                "marker": "wedge",
-                "force": [1.0, 0.0],
-                "function": harmonic(60.0, 90.0, 1.0),
-            },
+            "push": harmonic_push("wedge", 60.0, 90.0),
             "spring": {
                 "type": "spring_damper",
                 "joint": "base",
