@@ -50,12 +50,24 @@ class DenseEquations:
         self.scale = np.ones(system.n_velocities)
 
     def evaluate(self, z: Array, v: Array) -> None:
-        """Raises SimulationError where a law gives no number."""
+        """Raises SimulationError where a law or a force gives no finite number."""
         self.work.law_failure[FAILED_LAW] = 0.0
         work_arrays.evaluate(self.system, self.work, self.t, z, v)
         invalid = law_failure(self.system, self.work, self.t)
         if invalid:
             raise SimulationError(invalid)
+        self.refuse_infinite(self.work.f)
+
+    def refuse_infinite(self, values: Array) -> None:
+        """Raises SimulationError (N301) that names the body of the first row of
+        values (n, ...) that is not finite."""
+        rows = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+        if rows.all():
+            return
+        first = int(rows.argmin())
+        index = int(np.searchsorted(self.system.arrays.body[:, at.VEL], first, "right"))
+        fastest = self.system.bodies[index - 1].name
+        raise SimulationError(diagnose("N301", t=self.t, fastest=fastest))
 
     def set_scale(self, z: Array, stiffness: float = 1.0) -> None:
         """Takes the scale from the masses and stiffnesses at a position.

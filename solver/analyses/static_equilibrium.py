@@ -293,7 +293,13 @@ def _newton_step(
 def tangent_stiffness(
     mechanics: DenseEquations, z: Array, motion: Array, multipliers: Array
 ) -> Array:
-    """-N^T d(f + C^T lambda)/dz N at rest, by central differences."""
+    """-N^T d(f + C^T lambda)/dz N at rest, by central differences.
+
+    Raises
+    ------
+    SimulationError
+        A law or a force gives no finite number near the position.
+    """
     system = mechanics.system
     zero = np.zeros(system.n_velocities)
     columns = []
@@ -305,7 +311,9 @@ def tangent_stiffness(
             mechanics.evaluate(displaced, zero)
             forces.append(mechanics.force + mechanics.jacobian.T @ multipliers)
         columns.append((forces[1] - forces[0]) / (2.0 * delta))
-    return motion.T @ np.column_stack(columns)
+    derivatives = np.column_stack(columns)
+    mechanics.refuse_infinite(derivatives)
+    return motion.T @ derivatives
 
 
 def _largest_extent(mechanics: DenseEquations, x: Array) -> float:

@@ -98,7 +98,11 @@ def steady_rotation(
     t = system.scene.time.start
     mechanics = DenseEquations(assembled, t, float(assembled.clocks(np.array([t]))[0]))
     notes: tuple[Diagnostic, ...] = ()
-    for groups in candidate_groups(mechanics, start):
+    try:
+        candidates = tuple(candidate_groups(mechanics, start))
+    except SimulationError:  # named by the search for an equilibrium
+        return None, ()
+    for groups in candidates:
         search = _SteadyRotationSearch(mechanics, start.z, groups)
         if not search.has_elastic_support():
             continue

@@ -162,6 +162,24 @@ def test_a_body_that_can_fall_is_reported_in_one_line(
     assert "N701" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", [["info"], ["analyse", "modes"], ["linearise"]])
+def test_a_static_start_at_a_pole_of_a_law_names_it(
+    command: list[str], pendulum: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pole = """
+[initial]
+state = "static"
+[forces.push]
+type = "force"
+marker = "bob"
+force = [1, 0]
+function = { type = "expression", value = "1/bob.vx" }
+"""
+    pendulum.write_text(PENDULUM + pole, encoding="utf-8")
+    assert run([*command, str(pendulum)]) == 2
+    assert "N509" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_rounding_does_not_order_the_coordinates_of_a_mode(seed: int) -> None:
     """Equal amplitudes of shafts on one axis; another processor rounds otherwise."""

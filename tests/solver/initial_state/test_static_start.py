@@ -142,6 +142,35 @@ def test_what_cannot_rest_is_refused() -> None:
     assert "initial.state" in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("laws", "code"),
+    [
+        (["1/(box.x - 0.5)"], "N509"),  # at its pole
+        (["1.5e308*cos(box.x)", "1.5e308*cos(box.x)"], "N301"),  # their sum
+        (["1 - 1.5e308*sin(1e9*(box.x - 0.5))"], "N301"),  # its derivative
+    ],
+)
+def test_forces_without_a_number_at_the_start_are_refused(
+    laws: list[str], code: str
+) -> None:
+    """By the search for the equilibrium, and by that for a steady rotation before."""
+    forces = {
+        f"push_{k}": {
+            "type": "force",
+            "marker": "box",
+            "force": [1.0, 0.0],
+            "function": {"type": "expression", "value": law},
+        }
+        for k, law in enumerate(laws)
+    }
+    start = {"position": [0.5, 0.0], "angular_velocity": 3.0}
+    box = {"mass": 1.0, "inertia": 0.1, "initial": start}
+    pushed = scene(bodies={"box": box}, forces=forces, gravity=[0.0, 0.0])
+    with pytest.raises(InputError, match=code) as error:
+        compile_scene(pushed)
+    assert "initial.state" in str(error.value)
+
+
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
 @pytest.mark.parametrize("twist", [4.0, -9.0])
 def test_a_spring_rests_wound_by_more_than_half_a_turn(
