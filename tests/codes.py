@@ -1,7 +1,8 @@
-"""Diagnostics of results and analyses by code."""
+"""Diagnostics of results and analyses by code, and errors as one line."""
 
 from __future__ import annotations
 
+import re
 from typing import Protocol
 
 import pytest
@@ -15,6 +16,11 @@ class HasDiagnostics(Protocol):
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]: ...
+
+
+def unwrapped(printed: str) -> str:
+    """Printed errors with one line for each: lines that continue one are joined."""
+    return re.sub(r"\n +(?!also )", " ", printed)
 
 
 def codes(found: HasDiagnostics) -> list[str]:

@@ -446,17 +446,22 @@ ENTRIES = (
     Entry(
         "N160",
         INFO,
-        "basis: f1 to f{count:d} within {frequency:.2g}, compliance within "
-        "{compliance:.2g}",
+        "errors of the basis: {compliance:.2g} of the compliance, {relevant:.2g} of "
+        "{frequencies}{rest}",
         "Largest relative error of the frequencies of the reduced body, and of its "
         "static compliance at the interfaces under unit loads, "
-        "against the full model. A better method is named if one of these errors is "
-        "above 1 %.",
+        "against the full model. The last frequencies of a basis with static shapes "
+        "always have errors: shape functions beyond the requested number of modes "
+        "(else the lower half) represent these shapes, not natural modes. A better "
+        "method is named if one of these errors is above 1 %.",
         remedy="{remedy}",
-        units={"frequency": "%", "compliance": "%"},
+        units={"relevant": "%", "frequency": "%", "compliance": "%"},
         example={
-            "count": 5,
-            "frequency": 2e-4,
+            "frequencies": "f1 to f4",
+            "relevant": 2e-4,
+            "rest": ", 47 % of f8",
+            "count": 8,
+            "frequency": 0.47,
             "compliance": 1e-3,
             "load": "pin x",
             "remedy": "",
@@ -466,13 +471,16 @@ ENTRIES = (
         "N161",
         WARNING,
         "errors of the basis: {compliance:.2g} of the compliance at {load}, "
-        "{frequency:.2g} of f{number:d}",
+        "{relevant:.2g} of {frequencies}{rest}",
         "As N160. Reported if a frequency up to the requested number of modes (else "
         "the lower half), or a compliance at the interfaces, has an error above 1 %. "
         "Other reduction methods are tried with the same load cases.",
         remedy="{remedy}",
-        units={"frequency": "%", "compliance": "%"},
+        units={"relevant": "%", "frequency": "%", "compliance": "%"},
         example={
+            "frequencies": "f1 to f5",
+            "relevant": 0.02,
+            "rest": "",
             "number": 5,
             "frequency": 0.02,
             "compliance": 0.16,

@@ -249,7 +249,7 @@ class Scene(SceneFile):
         )
 
     def __repr__(self) -> str:
-        from ..report.tables import counted_noun
+        from sidtool.formats.base.text import counted_noun
 
         flexible = f", {len(self.flexible)} flexible" if self.flexible else ""
         parts = counted_noun(len(self.bodies), "body") + flexible

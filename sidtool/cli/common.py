@@ -427,6 +427,13 @@ def print_failure(error: SimulationError, scene: Path) -> None:
         print_data(lambda: failure_data(error))
 
 
+def name_with_size(path: Path) -> str:
+    """Return the name of a file with its size, as in "r.h5 (0.4 MB)"."""
+    size = path.stat().st_size if path.is_file() else 0
+    text = f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"
+    return f"{path} ({text})"
+
+
 def listed_names(text: str) -> list[str]:
     """Return names that an option separates by commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
@@ -436,8 +443,10 @@ def print_remarks(sentences: Iterable[str], err: bool = False) -> None:
     """Print notes on the standard output; on the standard error if `err` or --quiet is
     set.
     """
+    from ..report.diagnostics import remark_line
+
     for sentence in sentences:
-        click.echo(f"note: {sentence}", err=err or is_quiet())
+        click.echo(remark_line(sentence), err=err or is_quiet())
 
 
 def print_result(text: str, data: Callable[[], Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ from .common import (
     force_option,
     ignored_codes,
     input_files,
+    name_with_size,
     output_path,
     piped_path,
     print_result,
@@ -146,16 +148,17 @@ def convert(
       sidtool convert rod.SID_FEM -o damped.SID_FEM --damping modal:0.02
       mpirun -n 2 sidtool convert rod_q4.toml -o rod.h5 --engine slepc
     """
+    begin = time.perf_counter()
     with _processes(engine) as processes:
         targets = [Target("-o", output, "sid"), Target("--field", field, "field")]
         named = [text.partition("=")[2] for text in changes]
         check_targets(targets, [*input_files(source), *named], force)
         _check_field(field, source, units, frame)
         times = StageTimes() if timing else None
-        sid, whole = _read_or_convert(
+        sid, model, converted = _read_or_convert(
             source, changes, engine, processes.rank == 0, field is not None, times
         )
-        seconds = times.seconds() if times else []
+        stages = times.seconds() if times else []
         processes.wait_for_all()
         if processes.rank > 0:
             return
@@ -163,9 +166,18 @@ def convert(
         sid = _rescale_sid(sid, units, sigma) if units else sid
         sid = _in_frame(sid, frame) if frame else sid
         sid = _with_damping(sid, damping) if damping else sid
-        _write_sid(output, sid, dialect, verbose, seconds)
+        from sidtool.formats.sid_files import write_sid
+
+        from ..report.sid import describe_conversion
+
+        write_sid(output, sid, dialect)
+        files = [name_with_size(output)]
         if field is not None:
-            _write_field(field, whole)
+            files.append(_write_field(field, converted.field))
+        seconds = time.perf_counter() - begin
+        lines = [describe_conversion(sid, seconds, files, model, converted)]
+        lines += _more_lines(sid, verbose, stages)
+        print_result("\n".join(lines), lambda: _sid_data(sid, stages))
 
 
 def _check_field(
@@ -194,39 +206,27 @@ def _check_field(
             )
 
 
-def _write_field(path: Path, field: Any) -> None:
+def _write_field(path: Path, field: Any) -> str:
+    from sidtool.formats.base.text import counted_noun
     from sidtool.formats.field import write_field
 
     write_field(path, field)
-    known = "with" if field.stress is not None else "without"
-    click.echo(
-        f"{path}: {len(field.positions)} points, {len(field.triangles)} triangles, "
-        f"{known} stresses"
-    )
+    stress = "and stresses" if field.stress is not None else "without stresses"
+    points = counted_noun(len(field.positions), "point")
+    return f"{name_with_size(path)} with {points} {stress}"
 
 
-def _write_sid(
-    output: Path,
-    sid: Any,
-    dialect: str,
-    verbose: bool,
-    seconds: list[tuple[str, float]],
-) -> None:
-    from sidtool.formats.sid_files import write_sid
-
-    from ..report.diagnostics import diagnostic_line, severity_counts
+def _more_lines(sid: Any, verbose: bool, stages: list[tuple[str, float]]) -> list[str]:
+    """Return all notes of the conversion, and the durations of its stages."""
+    from ..report.diagnostics import diagnostic_line
     from ..report.tables import text_table
 
-    write_sid(output, sid, dialect)
-    lines = [f"{output}: {_print_summary(sid)}"]
-    if sid.diagnostics:
-        lines.append(f"diagnostics: {severity_counts(sid.diagnostics)}")
     infos = [each for each in sid.diagnostics if not each.is_warning]
-    lines += [diagnostic_line(each) for each in infos if verbose or each.code == "N160"]
-    if seconds:
-        rows = [[name, f"{duration:.1f} s"] for name, duration in seconds]
+    lines = [diagnostic_line(each) for each in infos if verbose]
+    if stages:
+        rows = [[name, f"{duration:.1f} s"] for name, duration in stages]
         lines.append(text_table(["stage", "duration"], rows))
-    print_result("\n".join(lines), lambda: _sid_data(sid, seconds))
+    return lines
 
 
 def _sid_data(sid: Any, seconds: list[tuple[str, float]]) -> Any:
@@ -286,8 +286,10 @@ def _read_or_convert(
     leading: bool,
     with_field: bool,
     times: StageTimes | None,
-) -> tuple[Any, Any]:
-    """Read or convert the source; return the SID and, on request, the full field."""
+) -> tuple[Any, Any, Any]:
+    """Read or convert the source; return the SID, and of a model its content and the
+    `ConvertedModel`.
+    """
     from sidtool.formats.base.errors import InputError
     from sidtool.formats.model import read_model
     from sidtool.formats.toml.diagnostics_table import ignoring
@@ -302,10 +304,10 @@ def _read_or_convert(
                 raise InputError(
                     "is a SID", source=source, place=option, expected="it with a model"
                 )
-        return read(source), None
+        return read(source), None, None
     from ..eigensolvers.factorisation import engine_name
     from ..eigensolvers.slepc import use_engine
-    from ..pipeline.model_to_sid import field_from_model, sid_from_model
+    from ..pipeline.model_to_sid import convert_model
 
     with use_engine(engine):
         engine_name()
@@ -319,13 +321,10 @@ def _read_or_convert(
         if leading:
             lines(text)
 
-    if with_field:
-        sid, field = field_from_model(model, progress, engine)
-    else:
-        sid, field = sid_from_model(model, progress, engine), None
+    converted = convert_model(model, progress, engine, with_field)
     if leading:
-        print_warnings(sid.diagnostics)
-    return sid, field
+        print_warnings(converted.sid.diagnostics)
+    return converted.sid, model, converted
 
 
 def _in_frame(sid: Any, frame: str) -> Any:
@@ -353,18 +352,10 @@ def _name_option(name: str) -> Iterator[None]:
         raise InputError(error.problem, place=name, expected=error.expected) from None
 
 
-def _print_summary(sid: Any) -> str:
-    from ..report.sid import natural_modes
-    from ..report.tables import counted_noun
-
-    text = f"{counted_noun(len(sid.nodes), 'node')}, {counted_noun(sid.nq, 'mode')}"
-    frequencies = [f"{mode.frequency:.6g}" for mode in natural_modes(sid)[:5]]
-    more = ", ..." if sid.nq > 5 else ""
-    return f"{text}; {', '.join(frequencies)}{more} Hz" if frequencies else text
-
-
 def _repair_sid(sid: Any) -> Any:
-    from ..report.tables import counted_noun, text_table
+    from sidtool.formats.base.text import counted_noun
+
+    from ..report.tables import text_table
     from ..validate import repair
 
     better, changes = repair(sid)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import io
 import os
 import sys
 import warnings
@@ -12,8 +13,9 @@ from typing import NoReturn, TextIO
 
 import click
 
-from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.interruptible import is_work_left
+from sidtool.formats.base.text import wrapped_lines
 from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
 from sidtool.formats.storage.operating_system import (
     DEFAULT,
@@ -32,7 +34,7 @@ from sidtool.formats.storage.unreadable import failure_reason
 from .. import __version__
 from .analyse import analyse
 from .animate import animate
-from .common import JSON, QUIET, count_warnings_if_strict, print_warnings
+from .common import JSON, QUIET, count_warnings_if_strict, print_remarks, print_warnings
 from .convert import convert
 from .export import export
 from .fmu import fmu
@@ -232,10 +234,13 @@ def run(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except click.ClickException as error:
-        error.show()
+        text = io.StringIO()
+        error.show(text)
+        click.echo(wrapped_lines(text.getvalue().rstrip("\n")), err=True)
         return error.exit_code
     except InputError as error:
-        return _print_error(str(error), BAD_INPUT)
+        names = [printable(part) for part in (error.source, error.place) if part]
+        return _print_error(str(error), BAD_INPUT, names)
     except TerminationRequested as ended:
         return _print_error("ended by a signal", 128 + ended.number)
     except (KeyboardInterrupt, click.Abort):
@@ -264,15 +269,16 @@ def _print_warning(
         if message.code:
             print_warnings([message.diagnostic])
         else:
-            click.echo(f"note: {message}", err=True)
+            print_remarks([str(message)], err=True)
     elif category.__module__.partition(".")[0] == "sidtool":
         _print_error(str(message), 0)
     else:
         _show_warning(message, category, filename, lineno, file, line)
 
 
-def _print_error(message: str, status: int) -> int:
-    click.echo(f"sidtool: {message}", err=True)
+def _print_error(message: str, status: int, names: Sequence[str] = ()) -> int:
+    """Print an error in lines that fit on a screen; names in it stay whole."""
+    click.echo(wrapped_lines(f"sidtool: {message}", ("sidtool: ", *names)), err=True)
     return status
 
 

@@ -147,19 +147,16 @@ class StageTimes:
 
 
 class StageLines:
-    """Print one line per stage with its time if no progress bar is shown."""
+    """Print stages with their time, at most one line for each `MIN_DURATION`, if no
+    progress bar is shown.
+    """
 
     def __init__(self) -> None:
-        self._begin = time.monotonic()
-        self._waiting: list[str] = []
+        self._begin = self._printed = time.monotonic()
 
     def __call__(self, text: str) -> None:
-        if is_quiet() or has_listener():
+        now = time.monotonic()
+        if now - self._printed < MIN_DURATION or is_quiet() or has_listener():
             return
-        seconds = time.monotonic() - self._begin
-        self._waiting.append(f"{seconds:6.1f} s  {text}")
-        if seconds < MIN_DURATION:
-            return
-        for line in self._waiting:
-            click.echo(line, err=True)
-        self._waiting.clear()
+        self._printed = now
+        click.echo(f"{now - self._begin:6.1f} s  {text}", err=True)

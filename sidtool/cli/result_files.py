@@ -14,6 +14,8 @@ from sidtool.formats.result import ResultFile, TableFile
 from sidtool.formats.storage.atomic import StoredUnderOtherName
 from sidtool.formats.storage.unreadable import failure_reason
 
+from .common import name_with_size
+
 if TYPE_CHECKING:
     from sidtool.formats.result import Result
     from sidtool.formats.result.rows import Columns, Rows
@@ -92,8 +94,7 @@ class OutputFiles:
             assert file.file is not None
             moved = file.file.moved
             if moved is None:
-                size = path.stat().st_size if path.is_file() else 0
-                self.written.append(f"{path} ({_size_text(size)})")
+                self.written.append(name_with_size(path))
                 continue
             self._fail(path, moved)
             self._messages.append(f"sidtool: {file.file.target} written instead")
@@ -124,8 +125,3 @@ class OutputFiles:
     def _fail(self, path: Path, error: OSError) -> None:
         self.failed = True
         self._messages.append(f"sidtool: {path}: {failure_reason(error)}")
-
-
-def _size_text(size: int) -> str:
-    """A size in bytes as "0.4 MB"."""
-    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"

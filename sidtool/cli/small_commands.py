@@ -87,12 +87,12 @@ def _describe_model_file(content: Any, path: Path) -> None:
 
 def _describe_scene_file(content: Any, path: Path) -> str:
     from sidtool.formats.base.errors import InputError
+    from sidtool.formats.base.text import wrapped
     from sidtool.solver import compile_scene, describe
 
     from ..pipeline.model_cache import convert_bodies
     from ..pipeline.scene_changes import with_initial_state
     from ..report.input_files import describe_scene
-    from ..report.tables import wrapped
 
     folder = path.parent
     try:

@@ -64,6 +64,7 @@ def stations(
     from sidtool.formats.toml.tables import toml_text
 
     from ..importers.openfast import read_openfast
+    from ..report.diagnostics import remark_line
 
     check_targets([Target("-o", output, "stations")], [source], force)
     own = source.suffix.lower() == ".csv"
@@ -73,7 +74,7 @@ def stations(
         f"{source}: {len(found.table.position or found.table.fraction or ())} stations"
     ]
     lines += [f"{name}: {value:.8g}" for name, value in data.items()]
-    lines += [f"note: {note}" for note in found.notes]
+    lines += map(remark_line, found.notes)
     if output is not None:
         write_stations(output, found.table, [f"from {source.name}", *found.notes])
         lines.append(f"{output}: written")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +85,7 @@ def sid_from_model(
     InputError : the model is not valid; the error names the key, and the file if given
         by path.
     """
-    return _run_conversion(model, progress, engine, with_field=False)[0]
+    return convert_model(model, progress, engine).sid
 
 
 def field_from_model(
@@ -94,17 +94,33 @@ def field_from_model(
     engine: str | None = None,
 ) -> tuple[SID, Field]:
     """Convert a model as `sid_from_model`, and return the full field of the body."""
-    sid, field = _run_conversion(model, progress, engine, with_field=True)
-    assert field is not None
-    return sid, field
+    found = convert_model(model, progress, engine, with_field=True)
+    assert found.field is not None
+    return found.sid, found.field
 
 
-def _run_conversion(
+@dataclass(frozen=True, eq=False)
+class ConvertedModel:
+    """A converted model.
+
+    Attributes
+    ----------
+    field : full field of the body, on request
+    degrees_of_freedom : of the mesh
+    """
+
+    sid: SID
+    field: Field | None
+    degrees_of_freedom: int
+
+
+def convert_model(
     model: ModelFile | str | Path,
-    progress: Callable[[str], None] | None,
-    engine: str | None,
-    with_field: bool,
-) -> tuple[SID, Field | None]:
+    progress: Callable[[str], None] | None = None,
+    engine: str | None = None,
+    with_field: bool = False,
+) -> ConvertedModel:
+    """Convert a model as `sid_from_model`, with its field on request."""
     report = progress or (lambda _: None)
     with use_engine(engine, progress):
         content = model if isinstance(model, ModelFile) else read_model(model)
@@ -134,7 +150,7 @@ def _convert(
     progress: Callable[[str], None],
     with_field: bool,
     parts: NamedStages,
-) -> tuple[SID, Field | None]:
+) -> ConvertedModel:
     def begin(part: str, text: str = "") -> None:
         parts.enter(part)
         report_stage(text or part)
@@ -176,10 +192,11 @@ def _convert(
     found += body_warnings(sid)
     kept = without(found, model.diagnostics.ignore)
     sid = replace(sid, diagnostics=kept)
-    if not with_field:
-        return sid, None
-    begin("evaluating the full field")
-    return sid, body_field(sid, body, frame, basis, initial)
+    field = None
+    if with_field:
+        begin("evaluating the full field")
+        field = body_field(sid, body, frame, basis, initial)
+    return ConvertedModel(sid, field, body.ndof)
 
 
 def sid_of_basis(

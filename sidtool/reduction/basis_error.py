@@ -193,12 +193,14 @@ def assess_basis(
             body, frame, space, basis, own, settings
         )
         if own.worst <= _POOR_ERROR:
-            return BasisQuality(_errors_of(own), shares_of_compliance)
+            return BasisQuality(_errors_of(own, settings), shares_of_compliance)
         better = _suggested_methods(
             body, frame, space, full, markers, settings, own.worst
         )
         code = "N161" if _is_poor(own, settings) else "N160"
-        return BasisQuality(_errors_of(own, code, better), shares_of_compliance)
+        return BasisQuality(
+            _errors_of(own, settings, code, better), shares_of_compliance
+        )
     except InputError as error:
         return BasisQuality(diagnose("N165", reason=error.problem))
     except np.linalg.LinAlgError:
@@ -297,26 +299,41 @@ def _is_poor(errors: BasisErrors, settings: ReductionSettings) -> bool:
     """Check the errors of compliances, and of as many frequencies as requested modes.
 
     The highest frequencies of a basis always have errors, since its last shape
-    functions are remainders. Without a number of modes the lower half counts.
+    functions are remainders.
     """
-    count = getattr(settings, "modes", None) or (errors.count + 1) // 2
+    count = _relevant_count(errors, settings)
     relevant = np.concatenate([errors.frequencies[:count], errors.compliances])
     return float(np.abs(relevant).max(initial=0.0)) > _POOR_ERROR
 
 
+def _relevant_count(errors: BasisErrors, settings: ReductionSettings) -> int:
+    """Return the requested number of modes; without one the lower half counts."""
+    return int(getattr(settings, "modes", None) or (errors.count + 1) // 2)
+
+
 def _errors_of(
-    errors: BasisErrors, code: str = "N160", better: Mapping[str, Any] = _NO_BETTER
+    errors: BasisErrors,
+    settings: ReductionSettings,
+    code: str = "N160",
+    better: Mapping[str, Any] = _NO_BETTER,
 ) -> Diagnostic:
     """Return the largest errors of frequencies and compliances as N160 or N161."""
-    i = int(np.abs(errors.frequencies).argmax())
+    sizes = np.abs(errors.frequencies)
+    i, count, rest = int(sizes.argmax()), len(sizes), ""
+    if sizes[i] > _POOR_ERROR:
+        count = min(count, _relevant_count(errors, settings))
+        rest = f", {_percent(float(sizes[i]))} of f{i + 1}" if i >= count else ""
     compliance, load = 0.0, "no loads"
     if len(errors.names):
         k = int(np.abs(errors.compliances).argmax())
         compliance, load = abs(float(errors.compliances[k])), errors.names[k]
     values: dict[str, Any] = {
+        "frequencies": f"f1 to f{count}" if count > 1 else "f1",
+        "relevant": float(sizes[:count].max()),
+        "rest": rest,
         "number": i + 1,
-        "count": len(errors.frequencies),
-        "frequency": abs(float(errors.frequencies[i])),
+        "count": len(sizes),
+        "frequency": float(sizes[i]),
         "hertz": float(errors.hertz[i]),
         "compliance": compliance,
         "load": load,

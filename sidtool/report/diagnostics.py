@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.text import WIDTH, counted_noun, wrapped
 from sidtool.formats.diagnostics import (
     ERROR,
     INFO,
@@ -14,9 +15,9 @@ from sidtool.formats.diagnostics import (
     count_by_severity,
 )
 from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
-from sidtool.formats.diagnostics.record import example_of
+from sidtool.formats.diagnostics.record import example_of, plain_text
 
-from .tables import WIDTH, counted_noun, text_table, wrapped
+from .tables import text_table
 
 
 def diagnostic_line(diagnostic: Diagnostic) -> str:
@@ -31,6 +32,11 @@ def diagnostic_line(diagnostic: Diagnostic) -> str:
     if diagnostic.remedy:
         lines.append(wrapped(diagnostic.remedy, "    ", "    "))
     return "\n".join(lines)
+
+
+def remark_line(sentence: str) -> str:
+    """Return a note, which may begin with its code, as the line of a diagnostic."""
+    return diagnostic_line(plain_text(sentence))
 
 
 def diagnostic_lines(diagnostics: Iterable[Diagnostic]) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.text import counted_noun
 from sidtool.formats.model import Material, ModelFile, NodeMarker
 from sidtool.formats.model.frames import FrameGeometry
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
@@ -33,7 +34,7 @@ from ..elements.finite_element_model import FiniteElementModel
 from ..reduction.admissible_space import constrained_space
 from ..reduction.body_frames import buckens_frame
 from .diagnostics import diagnostic_lines
-from .tables import TextBlock, counted_noun, format_numbers, named_values, text_table
+from .tables import TextBlock, format_numbers, named_values, text_table
 
 
 def describe_model(model: ModelFile, body: FiniteElementModel | None = None) -> str:

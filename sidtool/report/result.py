@@ -10,6 +10,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import printable
 from sidtool.formats.base.html import html_table
+from sidtool.formats.base.text import counted_noun, wrapped
 from sidtool.formats.diagnostics import Diagnostic, WithDiagnostics
 from sidtool.formats.diagnostics.entry import per_cent
 from sidtool.formats.result import (
@@ -24,14 +25,7 @@ from sidtool.formats.result import (
 )
 
 from .diagnostics import diagnostic_lines, severity_counts
-from .tables import (
-    WIDTH,
-    TextBlock,
-    counted_noun,
-    named_values,
-    text_table,
-    wrapped,
-)
+from .tables import TextBlock, named_values, text_table, title_line
 
 if TYPE_CHECKING:
     from sidtool.solver.analyses.linearisation import Linearisation
@@ -117,8 +111,7 @@ def _title_line(result: Result, first: float, last: float) -> str:
         outcome = f"ended by an event, {first:g} to {last:g} s"
     if not result.completed:
         outcome = f"STOPPED after {first:g} to {last:g} s"
-    title = printable(result.title or "(no title)")
-    return f"{title}  {outcome.rjust(WIDTH - len(title) - 2)}"
+    return title_line(result.title, outcome)
 
 
 def _labelled_lines(entries: Sequence[tuple[str, str]], width: int) -> str:

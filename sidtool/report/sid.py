@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -11,6 +12,7 @@ from scipy.sparse import csr_matrix
 from sidtool.formats.base.compliance_shares import DIRECTIONS
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.base.stress import stress_nodes
+from sidtool.formats.base.text import counted_noun
 from sidtool.formats.dead_nodes import dead_nodes, motion_scale
 from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.motion_kinds import (
@@ -23,7 +25,16 @@ from sidtool.formats.motion_kinds import (
 
 from ..eigensolvers.eigenpairs import equal_frequencies, rotation_to_axes
 from ..validate.frequencies import held_modes, to_hertz
-from .tables import counted_noun, format_numbers, named_values, text_table
+from .diagnostics import severity_counts
+from .tables import format_numbers, named_values, text_table, title_line
+
+if TYPE_CHECKING:
+    from sidtool.formats.model import ModelFile
+
+    from ..pipeline.model_to_sid import ConvertedModel
+
+#: Number of frequencies in the summary of a conversion.
+_LISTED_FREQUENCIES = 5
 
 
 def describe_sid(sid: SID) -> str:
@@ -38,6 +49,47 @@ def describe_sid(sid: SID) -> str:
     if sid.nodes:
         parts.append(_node_table(sid))
     return "\n\n".join(parts)
+
+
+def describe_conversion(
+    sid: SID,
+    seconds: float,
+    files: Sequence[str],
+    model: ModelFile | None = None,
+    converted: ConvertedModel | None = None,
+) -> str:
+    """Return the cost of a conversion, its body, shape functions, errors and files.
+
+    Parameters
+    ----------
+    seconds : duration
+    files : what was written, with sizes
+    model, converted : of which the SID was made, if not of another SID
+    """
+    functions = counted_noun(sid.nq, "shape function")
+    mass, entries = f"mass {sid.mass:.4g}", []
+    if model is not None and converted is not None:
+        mass = f"{sid.mass:.4g} kg"
+        functions += f" ({model.reduction.method})"
+        unknowns = counted_noun(converted.degrees_of_freedom, "degree of freedom")
+        entries.append(("mesh", unknowns))
+    nodes = counted_noun(len(sid.nodes), "node")
+    entries.append(("body", f"{mass}, {nodes}, {frame_kind_of(sid)}"))
+    if sid.nq:
+        entries.append(("basis", f"{functions}, {_frequency_text(sid)}"))
+    entries += [("accuracy", d.line) for d in sid.diagnostics if d.code == "N160"]
+    entries.append(("diagnostics", severity_counts(sid.diagnostics)))
+    entries.append(("files", ", ".join(files)))
+    title = title_line(sid.title, f"finished in {seconds:.1f} s")
+    return f"{title}\n{named_values(entries)}"
+
+
+def _frequency_text(sid: SID) -> str:
+    """First and last frequencies of the shape functions."""
+    texts = [f"{mode.frequency:.6g}" for mode in natural_modes(sid)]
+    if len(texts) > _LISTED_FREQUENCIES:
+        texts = [*texts[: _LISTED_FREQUENCIES - 1], "...", texts[-1]]
+    return f"{', '.join(texts)} Hz"
 
 
 def _overview_lines(sid: SID) -> str:

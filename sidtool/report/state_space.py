@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sidtool.formats.base.text import counted_noun
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.storage.atomic import atomic_path
 
 from .json_data import write_json
 from .result import plain_notes
-from .tables import counted_noun, name_with_unit, named_values, text_table
+from .tables import name_with_unit, named_values, text_table
 
 if TYPE_CHECKING:
     from sidtool.solver.analyses.frequency_response import FrequencyResponse, Peak

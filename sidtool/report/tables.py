@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.html import html_table
+from sidtool.formats.base.text import WIDTH, wrapped
 
-#: Columns of a screen.
-WIDTH = 100
 #: Values below this fraction of the largest one are printed as zero.
 _ROUNDING = 1e-12
 #: Texts in tables are not made narrower than this.
@@ -78,6 +77,12 @@ def name_with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
+def title_line(title: str, outcome: str) -> str:
+    """Return a title with what became of its work, which ends at the right."""
+    name = printable(title or "(no title)")
+    return f"{name}  {outcome.rjust(WIDTH - len(name) - 2)}"
+
+
 def named_values(entries: Iterable[tuple[str, str]]) -> TextBlock:
     """Return names and their values, aligned; long values continue below."""
     pairs = [(name, printable(text)) for name, text in entries]
@@ -88,29 +93,6 @@ def named_values(entries: Iterable[tuple[str, str]]) -> TextBlock:
         for name, text in pairs
     )
     return TextBlock(lines, html_table(pairs))
-
-
-def wrapped(text: str, indent: str = "", first: str = "") -> str:
-    """Return a text as lines that fit on a screen.
-
-    indent : of all lines but the first
-    first : indent of the first line
-    """
-    return textwrap.fill(
-        text,
-        WIDTH,
-        initial_indent=first,
-        subsequent_indent=indent,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-
-
-def counted_noun(count: int, word: str) -> str:
-    """Return a count with its noun, as in "1 mode", "2 modes"."""
-    if count == 1:
-        return f"1 {word}"
-    return f"{count} {word[:-1] + 'ies' if word.endswith('dy') else word + 's'}"
 
 
 def _widths_on_screen(widths: Sequence[int], right: Sequence[bool]) -> list[int]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from sidtool.formats.base.sid import SID
+from sidtool.formats.base.text import counted_noun, wrapped
 from sidtool.formats.diagnostics import Diagnostic, diagnose, each_once
 from sidtool.formats.plausibility import body_warnings
 
@@ -16,7 +17,7 @@ from ..comparison.comparison import compare, comparison_report, to_json
 from ..validate.checks import Check, check, report, verdict
 from ..validate.unit_guess import UnitGuess, guess_units
 from .diagnostics import diagnostic_line, diagnostic_lines
-from .tables import counted_noun, text_table, wrapped
+from .tables import text_table
 
 #: Indent of the details of an identity.
 _DETAIL = " " * 6

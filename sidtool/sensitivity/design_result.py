@@ -75,7 +75,9 @@ class Optimum:
 
     def report(self) -> str:
         """Return the result as text, as `sidtool optimise` prints it."""
-        from ..report.tables import counted_noun, text_table
+        from sidtool.formats.base.text import counted_noun
+
+        from ..report.tables import text_table
 
         end = "Converged" if self.converged else f"Not converged: {self.message}"
         cost = f"{counted_noun(len(self.history) - 1, 'iteration')}, {self.runs} runs"

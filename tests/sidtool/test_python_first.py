@@ -20,6 +20,7 @@ from sidtool.formats.scene import forces as force_kinds
 from sidtool.formats.scene import functions as function_kinds
 from sidtool.formats.scene import joints as joint_kinds
 from sidtool.solver.compiler import precompile
+from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
 
 G = 9.81
@@ -215,7 +216,7 @@ def test_compiling_is_announced_at_a_prompt_and_in_notebooks(
     precompile.print_compiling("one")
     monkeypatch.setitem(sys.modules, "ipykernel", sys)
     precompile.print_compiling("two")
-    assert capsys.readouterr().err == "sidtool: two\n"
+    assert unwrapped(capsys.readouterr().err) == "sidtool: two\n"
 
 
 def test_equal_scenes_may_come_from_anywhere(tmp_path: Path) -> None:

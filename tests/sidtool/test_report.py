@@ -12,9 +12,10 @@ import pytest
 from sidtool.api.scene import read
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Taylor, rigid_node, rigid_sid
+from sidtool.formats.base.text import counted_noun
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.report.sid import describe_sid, frame_kind_of, natural_modes
-from sidtool.report.tables import counted_noun, text_table
+from sidtool.report.tables import text_table
 from sidtool.report.validation import judge_sid, judgement_as_text
 from tests.codes import only, with_code
 from tests.places import SLIDER_CRANK

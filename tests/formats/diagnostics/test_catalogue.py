@@ -8,12 +8,13 @@ from string import Formatter
 
 import pytest
 
+from sidtool.formats.base.text import WIDTH
 from sidtool.formats.diagnostics import WARNING, Entry, count_by_severity, diagnose
 from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
 from sidtool.formats.diagnostics.entry import Value, fill
 from sidtool.formats.diagnostics.identities import IDENTITY_TEXTS
 from sidtool.formats.diagnostics.record import example_of
-from sidtool.report.diagnostics import WIDTH, diagnostic_line, explain, list_codes
+from sidtool.report.diagnostics import diagnostic_line, explain, list_codes
 
 ROOT = Path(__file__).parents[3]
 #: What an explanation of a warning names: a threshold, a formula or a quantity of one.

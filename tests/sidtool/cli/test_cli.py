@@ -14,7 +14,7 @@ import pytest
 
 from sidtool.cli.main import cli, run
 from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
-from tests.codes import only_warning
+from tests.codes import only_warning, unwrapped
 from tests.places import SLIDER_CRANK
 from tests.solver.compiler.small_kernels import scaled
 
@@ -41,10 +41,10 @@ def refused(
     assert run([str(argument) for argument in arguments]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    assert "Traceback" not in captured.err
+    error = unwrapped(captured.err)
+    assert error.count("\n") == 1 and "Traceback" not in error
     assert list((folder / "out").iterdir()) == []
-    return captured.err
+    return error
 
 
 def spoiled(folder: Path, file: str, old: str, new: str) -> Path:
@@ -102,9 +102,9 @@ def test_every_command_explains_itself(
 
 def test_a_wrong_command_is_a_wrong_input(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["simulat"]) == 2
-    assert "simulate" in capsys.readouterr().err
+    assert "simulate" in unwrapped(capsys.readouterr().err)
     assert run(["convert", "x.toml"]) == 2
-    assert "'-o'" in capsys.readouterr().err
+    assert "'-o'" in unwrapped(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(
@@ -281,7 +281,7 @@ def test_convert_there_and_back(
     assert run(["convert", str(sid), "-o", str(folder / "a.h5")]) == 0
     assert run(["convert", str(folder / "a.h5"), "-o", str(folder / "b.SID_FEM")]) == 0
     assert without_version(folder / "b.SID_FEM") == without_version(sid)
-    assert "2 nodes, 5 modes; 31.7011, 200.553" in capsys.readouterr().out
+    assert "5 shape functions, 31.7011, 200.553" in capsys.readouterr().out
 
 
 def test_convert_to_other_units(
@@ -435,7 +435,7 @@ def test_interruption_is_reported_in_one_word(
 
     monkeypatch.setattr("sidtool.pipeline.files.kind_of", interrupt)
     assert run(["info", "x"]) == 130
-    assert "interrupted" in capsys.readouterr().err
+    assert "interrupted" in unwrapped(capsys.readouterr().err)
 
 
 def test_a_warmup_that_stores_nothing_has_failed(

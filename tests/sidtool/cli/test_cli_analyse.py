@@ -13,6 +13,7 @@ import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.result import read_result
 from sidtool.report.result import mode_rows
+from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
 
 PENDULUM = """
@@ -96,7 +97,7 @@ def test_inverse_needs_a_prescribed_motion(
     pendulum: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["analyse", "inverse", str(pendulum)]) == 2
-    message = capsys.readouterr().err
+    message = unwrapped(capsys.readouterr().err)
     assert "pendulum.toml" in message and "1 of 3 coordinates" in message
     pendulum.write_text(DRIVEN, encoding="utf-8")
     target = pendulum.with_name("forces.csv")
@@ -115,7 +116,7 @@ def test_inverse_of_flexible_bodies_is_quasi_static_on_demand(
         text.replace("output_step = 0.01", "output_step = 0.5"), encoding="utf-8"
     )
     assert run(["analyse", "inverse", str(scene)]) == 2
-    assert "the option quasi-static" in capsys.readouterr().err
+    assert "the option quasi-static" in unwrapped(capsys.readouterr().err)
     target = tmp_path / "forces.h5"
     command = ["analyse", "inverse", str(scene), "--quasi-static", "-o", str(target)]
     assert run(command) == 0
@@ -140,7 +141,7 @@ function = { type = "polynomial", pieces = [{ from = 0, coefficients = [-0.6, -1
 """
     scene.write_text(PENDULUM + pull, encoding="utf-8")
     assert run(["analyse", "inverse", str(scene), "-o", str(target)]) == 1
-    assert "N722" in capsys.readouterr().err
+    assert "N722" in unwrapped(capsys.readouterr().err)
     result = read_result(target)
     assert not result.completed and "N722" in result.message
     assert len(result.t) == 4
@@ -159,7 +160,7 @@ def test_a_body_that_can_fall_is_reported_in_one_line(
         text[:start] + text[end:].replace(', "hinge.fy"', ""), encoding="utf-8"
     )
     assert run(["analyse", "static", str(pendulum)]) == 1
-    assert "N701" in capsys.readouterr().err
+    assert "N701" in unwrapped(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("command", [["info"], ["analyse", "modes"], ["linearise"]])
@@ -177,7 +178,7 @@ function = { type = "expression", value = "1/bob.vx" }
 """
     pendulum.write_text(PENDULUM + pole, encoding="utf-8")
     assert run([*command, str(pendulum)]) == 2
-    assert "N509" in capsys.readouterr().err
+    assert "N509" in unwrapped(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -14,6 +14,7 @@ import pytest
 
 import sidtool
 from sidtool.cli.main import cli, run
+from sidtool.formats.base.text import counted_noun
 from tests.places import SLIDER_CRANK
 
 SCENE, SID = SLIDER_CRANK / "slider_crank.toml", SLIDER_CRANK / "rod_q4.SID_FEM"
@@ -101,3 +102,33 @@ def test_the_shell_completes_commands() -> None:
         encoding="utf-8",
     )
     assert done.stdout == "plain,simulate\n"
+
+
+def test_errors_keep_to_the_width_of_a_screen_and_names_of_files_stay_whole(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A name with spaces can be copied from the error, however long it is."""
+    path = tmp_path / " ".join(["part of a long name"] * 6) / "scene.toml"
+    path.parent.mkdir()
+    path.write_text(
+        'title = "t"\n[bodies.arm]\nsid = "no.SID_FEM"\nwrong_key_of_it = 1\n',
+        encoding="utf-8",
+    )
+    assert run(["simulate", str(path), "-o", str(tmp_path / "r.h5")]) == 2
+    lines = capfd.readouterr().err.splitlines()
+    (named,) = (line for line in lines if str(path) in line)
+    assert all(len(line) <= 100 for line in lines if line != named)
+    assert run(["plot", str(path), "-o", "a.png", "--kind", "k" * 50]) == 2
+    lines = capfd.readouterr().err.splitlines()
+    assert "k" * 50 in "".join(lines) and max(map(len, lines)) <= 100
+
+
+def test_counts_agree_with_their_nouns() -> None:
+    nouns = "degree of freedom", "body", "point mass", "key"
+    assert [counted_noun(2, noun) for noun in nouns] == [
+        "2 degrees of freedom",
+        "2 bodies",
+        "2 point masses",
+        "2 keys",
+    ]
+    assert counted_noun(1, "body") == "1 body" and counted_noun(0, "key") == "0 keys"

@@ -10,6 +10,7 @@ import pytest
 from sidtool.cli import main
 from sidtool.cli.main import run
 from sidtool.pipeline import examples
+from tests.codes import unwrapped
 
 
 def test_the_demo(
@@ -47,7 +48,7 @@ def test_without_the_examples_the_demo_reports_their_absence(
 ) -> None:
     monkeypatch.setattr(examples, "_EXAMPLES", (tmp_path / "examples",))
     assert run(["demo", "-o", str(tmp_path / "demo")]) == 2
-    assert "files of the example are not here" in capsys.readouterr().err
+    assert "files of the example are not here" in unwrapped(capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -56,4 +57,4 @@ def test_a_file_in_the_way_of_the_folder(
 ) -> None:
     (tmp_path / "demo").write_text("", encoding="utf-8")
     assert run(["demo", "-o", str(tmp_path / "demo")]) == 2
-    assert "cannot be a folder" in capsys.readouterr().err
+    assert "cannot be a folder" in unwrapped(capsys.readouterr().err)

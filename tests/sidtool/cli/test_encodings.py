@@ -14,6 +14,7 @@ import pytest
 
 from sidtool.cli import main
 from sidtool.formats.storage import operating_system
+from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
 
 TITLE = (
@@ -68,7 +69,7 @@ def test_an_invalid_argument_of_a_file_is_no_closed_pipe(
     monkeypatch.setattr(operating_system, "WINDOWS", True)
     monkeypatch.setattr(main.cli, "main", fail)
     assert main.run(["info"]) == 1
-    assert "Invalid argument" in capsys.readouterr().err
+    assert "Invalid argument" in unwrapped(capsys.readouterr().err)
 
     class Closed(io.StringIO):
         write = fail  # type: ignore[assignment]

@@ -16,6 +16,7 @@ from sidtool.formats.field import write_field
 from sidtool.formats.file_names import OUTPUT_KINDS, check_ending
 from sidtool.pipeline.model_to_sid import field_from_model
 from sidtool.view.html_report import write_report
+from tests.codes import unwrapped
 
 from ..bodies import volume
 
@@ -161,7 +162,7 @@ def test_commands_refuse_them_before_any_work(
     words = [w for i, w in enumerate(words) if not (i == 1 and w.startswith("--"))]
     for ending in endings:
         assert run([*words, f"x{ending}"]) == 2
-        stderr = capsys.readouterr().err
+        stderr = unwrapped(capsys.readouterr().err)
         said = ("which the ending", "it has no ending", "and the ending")
         assert any(words in stderr for words in said), stderr
     assert set(tmp_path.iterdir()) == before

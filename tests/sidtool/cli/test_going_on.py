@@ -16,6 +16,7 @@ import pytest
 import sidtool
 from sidtool.api.interrupts import stop_on_signals
 from sidtool.cli.main import run
+from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
 
 #: The command line, whose run gets a signal when it has passed a time.
@@ -249,4 +250,4 @@ def test_ctrl_c_ends_the_search_for_a_model(
     path = tmp_path / "r.h5"
     words = ["simulate", str(SLIDER_CRANK / "slider_crank.toml"), "--accuracy", "1e-2"]
     assert run([*words, "-o", str(path)]) == 130
-    assert not path.exists() and "interrupted" in capsys.readouterr().err
+    assert not path.exists() and "interrupted" in unwrapped(capsys.readouterr().err)

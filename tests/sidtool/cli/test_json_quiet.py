@@ -209,8 +209,8 @@ def test_quiet_commands_print_their_notes_and_nothing_else(
             words = [command, "r.h5", "-o", target, *["--quiet"] * quiet]
             assert run(words) == 0
             out, err = capfd.readouterr()
-            assert ("note: a remark" in err) == quiet
-            assert ("note: a remark" in out) != quiet
+            assert ("info a remark" in err) == quiet
+            assert ("info a remark" in out) != quiet
 
 
 def test_info_fails_if_the_body_cannot_be_discretised(

@@ -17,6 +17,7 @@ import pytest
 from sidtool.cli.main import run
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import has_ended
+from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK, posix
 
 #: The command line, stopped in the midst of writing its output.
@@ -286,7 +287,7 @@ def test_a_study_first_refuses_a_folder_that_cannot_be_made(
 ) -> None:
     monkeypatch.chdir(folder)
     assert run([*STUDY[:3], "slider_crank.toml/study"]) == 2
-    assert "cannot be a folder to write to" in capsys.readouterr().err
+    assert "cannot be a folder to write to" in unwrapped(capsys.readouterr().err)
 
 
 COMPILING = """

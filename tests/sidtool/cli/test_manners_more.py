@@ -14,7 +14,7 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from sidtool.measurement import cache
-from tests.codes import with_code
+from tests.codes import unwrapped, with_code
 from tests.places import SLIDER_CRANK
 
 from .test_going_on import interrupted, pendulum
@@ -59,7 +59,7 @@ def test_analyses_of_one_state_need_no_output_times(
     assert "no output times" in capsys.readouterr().out
     for command in (["simulate"], ["analyse", "inverse"]):
         assert run([*command, "s.toml", "-o", "r.h5"]) == 2
-        stderr = capsys.readouterr().err
+        stderr = unwrapped(capsys.readouterr().err)
         assert "time: neither is given" in stderr or "can move" in stderr
     assert not Path("r.h5").exists()
     with pytest.raises(sidtool.InputError, match="time: neither is given"):

@@ -10,6 +10,7 @@ from sidtool.cli.main import run
 from sidtool.pipeline import examples
 from sidtool.pipeline.examples import EXAMPLE_TITLES
 from sidtool.pipeline.files import kind_of
+from tests.codes import unwrapped
 from tests.places import EXAMPLES
 
 #: Examples without flexible bodies.
@@ -39,10 +40,10 @@ def test_existing_files_are_not_changed(
     folder.mkdir()
     (folder / "scene.toml").write_text("mine", encoding="utf-8")
     assert run(["new", str(folder)]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already" in unwrapped(capsys.readouterr().err)
     assert (folder / "scene.toml").read_text(encoding="utf-8") == "mine"
     assert run(["new", str(tmp_path / "no" / "folder")]) == 2
-    assert "cannot be made" in capsys.readouterr().err
+    assert "cannot be made" in unwrapped(capsys.readouterr().err)
     assert run(["new", str(tmp_path / "x"), "--from", "toaster"]) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
@@ -55,5 +56,5 @@ def test_a_failed_copy_leaves_nothing(
 
     monkeypatch.setattr(examples.shutil, "copyfile", full)
     assert run(["new", str(tmp_path / "mine")]) == 2
-    assert "No space left" in capsys.readouterr().err
+    assert "No space left" in unwrapped(capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == []

@@ -19,6 +19,7 @@ from sidtool.formats.result import read_result
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.storage import atomic, operating_system
 from sidtool.formats.storage.atomic import atomic_path
+from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK, posix
 
 
@@ -38,7 +39,7 @@ def refused(arguments: list[str], folder: Path, capsys: pytest.CaptureFixture) -
     before = contents(folder)
     assert run(arguments) == 2
     assert contents(folder) == before
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = unwrapped(capsys.readouterr().err).splitlines()
     return line
 
 

@@ -9,6 +9,7 @@ import pytest
 from sidtool.cli.result_files import OutputFiles
 from sidtool.formats.result import Result, ResultFile
 from sidtool.formats.result.data import TABLES
+from tests.codes import unwrapped
 
 
 def test_an_error_of_a_library_is_shown_in_its_words(
@@ -26,5 +27,7 @@ def test_an_error_of_a_library_is_shown_in_its_words(
         with pytest.raises(OSError, match="too large"):
             files.finish(None)  # type: ignore[arg-type]
     files.print_messages(err=False)
-    assert "r.h5: object header message is too large" in capsys.readouterr().err
+    assert "r.h5: object header message is too large" in unwrapped(
+        capsys.readouterr().err
+    )
     assert list(tmp_path.iterdir()) == []

@@ -16,6 +16,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.result import Result, read_result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.toml.reading import validate_data
+from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
 
 PATTERNS = ("*.x", "rod.*.ux", "*.v*", "bearing.*", "crank_pin.f*", "rod.q*", "*.a*")
@@ -199,6 +200,6 @@ def test_the_command_refuses_unavailable_outputs(
     assert (
         run(["outputs", str(SLIDER_CRANK / "rod_q4.SID_FEM"), "--add", "piston.x"]) == 2
     )
-    text = capsys.readouterr().err
+    text = unwrapped(capsys.readouterr().err)
     assert all(w in text for w in ("has no marker 'tip'", "would be", "a SID file"))
     assert "scene of the result" not in text  # which is not what is wrong

@@ -18,6 +18,7 @@ from sidtool.cli.main import run
 from sidtool.measurement import tasks
 from sidtool.measurement.tasks import as_completed, make_executor
 from sidtool.study import StudyInterrupted, run_study
+from tests.codes import unwrapped
 from tests.places import posix
 
 from ..accuracy.arms import swinging
@@ -106,7 +107,7 @@ def test_an_interruption_reports_finished_points(
     monkeypatch.setattr(whole_module, name, ended)
     command = ["study", str(path), "--over", "modes=1:2", "-o", str(out)]
     assert run([*command, "--jobs", "1"]) == 130
-    stderr = capsys.readouterr().err
+    stderr = unwrapped(capsys.readouterr().err)
     assert ("finished points are in" in stderr) == (out / "points").exists()
     assert ("no point was finished" in stderr) == (not points)
 
@@ -131,7 +132,7 @@ def test_wrong_wishes_are_refused(
 ) -> None:
     path = written(tmp_path)
     assert run(["study", str(path), "--jobs", "1", *arguments]) == 2
-    assert "expected" in capsys.readouterr().err
+    assert "expected" in unwrapped(capsys.readouterr().err)
 
 
 def test_a_scene_that_stops_has_exit_status_1(
@@ -156,7 +157,7 @@ def test_a_scene_that_stops_has_exit_status_1(
     ).save(path)
     few = ["--integrator", "radau9", "--rtol", "1e-2", "--jobs", "1"]
     assert run(["study", str(path), *few]) == 1
-    assert "the reference stopped at t = 1.2" in capsys.readouterr().err
+    assert "the reference stopped at t = 1.2" in unwrapped(capsys.readouterr().err)
     assert run(["study", str(path), *few, "--of", "bar.nothing"]) == 2
 
 

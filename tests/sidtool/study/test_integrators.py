@@ -25,6 +25,7 @@ from sidtool.study import (
     recommend_point,
     run_study,
 )
+from tests.codes import unwrapped
 from tests.solver.scenes import scene
 
 SCENE = """
@@ -182,7 +183,7 @@ def test_wrong_wishes_are_refused(
     path = tmp_path / "pendulum.toml"
     path.write_text(SCENE, encoding="utf-8")
     assert run(["study", str(path), "--jobs", "1", *arguments]) == 2
-    assert "expected" in capsys.readouterr().err
+    assert "expected" in unwrapped(capsys.readouterr().err)
 
 
 def test_errors_below_the_uncertainty_are_not_resolved() -> None:

@@ -19,7 +19,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.study import StudyInterrupted
 from sidtool.sweep import Sweep
 from sidtool.sweep.design import parse_axes
-from tests.codes import with_code
+from tests.codes import unwrapped, with_code
 
 from ..accuracy import arms
 from ..study.parts import bar
@@ -146,7 +146,7 @@ def test_failed_runs_are_rows_and_finished_ones_are_stored(
     command = ["sweep", str(pendulum), "--over", "bob.mass=-1,1", "--over"]
     of = ["--of", "string.f1.min", "-o", str(table), "-o", str(picture)]
     assert run([*command, "length=1,2", *of, "--jobs", "1"]) == 1
-    assert "2 of 4 runs failed" in capsys.readouterr().err
+    assert "2 of 4 runs failed" in unwrapped(capsys.readouterr().err)
     with table.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.reader(stream))
     assert rows[0] == ["bob.mass [kg]", "length", "string.f1.min [N]", "message"]
@@ -224,7 +224,7 @@ def test_wrong_wishes_are_refused(
 ) -> None:
     command = ["sweep", str(pendulum), "--over", over, "--of", of, "--jobs", "1"]
     assert run(command) == 2
-    assert "expected" in capsys.readouterr().err
+    assert "expected" in unwrapped(capsys.readouterr().err)
 
 
 def test_a_range_without_a_count_is_no_text(pendulum: Path) -> None:

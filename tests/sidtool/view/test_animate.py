@@ -25,6 +25,7 @@ from sidtool.view import body_fields, html_player
 from sidtool.view import html_player as page_module
 from sidtool.view.animation import animate, animation_data
 from sidtool.view.motion import sample_motion
+from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
 
 from ..models import QM6, rod
@@ -375,7 +376,7 @@ def test_the_command_reports_wrong_input(
     for arguments, message in cases.items():
         target = str(tmp_path / arguments[0])
         assert run(["animate", str(path), "-o", target, *arguments[1:]]) == 2, arguments
-        assert message in capsys.readouterr().err
+        assert message in unwrapped(capsys.readouterr().err)
         assert not Path(target).exists()
     assert (
         run(["animate", str(SLIDER_CRANK / "slider_crank.toml"), "-o", "m.html"]) == 2

@@ -32,6 +32,7 @@ from sidtool.view.export import (
     write_pvd,
     write_vtkhdf,
 )
+from tests.codes import unwrapped
 from tests.formats.test_growing import little_room
 from tests.places import SLIDER_CRANK
 
@@ -292,7 +293,7 @@ def test_the_command_writes_files_and_prints_notes(
     ]
     for arguments, message in cases:
         assert run(["export", *arguments]) == 2, arguments
-        assert message in capsys.readouterr().err
+        assert message in unwrapped(capsys.readouterr().err)
 
 
 def test_thousands_of_bodies_are_named(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from sidtool.formats.field import Field, mismatch_text, read_field, write_field
 from sidtool.formats.model import ModelFile
 from sidtool.pipeline.files import kind_of
 from sidtool.pipeline.model_to_sid import field_from_model
+from tests.codes import unwrapped
 from tests.places import EXAMPLES
 
 from ..bodies import WIDTH, beam, volume
@@ -165,7 +166,7 @@ def test_the_command_writes_both(
     source = str(EXAMPLES / "slider_crank" / "rod_q4.toml")
     target, field = tmp_path / "rod.SID_FEM", tmp_path / "rod.field.h5"
     assert run(["convert", source, "-o", str(target), "--field", str(field)]) == 0
-    assert "1661 points, 3000 triangles, with stresses" in capsys.readouterr().out
+    assert "with 1661 points and stresses" in unwrapped(capsys.readouterr().out)
     given = (EXAMPLES / "slider_crank" / "rod_q4.SID_FEM").read_text(encoding="utf-8")
     assert len(target.read_text(encoding="utf-8").splitlines()) == len(
         given.splitlines()
@@ -180,9 +181,9 @@ def test_the_command_writes_both(
         str(field),
     ]
     assert run(again) == 2
-    assert "does not hold the whole body" in capsys.readouterr().err
+    assert "does not hold the whole body" in unwrapped(capsys.readouterr().err)
     units = ["--units", "mm-t-s:SI"]
     assert (
         run(["convert", source, "-o", str(target), "--field", str(field), *units]) == 2
     )
-    assert "does not go with --units" in capsys.readouterr().err
+    assert "does not go with --units" in unwrapped(capsys.readouterr().err)

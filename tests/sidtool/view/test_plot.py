@@ -23,6 +23,7 @@ from sidtool.pipeline.model_to_sid import field_from_model
 from sidtool.plot import bodies, results
 from sidtool.plot.curves import axis_label, group_outputs
 from sidtool.plot.figure import saved_figure
+from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
 from tests.solver.scenes import scene
 
@@ -291,4 +292,4 @@ def test_the_command_reports_wrong_input(
     ]
     for arguments, message in cases:
         assert run(["plot", *arguments]) == 2, arguments
-        assert message in capsys.readouterr().err
+        assert message in unwrapped(capsys.readouterr().err)

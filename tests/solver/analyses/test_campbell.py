@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 import sidtool
 from sidtool.cli.main import run
-from tests.codes import codes, only
+from tests.codes import codes, only, unwrapped
 
 from .state_space_scenes import pendulum
 
@@ -317,7 +317,7 @@ def test_the_command_writes_tables_data_and_pictures(
     assert [float(row.split(",")[2]) for row in rows[1:]] == [first[0], first[-1]]
     assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
     assert run([*words, "--orders", "1,x"]) == 2
-    assert "--orders" in capsys.readouterr().err
+    assert "--orders" in unwrapped(capsys.readouterr().err)
 
 
 def test_a_scene_without_rotation_has_no_critical_speeds() -> None:

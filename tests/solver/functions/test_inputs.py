@@ -10,6 +10,7 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.scene import unit_of
+from tests.codes import unwrapped
 
 INPUT = {"type": "input", "name": "command"}
 
@@ -268,7 +269,7 @@ def test_the_command_reads_tables_and_continues(
     metres = "t,value [m]\n0,1\n1,1\n"  # of what a motor takes as N m
     (tmp_path / "metres.csv").write_text(metres, encoding="utf-8")
     assert run([*command, "--force", "--input", "command=metres.csv"]) == 2
-    assert "has the unit m" in capsys.readouterr().err
+    assert "has the unit m" in unwrapped(capsys.readouterr().err)
     (tmp_path / "all.csv").write_text("t,value\n0,1\n0.1,x", encoding="utf-8")
     assert run([*command, "--force", "--input", "command=all.csv"]) == 2
-    assert "line 3" in capsys.readouterr().err
+    assert "line 3" in unwrapped(capsys.readouterr().err)
