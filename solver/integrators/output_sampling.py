@@ -7,6 +7,8 @@ from numba import boolean, float64, int64, types
 from ..compiler.kernels import entry, inner
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.joint_friction import contact_force, coordinate_rate
+from ..linear.mass_matrix import constraint_independence, constraint_scale
+from ..linear.saddle_point import REGULARISATION
 from ..spatial.system_arrays import (
     C_GAMMA,
     C_RATE,
@@ -24,6 +26,11 @@ from .loop_state import CONTROL, copy
 from .projection import evaluate_accelerations, project_state
 from .step_limits import store_measures
 from .step_size import time_resolution
+
+#: Where constraints are less independent than the first, multipliers are rounding.
+#: Where they are less independent than the second, multipliers are recorded if their
+#: relative change within the tolerance of the constraints is at most the third.
+SINGULAR, CLEARLY_INDEPENDENT, MULTIPLIER_ERROR = 1e-6, 0.01, 1e-3
 
 
 @inner(boolean(CONTROL, int64, float64))
@@ -163,6 +170,51 @@ def evaluate_jacobians(kernels, system, work, times, interval_times, z, v, C):
         copy(work.C, C[k])
 
 
+@inner(
+    boolean(KERNELS, SYSTEM, WORK, MEMORY, F2, float64, F1, F1, F1, F1, F1),
+)
+def _multipliers_are_certain(
+    kernels, system, work, memory, constraint_tolerance, t, z, v, dz, dv, multiplier
+):
+    """True if multipliers hardly change within the tolerance of the constraints.
+
+    A change counts relative to the largest multiplier, each measured by the
+    acceleration that it causes. The violations are those that change the multipliers
+    most, by a step of the power method; states with once and twice of them are looked
+    at. z and v are overwritten, dz and dv are scratch. The state must have been
+    evaluated.
+    """
+    independence = constraint_independence(system, memory)
+    if independence > CLEARLY_INDEPENDENT or independence < SINGULAR:
+        return independence > SINGULAR
+    largest = 0.0
+    for i in range(system.n_rows):
+        scale = constraint_scale(system, memory, i)
+        largest = max(largest, scale * abs(multiplier[i]))
+        memory.multiplier[i] = 1.0 / (1.0 + i)
+    for attempt in range(2):
+        for i in range(system.n_rows):
+            weight = memory.multiplier[i]
+            if attempt > 0:
+                weight = math.copysign(1.0, weight)
+            work.row[i, C_VALUE] = weight * constraint_tolerance[i, 0]
+            work.row[i, C_RATE] = weight * constraint_tolerance[i, 1]
+        if kernels.project_once(system, work, memory, REGULARISATION, dz, dv) != 0:
+            return False
+    for _ in range(2):
+        kernels.retract(system, work.frame, z, dz)
+        for i in range(len(v)):
+            v[i] += dv[i]
+        if evaluate_accelerations(kernels, system, work, memory, t, z, v) != 0:
+            return False
+        for i in range(system.n_rows):
+            change = constraint_scale(system, memory, i)
+            change *= abs(memory.multiplier[i] - multiplier[i])
+            if not change <= MULTIPLIER_ERROR * largest:
+                return False
+    return True
+
+
 @entry(
     types.void(
         *[KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3],
@@ -193,7 +245,8 @@ def sample(
     Dense output meets the constraints to the tolerance of the run only; what is
     recorded meets them to `constraint_tolerance`, see `StepLoopState`. States that
     cannot be projected stay as they are; accelerations are NaN where eq. (3) is
-    singular. step_z and step_v are scratch, of one and three rows.
+    singular, multipliers also near such states where they are uncertain. step_z and
+    step_v are scratch, of one and three rows.
     """
     for k in range(len(times)):
         i = 0
@@ -231,8 +284,23 @@ def sample(
         if status != 0:
             for n in range(acc.shape[1]):
                 acc[k, n] = math.nan
+        are_certain = status == 0 and _multipliers_are_certain(
+            kernels,
+            system,
+            work,
+            memory,
+            constraint_tolerance,
+            times[k],
+            step_z[0],
+            step_v[0],
+            step_v[1],
+            step_v[2],
+            lambda_[k],
+        )
+        if not are_certain:
             for n in range(lambda_.shape[1]):
                 lambda_[k, n] = math.nan
+            kernels.evaluate(system, work, times[k], z[k], v[k])
         kernels.complete(system, work, acc[k])
         for b in range(work.frame.shape[0]):
             copy(work.frame[b], frames[k, b])

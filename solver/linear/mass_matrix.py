@@ -186,16 +186,26 @@ def constraint_independence(system, memory):
     linearly where a mechanism passes a singular configuration. Redundant constraints do
     not count.
     """
-    S, width, smallest = memory.mass_S, system.bandwidth, 1.0
+    S, smallest = memory.mass_S, 1.0
     for i in range(system.n_rows):
         pivot = 1.0 / S[i, i]
         if pivot < CLEAR_OF_REGULARISATION * system.regularisation[i]:
             continue
-        total = pivot
-        for k in range(max(0, i - width), i):
-            total += S[i, k] * S[i, k] / S[k, k]
-        smallest = min(smallest, abs(pivot / total))
+        scale = constraint_scale(system, memory, i)
+        smallest = min(smallest, abs(pivot) / (scale * scale))
     return math.sqrt(smallest)
+
+
+@inner(float64(SYSTEM, MEMORY, int64))
+def constraint_scale(system, memory, i):
+    """Norm of the acceleration by a unit multiplier of row i, in the metric of the last
+    `mass_factor`.
+    """
+    S, width = memory.mass_S, system.bandwidth
+    total = 1.0 / S[i, i]
+    for k in range(max(0, i - width), i):
+        total += S[i, k] * S[i, k] / S[k, k]
+    return math.sqrt(abs(total))
 
 
 @inner(types.void(SYSTEM, MEMORY, F1, F1))

@@ -13,10 +13,6 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.result import Result
 from sidtool.solver import compile_scene, linearise, simulate, static_equilibrium
-from sidtool.solver.diagnostics.result_notes import OutputNotes
-from sidtool.solver.initial_state.assembly import assemble
-from sidtool.solver.output.columns import evaluate_outputs
-from sidtool.solver.output.samples import StateSampler
 from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
 from tests.codes import HasDiagnostics, codes, only, with_code
@@ -173,26 +169,6 @@ def test_codes_that_a_scene_ignores_are_not_reported(
         assert {"N201", "N202"} & set(codes(found)) == wanted
     with pytest.raises(InputError, match="N999"):
         described.with_({"diagnostics.ignore": ["N999"]})
-
-
-def test_outputs_without_a_value_are_named_with_the_first_time() -> None:
-    """Rows in which the forces of joints could not be solved for."""
-    pin = {"pin": {"type": "revolute", "markers": ["ground", "rod.a"]}}
-    described = scene({"rod": slender_rod(1.0)}, pin, record=["rod.x", "pin.fx"])
-    system, start = assemble(compiled(described))
-    sampler = StateSampler(system, np.full((system.n_rows, 2), 1e-9))
-    times = np.array([0.25, 0.5, 0.75])
-    states = (np.repeat(part[None], 3, axis=0) for part in (start.z, start.v))
-    recorded = evaluate_outputs(sampler, times, *states)
-    notes = OutputNotes(system)
-    notes.add(times, recorded)
-    assert notes.diagnostics() == ()
-    values = recorded.values.copy()
-    values[1:, recorded.names.index("pin.fx")] = np.nan
-    notes.add(times, replace(recorded, values=values))
-    (found,) = notes.diagnostics()
-    assert (found.code, found.subject, found.t) == ("N234", "pin.fx", 0.5)
-    assert found.data["count"] == 2
 
 
 def test_a_run_that_stops_has_its_diagnostics() -> None:
