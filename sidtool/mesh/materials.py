@@ -157,9 +157,12 @@ def check_positive_definite(law: Array) -> None:
     ------
     InputError : a strain has no positive energy.
     """
-    sizes = np.sqrt(np.maximum(np.diag(law), 1e-300))
-    values = np.linalg.eigvalsh(law / np.outer(sizes, sizes))
-    if (np.diag(law) <= 0).any() or values[0] <= _DEFINITE_TOLERANCE * values[-1]:
+    is_definite = bool((np.diag(law) > 0).all())
+    if is_definite:
+        sizes = np.sqrt(np.diag(law))
+        values = np.linalg.eigvalsh(law / sizes / sizes[:, None])
+        is_definite = bool(values[0] > _DEFINITE_TOLERANCE * values[-1])
+    if not is_definite:
         raise InputError(
             "an anisotropic material has a strain that takes no energy",
             expected="constants whose matrix is positive definite",

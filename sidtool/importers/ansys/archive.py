@@ -54,14 +54,15 @@ _IDLE = """
     DELTIM AUTOTS TIME OUTRES OUTPR KBC NCNV ERESX ALPHAD BETAD DMPRAT DMPSTR LSWRITE
     LSCLEAR SOLVE SAVE MODOPT MXPAND EQSLV BFDELE MPTEMP MPTGEN NROPT LNSRCH PRED TINTP
     CNVTOL CUTCONTROL MONITOR LUMPM PSTRES CNKMOD MODCONTROL QRDOPT KUSE NEQIT CRPLIM
-    CGOMEGA TBTEMP TBDATA TBPT TBFIELD
+    CGOMEGA TBTEMP TBDATA TBPT TBFIELD SFEBLOCK
 """
 _WITHOUT_EFFECT = frozenset(_IDLE.split())
+_IDLE_BLOCKS = frozenset(name for name in _WITHOUT_EFFECT if name.endswith("BLOCK"))
 #: Conditional commands; content that depends on a parameter must have no effect.
 _BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
 #: Commands whose text may hold a $.
 _TEXTS = ("C***", "/COM", "/TITLE", "!")
-#: A line of a block that was refused.
+#: A line of a block that was refused or has no effect.
 _DATA = re.compile(r"\s*[-+(\d]")
 _FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
 
@@ -93,7 +94,8 @@ def read_cdb(
             before = content.stops.count
             with content.stops.collect_errors():
                 _read_command(content, line, ignored)
-            passed = line.split(",")[0].strip().upper() in ignored
+            name = line.split(",")[0].strip().upper()
+            passed = name in ignored or name in _IDLE_BLOCKS
             refused = passed or content.stops.count > before
         content.stops.check()
         return _imported_mesh(content)
@@ -108,6 +110,8 @@ def _read_command(content: ArchiveContent, line: str, ignored: frozenset[str]) -
             _read_command(content, part, ignored)
         return
     words = [word.strip() for word in line.split("!")[0].split(",")]
+    if [word.upper() for word in words[1:2]] == ["UNBL"]:
+        words[1] = "R5.0"  # the same fields, as CDWRITE names them since 2022
     name = words[0].upper().split(" ")[0]
     if not name or name.startswith("C***"):
         return

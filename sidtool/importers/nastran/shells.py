@@ -107,9 +107,9 @@ def beyond_calculix(
             [w for n, w in content.shell_fields.items() if any(w[len(angles[n]) :])],
         ),
     )
-    if True not in flat:
-        return ""
     beyond = ", ".join(what for what, is_present in held if is_present)
+    if True not in flat and not beyond:
+        return ""
     if beyond or not is_installed():
         return beyond or "CalculiX (ccx) is not installed"
     size = _UNKNOWNS_PER_NODE * len(

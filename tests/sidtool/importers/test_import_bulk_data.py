@@ -221,6 +221,19 @@ def test_ansys_materials_and_single_nodes_and_elements(tmp_path: Path) -> None:
     assert {block.formulation for block in mesh.blocks} == {"incompatible_modes"}
 
 
+def test_archives_of_new_releases_mean_the_same(tmp_path: Path) -> None:
+    """UNBL where R5.0 was; pressure in a block."""
+    pressure = "SFEBLOCK,4,PRES,         1,        16,0\n(i9,i4,i4,6(pg20.9))\n"
+    pressure += "        1   5   1      1000.00000          1000.00000\n"
+    pressure += "SFE,end,LOC,       -1,\nFINISH"
+    text = SINGLE.replace("FINISH", pressure).replace("MPDATA,R5.0", "MPDATA,UNBL")
+    before, after = tmp_path / "before.cdb", tmp_path / "after.cdb"
+    before.write_text(SINGLE, encoding="utf-8")
+    after.write_text(text, encoding="utf-8")
+    assert read_mesh(after).materials == read_mesh(before).materials
+    assert sum(len(block.nodes) for block in read_mesh(after).mesh.blocks) == 2
+
+
 def test_elements_that_carry_loads_alone_are_listed(tmp_path: Path) -> None:
     """SURF154, as Workbench lays it under a pressure."""
     loads = "ET,2,154\nTYPE,2\nEN,9,1,2,3,4\nFINISH"

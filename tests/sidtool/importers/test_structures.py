@@ -101,6 +101,18 @@ def test_a_plate_without_calculix_has_own_shells(tmp_path: Path) -> None:
     assert_allclose(own, LEISSA, rtol=0.015)
 
 
+@pytest.mark.parametrize("is_here", [False, True])
+def test_bars_alone_with_the_engine_are_own_bars(
+    is_here: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """CalculiX gets no bars of a .bdf, whether it is there or not."""
+    monkeypatch.setattr(shells, "is_installed", lambda: is_here)
+    sid = body(tmp_path, halves(*DIRECT), geometry={"engine": "calculix"})
+    expected = [beam_hertz(E * 1e-9, RHO * 1e-4, root) for root in BEAM]
+    assert_allclose(frequencies(sid)[[0, 2]], expected, rtol=5e-3)
+    assert "bars" in str(with_code(sid, "N132")[0].data["reason"])
+
+
 def test_a_stiffener_below_a_strip_bends_it_about_their_common_axis(
     tmp_path: Path,
 ) -> None:
