@@ -14,7 +14,7 @@ demo: $(READY)
 
 test: $(READY)
 	@$(MAKE) --no-print-directory --jobs=2 lint kernels
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -43,8 +44,18 @@ def _needed(item: pytest.Item) -> list[str]:
     return [name for mark in item.iter_markers("needs") for name in mark.args]
 
 
+#: Files of few tests that take longest, about 70 and 30 s.
+LONG_FILES = ("test_examples.py", "test_docs.py")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what needs a program or package that this machine does not have."""
+    """Skip what needs a program or package that this machine does not have.
+
+    Files that take longest come first, those of many tests before those of few, so
+    that workers that take files in turn finish together.
+    """
+    sizes = Counter(item.path for item in items)
+    items.sort(key=lambda i: (i.path.name not in LONG_FILES, -sizes[i.path], i.path))
     for item in items:
         for name in _needed(item):
             if name not in NAMES:
