@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,7 +14,6 @@ from scipy.sparse.csgraph import connected_components
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 
-from .bspline import breakpoints
 from .multipatch import (
     CollapsedSide,
     CommonNumbering,
@@ -49,10 +47,7 @@ _NEARLY_EQUAL_TOLERANCE = 0.02
 
 @dataclass(frozen=True)
 class WeakTie:
-    """A side that lies wholly on another one: of two equal sides the finer one.
-
-    A coarser slave would hold the master only in the mean over its longer spans.
-    """
+    """A side that lies wholly on another one."""
 
     slave: Side
     master: Side
@@ -113,7 +108,7 @@ def _weak_ties(geometry: _Geometry) -> tuple[WeakTie, ...]:
         there = _side_distances(patches, a, b, near)
         back = _side_distances(patches, b, a, near)
         on_a, on_b = back <= near, there <= near
-        if on_b.all() and not (on_a.all() and _spans(patches, b) > _spans(patches, a)):
+        if on_b.all():
             ties.append(WeakTie(a, b))
         elif on_a.all():
             ties.append(WeakTie(b, a))
@@ -282,12 +277,6 @@ def _normals(patch: NurbsPatch, parameters: Array, side: Side) -> Array:
     normals = np.linalg.pinv(jacobians)[:, side.direction]
     lengths = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     return np.asarray(normals / lengths)
-
-
-def _spans(patches: Mapping[str, NurbsPatch], side: Side) -> int:
-    """Return the number of knot spans of a side."""
-    knots = side.along(patches[side.patch].knots)
-    return math.prod(len(breakpoints(each)) - 1 for each in knots)
 
 
 def _boxes_overlap(

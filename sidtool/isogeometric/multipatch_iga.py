@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -39,11 +40,11 @@ from ..geometry.multipatch import (
     close_gaps,
     find_topology,
     number_control_points,
-    side_net,
     sides_of,
 )
 from ..geometry.nurbs_patch import (
     NurbsPatch,
+    evaluate_points,
     patch_from_model,
     scattered_basis,
     side_nodes,
@@ -62,6 +63,8 @@ from .iga import (
 
 #: Stiffness of the springs beside that of an element at the tie.
 _PENALTY_RATIO = 1e4
+#: Size of a function on a tie, relative to the largest one, that is rounding.
+_SMALL_FUNCTION = 1e-5
 
 
 def tie_stiffness(
@@ -72,25 +75,38 @@ def tie_stiffness(
 ) -> sp.csr_matrix:
     """(d n, d n) stiffness that holds a side on another.
 
+    The jump is projected on the functions of that side which has more knot spans on
+    the tie: those of a coarser one would let the finer side move between them.
+
     Parameters
     ----------
     patches : refined
     modulus : Young's modulus [Pa], of a plane body times thickness [N/m]
     """
     slave, master = patches[tie.slave.patch], patches[tie.master.patch]
-    parameters, weights, spans = _side_points(slave, tie.slave, max(master.degrees))
-    own, points = _common_functions(slave, parameters, numbering, tie.slave)
     end = (tie.master.direction, tie.master.end)
+    degree = max(master.degrees)
+    parameters, weights = _side_points(slave, tie.slave, degree)
+    points = evaluate_points(slave, parameters)
     there, _ = nearest_parameters(master, points, end)
-    jump = own - _common_functions(master, there, numbering, tie.master)[0]
-    numbers = side_net(slave, tie.slave, numbering.numbers[tie.slave.patch])
-    test = own[:, np.unique(numbers)].T @ sp.diags_array(weights)
-    square = (test @ own[:, np.unique(numbers)]).toarray()
-    projected = sp.csc_matrix(test @ jump)
+    spans = _spans_within(slave, tie.slave, parameters)
+    others = _spans_within(master, tie.master, there)
+    if max(others) > min(spans):
+        pieces = math.ceil(max(others) / min(spans))
+        parameters, weights = _side_points(slave, tie.slave, degree, pieces)
+        points = evaluate_points(slave, parameters)
+        there, _ = nearest_parameters(master, points, end)
+    own = _common_functions(slave, parameters, numbering, tie.slave)
+    other = _common_functions(master, there, numbering, tie.master)
+    is_finer = math.prod(others) > math.prod(spans)
+    test = _nonzero_columns(other if is_finer else own)
+    weighted = test.T @ sp.diags_array(weights)
+    square = (weighted @ test).toarray()
+    projected = sp.csc_matrix(weighted @ (own - other))
     used = np.flatnonzero(np.diff(projected.indptr))
     projected = projected[:, used].toarray()
     d = slave.points.shape[1]
-    height = (weights.sum() / spans) ** (1 / (d - 1))
+    height = (weights.sum() / math.prod(others if is_finer else spans)) ** (1 / (d - 1))
     local = projected.T @ np.linalg.solve(square, projected)
     local *= _PENALTY_RATIO * modulus / height
     index = np.repeat(used, len(used)), np.tile(used, len(used))
@@ -100,39 +116,56 @@ def tie_stiffness(
 
 
 def _side_points(
-    patch: NurbsPatch, side: Side, degree: int
-) -> tuple[Array, Array, int]:
-    """Gauss points (q, k) on a side, their lengths or areas, and its knot spans."""
-    axes, rules, spans = [], [], 1
+    patch: NurbsPatch, side: Side, degree: int, pieces: int = 1
+) -> tuple[Array, Array]:
+    """Gauss points (q, k) on a side, in parts of its knot spans, and their weights."""
+    axes, rules = [], []
     for i, knots in enumerate(patch.knots):
         if i == side.direction:
             axes.append(np.array([float(side.end)]))
             rules.append(np.ones(1))
             continue
-        x, w = gauss_points(knots, max(degree, patch.degrees[i]) + 2)
+        corners = np.unique(knots)
+        parts = np.linspace(corners[:-1], corners[1:], pieces + 1)
+        x, w = gauss_points(np.unique(parts), max(degree, patch.degrees[i]) + 2)
         axes.append(x.ravel())
         rules.append(w.ravel())
-        spans *= len(x)
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
     basis = scattered_basis(patch, grid)
     free = [i for i in range(len(axes)) if i != side.direction]
     slopes = basis.gradients[..., free]
     t = np.einsum("nmd,nmk->nkd", patch.points[basis.nodes], slopes)
     measure = np.sqrt(np.linalg.det(t @ np.swapaxes(t, 1, 2)))
-    return grid, reduce(np.multiply.outer, rules).ravel() * measure, spans
+    return grid, reduce(np.multiply.outer, rules).ravel() * measure
+
+
+def _spans_within(patch: NurbsPatch, side: Side, parameters: Array) -> list[int]:
+    """Number of knot spans along each direction of a side between some points."""
+    numbers = [
+        np.searchsorted(np.unique(knots), parameters[:, i].real)
+        for i, knots in enumerate(patch.knots)
+        if i != side.direction
+    ]
+    return [int(np.ptp(n)) + 1 for n in numbers]
+
+
+def _nonzero_columns(functions: sp.csr_matrix) -> sp.csr_matrix:
+    """Functions that are more than rounding at the points, of unit size."""
+    size = np.sqrt(functions.multiply(functions).sum(axis=0).real).A1
+    kept = np.flatnonzero(size > _SMALL_FUNCTION * size.max())
+    return sp.csr_matrix(functions[:, kept] @ sp.diags_array(1 / size[kept]))
 
 
 def _common_functions(
     patch: NurbsPatch, parameters: Array, numbering: CommonNumbering, side: Side
-) -> tuple[sp.csr_matrix, Array]:
-    """(q, n) common functions at points of one patch, and the points."""
+) -> sp.csr_matrix:
+    """(q, n) common functions at points of one patch."""
     basis = scattered_basis(patch, parameters)
     columns = numbering.numbers[side.patch][basis.nodes]
     rows = np.repeat(np.arange(len(parameters)), columns.shape[1])
     shape = (len(parameters), numbering.count)
     entries = (basis.values.ravel(), (rows, columns.ravel()))
-    points = np.einsum("nm,nmd->nd", basis.values, patch.points[basis.nodes])
-    return sp.csr_matrix(entries, shape=shape), points
+    return sp.csr_matrix(entries, shape=shape)
 
 
 Indices = NDArray[np.int64]

@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
-from sidtool.geometry.nurbs_patch import NurbsPatch, patch_from_model
+from sidtool.geometry.bspline import open_uniform_knots
+from sidtool.geometry.nurbs_patch import NurbsPatch, patch_from_model, refine_patch
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 from tests.codes import codes, only, with_code
 
@@ -246,3 +247,32 @@ def test_a_gap_within_the_tolerance_is_closed(tmp_path: Path, gap: float) -> Non
     rigid = body.rigid_body_modes()
     resisting = np.abs(body.stiffness @ rigid).max()
     assert resisting < 1e-10 * np.abs(body.stiffness).max()
+
+
+@pytest.mark.parametrize("dimension, spans", [(2, 3), (2, 15), (3, 5)])
+def test_the_finer_side_of_a_tie_is_held_between_knots(
+    tmp_path: Path, dimension: int, spans: int
+) -> None:
+    """Two coarse patches on the finer end of a third: frequencies were 2 % too low.
+
+    Three patches of one span each give upper bounds; so do ties of patches with more.
+    """
+    depth = ((0.0, 0.2),) * (dimension - 2)
+    parts = {
+        "a": box((0, 0.5), (0, 0.5), *depth),
+        "b": box((0.5, 1), (0, 0.25), *depth),
+        "c": box((0.5, 1), (0.25, 0.5), *depth),
+    }
+    a = parts["a"]
+    knots = (a.knots[0], *(open_uniform_knots(1, spans) for _ in a.knots[1:]))
+    finer = refine_patch(a, a.degrees, knots)
+    found = []
+    for patch in (a, finer):
+        model = model_of(tmp_path, {**parts, "a": patch}, 1, ["a.left"], degree=3)
+        found.append(np.sqrt(np.diag(sid_from_model(model).Ke.m0)))
+    whole = {"a": box((0, 1), (0, 0.5), *depth)}
+    model = model_of(tmp_path, whole, 6 - dimension, ["a.left"], degree=5)
+    exact = np.sqrt(np.diag(sid_from_model(model).Ke.m0))
+    errors, upper = found[1] / exact - 1, found[0] / exact - 1
+    assert (errors > -1e-5).all()
+    assert (errors < upper).all()
