@@ -302,6 +302,18 @@ ENTRIES = (
         example={"subject": "rotor", "reason": "the friction of pin is in it"},
     ),
     Entry(
+        "N225",
+        WARNING,
+        "starts in an unstable steady rotation: departs with exp({rate:.3g} t/s)",
+        "An eigenvalue of the small motions about the steady rotation, with gyroscopic "
+        "terms, has this positive real part. If the steady rotation nearest to the "
+        "start is unstable, another is sought by descent on the potential of forces "
+        "and centrifugal forces, V - omega^2 I/2, from the start. The warning says "
+        "that none is found, or that this one is unstable, too.",
+        remedy="Start nearer to another steady rotation, or add damping.",
+        example={"subject": "hub, arm", "rate": 28.9},
+    ),
+    Entry(
         "N232",
         WARNING,
         "over-constrained: {count} constraints are not enforced, open by "

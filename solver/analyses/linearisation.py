@@ -184,10 +184,22 @@ def linearised_at(
     return mechanics, axes, steady, causes or axes.changing
 
 
+def modes_at(
+    system: System, t: float, z: Array, v: Array
+) -> tuple[Linearisation, tuple[Diagnostic, ...]]:
+    """Natural modes at a state, and why they do not describe a motion, if so."""
+    mechanics, axes, small, causes = linearised_at(system, t, z, v)
+    return _natural_modes(mechanics, small, axes.highest), causes
+
+
+def growing(modes: Linearisation) -> NDArray[np.bool_]:
+    """Which modes (n,) have negative damping beyond rounding."""
+    return (modes.damping_ratios < -INSTABILITY_TOLERANCE) & ~modes.rigid
+
+
 def _growth_notes(modes: Linearisation) -> Iterator[Diagnostic]:
     """Modes with negative damping, of equations that are constant (N714)."""
-    grows = (modes.damping_ratios < -INSTABILITY_TOLERANCE) & ~modes.rigid
-    yield from growth_notes(grows, modes.eigenvalues.real)
+    yield from growth_notes(growing(modes), modes.eigenvalues.real)
 
 
 def growth_notes(grows: NDArray[np.bool_], rates: Array) -> Iterator[Diagnostic]:

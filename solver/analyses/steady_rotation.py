@@ -42,6 +42,7 @@ from .dense_equations import DenseEquations, least_squares, null_space
 from .frozen_inputs import with_integrated_drives
 from .initial_equilibrium import assembly_notes, scene_at, with_bodies
 from .inverse_dynamics import refuse_law_states
+from .linearisation import growing, modes_at
 from .rotating_groups import (
     EQUAL_RATE,
     RotatingGroup,
@@ -70,6 +71,11 @@ SPEED_RIPPLE = 1e-3
 RATE_RESIDUAL = 1e-3
 #: Velocity coordinates up to which a steady rotation is sought.
 MAX_COORDINATES = 400
+#: Steps of the descent, which ends when they are smaller, in sizes of the mechanism and
+#: radians.
+MAX_DESCENT_STEPS, DESCENT_CONVERGED = 25, 1e-4
+#: Why there is none if frames turn by more than `MAX_ROTATION`.
+TOO_SOFT = "what carries them is too soft"
 #: Names that are listed of many.
 LISTED = 4
 
@@ -109,13 +115,18 @@ def steady_rotation(
         if assembled.friction_joints:
             names = ", ".join(rub.joint for rub in assembled.friction_joints)
             return None, (_failure_note(search, f"the friction of {names} is in it"),)
-        try:
-            refuse_law_states(assembled)
-            rotating, reason = search.solve()
-        except (InputError, SimulationError, np.linalg.LinAlgError) as error:
-            rotating, reason = None, str(error)
-        if rotating is not None:
-            return with_bodies(system, rotating), assembly_notes(assembled, start)
+        found, reason = search.solve(search.start)
+        rate = search.growth_rate(*found) if found else 0.0
+        if rate > 0.0 or reason == TOO_SOFT:
+            downhill, _ = search.solve(search.downhill())
+            if downhill and search.growth_rate(*downhill) == 0.0:
+                found, rate = downhill, 0.0
+        if found:
+            scene = with_bodies(system, search.scene(*found))
+            notes = assembly_notes(assembled, start)
+            if rate > 0.0:
+                notes += (diagnose("N225", ", ".join(search.names), rate=rate),)
+            return scene, notes
         notes = notes or ((_failure_note(search, reason),) if reason else ())
     return None, notes
 
@@ -147,6 +158,10 @@ def _project_forces(C: Array, forces: Array) -> Array:
         return forces
     rows = C.T / np.maximum(np.linalg.norm(C, axis=1), 1e-300)
     return np.asarray(forces - rows @ least_squares(rows, forces))
+
+
+#: Positions and groups in a steady rotation.
+_Found = tuple[Array, tuple[RotatingGroup, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,10 +247,53 @@ class _SteadyRotationSearch:
         singular_values = np.linalg.svd(N.T @ spins, compute_uv=False)
         return bool(N.shape[1] > np.sum(singular_values > EQUAL_RATE))
 
-    def solve(self) -> tuple[SceneFile | None, str]:
-        """The scene that starts in it, or None and why there is none; no reason where
-        joints and drives allow no such rotation at all."""
+    def solve(self, z: Array) -> tuple[_Found | None, str]:
+        """The steady rotation next to a position, or None and why there is none; no
+        reason where joints and drives allow no such rotation at all."""
+        try:
+            refuse_law_states(self.system)
+            return self._solve(z)
+        except (InputError, SimulationError, np.linalg.LinAlgError) as error:
+            return None, str(error)
+
+    def growth_rate(self, z: Array, groups: tuple[RotatingGroup, ...]) -> float:
+        """The largest rate [1/s] at which small motions about it grow, 0.0 where none
+        does or where their equations are not constant."""
+        v = self._state(z, groups, 0.0)[1]
+        try:
+            modes, causes = modes_at(self.system, self.system.scene.time.start, z, v)
+        except (InputError, SimulationError, np.linalg.LinAlgError):
+            return 0.0
+        rates = modes.eigenvalues.real[growing(modes)]
+        return 0.0 if causes else float(rates.max(initial=0.0))
+
+    def downhill(self) -> Array:
+        """The position with the least potential of forces and centrifugal forces that
+        is reached from the start, as of a static equilibrium in axes that rotate."""
         z, groups = self.start, self.groups
+        residual = self._residual(z, groups)
+        closure = len(residual.closure) + len(residual.rates)
+        for _ in range(MAX_DESCENT_STEPS):
+            spins = self._rotation_velocities(z, groups)
+            self.mechanics.evaluate(z, np.zeros(self.n))
+            C = self.mechanics.jacobian
+            N = null_space(np.vstack([C, *spins]))
+            forces = N.T @ residual.forces[: self.n]
+            rows = slice(closure, closure + self.n)
+            stiffness = N.T @ self._jacobian(z, groups)[rows, : self.n] @ N
+            values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
+            sizes = np.maximum(np.abs(values), MIN_STIFFNESS * np.abs(values).max())
+            step = -N @ (vectors @ ((vectors.T @ forces) / sizes))
+            extent = self._extent(step)
+            step *= min(1.0, MAX_ROTATION_STEP / max(extent, 1e-300))
+            z = self.mechanics.closed(self.mechanics.displaced(z, step))
+            residual = self._residual(z, groups)
+            if extent < DESCENT_CONVERGED:
+                break
+        return z
+
+    def _solve(self, z: Array) -> tuple[_Found | None, str]:
+        groups = self.groups
         residual = self._residual(z, groups)
         loads = float(np.linalg.norm(residual.forces))
         matrix, change, previous_change = np.zeros((0, 0)), np.inf, np.inf
@@ -247,7 +305,7 @@ class _SteadyRotationSearch:
             angle = self._angle(x)
             turned += min(angle, MAX_ROTATION_STEP)
             if not turned < MAX_ROTATION:
-                return None, "what carries them is too soft"
+                return None, TOO_SOFT
             x *= min(1.0, MAX_ROTATION_STEP / max(angle, 1e-300))
             previous_change, change = change, self._extent(x)
             z, groups = self._displaced(z, groups, x)
@@ -266,7 +324,7 @@ class _SteadyRotationSearch:
             if np.max(np.abs(ripple)) > SPEED_RIPPLE * self._inertia_force(z, group):
                 names = ", ".join(self.system.bodies[b].name for b in group.axes)
                 return None, f"forces change the speed of {names} in each turn"
-        return self._scene(z, groups), ""
+        return (z, groups), ""
 
     def _inertia_force(self, z: Array, group: RotatingGroup) -> float:
         """What changes the speed of a group within an angle of one radian, scaled."""
@@ -462,7 +520,7 @@ class _SteadyRotationSearch:
             z[len(z) - len(rates) :] += time * rates
         return z, v, a / mechanics.scale
 
-    def _scene(self, z: Array, groups: tuple[RotatingGroup, ...]) -> SceneFile:
+    def scene(self, z: Array, groups: tuple[RotatingGroup, ...]) -> SceneFile:
         """The scene whose bodies start at a position, in its rotation."""
         system = self.system
         scene = scene_at(system, z)

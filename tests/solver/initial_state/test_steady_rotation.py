@@ -488,3 +488,61 @@ def test_a_load_hangs_outwards_beside_a_fast_rotor(foot: str, carrier: str) -> N
     out = np.arcsin((radius - R) / L)
     assert np.tan(out) == pytest.approx(speed**2 * radius / G, rel=1e-8)
     assert "N224" not in codes(result)
+
+
+@pytest.mark.parametrize("speed", [6.0, 14.0, 30.0])
+@pytest.mark.parametrize("angle", [5.0, 30.0])
+def test_a_governor_swings_out(speed: float, angle: float) -> None:
+    """tan(out) = w^2 (r + l sin(out)) / g from arms within the unstable rotation.
+
+    It started there, or with crossed arms, of which the rotation is unstable, too.
+    """
+    r, length, start = 0.05, 0.3, np.deg2rad(angle)
+    hub: dict[str, Any] = {"mass": 1.0, "inertia": [0.01, 0.01, 0.02]}
+    hub |= {"initial": {"angular_velocity": [0.0, 0.0, speed]}}
+    bodies, joints = {"hub": hub}, {"axle": {"type": "revolute"}}
+    joints["axle"] |= {"markers": ["ground", "hub"], "axis": [0.0, 0.0, 1.0]}
+    markers = {}
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        markers[name] = {"position": [side * r, 0.0, 0.0]}
+        reach = side * (r + length * np.sin(start))
+        bodies[name] = {
+            "mass": 1.0,
+            "inertia": [1e-4, 1e-4, 1e-4],
+            "markers": {"pin": {"position": [0.0, 0.0, length]}},
+            "initial": {
+                "position": [reach, 0.0, -length * np.cos(start)],
+                "axis_angle": [0.0, -side * start, 0.0],
+            },
+        }
+        pin = {"type": "revolute", "markers": [f"hub.{name}", f"{name}.pin"]}
+        joints[f"{name}_pin"] = {**pin, "axis": [0.0, 1.0, 0.0]}
+    hub["markers"] = markers
+    record = ["left.x", "right.x"]
+    system = started(bodies, record, joints=joints, gravity=[0.0, 0.0, -G], end=1.0)
+    result = simulate(system)
+    out = np.arcsin((result["right.x"][0] - r) / length)
+    expected = speed**2 * (r + length * np.sin(out)) / G
+    assert out > 0.0
+    assert np.tan(out) == pytest.approx(expected, rel=1e-8)
+    radius = result["right.x"].max()  # after half a turn or more it is there again
+    assert radius == pytest.approx(r + length * np.sin(out), rel=1e-3)
+    assert not {"N224", "N225"} & set(codes(result))
+
+
+@pytest.mark.parametrize("speed", [50.0, 210.0, 400.0])
+def test_an_unstable_steady_rotation_is_named(speed: float) -> None:
+    """A sleeping top: A s^2 - i C w s - m g l = 0 of its tilt, in axes at rest."""
+    distance, inertia = 0.1, [0.002, 0.002, 0.001]
+    top: dict[str, Any] = {"mass": 1.0, "inertia": inertia}
+    top["markers"] = {"tip": {"position": [0.0, 0.0, -distance]}}
+    spin = [0.0, 0.0, speed]
+    top["initial"] = {"position": [0.0, 0.0, distance], "angular_velocity": spin}
+    joints = {"pivot": {"type": "spherical", "markers": ["ground", "top.tip"]}}
+    system = started({"top": top}, ["top.z"], joints=joints, gravity=[0.0, 0.0, -G])
+    A, gyroscopic = inertia[0] + distance**2, inertia[2] * speed
+    growth = np.roots([A, -1j * gyroscopic, -G * distance]).real.max()
+    if growth > 1e-9:
+        assert only(system, "N225").data["rate"] == pytest.approx(growth, rel=1e-6)
+    else:
+        assert "N225" not in codes(system)
