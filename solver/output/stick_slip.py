@@ -46,6 +46,8 @@ TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
 OBSERVED_SLIP = 1e-6
 #: A joint turns round where to stop it would take so many times what its load holds.
 CLEAR_REVERSAL = 2.0
+#: Rounding of the accelerations of a mechanism, relative to the largest of them.
+ACCELERATION_ROUNDING = 1e-13
 #: Joints that stick hold the same motion where so little separates them.
 SHARED_MOTION = 1e-8
 #: A dead point is left when the mobility of a joint grows so much, relative to the one
@@ -130,6 +132,7 @@ class StickSlipDecision:
             self.friction_state[:, at.REST_RATE] > 0.0,
             resting_rates(system),
         )
+        self.sizes, self.sliding_acceleration = coordinate_sizes(system), 0.0
         self.span = system.scene.time.end - system.scene.time.start
         self.rest_speed = np.array(
             [self._static_limit(j) for j in range(len(self.friction_state))]
@@ -209,6 +212,7 @@ class StickSlipDecision:
         slip_direction[:] = np.where(at_rest, 0.0, np.sign(output[:, OUTPUT_RATE]))
         self._set_prescribed_directions(output)
         slip_direction[self.is_without_limit] = 1.0  # either sense has no friction
+        self.sliding_acceleration = self._largest_sliding_acceleration(states)
         at_rest &= ~self.prescribed & ~self.is_without_limit
         stays_stuck = (before[:, at.SLIP_DIRECTION] == 0.0) & at_rest & self.is_started
         self.friction_state[:, at.STICK_POSITION] = np.where(
@@ -218,7 +222,7 @@ class StickSlipDecision:
             if self._reverses(states, int(j), -before[j, at.SLIP_DIRECTION]):
                 at_rest[j] = False
         self.changing_joints = []
-        if np.abs(v / coordinate_sizes(self.system)).max() * self.span <= RESTING_RATE:
+        if np.abs(v / self.sizes).max() * self.span <= RESTING_RATE:
             self._leave_dead_points(states, at_rest)
         is_decided = self._release_overloaded(
             states, at_rest, [j for j in changing if stays_stuck[j]]
@@ -338,7 +342,7 @@ class StickSlipDecision:
                 slip_direction[j] = direction
                 acceleration = self.friction_output(*states)[0, j, OUTPUT_ACCELERATION]
                 mobility, a = self.memory.friction_P[j, j], self.memory.acceleration
-                size = np.abs(a / coordinate_sizes(self.system)).max()
+                size = np.abs(a / self.sizes).max()
                 if not 0.0 < size < np.inf:
                     continue
                 motion, displacement = a / size, np.zeros_like(z[0])
@@ -483,12 +487,30 @@ class StickSlipDecision:
         return LIMIT_TOLERANCE * limit + float(self._negligible()[group.joints[0]])
 
     def _negligible(self) -> Array:
-        """Friction forces that change no rate in the whole run, (n_frictions,).
+        """Friction forces that are rounding, (n_frictions,).
 
-        An unloaded joint at rest bears rounding errors only.
+        They change no rate in the whole run, or the acceleration of the joint is
+        rounding beside those of the mechanism: an unloaded joint at rest, as an axis
+        along the weight, bears rounding errors only.
         """
         mobility = np.maximum(self.memory.friction_P.diagonal(), np.finfo(float).tiny)
-        return np.asarray(self.is_at_rest / (self.span * mobility))
+        rounding = ACCELERATION_ROUNDING * self.sliding_acceleration * self.span**2
+        negligible = max(1.0, rounding / RESTING_RATE) * self.is_at_rest / self.span
+        return np.asarray(negligible / mobility)
+
+    def _largest_sliding_acceleration(self, states: StatesOfMotion) -> float:
+        """Largest acceleration if all joints slide, relative to the sizes of
+        coordinates [1/s^2].
+
+        Joints that stick at a dead point would ask for accelerations without bound.
+        """
+        slip_direction = self.friction_state[:, at.SLIP_DIRECTION]
+        before = slip_direction.copy()
+        slip_direction[(before == 0.0) & ~self.prescribed] = 1.0
+        self.friction_output(*states)
+        slip_direction[:] = before
+        largest = np.abs(self.memory.acceleration / self.sizes).max()
+        return float(largest) if np.isfinite(largest) else 0.0
 
     def _release_together(self, states: StatesOfMotion, slow: Array) -> bool:
         """Lets go all that rests and holds one motion together, one way or the other.

@@ -27,6 +27,7 @@ _CHANGING = (
     "largest_contact_force",
     "largest_acceleration",
     "largest_compliance",
+    "sliding_acceleration",
     "changing_joints",
     "reversing_contacts",
     "changed_joints",
