@@ -36,8 +36,10 @@ ENTRIES = (
         "N704",
         WARNING,
         "the equilibrium is unstable: it moves away along {coordinate}",
-        "Smallest eigenvalue of the symmetric tangent stiffness along the free "
-        "directions is negative. It is not evaluated for laws with states.",
+        "The tangent stiffness K along the free directions has a negative eigenvalue "
+        "in its symmetric part, and M a + K x = 0 has a solution that grows without "
+        "vibration. Flutter under forces that follow a body is found by `analyse "
+        "modes` (N714). Laws with states are not evaluated.",
         remedy="Start nearer to another equilibrium.",
         example={"coordinate": "arm.angle"},
     ),

@@ -14,8 +14,9 @@ import pytest
 from scipy.optimize import root
 
 from sidtool.formats.base.sid import SID
-from sidtool.solver import compile_scene, linearise, simulate
+from sidtool.solver import compile_scene, linearise, simulate, static_equilibrium
 from sidtool.solver.system.system import System
+from tests.codes import codes
 from tests.solver.scenes import scene
 from tests.steel_bars import steel_bar
 
@@ -37,7 +38,9 @@ def column() -> SID:
     )
 
 
-def pushed(force: float, planar: bool, end: float = 1.0) -> System:
+def pushed(
+    force: float, planar: bool, end: float = 1.0, axes: str = "marker"
+) -> System:
     """The column under `force` EI / L^2, at rest and hardly bent."""
     size = 2 if planar else 3
     body = {"sid": "-", "markers": {"root": 1, "tip": 2}}
@@ -53,7 +56,7 @@ def pushed(force: float, planar: bool, end: float = 1.0) -> System:
             "push": {
                 "type": "force",
                 "marker": "bar.tip",
-                "axes": "marker",
+                "axes": axes,
                 "force": [-force * EI, 0.0, 0.0][:size],
             }
         },
@@ -90,6 +93,22 @@ def test_it_flutters_beyond_the_published_load(planar: bool) -> None:
     assert growing(1.001 * CRITICAL, planar).real > 0.1
     found = growing(25.0, planar)
     assert found == pytest.approx(exact(25.0, found), rel=2e-3)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+@pytest.mark.parametrize("force", [5.0, 12.0, 19.0])
+def test_its_equilibrium_is_stable_below(force: float, planar: bool) -> None:
+    """The symmetric part of the stiffness is negative from half of this load on."""
+    system = pushed(force, planar)
+    assert "N704" not in codes(static_equilibrium(system))
+    assert not {"N704", "N714"} & set(codes(linearise(system)))
+
+
+@pytest.mark.parametrize(("force", "stable"), [(2.3, True), (2.6, False)])
+def test_a_force_of_constant_direction_buckles_it(force: float, stable: bool) -> None:
+    """Euler's column, from pi^2 / 4 EI / L^2."""
+    system = pushed(force, True, axes="inertial")
+    assert ("N704" in codes(static_equilibrium(system))) != stable
 
 
 @pytest.mark.parametrize("planar", [True, False])
