@@ -45,7 +45,25 @@ def kind_of(path: Path_) -> str:
         raise unreadable_error(path, "a SID, model, scene or result")
     if path.suffix.lower() in (".toml", ".json"):
         return _kind_of_text(path)
-    return _kind_of_hdf5(path) if _starts_as_hdf5(path) else "sid"
+    if _starts_as_hdf5(path):
+        return _kind_of_hdf5(path)
+    _refuse_mesh(path)
+    return "sid"
+
+
+def _refuse_mesh(path: Path) -> None:
+    """Raise InputError on a mesh, unless its ending is that of any data."""
+    from ..importers.mesh_files import MESH_READERS
+
+    ending = path.suffix.lower()
+    if ending in MESH_READERS and ending != ".dat":
+        geometry = f'{{type = "mesh", file = "{path.name}"}}'
+        raise InputError(
+            "is a mesh",
+            source=path,
+            expected=f"a model with geometry = {geometry}: "
+            "sidtool new NAME --from imported_mesh",
+        )
 
 
 def expect_kind(path: Path_, *kinds: str) -> str:

@@ -132,3 +132,20 @@ def test_counts_agree_with_their_nouns() -> None:
         "2 keys",
     ]
     assert counted_noun(1, "body") == "1 body" and counted_noun(0, "key") == "0 keys"
+
+
+@pytest.mark.parametrize("name", ["part.bdf", "part.INP", "part.msh", "part.cdb"])
+@pytest.mark.parametrize("command", [["info"], ["convert", "-o", "part.SID_FEM"]])
+def test_a_mesh_is_no_body_yet_and_the_way_to_one_is_told(
+    name: str,
+    command: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text("GRID,1,,0.,0.,0.\n", encoding="utf-8")
+    assert run([*command, name]) == 2
+    text = " ".join(capsys.readouterr().err.split())
+    assert f'type = "mesh", file = "{name}"' in text and "--from imported_mesh" in text
+    assert not Path("part.SID_FEM").exists()
