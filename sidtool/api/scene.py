@@ -219,7 +219,8 @@ class Scene(SceneFile):
         ----------
         path : file to write, NAME.fmu
         version : of FMI, "2.0" or "3.0"
-        platforms : "linux64", "win64"; by default that of this machine
+        platforms : "linux64", "win64", "darwin64", "aarch64-linux",
+            "aarch64-darwin"; by default that of this machine
         outputs : names of outputs in place of those of the scene
         sids, rigid, accept_defects : as of `sidtool.simulate`
         integrator, rtol : replace those of the scene: radau5, radau9 or radau13

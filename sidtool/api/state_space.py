@@ -223,7 +223,7 @@ class StateSpace(SolverStateSpace):
         ----------
         path : file to write, NAME.fmu
         version : of FMI, "2.0" or "3.0"
-        platforms : "linux64", "win64"; by default that of this machine
+        platforms : as of `Scene.fmu`; by default that of this machine
         linker : "cc" or "zig"; by default what is there
 
         Raises

@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     "--platforms",
     metavar="NAMES",
     default="",
-    help="Where the FMU runs: linux64, win64 or both, separated by commas; default "
-    "this machine.",
+    help="Where the FMU runs, separated by commas: linux64, win64, darwin64 (macOS), "
+    "aarch64-linux, aarch64-darwin (Apple silicon); default this machine.",
 )
 @click.option(
     "--outputs",

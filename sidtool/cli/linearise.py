@@ -73,7 +73,7 @@ _about_option = click.option(
 @click.option(
     "--platforms",
     metavar="NAMES",
-    help="Where an .fmu runs: linux64, win64 or both, separated by commas; default "
+    help="Where an .fmu runs, see `sidtool fmu`, separated by commas; default "
     "this machine.",
 )
 @changes_option

@@ -53,18 +53,18 @@ def choose_linker(platform: str, wanted: str | None) -> list[str]:
     InputError : neither is there, or not the wanted one.
     """
     cc = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
-    if wanted != "zig" and platform == own_platform() == "linux64" and cc:
+    can_use_cc = platform == own_platform() and PLATFORMS[platform].ending == ".so"
+    if wanted != "zig" and can_use_cc and cc:
         return [cc, "-fPIC", "-Wl,-z,noexecstack"]
     if wanted != "cc" and find_spec("ziglang") is not None:
         target = PLATFORMS[platform].zig_target
         return [sys.executable, "-m", "ziglang", "cc", "-target", target]
     title = PLATFORMS[platform].title
     package = 'the package ziglang: pip install "sidtool[fmu]"'
-    possible = platform == own_platform() == "linux64"
     raise InputError(
         f"there is no C compiler and linker for {title}",
         place="platforms",
-        expected=f"a C compiler (cc), or {package}" if possible else package,
+        expected=f"a C compiler (cc), or {package}" if can_use_cc else package,
     )
 
 

@@ -28,30 +28,57 @@ class Platform:
     zig_target: str
 
 
-PLATFORMS = {
-    "linux64": Platform(
-        "Linux, x86-64",
-        Target("x86_64-unknown-linux-gnu", "x86-64"),
-        {"2.0": "linux64", "3.0": "x86_64-linux"},
+def _linux(processor: str, cpu: str, folder: str) -> Platform:
+    """Linux with glibc 2.17 (2014) or newer."""
+    return Platform(
+        f"Linux, {processor}",
+        Target(f"{processor}-unknown-linux-gnu", cpu),
+        {"2.0": folder, "3.0": f"{processor}-linux"},
         ".so",
-        "x86_64-linux-gnu.2.17",
-    ),
+        f"{processor}-linux-gnu.2.17",
+    )
+
+
+def _macos(processor: str, cpu: str, folder: str) -> Platform:
+    """MacOS 11 or newer."""
+    return Platform(
+        f"macOS, {processor}",
+        Target(f"{processor}-apple-macosx11.0.0", cpu),
+        {"2.0": folder, "3.0": f"{processor}-darwin"},
+        ".dylib",
+        f"{processor}-macos.11.0",
+    )
+
+
+#: FMI 2.0 names folders of processors that it does not know as FMI 3.0 does.
+PLATFORMS = {
+    "linux64": _linux("x86_64", "x86-64", "linux64"),
     "win64": Platform(
-        "Windows, x86-64",
+        "Windows, x86_64",
         Target("x86_64-w64-windows-gnu", "x86-64"),
         {"2.0": "win64", "3.0": "x86_64-windows"},
         ".dll",
         "x86_64-windows-gnu",
     ),
+    "darwin64": _macos("x86_64", "x86-64", "darwin64"),
+    "aarch64-linux": _linux("aarch64", "generic", "aarch64-linux"),
+    "aarch64-darwin": _macos("aarch64", "apple-m1", "aarch64-darwin"),
 }
+_PROCESSORS = {
+    "x86_64": "x86_64",
+    "amd64": "x86_64",
+    "aarch64": "aarch64",
+    "arm64": "aarch64",
+}
+_SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
 
 
 def own_platform() -> str:
     """Name of the platform of this process, or an empty string if it is no target."""
     system, processor = system_and_processor()
-    if processor not in ("x86_64", "amd64"):
-        return ""
-    return {"linux": "linux64", "win32": "win64"}.get(system, "")
+    folder = f"{_PROCESSORS.get(processor)}-{_SYSTEMS.get(system)}"
+    names = (name for name, each in PLATFORMS.items() if each.folders["3.0"] == folder)
+    return next(names, "")
 
 
 def parse_platforms(names: tuple[str, ...]) -> tuple[str, ...]:
