@@ -138,8 +138,8 @@ ENTRIES = (
         "The compliance of the shape functions for a unit load at the marker over that "
         "of the full model, which the SID states; or 100 % where no shape function "
         "moves the marker. Reported above 10 % in directions in which joints or forces "
-        "load it, above 50 % where what is missing is below 1 % of the "
-        "largest compliance there. The effect on the motion is not estimated.",
+        "load it, above 50 % where what is missing is below 1 % of the largest "
+        "compliance in these directions. The effect on the motion is not estimated.",
         remedy="Convert with {shapes} modes and {marker} as interface.",
         units={"missing": "%"},
         example={

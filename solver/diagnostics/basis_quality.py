@@ -8,6 +8,7 @@ for the inertia of the body itself.
 from collections.abc import Iterable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.base.compliance_shares import DIRECTIONS
 from sidtool.formats.base.sid import SID, Array
@@ -49,9 +50,8 @@ def poor_direction_notes(system: System, loads: Iterable[Load]) -> Iterator[Diag
     """Compliance that is missing at loaded markers (N420)."""
     for (body, marker), acting in loads_at_markers(loads).items():
         data = system.bodies[system.index(body)]
-        poor = _poor_shares(system, data, marker)
         spanned_ = spanned_fraction(np.array([vector for vector, _ in acting]))
-        poor = {k: share for k, share in poor.items() if spanned_[k] > LOADED_FRACTION}
+        poor = _poor_shares(system, data, marker, spanned_ > LOADED_FRACTION)
         if not poor:
             continue
         names = dict.fromkeys(name for v, name in acting if v[list(poor)].any())
@@ -79,8 +79,19 @@ def loads_at_markers(
     return loads_by_marker
 
 
-def _poor_shares(system: System, data: BodyData, marker: str) -> dict[int, float]:
-    """What is carried in poor directions, by number."""
+def _poor_shares(
+    system: System,
+    data: BodyData,
+    marker: str,
+    loaded: NDArray[np.bool_] | None = None,
+) -> dict[int, float]:
+    """What is carried in poor directions, by number.
+
+    Parameters
+    ----------
+    loaded : (6,) whether anything loads them, default all
+    """
+    loaded = np.ones(6, bool) if loaded is None else loaded
     compliance = data.sid.carried
     if not data.is_scene_body or not data.sid.nq or compliance is None:
         return {}
@@ -92,7 +103,8 @@ def _poor_shares(system: System, data: BodyData, marker: str) -> dict[int, float
     own = unit_load_compliances(data.sid, compliance.free)[0][node]
     full = own / np.maximum(known, MISSING_SHARE)
     shares: dict[int, float] = {}
-    for kind in load_directions(system):
+    for directions in load_directions(system):
+        kind = [k for k in directions if loaded[k]]
         full[kind] = np.where(known[kind] > MISSING_SHARE, full[kind], 0.0)
         largest = np.nanmax(full[kind], initial=0.0)
         for k in kind:
