@@ -414,10 +414,11 @@ ENTRIES = (
         WARNING,
         "nothing resists rotation about {axes} at markers {markers}",
         "No element at the node of the marker has stiffness or inertia about this axis "
-        "of the model, so psi = 0 about it. The marker turns about it with the body "
+        "of the model, or imported matrices have no such degree of freedom there, so "
+        "psi = 0 about it. The marker turns about it with the body "
         "frame. A joint that holds this rotation, or a moment about it, acts on the "
         "body frame: displacements and section forces are then wrong.",
-        remedy="Use joints that leave it free.",
+        remedy="Use joints that leave it free, or tie the marker to several nodes.",
         example={"axes": ("z",), "markers": ("a",)},
     ),
     Entry(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,6 +28,7 @@ from ..importers.matrix_market import (
 )
 from ..mesh.connections import NamedSets
 from ..mesh.quadratic_fields import softest_deformation
+from .supported_rotations import markers_without_rotation
 
 Indices = NDArray[np.int64]
 
@@ -55,11 +57,19 @@ def imported_matrices_model(model: ModelFile) -> FiniteElementModel:
             geometry.stiffness, geometry.mass, geometry.nodes, geometry.dofs
         )
     try:
-        return matrices_body(data, model.markers, geometry.expected_mass)
+        body = matrices_body(data, model.markers, geometry.expected_mass)
     except InputError as error:
         if error.place and error.place.startswith("markers"):
             raise
         raise error.located(source) from None
+    frame = getattr(model.frame, "marker", None)
+    untied = [
+        marker
+        for marker in body.markers
+        if model.markers[marker.name].tie is None and marker.name != frame
+    ]
+    found = markers_without_rotation(untied, "z" if body.dimension == 2 else "xyz")
+    return replace(body, diagnostics=(*body.diagnostics, *found))
 
 
 def matrices_body(

@@ -37,14 +37,22 @@ def without_unsupported(
     return structure, found + more
 
 
-def markers_without_rotation(markers: Iterable[MarkerRows]) -> list[Diagnostic]:
-    """Name the markers at nodes that do not turn about an axis of the model (N147)."""
+def markers_without_rotation(
+    markers: Iterable[MarkerRows], axes: str = "xyz"
+) -> list[Diagnostic]:
+    """Name the markers at nodes that do not turn about an axis of the model (N147).
+
+    Parameters
+    ----------
+    axes : those about which markers of the body may turn
+    """
     found: dict[tuple[str, ...], list[str]] = {}
     for marker in markers:
         rows = zip("xyz", marker.rotation, strict=True)
-        axes = tuple(axis for axis, row in rows if not moving_dofs(row).size)
-        if axes and marker.displacement.nnz:  # the body holds the point
-            found.setdefault(axes, []).append(marker.name)
+        still = [axis for axis, row in rows if not moving_dofs(row).size]
+        missing = tuple(axis for axis in still if axis in axes)
+        if missing and marker.displacement.nnz:  # the body holds the point
+            found.setdefault(missing, []).append(marker.name)
     return [diagnose("N147", markers=m, axes=axes) for axes, m in found.items()]
 
 

@@ -21,7 +21,7 @@ from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 from sidtool.validate import check
-from tests.codes import codes
+from tests.codes import codes, only
 
 from ..bodies import BEAMS, beam, volume, volume_data
 from .mesh_files import inp_text, rod_mesh
@@ -413,3 +413,22 @@ def test_torsion_of_matrices_turns_the_inertia(
     data |= {"reduction": user, "frame": {"type": "buckens"}}
     own = sid_from_model(validate_data(data, ModelFile))
     assert_allclose(own.Oe.m1[0, 0], found, atol=1e-6)
+
+
+def test_untied_markers_do_not_turn(tmp_path: Path, solid: FiniteElementModel) -> None:
+    """Nodes of solids have displacements alone: psi is zero, which is named."""
+    end = np.flatnonzero(solid.positions[:, 0] > solid.positions[:, 0].max() - 1e-9)
+    np.savez(tmp_path / "rod.npz", **arrays(solid), **{"set.end": end + 1})
+    files = {"file": "rod.npz"}
+    sid = sid_from_model(model(tmp_path, files))
+    assert only(sid, "N147").data == {
+        "markers": ("crank_pin", "piston_pin"),
+        "axes": ("x", "y", "z"),
+    }
+    assert not any(node.psi.m0.any() for node in sid.nodes)
+    tied = {"node": 2, "mesh_node": 3, "tie": {"type": "distributing", "to": "end"}}
+    own = {"crank_pin": {"node": 1, "mesh_node": 1}, "piston_pin": tied}
+    sid = sid_from_model(model(tmp_path, files, markers=own))
+    assert only(sid, "N147").data["markers"] == ("crank_pin",)
+    beams = finite_element_model(beam(BEAMS["lumped"] | {"elements": 12}))
+    assert "N147" not in codes(sid_from_model(model(tmp_path, as_npz(tmp_path, beams))))
