@@ -45,7 +45,8 @@ def _numbers(value: Any) -> Any:
 class ModalDamping(Table):
     """A share of the critical damping for each natural mode of Me and Ke.
 
-    One value holds for all modes; several are for the modes by growing frequency.
+    One value holds for all modes; several are for the modes by growing frequency. These
+    are the modes of the body whose frame is held: in mean axes those of the free body.
     """
 
     type: Literal["modal"] = "modal"
