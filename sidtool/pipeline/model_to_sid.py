@@ -41,7 +41,7 @@ from ..elements.finite_element_model import (
 from ..elements.mass_properties import geometry_mass_notes
 from ..field.body_field import body_field
 from ..reduction.admissible_space import AdmissibleSpace
-from ..reduction.basis_error import assess_basis, held_marker_note
+from ..reduction.basis_error import assess_basis, held_marker_note, spin_stress_note
 from ..reduction.body_frames import FRAMES, Frame, clamped_dofs
 from ..reduction.methods import REDUCTIONS, ReducedBasis
 from ..reduction.point_loads import point_marker_note
@@ -180,6 +180,8 @@ def _convert(
         found.append(quality.diagnostic)
     if held_marker := held_marker_note(body, frame, basis, model):
         found.append(held_marker)
+    if spin := spin_stress_note(body, basis, frame, model):
+        found.append(spin)
     held = frame.held
     if frame.rows is None:
         held = clamped_dofs(body, frame, model.reduction.fixed_names)

@@ -148,6 +148,9 @@ _ROUNDING = 1e-4
 _MAX_LOAD_ENTRIES = 50_000_000
 #: The same limit for markers that are not interfaces.
 _LARGEST_BESIDE = 5_000_000
+#: Energies under rotation about an axis, below this share of the largest, are rounding
+#: or do not matter.
+_NO_ENERGY = 1e-6
 _UNKNOWN: SixComponents = (None,) * 6
 _TITLES = {
     "attachment": "attachment",
@@ -206,6 +209,40 @@ def assess_basis(
     except np.linalg.LinAlgError:
         reason = "rounding hides its mass matrix"
         return BasisQuality(diagnose("N165", reason=reason))
+
+
+def spin_stress_note(
+    body: FiniteElementModel, basis: ReducedBasis, frame: Frame, model: ModelFile
+) -> Diagnostic | None:
+    """N166 on centrifugal loads of bodies with stress and stiffening, whose stress the
+    shape functions lack.
+
+    Return None if they hold it. Measured by strain energies under the loads of a steady
+    rotation about each axis.
+    """
+    stiffening = model.stiffening
+    if model.stress is None or stiffening is None or basis.space is None:
+        return None
+    if not stiffening.centrifugal:
+        return None
+    loads = (body.mass @ body.linear_fields(frame.origin)).real
+    axes: tuple[str, ...] = ("z",)
+    if body.dimension == 3:
+        # columns of S in the order xx, xy, xz, yy, yz, zz
+        axes, squares = ("x", "y", "z"), loads[:, [0, 3, 5]]
+        loads = squares.sum(axis=1)[:, None] - squares
+    space = basis.space.for_comparison()
+    full = np.einsum("ij,ij->j", loads, space.static(loads))
+    felt = basis.shapes.T @ loads
+    stiffness = (basis.shapes.T @ (body.stiffness @ basis.shapes)).real
+    own = np.einsum("ij,ij->j", felt, scipy.linalg.solve(stiffness, felt))
+    counts = full > _NO_ENERGY * full.max(initial=0.0)
+    missing = np.where(counts, 1.0 - own / np.where(counts, full, 1.0), 0.0)
+    poor = missing > _POOR_ERROR
+    if not poor.any():
+        return None
+    names = tuple(axis for axis, is_poor in zip(axes, poor, strict=True) if is_poor)
+    return diagnose("N166", axes=names, missing=float(missing.max()))
 
 
 def held_marker_note(

@@ -18,6 +18,7 @@ from sidtool.formats.base.stress import (
     stress_norm,
 )
 from sidtool.formats.base.taylor import Array
+from tests.codes import codes, only
 
 from .test_section_forces import L, bar, simulated
 
@@ -249,3 +250,26 @@ def test_what_has_no_stress_is_refused() -> None:
         stressed(GENERAL)
     with pytest.raises(InputError, match=r"no stress at marker tip.*peak points"):
         sidtool.convert(bar(stress={"markers": ["tip"]}))
+
+
+@pytest.mark.parametrize("centrifugal", [False, True])
+def test_missing_centrifugal_stress_is_named(centrifugal: bool) -> None:
+    """A bar that turns about its end: its linear shape has 1/9 of the energy of 2/15.
+
+    The largest stress was 2/3 of rho w^2 L^2 / 2 at the axis, without a word.
+    """
+    given = {
+        "geometry": STRAIGHT | {"section": {"shape": "circle", "diameter": 0.02}},
+        "discretisation": {"type": "beam", "elements": 24},
+        "reduction": TIP | {"centrifugal": centrifugal, "inertia_relief": False},
+        "section_forces": None,
+        "stiffening": {},
+    }
+    sid = sidtool.convert(bar(stress={}, **given))
+    assert "N166" not in codes(sidtool.convert(bar(**given)))
+    if centrifugal:
+        assert "N166" not in codes(sid)
+    else:
+        found = only(sid, "N166").data
+        assert found["axes"] == ("y", "z")
+        assert found["missing"] == pytest.approx(1.0 - (1 / 9) / (2 / 15), rel=2e-3)
