@@ -114,6 +114,15 @@ class EventDetector:
                 )
         return bool(self.stopping_event)
 
+    def is_without_events(self, steps: StepStates) -> bool:
+        """True if no quantity crosses its value in steps, which then are done with."""
+        before = self.sides.copy()
+        heights = self._distances_to_values(steps.t, steps.z.copy(), steps.v.copy())
+        if any(self._crossings(k, heights[:, k]) for k in range(len(self.levels))):
+            self.sides[:] = before
+            return False
+        return True
+
     def _distances_to_values(self, t: Array, z: Array, v: Array) -> Array:
         """Distances of the quantities to the values of the events, (nt, n_events).
 

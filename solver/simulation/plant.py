@@ -61,6 +61,7 @@ _ATTRIBUTES = (
     "_interval_end",
     "_unchecked_steps",
     "_steps",
+    "_steps_without_events",
     "_failure",
     "_warned",
 )
@@ -184,6 +185,7 @@ class PlantRun(Stepper):
         self._interval_end = self.time
         self._unchecked_steps = 0
         self._steps: StepStates | None = None
+        self._steps_without_events: StepStates | None = None
         self._failure: tuple[Diagnostic, ...] = ()
         self._warned: frozenset[str] = frozenset()
         self._limits = deformation_limits(self.system)
@@ -423,7 +425,8 @@ class PlantRun(Stepper):
     def _find_events(self, target: float) -> bool:
         """Look for events until a time; returns True if one of them ends the motion.
 
-        The time of the plant moves on to where it was looked.
+        The time of the plant moves on to where it was looked. A step is looked at as a
+        whole, once, and again in parts if there is an event in it.
         """
         detector = self.event_detector
         if detector is None:
@@ -433,6 +436,15 @@ class PlantRun(Stepper):
         if not end > self.time or not len(steps.t):
             return False
         begin = max(self.time, steps.t[0])
+        if steps is not self._steps_without_events:
+            rest = steps
+            if begin > steps.t[0]:
+                rest = self.points.restrict(steps, begin, self.control.time)
+            if detector.is_without_events(rest):
+                self._steps_without_events = steps
+        if steps is self._steps_without_events:
+            self.time = end
+            return False
         if begin > steps.t[0] or end < self.control.time:
             steps = self.points.restrict(steps, begin, end)
         self.time = end

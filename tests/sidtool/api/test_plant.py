@@ -14,6 +14,7 @@ from scipy.linalg import expm
 
 import sidtool
 from sidtool.formats.base.sid import Array
+from sidtool.solver.output.events import EventDetector
 from tests.places import EXAMPLES
 
 FOUNDING = Path("examples/slider_crank/slider_crank.toml")
@@ -280,6 +281,34 @@ def test_an_unloaded_bearing_does_not_move(tmp_path: Path) -> None:
     plant.advance(0.01)
     assert abs(plant["yaw.angle"]) < 1e-12
     assert not any(event.name == "yaw" for event in plant.events)
+
+
+def test_events_cost_no_more_where_a_program_looks_often(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Steps are searched once, not at each call; events are those of a run."""
+    scene = pendulum(events={"level": {"quantity": "pivot.angle", "value": -0.3}})
+    expected = [(e.name, e.kind, e.t) for e in scene.simulate().events]
+    searches = list[int]()
+    find = EventDetector._distances_to_values
+
+    def counted(detector: EventDetector, t: Array, z: Array, v: Array) -> Array:
+        searches.append(len(t))
+        return find(detector, t, z, v)
+
+    monkeypatch.setattr(EventDetector, "_distances_to_values", counted)
+    plant, counts = scene.compile().plant(), list[int]()
+    for calls in (10, 1000):
+        plant.reset()
+        searches.clear()
+        for k in range(1, calls + 1):
+            plant.advance_to(k / calls)
+        counts.append(len(searches))
+        found = [(e.name, e.kind) for e in plant.events]
+        assert found == [each[:2] for each in expected] and found
+        times = [e.t for e in plant.events]
+        np.testing.assert_allclose(times, [each[2] for each in expected], rtol=1e-12)
+    assert counts[1] < 2 * counts[0]  # more in steps with an event alone
 
 
 @pytest.mark.parametrize("calls", [13, 250])
