@@ -108,9 +108,10 @@ def resume_state(system: System, settings: RunSettings, result: Result) -> Resum
         )
     times = OutputTimes(system.scene)[:]
     tolerance = DIFFERENT_TIME * (system.scene.time.end - system.scene.time.start)
-    is_output_time = np.array(
-        [np.abs(times - t).min() <= tolerance for t in result.t], bool
-    )
+    later = np.searchsorted(times, result.t).clip(0, len(times) - 1)
+    earlier = np.maximum(later - 1, 0)
+    distances = np.abs(times[[earlier, later]] - result.t)
+    is_output_time = distances.min(axis=0) <= tolerance
     count = int(is_output_time.sum())
     if (
         count > len(times)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Node, Taylor
 from sidtool.formats.result import Result
+from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.storage.sid_content import (
     content_digest,
@@ -100,3 +102,21 @@ def test_a_run_goes_on_with_an_equal_sid(free: SceneFile, unfinished: Result) ->
         system, run_settings(system, None, None, None, None), unfinished
     )
     assert past.t == free.time.end
+
+
+def test_a_long_run_goes_on_at_once() -> None:
+    """Rows of output times and one between them; the work is not their product."""
+    count, done = 500_000, 100_000
+    table = {"b": {"mass": 1.0, "initial": {"velocity": [2.0, 0.0]}}}
+    system = compile_scene(scene(table, end=1.0, steps=count))
+    whole = simulate(system)
+    rows = [*range(done), done + 1]
+    t = whole.t[rows]
+    t[-1] -= 0.5 / count
+    tables = {name: getattr(whole, name)[rows] for name in TABLES}
+    part = replace(whole, completed=False, t=t, **tables)
+    began = time.process_time()
+    past = resume_state(system, run_settings(system, None, None, None, None), part)
+    assert time.process_time() - began < 5.0
+    assert past.t == t[-1] and len(past.done.t) == done
+    assert past.start.z.tolist() == whole.positions[done + 1].tolist()
