@@ -213,7 +213,9 @@ def coefficients(piece: Piece) -> Values:
     given = np.array([*piece.start, *piece.end]) * length ** np.array(orders, float)
     matrix = _derivatives(len(piece.start), len(piece.end))
     scaled = np.linalg.solve(matrix, given)
-    return tuple(float(c) / length**power for power, c in enumerate(scaled))
+    with np.errstate(over="ignore"):  # powers of a length without bounds
+        powers = np.float64(length) ** np.arange(len(scaled))
+    return tuple((scaled / powers).tolist())
 
 
 @cache

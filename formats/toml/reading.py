@@ -1,6 +1,7 @@
 """Read TOML and JSON files and validate them by a pydantic model."""
 
 import json
+import math
 import re
 import tomllib
 from collections import Counter
@@ -21,6 +22,8 @@ Model = TypeVar("Model", bound=BaseModel)
 #: Tables and lists in each other, and parts of a dotted key; more is damage.
 DEEPEST = 50
 _LARGEST = 2**63
+#: Largest size of a number: products of six of them are finite.
+LARGEST_NUMBER = 1e50
 _KEY = r"(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]*+"
 #: A key of so many parts that the parser would spend its time on it.
 _ENDLESS_KEY = re.compile(
@@ -64,15 +67,11 @@ def with_formulas(
     formulas: Formulas = {}
     try:
         data, formulas = evaluate_formulas(data, model)
+        _check_values(data)
         text = json.dumps(data, default=str)
         return model.model_validate_json(text, strict=True), formulas
     except ValidationError as error:
         problem = input_error(error, data, model)
-        if error.errors(include_url=False)[0]["type"] == "json_invalid":
-            try:
-                _check_values(data)
-            except InputError as reason:
-                problem = reason
     except InputError as error:
         problem = error
     for place, text in formulas.items():
@@ -148,7 +147,11 @@ def _check_values(data: Any) -> None:
                 _check_text(key, place)
             waiting += (((*place, key), part) for key, part in value.items())
         elif isinstance(value, list):
-            waiting += (((*place, i), part) for i, part in enumerate(value))
+            waiting += (
+                ((*place, i), part)
+                for i, part in enumerate(value)
+                if not (type(part) is float and abs(part) <= LARGEST_NUMBER)
+            )
         elif isinstance(value, str):
             _check_text(value, place)
         elif isinstance(value, int) and abs(value) >= _LARGEST:
@@ -156,6 +159,12 @@ def _check_values(data: Any) -> None:
                 "found an integer of more than 64 bits",
                 place=dotted_key(place),
                 expected="a smaller number",
+            )
+        elif isinstance(value, float) and LARGEST_NUMBER < abs(value) < math.inf:
+            raise InputError(
+                f"found {value:g}",
+                place=dotted_key(place),
+                expected=f"a number of at most {LARGEST_NUMBER:g} in size",
             )
 
 

@@ -33,7 +33,7 @@ def marker_extent(sid: SID) -> float:
 
 def is_dense(sid: SID, size: float) -> bool:
     """True if a body of this size [m] can have the mass."""
-    return bool(size > 0.0 and sid.mass >= _MIN_DENSITY * size**3)
+    return bool(size > 0.0 and sid.mass / size / size / size >= _MIN_DENSITY)
 
 
 def mechanism_extent(system: System) -> float:

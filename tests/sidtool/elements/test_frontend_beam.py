@@ -306,8 +306,8 @@ def test_inertia_of_second_order_is_that_of_finite_rotations(discs: tuple) -> No
         ({"end": [0, 0, 0]}, "start and end are the same"),
         ({"y_axis": [1, 0, 0]}, "parallel to the beam"),
         (
-            {"section": {"shape": "rectangle", "height": 3e150, "width": 1}},
-            "geometry.section: is 3e\\+150 m at",
+            {"section": {"shape": "rectangle", "height": 3e49, "width": 1}},
+            "geometry.section: is 3e\\+49 m at",
         ),
         (
             {"section": {"shape": "rectangle", "height": [1, 0.01, 1], "width": 1}},
@@ -372,7 +372,7 @@ def test_lumped_masses_leave_the_frequencies(elements: int) -> None:
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_numbers_that_no_matrix_can_hold_are_refused() -> None:
     """There was a traceback, "Singular matrix"."""
-    section = {"shape": "general", "area": 4e-4, "iy": 2e-7, "iz": 1e308}
+    section = {"shape": "general", "area": 4e-4, "iy": 2e-7, "iz": 1e50}
     model = uniform("euler_bernoulli", 30, 10.0, start=[1e20, 0, 0], section=section)
     with pytest.raises(InputError):
         sid_from_model(model)
