@@ -122,12 +122,17 @@ def temporary_folder(target: Path) -> Iterator[Path]:
     Raises
     ------
     InputError : nothing can be created there.
+    OSError : a file in it cannot be written, as on a full disk; it names `target`.
     """
     folder = _new_temporary(
         target, lambda prefix: create_folder(target.parent, prefix, TEMPORARY_PREFIX)
     )
     try:
         yield folder
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, os.fspath(target)) from error
     finally:
         _remove_temporary(folder)
 

@@ -326,6 +326,21 @@ def test_a_full_disk_ends_no_export_half_written(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_full_disk_names_the_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    write_pvd(tmp_path / "m.pvd", still_points(2, 1.0))
+    before = sorted(tmp_path.rglob("*"))
+    monkeypatch.setattr(export, "flush_to_disk", full)
+    with pytest.raises(OSError, match="No space") as caught:
+        write_pvd(tmp_path / "m.pvd", still_points(3, 2.0))
+    assert caught.value.filename == str(tmp_path / "m")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 def still_points(count: int, x: float) -> ExportMesh:
     """A point that rests at x."""
     zeros = np.zeros((count, 3))
