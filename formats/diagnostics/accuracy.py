@@ -23,7 +23,7 @@ ENTRIES = (
     Entry(
         "N604",
         WARNING,
-        "mesh error of {amount} in {output} hardly falls in {halvings} refinements",
+        "mesh error of {amount} in {output} hardly falls in {halvings:refinement}",
         "The last change of the output by halved elements is more than 3/4 of the one "
         "before it, and the remaining error is above 0.1 of what is allowed. A body of "
         "solid or plane elements yields without limit under a force at a point, as "
@@ -117,7 +117,7 @@ ENTRIES = (
     Entry(
         "N612",
         INFO,
-        "mesh error of {amount} in {output} after {halvings} refinements",
+        "mesh error of {amount} in {output} after {halvings:refinement}",
         "Elements are halved until the remaining error is below 0.1 of what is "
         "allowed, at most 3 times. It is the sum of the geometric series of the last "
         "two changes, at least half of the last one. It is part of the error.",

@@ -6,7 +6,8 @@ ENTRIES = (
     Entry(
         "N701",
         ERROR,
-        "no equilibrium in {iterations} steps: {residual:.1e} of the forces, at {body}",
+        "no equilibrium in {iterations:iteration}: {residual:.1e} of the forces, at "
+        "{body}",
         "Newton's method with a line search on the forces along the directions that "
         "joints leave free. Residual: norm of what is unbalanced over the largest "
         "forces met; an equilibrium is below 1e-10. The body is that on which the "
@@ -93,6 +94,7 @@ ENTRIES = (
         "Modes with frozen = true (--frozen), or a state space, were requested of a "
         "state that is not steady or of equations that change as bodies turn (see "
         "N710, N711, N713).",
+        remedy="Use analyse floquet, or simulate.",
         example={},
     ),
     Entry(
@@ -250,6 +252,7 @@ ENTRIES = (
         "A hundredth of the change of the multipliers when the steps of the period are "
         "halved, up to 2048 of them; reported above 1e-6. Modes that are fast against "
         "the period need many steps.",
+        remedy="Leave fast modes out (shape_functions of their bodies).",
         example={"error": 2e-5},
     ),
     Entry(
@@ -282,6 +285,7 @@ ENTRIES = (
         "Real part of an eigenvalue that is positive beyond rounding: damping ratio "
         "below -1e-6. It is not reported with N710, N711 or N713, where eigenvalues "
         "of the instant decide nothing.",
+        remedy="Add damping, or check the signs of gains and springs.",
         example={"subject": "modes 1, 2", "rate": 3.2},
     ),
 )

@@ -60,8 +60,7 @@ ENTRIES = (
     Entry(
         "N110",
         INFO,
-        "read {elements:d} of {given:d} elements ({kinds}), {used:d} of {nodes:d} "
-        "nodes",
+        "read {elements:d} of {given:element} ({kinds}), {used:d} of {nodes:node}",
         "Counts of what the reader kept of a mesh file. Elements without a section "
         "or of lower dimension are not part of the body.",
         example={
@@ -75,7 +74,7 @@ ENTRIES = (
     Entry(
         "N111",
         INFO,
-        "{count:d} elements only name nodes: {reason}",
+        "only to name nodes: {count:element} {reason}",
         "Elements of lower dimension than the body, or without section, material or "
         "mass, name the nodes they touch. They add neither stiffness nor mass.",
         example={"count": 6, "reason": "of lower dimension"},
@@ -111,7 +110,7 @@ ENTRIES = (
     Entry(
         "N115",
         INFO,
-        "{count:d} elements are numbered {sense} and are turned round",
+        "numbered {sense} and turned round: {count:element}",
         "Nodes in the opposite order describe the same element. It is turned if the "
         "Jacobian determinant is negative at all of its quadrature points.",
         example={"count": 12, "sense": "clockwise"},
@@ -173,7 +172,7 @@ ENTRIES = (
     Entry(
         "N122",
         INFO,
-        "{nodes:d} nodes are tied to {faces:d} faces, at most {gap} apart",
+        "{nodes:node} tied to {faces:face}, at most {gap} apart",
         "Each slave node is projected on the master faces within the tolerance of "
         "the tie.",
         units={"gap": "m"},
@@ -191,7 +190,7 @@ ENTRIES = (
     Entry(
         "N124",
         WARNING,
-        "{count:d} nodes are not above the faces of the tie and stay free",
+        "free, as not above the faces of the tie: {count:node}",
         "Slave nodes without a projection on the master faces within the tolerance; "
         "their number is above 0.",
         remedy="Raise POSITION TOLERANCE, or correct the surfaces.",
@@ -219,7 +218,7 @@ ENTRIES = (
     Entry(
         "N127",
         INFO,
-        "CalculiX expands {elements:d} elements into {kinds} with {nodes:d} nodes",
+        "CalculiX expands {elements:element} into {kinds} with {nodes:node}",
         "CalculiX turns shells and beams into solids. Kinds and nodes are counted in "
         "the files that it writes.",
         example={"elements": 100, "kinds": ("100 hex20",), "nodes": 833},
@@ -228,7 +227,7 @@ ENTRIES = (
         "N128",
         WARNING,
         "CalculiX warns: {warning}",
-        "Text after *WARNING in the output of CalculiX; each text is reported 1 time. "
+        "Text after *WARNING in the output of CalculiX; equal texts count as 1. "
         "sidtool does not judge it.",
         remedy="See the manual of CalculiX.",
         example={"warning": "no linear elastic material"},
@@ -239,7 +238,11 @@ ENTRIES = (
         "{limit}",
         "What elements of the deck cannot do in this body; the number of nodes or bars "
         "concerned is above 0.",
-        example={"limit": "springs add no geometric stiffness"},
+        remedy="{remedy}",
+        example={
+            "limit": "springs add no geometric stiffness",
+            "remedy": "Use beams where these loads pass.",
+        },
     ),
     Entry(
         "N130",
@@ -253,7 +256,7 @@ ENTRIES = (
     Entry(
         "N131",
         INFO,
-        "{count:d} midside nodes that elements leave out are the mean of the corners",
+        "mean of the corners: {count:midside node} that elements leave out",
         "Nodes with number 0 of quadratic elements are midway between the corners of "
         "their edge and move by their mean.",
         example={"count": 8},
@@ -270,15 +273,14 @@ ENTRIES = (
     Entry(
         "N133",
         INFO,
-        "{count:d} equations of the file hold {nodes:d} nodes",
+        "{count:equation} of the file for {nodes:node}",
         "Linear constraints of the deck between displacements of nodes.",
         example={"count": 12, "nodes": 4},
     ),
     Entry(
         "N134",
         INFO,
-        "{elements:d} of {given:d} elements, {couplings:d} couplings, {masses:d} "
-        "masses",
+        "{elements:d} of {given:element}, {couplings:coupling}, {masses:point mass}",
         "What geometry.part selects of the mesh, with all nodes of these elements.",
         example={
             "subject": "part arm",
@@ -298,7 +300,7 @@ ENTRIES = (
     Entry(
         "N136",
         INFO,
-        "is at {position}, {gap} from the mean of its {count:d} nodes ({reason})",
+        "is at {position}, {gap} from the mean of its {count:node} ({reason})",
         "Distance of the marker from the mean of the tied nodes, reported above 1e-6 "
         "of their extent. Forces at the marker then cause moments on the nodes.",
         remedy="{remedy}",
@@ -323,8 +325,7 @@ ENTRIES = (
     Entry(
         "N138",
         WARNING,
-        "{idle:d} of its {count:d} nodes belong to no face that the others span: no "
-        "load",
+        "no load on {idle:d} of its {count:node}, beside the faces of the others",
         "Weight 0 of nodes in a distributing tie whose faces or edges are not "
         "complete.",
         remedy="Name complete faces or edges.",
@@ -401,7 +402,7 @@ ENTRIES = (
     Entry(
         "N146",
         WARNING,
-        "{count:d} point masses are below zero, together {total}",
+        "{count:point mass} below zero, together {total}",
         "Point masses of the mesh file (CONM2, CMASS2, *MASS, MASS21) are added with "
         "their sign. The mass matrix stays that of a body as long as elements have "
         "more mass at these nodes.",
@@ -517,7 +518,7 @@ ENTRIES = (
     Entry(
         "N164",
         INFO,
-        "{omitted:d} of {count:d} shape functions follow from others and are left out",
+        "left out, as they follow from others: {omitted:d} of {count:shape function}",
         "Candidates that depend linearly on the others and on the rigid motion.",
         example={"omitted": 3, "count": 11, "names": ("pin z",)},
     ),
@@ -562,7 +563,7 @@ ENTRIES = (
     Entry(
         "N173",
         WARNING,
-        "{count:d} sections for section forces are not in an ASCII file",
+        "not in an ASCII file: {count:section} for section forces",
         "A SID in ASCII holds the blocks of Wallrapp's format only. The mass integrals "
         "of the parts of a body beyond its sections are in HDF5 files, and in the SIDs "
         "of bodies that a scene names by `model`.",

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from string import Formatter
 from typing import Any
 
+from sidtool.formats.text import counted_noun
+
 ERROR, WARNING, INFO = SEVERITIES = ("error", "warning", "info")
 #: A number, a name, or several of them, of a message.
 Value = float | int | str | Sequence[str] | Sequence[float] | Sequence[str | float]
@@ -20,7 +22,8 @@ class Entry:
     ----------
     code : "N" and three digits, never used for anything else again
     severity : error, warning or info
-    message : the fact, with `{name}` for each value; `{name:.2g}` formats a number
+    message : the fact, with `{name}` for each value; `{name:.2g}` formats a number,
+        `{name:node}` counts nodes
     remedy : one sentence on what to do, or none
     explanation : what it means, and how each number is computed, with its threshold
     units : of the values that have one; "%" prints a fraction in per cent
@@ -70,6 +73,8 @@ def _text(value: Value, spec: str, unit: str) -> str:
 
 
 def _number(value: float, spec: str) -> str:
+    if len(spec) > 1 and spec.replace(" ", "").isalpha():
+        return counted_noun(int(value), spec)
     return format(value, spec) if spec else _short(value)
 
 

@@ -58,7 +58,12 @@ ENTRIES = (
         "Largest motion of a coordinate against the rounding of coordinates. The "
         "reason follows from the rank of the constraints: no free coordinate, or no "
         "force along the free ones.",
-        example={"rounding": 1e-15, "reason": "joints and drives leave no motion"},
+        remedy="{remedy}",
+        example={
+            "rounding": 1e-15,
+            "reason": "joints and drives leave no motion",
+            "remedy": "Free a joint, or move a drive.",
+        },
     ),
     Entry(
         "N326",

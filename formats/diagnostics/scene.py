@@ -299,6 +299,7 @@ ENTRIES = (
         "steady rotations about fixed axes, in scenes of at most 400 velocity "
         "coordinates without friction. Without it they vibrate where springs carry "
         "them.",
+        remedy='Start from a damped run: initial.state = "result".',
         example={"subject": "rotor", "reason": "the friction of pin is in it"},
     ),
     Entry(
@@ -316,7 +317,7 @@ ENTRIES = (
     Entry(
         "N232",
         WARNING,
-        "over-constrained: {count} constraints are not enforced, open by "
+        "over-constrained: {count:constraint} not enforced, open by "
         "{residual:.1e} of its size",
         "Constraints that follow from others but for the rounding of the data are "
         "left out. Their largest residual at the output times is given, relative to "
@@ -409,8 +410,7 @@ ENTRIES = (
     Entry(
         "N234",
         WARNING,
-        "no value at {count} output times, first at t = {t:.6g}: singular "
-        "configuration",
+        "no value at {count:output time}, first at t = {t:.6g}: singular configuration",
         "Constraint forces are solved for at each output time. Where constraints "
         "depend on each other, this system is singular. Close to such a configuration "
         "(sine of the angle between constraints below 0.01) the forces are solved for "

@@ -31,7 +31,7 @@ ENTRIES = (
     Entry(
         "N733",
         INFO,
-        "{count} of {all} combinations: those with at most {differ} choices changed",
+        "{count} of {all} combinations: those with at most {differ:choice} changed",
         "All combinations of the varied axes are more than 300 points. Those that "
         "differ from the scene in few choices are run.",
         remedy="--differ {next} adds more; finished ones are reused.",

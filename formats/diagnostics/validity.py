@@ -129,6 +129,7 @@ ENTRIES = (
         "leave linear theory by less than the bodies above",
         "Of more than eight bodies that leave linear theory those with the largest "
         "deformation are listed one by one, see N411 and N413.",
+        remedy="Cut them into parts, too.",
         example={"subject": "b9, b10"},
     ),
     Entry(
@@ -184,7 +185,7 @@ ENTRIES = (
     Entry(
         "N430",
         WARNING,
-        "peak_von_mises is the largest of {count:d} nodes; the peak may lie elsewhere",
+        "peak_von_mises is the largest of {count:node}; the peak may lie elsewhere",
         "The SID has no nodes that the conversion placed at the largest stresses of "
         "the surface (peak_points = 0), so that other points may have more stress.",
         remedy="Convert the model without peak_points = 0.",

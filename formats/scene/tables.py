@@ -104,7 +104,7 @@ class RunResult(Protocol):
 
 
 class Start(Table):
-    """How bodies start; where each stands is said in its own table `initial`."""
+    """How bodies start; each has its position in its own table `initial`."""
 
     state: Literal["stated", "static", "result"] = Field(
         default="stated",
@@ -112,8 +112,8 @@ class Start(Table):
         "equilibrium nearest downhill from what is stated, under gravity and the loads "
         "at the start, drives held; stated velocities stay, and bodies carry the loads "
         "of that motion; where bodies rotate about fixed axes it is a steady rotation, "
-        "in which springs and bushings carry them, too, without vibration, and a note "
-        "says so where none exists",
+        "in which springs and bushings carry them, too, without vibration; N224 names "
+        "the reason if there is none",
     )
     file: Takes[str | None, str | RunResult | None] = Field(
         default=None,

@@ -72,7 +72,7 @@ def parse_expression(
     Parameters
     ----------
     parameters : numbers by name
-    terms : formulas by name, which stand where this one and they themselves name them
+    terms : formulas by name, which replace their names in this one and in each other
 
     Raises
     ------

@@ -258,7 +258,7 @@ class Linearisation(_NamedNumbers, SolverLinearisation):
         return table
 
     def __repr__(self) -> str:
-        from sidtool.formats.base.text import counted_noun
+        from sidtool.formats.text import counted_noun
 
         if not len(self.frequencies):
             return "<Linearisation: no natural modes>"

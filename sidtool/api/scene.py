@@ -250,7 +250,7 @@ class Scene(SceneFile):
         )
 
     def __repr__(self) -> str:
-        from sidtool.formats.base.text import counted_noun
+        from sidtool.formats.text import counted_noun
 
         flexible = f", {len(self.flexible)} flexible" if self.flexible else ""
         parts = counted_noun(len(self.bodies), "body") + flexible

@@ -200,7 +200,8 @@ def modes(
 
         write_json(output, modes_as_data(natural_modes))
         click.echo(f"{output} written")
-    print_result(describe_modes(natural_modes), lambda: modes_as_data(natural_modes))
+    text = describe_modes(natural_modes, about)
+    print_result(text, lambda: modes_as_data(natural_modes))
 
 
 def _analyse_over(

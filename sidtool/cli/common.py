@@ -25,6 +25,7 @@ from sidtool.formats.storage.operating_system import (
     is_writable_folder,
     path_problem,
 )
+from sidtool.formats.text import wrapped_lines
 
 if TYPE_CHECKING:
     from sidtool.formats.diagnostics import Diagnostic
@@ -398,6 +399,14 @@ def json_stream() -> TextIO | None:
     return None if ctx is None else ctx.meta.get(_QUIET)
 
 
+def print_on_stderr(text: str, names: Iterable[str] = ()) -> None:
+    """Print a text on the standard error, in lines that fit on a screen.
+
+    names : files and keys in it, which stay whole
+    """
+    click.echo(wrapped_lines(text, names), err=True)
+
+
 def print_warnings(
     diagnostics: Iterable[Diagnostic], printed: Container[Diagnostic] = ()
 ) -> None:
@@ -410,7 +419,7 @@ def print_warnings(
 
     for each in diagnostics:
         if each.is_warning and each not in printed:
-            click.echo(diagnostic_line(each), err=True)
+            print_on_stderr(diagnostic_line(each))
             click.get_current_context().meta[_WARNED] = True
 
 
@@ -421,8 +430,8 @@ def print_failure(error: SimulationError, scene: Path) -> None:
 
     t = error.diagnostics[0].t
     outcome = "failed" if t is None else f"stopped at t = {t:.9g} s"
-    click.echo(f"sidtool: {scene}: {outcome}", err=True)
-    click.echo(diagnostic_lines(error.diagnostics), err=True)
+    print_on_stderr(f"sidtool: {scene}: {outcome}", [str(scene)])
+    print_on_stderr(diagnostic_lines(error.diagnostics))
     if error.result is None:
         print_data(lambda: failure_data(error))
 
@@ -439,14 +448,14 @@ def listed_names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def print_remarks(sentences: Iterable[str], err: bool = False) -> None:
-    """Print notes on the standard output; on the standard error if `err` or --quiet is
-    set.
+def print_remarks(sentences: Iterable[str], stderr: bool = False) -> None:
+    """Print notes on the standard output, with `stderr` or --quiet on the standard
+    error.
     """
     from ..report.diagnostics import remark_line
 
     for sentence in sentences:
-        click.echo(remark_line(sentence), err=err or is_quiet())
+        click.echo(remark_line(sentence), err=stderr or is_quiet())
 
 
 def print_result(text: str, data: Callable[[], Any]) -> None:

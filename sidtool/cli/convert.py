@@ -207,8 +207,8 @@ def _check_field(
 
 
 def _write_field(path: Path, field: Any) -> str:
-    from sidtool.formats.base.text import counted_noun
     from sidtool.formats.field import write_field
+    from sidtool.formats.text import counted_noun
 
     write_field(path, field)
     stress = "and stresses" if field.stress is not None else "without stresses"
@@ -353,7 +353,7 @@ def _name_option(name: str) -> Iterator[None]:
 
 
 def _repair_sid(sid: Any) -> Any:
-    from sidtool.formats.base.text import counted_noun
+    from sidtool.formats.text import counted_noun
 
     from ..report.tables import text_table
     from ..validate import repair

@@ -210,7 +210,7 @@ def _export_result(
         if output is not None:
             mesh = export_mesh(content, given, folder)
             write_export(output, mesh)
-            print_remarks(mesh.notes, err=as_json)
+            print_remarks(mesh.notes, as_json)
             click.echo(
                 f"{output} written: {len(mesh.t)} times, {mesh.n_points} points",
                 err=as_json,

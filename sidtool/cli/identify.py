@@ -18,6 +18,7 @@ from .common import (
     method_option,
     output_path,
     picture_target,
+    print_on_stderr,
     print_result,
     read_scene_with_changes,
     threads_option,
@@ -119,7 +120,7 @@ def identify(
         nonlocal count
         count += 1
         if not is_quiet():
-            click.echo(f"evaluation {count}: {x}", err=True)
+            print_on_stderr(f"evaluation {count}: {x}")
 
     found = fit(
         content,

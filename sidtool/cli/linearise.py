@@ -101,7 +101,7 @@ def linearise(
     the inputs, such as a motor torque.
 
     A state that is not steady, as in the middle of a motion, gives the equations of
-    that instant; the output says so.
+    that instant (warning N715).
 
     \b
     Examples:

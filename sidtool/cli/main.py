@@ -15,7 +15,6 @@ import click
 
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.interruptible import is_work_left
-from sidtool.formats.base.text import wrapped_lines
 from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
 from sidtool.formats.storage.operating_system import (
     DEFAULT,
@@ -34,7 +33,14 @@ from sidtool.formats.storage.unreadable import failure_reason
 from .. import __version__
 from .analyse import analyse
 from .animate import animate
-from .common import JSON, QUIET, count_warnings_if_strict, print_remarks, print_warnings
+from .common import (
+    JSON,
+    QUIET,
+    count_warnings_if_strict,
+    print_on_stderr,
+    print_remarks,
+    print_warnings,
+)
 from .convert import convert
 from .export import export
 from .fmu import fmu
@@ -236,7 +242,7 @@ def run(arguments: Sequence[str]) -> int:
     except click.ClickException as error:
         text = io.StringIO()
         error.show(text)
-        click.echo(wrapped_lines(text.getvalue().rstrip("\n")), err=True)
+        print_on_stderr(text.getvalue().rstrip("\n"))
         return error.exit_code
     except InputError as error:
         names = [printable(part) for part in (error.source, error.place) if part]
@@ -269,7 +275,7 @@ def _print_warning(
         if message.code:
             print_warnings([message.diagnostic])
         else:
-            print_remarks([str(message)], err=True)
+            print_remarks([str(message)], stderr=True)
     elif category.__module__.partition(".")[0] == "sidtool":
         _print_error(str(message), 0)
     else:
@@ -278,7 +284,7 @@ def _print_warning(
 
 def _print_error(message: str, status: int, names: Sequence[str] = ()) -> int:
     """Print an error in lines that fit on a screen; names in it stay whole."""
-    click.echo(wrapped_lines(f"sidtool: {message}", ("sidtool: ", *names)), err=True)
+    print_on_stderr(f"sidtool: {message}", ("sidtool: ", *names))
     return status
 
 

@@ -16,6 +16,7 @@ from .common import (
     method_option,
     output_path,
     picture_target,
+    print_on_stderr,
     print_result,
     threads_option,
 )
@@ -126,7 +127,7 @@ def optimise(
                 for name, x in zip(content.variables, point.x, strict=True)
             )
             line = f"iteration {number}: {content.objective.of} = {point.values[0]:.6g}"
-            click.echo(f"{line}; {numbers}", err=True)
+            print_on_stderr(f"{line}; {numbers}")
 
     found = search(content, start=start, jobs=jobs, method=method, progress=say)
     print_result(found.report(), found.data)

@@ -9,11 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import click
-
 from sidtool.formats.base.progress import TimeEstimate, has_listener, use_listener
 
-from .common import is_quiet
+from .common import is_quiet, print_on_stderr
 
 #: Minimum duration before progress is shown [s].
 MIN_DURATION = 1.0
@@ -159,4 +157,4 @@ class StageLines:
         if now - self._printed < MIN_DURATION or is_quiet() or has_listener():
             return
         self._printed = now
-        click.echo(f"{now - self._begin:6.1f} s  {text}", err=True)
+        print_on_stderr(f"{now - self._begin:6.1f} s  {text}")

@@ -100,10 +100,10 @@ class OutputFiles:
             self._messages.append(f"sidtool: {file.file.target} written instead")
         self._open = {}
 
-    def print_messages(self, err: bool) -> None:
+    def print_messages(self, stderr: bool) -> None:
         """Print the paths of the files, or why they are missing."""
         for text in self._messages:
-            click.echo(text, err=err or text.startswith("sidtool:"))
+            click.echo(text, err=stderr or text.startswith("sidtool:"))
 
     def _each(self, act: Callable[[File], None]) -> None:
         """Apply a function to all open files; re-raise the error that closes the last

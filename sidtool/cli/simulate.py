@@ -215,15 +215,15 @@ def simulate(
                 printed.update(error.diagnostics)
                 print_warnings(error.result.diagnostics, printed)
                 _print_result(error.result, files, verbose)
-            files.print_messages(err=True)
+            files.print_messages(stderr=True)
             status = 128 + stop.number if stop.number else 1
             raise click.exceptions.Exit(status) from None
         except OSError:
-            files.print_messages(err=True)
+            files.print_messages(stderr=True)
             if not files.failed:
                 raise
             raise click.exceptions.Exit(1) from None
-    files.print_messages(err=False)
+    files.print_messages(stderr=False)
     if files.failed:
         raise click.exceptions.Exit(1)
     print_warnings(result.diagnostics, printed)

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from ..pipeline.examples import EXAMPLE_TITLES, copy_example
-from .common import output_path, piped_path, print_result
+from .common import output_path, piped_path, print_on_stderr, print_result
 
 
 @click.command()
@@ -87,7 +87,7 @@ def _describe_model_file(content: Any, path: Path) -> None:
 
 def _describe_scene_file(content: Any, path: Path) -> str:
     from sidtool.formats.base.errors import InputError
-    from sidtool.formats.base.text import wrapped
+    from sidtool.formats.text import wrapped
     from sidtool.solver import compile_scene, describe
 
     from ..pipeline.model_cache import convert_bodies
@@ -244,7 +244,7 @@ def warmup(fmu: bool) -> None:
     from ..fmu.kernel_objects import precompile_units
 
     begin = time.perf_counter()
-    count = precompile_all(all_step_loops(), lambda line: click.echo(line, err=True))
+    count = precompile_all(all_step_loops(), print_on_stderr)
     if fmu:
         count += precompile_units()
     if count == 0:

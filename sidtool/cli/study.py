@@ -18,6 +18,7 @@ from sidtool.formats.storage.operating_system import (
     is_writable_folder,
     processors,
 )
+from sidtool.formats.text import counted_noun
 
 from ..api.interrupts import stop_on_signals
 from .common import (
@@ -29,6 +30,7 @@ from .common import (
     is_quiet,
     output_path,
     picture_target,
+    print_on_stderr,
     print_result,
     read_scene_with_changes,
 )
@@ -204,12 +206,12 @@ def study(
                     progress=say,
                 )
         except StoppedEarly as error:
-            click.echo(f"sidtool: {error}", err=True)
+            print_on_stderr(f"sidtool: {error}")
             raise click.exceptions.Exit(1) from None
         except StudyInterrupted as why:
             points = None if output is None else output / "points"
             rest = _finished_files_text("point", output, points)
-            click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
+            print_on_stderr(f"sidtool: {scene}: {why}; {rest}", [str(scene)])
             raise click.exceptions.Exit(128 + stop.number) from None
     _print_study(result, wanted, output)
 
@@ -285,7 +287,7 @@ def print_progress() -> Iterator[Callable[[str, int, int, float | None], None]]:
         rest = (
             "" if left is None or done == count else f", {_format_seconds(left)} left"
         )
-        click.echo(f"{done} of {count}{rest}: {text}", err=True)
+        print_on_stderr(f"{done} of {count}{rest}: {text}")
 
     yield say
 
@@ -435,12 +437,13 @@ def sweep(
                 )
         except StudyInterrupted as why:
             rest = _finished_files_text("run", folder, folder)
-            click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
+            print_on_stderr(f"sidtool: {scene}: {why}; {rest}", [str(scene)])
             raise click.exceptions.Exit(128 + stop.number) from None
     print_result(result.report(), result.data)
     if result.failed:
-        count = f"{len(result.failed)} of {len(result.points)} runs failed"
-        click.echo(f"sidtool: {scene}: {count}", err=True)
+        runs = counted_noun(len(result.points), "run")
+        count = f"{len(result.failed)} of {runs} failed"
+        print_on_stderr(f"sidtool: {scene}: {count}", [str(scene)])
     for path, target in zip(outputs, targets, strict=True):
         if target.kind == "sweep" or len(result.failed) < len(result.points):
             result.save(path)

@@ -72,13 +72,19 @@ _SHELLS = diagnose(
     "stiffening by loads",
 )
 _HINGED = diagnose(
-    "N129", limit="bars and shells that share single nodes with solids are hinged there"
+    "N129",
+    limit="bars and shells that share single nodes with solids are hinged there",
+    remedy="Join them at two nodes or more, or by an RBE3.",
 )
 _NO_STIFFENING = diagnose(
-    "N129", limit="RBE3 and RBE2 of some directions add no geometric stiffness"
+    "N129",
+    limit="RBE3 and RBE2 of some directions add no geometric stiffness",
+    remedy="Hold all six directions by RBE2, or leave [stiffening] out.",
 )
 _MAX_TWIST = diagnose(
-    "N129", limit="the torsion of rods at nodes without bars has no effect"
+    "N129",
+    limit="the torsion of rods at nodes without bars has no effect",
+    remedy="Use bars instead, or leave the torsion out.",
 )
 
 
@@ -156,7 +162,7 @@ def bars_model(
             *([_SHEAR] if imported.bars else []),
             *([_SHELLS] if imported.shells else []),
             *([_HINGED] if imported.mesh.blocks else []),
-            *_bar_limits(imported.bars, nodes),
+            *_bar_limits(imported.bars, nodes, bool(model.stiffening)),
             *unsupported,
             *markers_without_rotation(markers),
         ),
@@ -286,12 +292,14 @@ def _bar_markers(model: ModelFile, structure: Structure) -> tuple[MarkerRows, ..
     return tuple(markers)
 
 
-def _bar_limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[Diagnostic]:
+def _bar_limits(
+    bars: tuple[RawBar, ...], nodes: BarNodes, stiffened: bool
+) -> list[Diagnostic]:
     is_limited = any(
         bar.y_axis is None
         and any(v for _, v in bar.section.torsion)
         and any(len(nodes.motion(n, nodes.place(n))[1]) < 6 for n in bar.nodes)
         for bar in bars
     )
-    couplings = bool(nodes.partly_dependent or nodes.means)
+    couplings = stiffened and bool(nodes.partly_dependent or nodes.means)
     return [_MAX_TWIST] * is_limited + [_NO_STIFFENING] * couplings

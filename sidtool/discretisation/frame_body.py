@@ -60,7 +60,11 @@ _SI = unit_system("SI")
 _DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 #: What is expected of the members of a frame.
 _HELD = "members that hold each other, or fewer releases"
-_NO_STIFFENING = diagnose("N129", limit="springs add no geometric stiffness")
+_NO_STIFFENING = diagnose(
+    "N129",
+    limit="springs add no geometric stiffness",
+    remedy="Use members where the loads pass.",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +152,7 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
         beam_stress=None if stress is None else stress.stress(),
         cuts=cuts,
         diagnostics=(
-            *([_NO_STIFFENING] if geometry.springs else []),
+            *([_NO_STIFFENING] if geometry.springs and model.stiffening else []),
             *unsupported,
             *markers_without_rotation(markers),
         ),

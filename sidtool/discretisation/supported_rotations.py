@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sidtool.elements.finite_element_model import MarkerRows, moving_dofs
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
+from sidtool.formats.text import counted_noun
 
 from .bar_elements import Bar
 from .structure import Structure
@@ -163,7 +164,9 @@ def _without(
         return structure, []
     table = structure.nodes.table
     number = np.where(removed, -1, np.cumsum(~removed) - 1)
-    count = np.count_nonzero(removed)
-    limit = f"{count} rotations of nodes that nothing resists are left out (AUTOSPC)"
+    count = int(np.count_nonzero(removed))
+    rotations = counted_noun(count, "rotation")
+    limit = f"left out, as nothing resists them: {rotations} of nodes (AUTOSPC)"
+    remedy = "Hold no moment about them by joints."
     reduced = structure.with_nodes(np.where(table >= 0, number[table], -1))
-    return reduced, [diagnose("N129", limit=limit)]
+    return reduced, [diagnose("N129", limit=limit, remedy=remedy)]

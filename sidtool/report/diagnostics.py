@@ -6,7 +6,6 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.text import WIDTH, counted_noun, wrapped
 from sidtool.formats.diagnostics import (
     ERROR,
     INFO,
@@ -16,6 +15,7 @@ from sidtool.formats.diagnostics import (
 )
 from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
 from sidtool.formats.diagnostics.record import example_of, plain_text
+from sidtool.formats.text import WIDTH, counted_noun, wrapped
 
 from .tables import text_table
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sidtool.formats.text import wrapped
+
 from .result import plain_notes
 from .tables import text_table
 
@@ -33,7 +35,7 @@ def describe_floquet(modes: FloquetModes) -> str:
     if not len(modes.multipliers):
         return f"{summary}\n\nno modes: nothing can move"
     table = text_table(FLOQUET_COLUMNS, floquet_rows(modes))
-    return "\n\n".join([summary, table, frame, *plain_notes(modes)])
+    return "\n\n".join([summary, table, wrapped(frame, "    "), *plain_notes(modes)])
 
 
 def floquet_rows(modes: FloquetModes) -> list[list[str]]:

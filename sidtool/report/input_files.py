@@ -8,7 +8,6 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
-from sidtool.formats.base.text import counted_noun
 from sidtool.formats.model import Material, ModelFile, NodeMarker
 from sidtool.formats.model.frames import FrameGeometry
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
@@ -29,6 +28,7 @@ from sidtool.formats.scene import (
     unit_of,
 )
 from sidtool.formats.scene.base import Table
+from sidtool.formats.text import counted_noun
 
 from ..elements.finite_element_model import FiniteElementModel
 from ..reduction.admissible_space import constrained_space

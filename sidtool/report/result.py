@@ -10,7 +10,6 @@ import numpy as np
 
 from sidtool.formats.base.errors import printable
 from sidtool.formats.base.html import html_table
-from sidtool.formats.base.text import counted_noun, wrapped
 from sidtool.formats.diagnostics import Diagnostic, WithDiagnostics
 from sidtool.formats.diagnostics.entry import per_cent
 from sidtool.formats.result import (
@@ -23,9 +22,17 @@ from sidtool.formats.result import (
     Result,
     units_in,
 )
+from sidtool.formats.text import counted_noun, wrapped
 
 from .diagnostics import diagnostic_lines, severity_counts
-from .tables import TextBlock, named_values, text_table, title_line
+from .sid import label_beside_frequency
+from .tables import (
+    TextBlock,
+    named_values,
+    text_table,
+    title_line,
+    without_rounding,
+)
 
 if TYPE_CHECKING:
     from sidtool.solver.analyses.linearisation import Linearisation
@@ -251,11 +258,14 @@ def output_ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str])
 
     unit : of an output by its name
     """
+    found = {name: column for name, column in columns.items() if len(column)}
+    units = [unit(name) for name in found]
+    ranges = [[c[0], np.min(c), np.max(c), c[-1]] for c in found.values()]
     rows = [
-        [name, f"{column[0]:.10g}", *(f"{f(column):.10g}" for f in (np.min, np.max))]
-        + [f"{column[-1]:.10g}", unit(name)]
-        for name, column in columns.items()
-        if len(column)
+        [name, *(f"{value:.10g}" for value in values), u]
+        for name, values, u in zip(
+            found, without_rounding(ranges, units), units, strict=True
+        )
     ]
     return text_table(["output", "first", "least", "greatest", "last", "unit"], rows)
 
@@ -264,14 +274,15 @@ def contributions(name: str, body: FlexibleBody) -> TextBlock:
     """Tabulate the contribution of each elastic coordinate of a body to the motion."""
     header = [name, "Hz", "max |q|", "energy %", "label"]
     names = body.names or [f"q{i + 1}" for i in range(len(body.labels))]
-    columns = (body.frequencies, body.amplitudes, 100 * body.energy_shares)
+    sizes = without_rounding(body.amplitudes, [""] * len(body.amplitudes))
+    columns = (body.frequencies, sizes, 100 * body.energy_shares)
     rows = [
         [
             coordinate,
             f"{hertz:.4f}",
             f"{size:.4g}",
             f"{share:.2f}",
-            " ".join(label.split()),
+            label_beside_frequency(" ".join(label.split()), hertz),
         ]
         for coordinate, hertz, size, share, label in zip(
             names, *columns, body.labels, strict=False
@@ -316,6 +327,8 @@ def _cost_text(result: Result, verbose: bool) -> str:
 def _drift_text(result: Result) -> str:
     parts = [
         f"{value:.1e} {_DRIFT_UNITS.get(level, level)}"
+        if value
+        else f"0 {_DRIFT_UNITS.get(level, level)}"
         for level, value in result.drift.items()
     ]
     return "joints closed to " + ", ".join(parts) if parts else "not measured"
@@ -329,22 +342,47 @@ DAMPING_ROUNDING = 1e-12
 
 
 def describe_equilibrium(equilibrium: Equilibrium) -> str:
-    """Describe an equilibrium: iterations, residual, notes, outputs and multipliers."""
+    """Describe an equilibrium: cost, residual, notes, outputs, forces of the joints."""
     result = equilibrium.result()
-    parts: list[str] = [
-        named_values(
-            [
-                ("equilibrium", f"after {equilibrium.iterations} steps"),
-                ("unbalanced", f"{equilibrium.residual:.1e} of the forces"),
-            ]
-        )
+    entries = [
+        ("cost", counted_noun(equilibrium.iterations, "iteration")),
+        ("residual", f"{equilibrium.residual:.1e} of the forces"),
+        ("diagnostics", severity_counts(result.diagnostics)),
     ]
-    parts += plain_notes(result)
+    title = title_line(result.title, "static equilibrium found")
+    parts = [f"{title}\n{named_values(entries)}", *plain_notes(result)]
     rows = state_rows(result)
-    if rows:
-        texts = [[name, f"{value:.10g}", unit] for name, value, unit in rows]
-        parts.append(text_table(["output", "value", "unit"], texts))
+    units = [unit for _, _, unit in rows]
+    values = without_rounding([value for _, value, _ in rows], units)
+    found = [
+        (name, float(value), unit)
+        for (name, _, unit), value in zip(rows, values, strict=True)
+    ]
+    outputs = [[n, f"{x:.10g}", unit] for n, x, unit in found if n in result.names]
+    if outputs:
+        parts.append(text_table(["output", "value", "unit"], outputs))
+    forces = [row for row in found if row[0] not in result.names]
+    if forces:
+        parts.append(_force_table(forces))
     return "\n\n".join(parts)
+
+
+def _force_table(forces: Iterable[tuple[str, float, str]]) -> TextBlock:
+    """Tabulate the multipliers of each joint and drive, those of one unit in a row."""
+    of_owner: dict[tuple[str, str], dict[str, float]] = {}
+    for name, value, unit in forces:
+        owner, _, component = name.rpartition(".")
+        of_owner.setdefault((owner, unit), {})[component] = value
+    rows = [
+        [
+            owner,
+            ", ".join(sorted(values)),
+            ", ".join(f"{values[component]:.6g}" for component in sorted(values)),
+            unit,
+        ]
+        for (owner, unit), values in sorted(of_owner.items())
+    ]
+    return text_table(["joint or drive", "multipliers", "values", "unit"], rows)
 
 
 def state_rows(result: Result) -> list[tuple[str, float, str]]:
@@ -361,16 +399,21 @@ def state_rows(result: Result) -> list[tuple[str, float, str]]:
     return [(name, value, unit(name)) for name, value in value_of.items()]
 
 
-def describe_modes(modes: Linearisation) -> str:
+#: States that modes are about, by their option.
+_STATES = {"static": "the static equilibrium", "start": "the initial state"}
+
+
+def describe_modes(modes: Linearisation, about: str = "static") -> str:
     """Describe natural modes: a table with the leading coordinates of each, and
     notes.
     """
     rows = mode_rows(modes)
     if not rows:
         return "no natural modes: nothing can move"
-    text: str = text_table(mode_header(modes), rows)
-    text += f"\n\n{axes_of_frequencies(modes)}"
-    return "\n\n".join([text, *plain_notes(modes)])
+    count = counted_noun(len(rows), "natural mode")
+    parts = [f"{count} about {_STATES[about]}", text_table(mode_header(modes), rows)]
+    parts.append(wrapped(axes_of_frequencies(modes), "    "))
+    return "\n\n".join([*parts, *plain_notes(modes)])
 
 
 def has_rotating_axes(modes: Linearisation) -> bool:
@@ -457,15 +500,19 @@ def modes_as_data(modes: Linearisation) -> dict[str, Any]:
 
 def describe_inverse(result: Result) -> str:
     """Describe inverse dynamics: the largest force of each constraint, and notes."""
+    first, last, count = _result_span(result)
+    times = counted_noun(count, "time")
+    outcome = f"inverse dynamics, {first:g} to {last:g} s, {times}"
     unit = units_in(result)
+    units = [unit(name) for name in result.multiplier_names]
+    columns = without_rounding(result.multipliers.T, units)
     rows = [
         [name, f"{np.min(column):.10g}", f"{np.max(column):.10g}", unit(name)]
-        for name, column in zip(
-            result.multiplier_names, result.multipliers.T, strict=True
-        )
+        for name, column in zip(result.multiplier_names, columns, strict=True)
     ]
     return "\n\n".join(
         [
+            title_line(result.title, outcome),
             text_table(["force", "least", "greatest", "unit"], rows),
             *plain_notes(result),
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,8 +13,8 @@ from scipy.sparse import csr_matrix
 from sidtool.formats.base.compliance_shares import DIRECTIONS
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.base.stress import stress_nodes
-from sidtool.formats.base.text import counted_noun
 from sidtool.formats.dead_nodes import dead_nodes, motion_scale
+from sidtool.formats.diagnostics.entry import per_cent
 from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.motion_kinds import (
     ROTATION_ARM_SHARE,
@@ -22,6 +23,7 @@ from sidtool.formats.motion_kinds import (
     long_axis,
     node_extent,
 )
+from sidtool.formats.text import counted_noun
 
 from ..eigensolvers.eigenpairs import equal_frequencies, rotation_to_axes
 from ..validate.frequencies import held_modes, to_hertz
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
 
     from ..pipeline.model_to_sid import ConvertedModel
 
+#: Largest missing share of the compliance that counts as none.
+_COMPLETE = 5e-4
 #: Number of frequencies in the summary of a conversion.
 _LISTED_FREQUENCIES = 5
 
@@ -43,7 +47,7 @@ def describe_sid(sid: SID) -> str:
     modes = natural_modes(sid)
     if modes:
         rows = [_mode_row(number, mode, sid) for number, mode in enumerate(modes, 1)]
-        header = ["mode", "Hz", "kind", "boundary", "m_eff x %", "y %", "z %"]
+        header = ["mode", "Hz", "kind", "m_eff x %", "y %", "z %"]
         header += ["share %", "label"]
         parts.append(text_table(header, rows))
     if sid.nodes:
@@ -113,6 +117,7 @@ def _overview_lines(sid: SID) -> str:
             format_numbers(sid.J.m0[:, 0], between=" ") + "  (xx yy zz xy xz yz)",
         ),
         ("frame", frame_kind_of(sid)),
+        *([("boundary", f"of the modes: {boundary_kind(sid)}")] if sid.nq else []),
         ("first-order terms", ", ".join(orders) or "none"),
         *_capability_text(sid),
         (
@@ -135,7 +140,7 @@ def _capability_text(sid: SID) -> list[tuple[str, str]]:
     return [
         ("elastic forces", "quadratic in q (Ke m1)" if quadratic else "linear"),
         ("geom. stiffening", "carried" if has_stiffening(sid) else lacks),
-        ("carried", _compliance_text(sid)),
+        ("static compliance", _compliance_text(sid)),
         (
             "stress",
             f"at {counted_noun(len(stressed), 'node')}" if stressed else "not given",
@@ -165,7 +170,7 @@ def _compliance_text(sid: SID) -> str:
     represent.
     """
     if sid.carried is None:
-        return "the file does not state which part of the static compliance"
+        return "the file does not state what is missing"
     texts = [
         (share, f"{'along' if len(way) == 1 else 'about'} {way[-1]}", node)
         for node, row in sid.carried.shares.items()
@@ -173,11 +178,12 @@ def _compliance_text(sid: SID) -> str:
         if share is not None
     ]
     if not texts:
-        return "of no node told"
+        return "not known at any node"
     least, way, node = min(texts)
-    return (
-        f"of the static compliance at least {100 * least:.0f} % ({way} at node {node})"
-    )
+    if 1.0 - least < _COMPLETE:
+        return "complete at all nodes"
+    missing = per_cent(1.0 - least, ".2g")
+    return f"up to {missing} % missing ({way} at node {node})"
 
 
 def _mode_row(number: int, mode: NaturalMode, sid: SID) -> list[str]:
@@ -186,11 +192,18 @@ def _mode_row(number: int, mode: NaturalMode, sid: SID) -> list[str]:
         str(number),
         f"{mode.frequency:.4f}",
         mode.kind,
-        mode.boundary,
         *(f"{share:.2f}" for share in shares),
         f"{100 * mode.contribution:.2f}",
-        mode.label,
+        label_beside_frequency(mode.label, mode.frequency),
     ]
+
+
+def label_beside_frequency(label: str, frequency: float) -> str:
+    """Return a label without the frequency [Hz] that it names, if it is this one."""
+    parts = re.split(r" : ([\d.]+) Hz,? ?", label, maxsplit=1)
+    if len(parts) < 3 or abs(float(parts[1]) - frequency) > 1e-3 * frequency:
+        return label
+    return ", ".join(filter(None, parts[::2]))
 
 
 def _node_table(sid: SID, most: int = 12) -> str:

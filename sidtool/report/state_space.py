@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sidtool.formats.base.text import counted_noun
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.storage.atomic import atomic_path
+from sidtool.formats.text import counted_noun
 
 from .json_data import write_json
 from .result import plain_notes

@@ -8,11 +8,11 @@ from itertools import zip_longest
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.html import html_table
-from sidtool.formats.base.text import WIDTH, wrapped
+from sidtool.formats.text import WIDTH, wrapped
 
 #: Values below this fraction of the largest one are printed as zero.
 _ROUNDING = 1e-12
@@ -27,6 +27,25 @@ def format_numbers(values: ArrayLike, size: float = 0.0, between: str = ", ") ->
     numbers = np.asarray(values, float)
     nothing = _ROUNDING * max(size, np.abs(numbers).max(initial=0.0))
     return between.join(f"{v:.6g}" if abs(v) > nothing else "0" for v in numbers)
+
+
+def without_rounding(values: ArrayLike, units: Sequence[str]) -> NDArray[np.float64]:
+    """Return values in which those that are rounding are 0.
+
+    Parameters
+    ----------
+    values : (n,) or (n, k)
+    units : n units; a value is negligible against the largest one with its unit, and an
+        angle against 1 rad
+    """
+    numbers = np.array(values, float)
+    for unit in set(units):
+        rows = [i for i, other in enumerate(units) if other == unit]
+        part, least = numbers[rows], 1.0 if unit == "rad" else 0.0
+        size = np.abs(part, where=np.isfinite(part), out=np.zeros_like(part))
+        nothing = _ROUNDING * max(least, size.max(initial=0.0))
+        numbers[rows] = np.where(np.abs(part) <= nothing, 0.0, part)
+    return numbers
 
 
 def import_optional(name: str) -> Any:

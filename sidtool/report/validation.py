@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from sidtool.formats.base.sid import SID
-from sidtool.formats.base.text import counted_noun, wrapped
 from sidtool.formats.diagnostics import Diagnostic, diagnose, each_once
 from sidtool.formats.plausibility import body_warnings
+from sidtool.formats.text import counted_noun, wrapped
 
 from ..comparison.block_differences import Comparison, ComparisonRow
 from ..comparison.comparison import compare, comparison_report, to_json

@@ -75,7 +75,7 @@ class Optimum:
 
     def report(self) -> str:
         """Return the result as text, as `sidtool optimise` prints it."""
-        from sidtool.formats.base.text import counted_noun
+        from sidtool.formats.text import counted_noun
 
         from ..report.tables import text_table
 

@@ -8,6 +8,7 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.base.stress import has_peak_nodes, stress_nodes
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import PEAK_STRESS, SceneFile, expand_names, parse_output
+from sidtool.formats.text import counted_noun
 
 from ..initial_state import sparse_jacobian
 from ..initial_state.constraint_jacobian import dense_jacobian, row_names
@@ -174,10 +175,15 @@ def rounding_notes(
     turns = control.largest_rotation > ROTATION_ROUNDING  # of what has no extent
     if 0.0 < motion < rounding and not turns:
         free = _free_coordinates(system, control)
-        reason = f"no force acts along the {free} free coordinates"
+        count = counted_noun(free, "free coordinate")
+        reason = f"no force acts along the {count}"
+        remedy = "Give a force, gravity or an initial velocity."
         if not free:
             reason = "joints and drives leave no motion"
-        yield diagnose("N324", rounding=rounding, reason=reason, free=free)
+            remedy = "Free a joint, or move a drive."
+        yield diagnose(
+            "N324", rounding=rounding, reason=reason, remedy=remedy, free=free
+        )
         return
     least = rounding * (steps if control.shares_tolerance == 1 else 1)
     if 0.0 < PROMISE_FACTOR * rtol * motion < least:

@@ -4,7 +4,7 @@ Many runs of one scene are made for their numbers only. Therefore recorded rows 
 stored, as far as they are few, and evaluated together.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, without
 from sidtool.formats.result import FlexibleBody
+from sidtool.formats.text import counted_noun
 
 from ..initial_state import assembly
 from ..initial_state.assembly import assemble, row_names
@@ -209,43 +210,60 @@ def describe(system: System) -> list[str]:
     compiled = system
     system, start = assemble(compiled)
     kind = "planar" if system.planar else "spatial"
+    positions = system.n_positions - system.n_rotation_counters
     lines = [
-        f"{kind} scene: {system.n_positions - system.n_rotation_counters} position "
-        "coordinates, "
-        f"{system.n_velocities} velocity coordinates, {system.n_rows} constraints"
+        f"{kind} scene: "
+        f"{counted_noun(positions, 'position coordinate')}, "
+        f"{counted_noun(system.n_velocities, 'velocity coordinate')}, "
+        f"{counted_noun(system.n_rows, 'constraint')}"
     ]
     lines += [_degrees_of_freedom(system), _total_mass(system)]
+    texts: list[tuple[str, str]] = []
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         if data.is_scene_body:
-            lines.append(f"body {data.name}: {_body_text(row, data)}")
-            lines += _marker_stiffening_lines(system, data)
-            lines += _prestress_lines(data)
-    for name, body in expected_bodies(system, start).items():
-        lines.append(f"body {name}: {body.before}")
+            found = [
+                _body_text(row, data),
+                *_marker_stiffening_texts(system, data),
+                *_prestress_texts(data),
+            ]
+            texts += [(data.name, text) for text in found]
+    expected = expected_bodies(system, start)
+    texts += [(name, body.before) for name, body in expected.items()]
+    lines += [
+        f"{'body' if len(names) == 1 else 'bodies'} {', '.join(names)}: {text}"
+        for text, names in _names_by_text(texts).items()
+    ]
     lines += _defect_lines(system)
     least = system.scene.accuracy.rtol
-    found = (
+    warnings = (
         *implausible_value_warnings(compiled),
         *unrepresented_loads(system, start),
         *displacement_notes(system, new_work_arrays(system), start, least),
     )
-    lines += [each.line for each in without(found, system.scene.diagnostics.ignore)]
-    for name, owner in system.eliminated.items():
-        lines.append(
-            f"{name}: dropped from the constraints, the frame of {owner} is prescribed"
-        )
+    lines += [each.line for each in without(warnings, system.scene.diagnostics.ignore)]
+    dropped = "dropped from the constraints, the frame of {} is prescribed"
+    eliminated = [(n, dropped.format(of)) for n, of in system.eliminated.items()]
+    for text, owners in _names_by_text(eliminated).items():
+        lines.append(f"{', '.join(owners)}: {text}")
     if system.redundant:
         names = ", ".join(dict.fromkeys(row_names(system, system.redundant)))
-        count = len(system.redundant)
-        plural = "" if count == 1 else "s"
+        count = counted_noun(len(system.redundant), "redundant constraint")
         lines.append(
-            f"{count} redundant constraint{plural} ({names}): met by the others; of "
+            f"{count} ({names}): met by the others; of "
             "all multipliers that hold the mechanism the smallest are reported"
         )
     lines += [each.line for each in callable_notes(system)]
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
-    lines.append(f"markers: {used} used of {total} exported nodes")
+    lines.append(f"markers: {used} used of {counted_noun(total, 'exported node')}")
     return lines
+
+
+def _names_by_text(texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Names that share a text, by the text."""
+    names: dict[str, list[str]] = {}
+    for name, text in texts:
+        names.setdefault(text, []).append(name)
+    return names
 
 
 def _degrees_of_freedom(system: System) -> str:
@@ -259,8 +277,10 @@ def _degrees_of_freedom(system: System) -> str:
     redundant = len({*system.redundant, *system.inactive_rows})
     freedom = free - (system.n_rows - redundant)
     return (
-        f"degrees of freedom: {freedom}, of {free} velocity coordinates ({elastic} "
-        f"elastic), {system.n_rows} constraints and {redundant} redundancies"
+        f"degrees of freedom: {freedom}, of "
+        f"{counted_noun(free, 'velocity coordinate')} ({elastic} elastic), "
+        f"{counted_noun(system.n_rows, 'constraint')} and "
+        f"{counted_noun(redundant, 'redundancy')}"
     )
 
 
@@ -269,7 +289,7 @@ def _total_mass(system: System) -> str:
     return f"total mass: {mass:.6g} kg"
 
 
-def _marker_stiffening_lines(system: System, data: BodyData) -> list[str]:
+def _marker_stiffening_texts(system: System, data: BodyData) -> list[str]:
     """Geometric stiffening by forces and moments at markers that are used."""
     markers = [marker for body, marker in system.markers if body == data.name]
     sizes = {
@@ -279,23 +299,23 @@ def _marker_stiffening_lines(system: System, data: BodyData) -> list[str]:
         if getattr(data.node(marker), entry).m1 is not None
     }
     least = _NEGLIGIBLE * max(sizes.values(), default=0.0)
-    lines = []
+    texts = []
     for shape_matrix, title in (("phi", "forces kept"), ("psi", "moments kept")):
         stiffened = [
             m for (m, entry), s in sizes.items() if entry == shape_matrix and s > least
         ]
         if stiffened:
             listed = ", ".join(stiffened)
-            lines.append(f"body {data.name}: stiffening by {title} at {listed}")
-    return lines
+            texts.append(f"stiffening by {title} at {listed}")
+    return texts
 
 
-def _prestress_lines(data: BodyData) -> list[str]:
+def _prestress_texts(data: BodyData) -> list[str]:
     """What a body under initial stress needs of the scene, and must not hold itself."""
     if not data.sid.ksigma.m0.any():
         return []
     return [
-        f"body {data.name}: prestressed (ksigma), undeformed under the loads of its "
+        "prestressed (ksigma), undeformed under the loads of its "
         "prestress only; what these stiffen at markers must not be in its Ke as well"
     ]
 
@@ -320,7 +340,7 @@ def _body_text(row: object, data: BodyData) -> str:
             flags |= _STIFFENED_TERMS
         included = [text for bit, text in _TERMS.items() if flags & bit]
         omitted = [text for bit, text in _TERMS.items() if not flags & bit]
-        parts.append(f"{nq} elastic coordinates")
+        parts.append(counted_noun(nq, "elastic coordinate"))
         parts.append(f"kept: {', '.join(included) or 'nothing beyond zeroth order'}")
         parts.append(
             f"dropped, zero or not requested: {', '.join(omitted) or 'nothing'}"

@@ -5,17 +5,26 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import sidtool
 from sidtool.api.scene import read
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Taylor, rigid_node, rigid_sid
-from sidtool.formats.base.text import counted_noun
+from sidtool.formats.result import Result
 from sidtool.formats.sid_files import read_sid, write_sid
-from sidtool.report.sid import describe_sid, frame_kind_of, natural_modes
-from sidtool.report.tables import text_table
+from sidtool.formats.text import counted_noun
+from sidtool.report.result import describe_equilibrium, describe_result
+from sidtool.report.sid import (
+    describe_sid,
+    frame_kind_of,
+    label_beside_frequency,
+    natural_modes,
+)
+from sidtool.report.tables import text_table, without_rounding
 from sidtool.report.validation import judge_sid, judgement_as_text
 from tests.codes import only, with_code
 from tests.places import SLIDER_CRANK
@@ -144,3 +153,40 @@ def test_rounding_is_shown_as_nothing() -> None:
     assert "centre of mass     0 0 0\n" in described
     real = replace(sid, mdCM=replace(sid.mdCM, m0=1e7 * off))
     assert "centre of mass     1e-10 -3e-10 2e-10\n" in describe_sid(real)
+
+
+def test_rounding_is_printed_as_zero_and_numbers_of_joints_share_a_line(ran) -> None:
+    """Bending of a planar bar leaves its modes across the plane at rest; data have all
+    digits.
+    """
+    folder = ran("beam")
+    equilibrium = sidtool.static_equilibrium(folder / "scene.toml")
+    text = describe_equilibrium(equilibrium)
+    assert re.search(r"^bar.q1 +-0.00349", text, re.M)
+    assert re.search(r"^bar.q2 +0$", text, re.M)
+    assert re.search(r"^wall +f1, f2 +0, 15.4017  N$", text, re.M)
+    assert counted_noun(equilibrium.iterations, "iteration") in text
+    assert abs(dict(zip(*_names_and_values(equilibrium), strict=True))["bar.q2"]) > 0.0
+    result = read(folder / "result.h5")
+    assert isinstance(result, Result) and np.abs(result["bar.q2"]).max() > 0.0
+    assert re.search(r"^bar.q2( +0){4}$", describe_result(result), re.M)
+
+
+def _names_and_values(equilibrium: Any) -> tuple[tuple[str, ...], np.ndarray]:
+    result = equilibrium.result()
+    return result.names, result.values[0]
+
+
+def test_values_are_rounding_against_those_of_their_unit() -> None:
+    values = [1e-17, 2.0, 3e-9, 1e-15, np.nan]
+    units = ["m", "m", "N", "rad", "N"]
+    kept = without_rounding(values, units)
+    assert kept[:4].tolist() == [0.0, 2.0, 3e-9, 0.0] and np.isnan(kept[4])
+
+
+def test_labels_repeat_no_frequency() -> None:
+    label = "Attachment 8 : 73.904 Hz, 100 % attachment mode"
+    short = "Attachment 8, 100 % attachment mode"
+    assert label_beside_frequency(label, 73.9037) == short
+    assert label_beside_frequency(label, 74.9) == label
+    assert label_beside_frequency("Eigen Mode 2 : 16.709 Hz", 16.709) == "Eigen Mode 2"

@@ -8,12 +8,12 @@ from string import Formatter
 
 import pytest
 
-from sidtool.formats.base.text import WIDTH
 from sidtool.formats.diagnostics import WARNING, Entry, count_by_severity, diagnose
 from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
 from sidtool.formats.diagnostics.entry import Value, fill
 from sidtool.formats.diagnostics.identities import IDENTITY_TEXTS
 from sidtool.formats.diagnostics.record import example_of
+from sidtool.formats.text import WIDTH
 from sidtool.report.diagnostics import diagnostic_line, explain, list_codes
 
 ROOT = Path(__file__).parents[3]
@@ -130,3 +130,22 @@ def test_a_remedy_has_a_line_of_its_own_where_it_does_not_fit() -> None:
 def test_counts_know_all_severities() -> None:
     found = [diagnose("N411", "b", deflection=0.3, limit=0.1), diagnose("N513", "m")]
     assert count_by_severity(found) == {"error": 0, "warning": 1, "info": 1}
+
+
+def test_counts_agree_with_their_nouns() -> None:
+    texts = [fill("{n:point mass} and {n:d}", {"n": n}, {}) for n in (0, 1, 2)]
+    assert texts == [
+        "0 point masses and 0",
+        "1 point mass and 1",
+        "2 point masses and 2",
+    ]
+
+
+@pytest.mark.parametrize("code", CATALOGUE)
+def test_a_warning_says_what_to_do(code: str) -> None:
+    """But for identities, whose causes only the writer of the SID knows."""
+    entry = CATALOGUE[code]
+    of_identities = {each.code for each in IDENTITY_TEXTS.values()}
+    assert (
+        example_of(entry).remedy or entry.severity != WARNING or code in of_identities
+    )

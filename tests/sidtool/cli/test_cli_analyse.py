@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def test_static_prints_outputs_and_forces(
     target = pendulum.with_name("rest.h5")
     assert run(["analyse", "static", str(pendulum), "-o", str(target)]) == 0
     text = capsys.readouterr().out
-    assert "bob.y" in text and "hinge.f2" in text and "19.62" in text
+    assert "bob.y" in text and re.search("hinge +f1, f2 +0, 19.62 +N", text)
     assert read_result(target)["bob.y"][0] == pytest.approx(-1.0, abs=1e-9)
 
 

@@ -14,7 +14,7 @@ import pytest
 
 import sidtool
 from sidtool.cli.main import cli, run
-from sidtool.formats.base.text import counted_noun
+from sidtool.formats.text import counted_noun
 from tests.places import SLIDER_CRANK
 
 SCENE, SID = SLIDER_CRANK / "slider_crank.toml", SLIDER_CRANK / "rod_q4.SID_FEM"

@@ -26,7 +26,7 @@ def test_an_error_of_a_library_is_shown_in_its_words(
         files.begin(dict.fromkeys(TABLES, ()), 1)
         with pytest.raises(OSError, match="too large"):
             files.finish(None)  # type: ignore[arg-type]
-    files.print_messages(err=False)
+    files.print_messages(stderr=False)
     assert "r.h5: object header message is too large" in unwrapped(
         capsys.readouterr().err
     )

@@ -278,6 +278,18 @@ def assert_rigid_motions_are_free(body: FiniteElementModel) -> None:
     assert np.abs(energy).max() < 1e-13 * np.abs(body.stiffness.data).max()
 
 
+@pytest.mark.parametrize("stiffened", [False, True])
+def test_springs_are_named_where_stiffening_is_requested(stiffened: bool) -> None:
+    points = {"a": [0, 0, 0], "b": [1.0, 0, 0], "c": [1.0, 1.0, 0]}
+    spring = {"points": ["b", "c"], "stiffness": 1e6}
+    held = {"section": STIFF}
+    members = {"m": ("a", "b", held), "n": ("a", "c", held)}
+    tables = {"stiffening": {"centrifugal": True}} if stiffened else {}
+    model = frame(points, members, geometry={"springs": {"s": spring}}, **tables)
+    found = with_code(finite_element_model(model), "N129")
+    assert len(found) == stiffened and all(each.remedy for each in found)
+
+
 def mass_on_springs(released: list[str]) -> ModelFile:
     """A heavy point d on three oblique springs to a ring of members."""
     points = {"a": [0, 0, 0], "b": [1.1, 0.3, 0.2], "c": [0.4, 0.9, 0.1]}
