@@ -192,9 +192,9 @@ def _tight_string() -> Iterator[Row]:
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        limp = strings.tight_run(strings.LIMP, False, "consistent")
-        stiff = strings.tight_run(strings.ROUND, False, "consistent")
-        longer = strings.tight_run(strings.LIMP, True, "lumped")
+        limp = strings.tight(strings.LIMP, False, "consistent")
+        stiff = strings.tight(strings.ROUND, False, "consistent")
+        longer = strings.tight(strings.LIMP, True, "lumped")
     for name, source, values, found in (
         ("string", "exact: string", strings.STRING, limp),
         (

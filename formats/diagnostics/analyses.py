@@ -50,7 +50,7 @@ ENTRIES = (
         "the state is not steady ({coordinate} accelerates): modes are not its motion",
         "Accelerations remain in axes that rotate with the bodies, and a Newton step "
         "leads to no steady state within 5 % of the size of the mechanism.",
-        remedy="Analyse about the static equilibrium.",
+        remedy='Use about = "static", or "start" with a scene in steady motion.',
         example={"coordinate": "arm.wz_body"},
     ),
     Entry(

@@ -163,6 +163,10 @@ def _share_text(share: float) -> str:
     return f"{per_cent(share, '.2g')} %" if abs(share) > SMALL_SHARE else "0 %"
 
 
+#: Parts of the error of a run that are no choices of its model.
+_NO_CHOICES = "reference", "all together", "theory"
+
+
 def accuracy_lines(
     report: AccuracyReport, diagnostics: Iterable[Diagnostic] = ()
 ) -> list[tuple[str, str]]:
@@ -186,7 +190,11 @@ def accuracy_lines(
         if each.code == "N603"
     ]
     lines += [("excluded", ", ".join(excluded))] if excluded else []
-    choices = "; ".join(f"{line.part}: {line.choice}" for line in report.budget)
+    choices = "; ".join(
+        f"{line.part}: {line.choice}"
+        for line in report.budget
+        if line.part not in _NO_CHOICES
+    )
     searched = _search_text(report)
     lines.append(("model", choices))
     lines.append(("search", searched if report.searched else f"earlier, {searched}"))

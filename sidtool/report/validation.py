@@ -17,7 +17,7 @@ from ..comparison.comparison import compare, comparison_report, to_json
 from ..validate.checks import Check, check, report, verdict
 from ..validate.unit_guess import UnitGuess, guess_units
 from .diagnostics import diagnostic_line, diagnostic_lines
-from .tables import text_table
+from .tables import text_table, title_line
 
 #: Indent of the details of an identity.
 _DETAIL = " " * 6
@@ -32,6 +32,7 @@ class Judgement:
     comparison: Comparison | None
     about_body: tuple[Diagnostic, ...] = ()
     written_by: str = ""
+    title: str = ""
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
@@ -77,7 +78,7 @@ def judge_sid(
     comparison = None
     if reference is not None:
         comparison = compare(sid, reference, tolerance=tolerance)
-    return Judgement(checks, units, comparison, about_body, sid.written_by)
+    return Judgement(checks, units, comparison, about_body, sid.written_by, sid.title)
 
 
 def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
@@ -102,8 +103,10 @@ def judgement_as_text(
     """
     checks = judgement.checks
     shown = [check for check in checks if all_rows or check.failed]
-    parts = [f"written by {judgement.written_by}"] if judgement.written_by else []
-    parts += [f"{_check_summary(checks)}\n{_unit_line(judgement.units)}"]
+    head = [title_line(judgement.title, _verdict_word(judgement, strict=strict))]
+    head += [f"written by {judgement.written_by}"] if judgement.written_by else []
+    head += [_check_summary(checks), _unit_line(judgement.units)]
+    parts = ["\n".join(head)]
     parts += [_check_table(shown)] if shown else []
     parts += _failure_meanings(checks)
     if judgement.comparison is not None:
@@ -179,11 +182,18 @@ def _comparison_tables(comparison: Comparison, *, all_rows: bool) -> Iterator[st
     for group, members in groupby(shown, key=lambda pair: pair[0].group):
         pairs = list(members)
         rows = [[text[column] for column in columns] for _, text in pairs]
-        yield f"{group}{_row_source(pairs[0][0])}\n{text_table(columns, rows)}"
+        title = wrapped(f"{group}{_row_source(pairs[0][0])}", "    ")
+        yield f"{title}\n{text_table(columns, rows)}"
 
 
 def _row_source(row: ComparisonRow) -> str:
     return f" ({row.source})" if row.source else ""
+
+
+def _verdict_word(judgement: Judgement, *, strict: bool) -> str:
+    if not judgement.good(strict=strict):
+        return "bad"
+    return "doubtful" if judgement.doubts + judgement.units.diagnostics else "good"
 
 
 def _verdict_line(judgement: Judgement, *, strict: bool) -> str:
@@ -197,9 +207,7 @@ def _verdict_line(judgement: Judgement, *, strict: bool) -> str:
         missed = sum(r.verdict == "failed" for r in judged)
         text = f"{missed} of {len(judged)} judged reference values missed"
         counts.append(text if judged else "reference not judged: no --tolerance given")
-    word = "good" if judgement.good(strict=strict) else "bad"
-    doubts = judgement.doubts + judgement.units.diagnostics
-    if doubts:
+    if doubts := judgement.doubts + judgement.units.diagnostics:
         counts.append(counted_noun(len(doubts), "doubt"))
-        word = "doubtful" if word == "good" else word
+    word = _verdict_word(judgement, strict=strict)
     return f"{word}: {', '.join(counts)}{' (warnings count)' if strict else ''}"

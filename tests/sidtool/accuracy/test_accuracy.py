@@ -293,7 +293,7 @@ def test_the_command_the_file_and_its_json(
     command = ["simulate", str(tmp_path / "scene.json"), "-o", str(result)]
     assert run([*command, "--accuracy", "arm.tip.y=0.1 %"]) == 0
     stdout = capsys.readouterr().out
-    assert "arm.tip.y to 0.1 %" in stdout and "all together" in stdout
+    assert "arm.tip.y to 0.1 %" in stdout and "integration: " in stdout
     found = read_result(result)
     assert found.accuracy is not None and 0 < found.error["arm.tip.y"] <= 1e-3
     write_result(tmp_path / "copy.h5", found)

@@ -15,7 +15,6 @@ from sidtool.formats.diagnostics import WARNING, Diagnostic
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
-from sidtool.reduction import basis_error
 from sidtool.reduction.body_frames import FRAMES, motion_rows
 from sidtool.reduction.methods import REDUCTIONS
 from tests.codes import codes, only
@@ -215,16 +214,56 @@ def test_fixing_the_marker_has_the_modes_of_the_held_body() -> None:
     assert first == pytest.approx(held.data["full"], rel=1e-9)
 
 
-def test_errors_that_rounding_hides_are_unknown(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A mass matrix of the basis without a factorisation."""
+def slender_bar(length: float, frame: dict[str, Any]) -> ModelFile:
+    """Two elements, of a section of 10 mm x 20 mm."""
+    names = zip("ab", (0.0, 1.0), strict=True)
+    section = {"shape": "rectangle", "height": 0.01, "width": 0.02}
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "material": {
+            "youngs_modulus": 2.1e11,
+            "poissons_ratio": 0.3,
+            "density": 7850.0,
+        },
+        "geometry": {
+            "type": "beam",
+            "start": [0.0, 0.0, 0.0],
+            "end": [length, 0.0, 0.0],
+            "section": section,
+        },
+        "discretisation": {"type": "beam", "elements": 2},
+        "frame": frame,
+        "markers": {
+            n: {"node": k, "parameters": [x]} for k, (n, x) in enumerate(names, 1)
+        },
+        "reduction": {"method": "craig_bampton", "modes": 1, "interfaces": ["b"]},
+    }
+    return validate_data(data, ModelFile)
 
-    def fail(*_: Any) -> None:
-        raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(basis_error, "measure_basis_errors", fail)
-    sid = sid_from_model(part(True, None, method="modal", modes=3))
+def test_a_mesh_too_small_for_other_methods_has_its_errors() -> None:
+    """Those need up to 20 modes of a model with 6 free degrees of freedom."""
+    model = slender_bar(1000.0, {"type": "tangent", "marker": "a", "clamp": "start"})
+    body = finite_element_model(model)
+    frame = FRAMES[model.frame.type](body, model.frame)
+    shapes = REDUCTIONS[model.reduction.method](body, frame, model.reduction).shapes
+    free = ~frame.held
+    full, own = (
+        eigh(
+            ways.T @ body.stiffness @ ways, ways.T @ body.mass @ ways, eigvals_only=True
+        )
+        for ways in (np.eye(body.ndof)[:, free], shapes)
+    )
+    expected = np.abs(np.sqrt(own / full[: len(own)]) - 1).max()
+    errors = basis_errors(model)
+    assert errors.data["frequency"] == pytest.approx(expected, rel=1e-6)
+    assert "N165" not in codes(sid_from_model(model))
+
+
+def test_errors_that_rounding_hides_are_unknown() -> None:
+    """A free bar of 10 000 km, as by a slip in the unit of its length."""
+    sid = sid_from_model(slender_bar(1e7, {"type": "buckens"}))
     unknown = only(sid, "N165")
     assert unknown.severity == WARNING and unknown.remedy
     assert not {"N160", "N161"} & set(codes(sid))

@@ -176,7 +176,7 @@ def gear_locks_one_axle() -> str:
     return simulated(described)
 
 
-@mistake("N324", "no force acts along the 1 free coordinates")
+@mistake("N324", "no force acts along the 1 free coordinate")
 def pendulum_hangs_on_its_long_axis() -> str:
     rod = {
         "mass": 1.0,
