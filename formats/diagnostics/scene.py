@@ -414,9 +414,9 @@ ENTRIES = (
         "Constraint forces are solved for at each output time. Where constraints "
         "depend on each other, this system is singular. Close to such a configuration "
         "(sine of the angle between constraints below 0.01) the forces are solved for "
-        "again with constraints that are violated by their tolerance. Forces are not "
-        "recorded where one changes by more than 0.1 % of the largest, nor where the "
-        "sine is below 1e-6. The state itself is valid.",
+        "again with constraints whose rates are violated by their tolerance. Forces "
+        "are not recorded where one changes by more than 0.1 % of the largest, nor "
+        "where the sine is below 1e-6. The state itself is valid.",
         remedy="Shift the output times.",
         example={"subject": "pin.fx, pin.fy", "count": 1, "t": 0.25},
     ),

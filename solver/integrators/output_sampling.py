@@ -179,10 +179,11 @@ def _multipliers_are_certain(
     """True if multipliers hardly change within the tolerance of the constraints.
 
     A change counts relative to the largest multiplier, each measured by the
-    acceleration that it causes. The violations are those that change the multipliers
-    most, by a step of the power method; states with once and twice of them are looked
-    at. z and v are overwritten, dz and dv are scratch. The state must have been
-    evaluated.
+    acceleration that it causes. It is that by what is left of the constraints, and by
+    violations of their rates within the tolerance that change the multipliers most, by
+    a step of the power method; states with once and twice of both are looked at.
+    (Violations of positions would load stiff bodies.) z and v are overwritten, dz and
+    dv are scratch. The state must have been evaluated.
     """
     independence = constraint_independence(system, memory)
     if independence > CLEARLY_INDEPENDENT or independence < SINGULAR:
@@ -197,7 +198,6 @@ def _multipliers_are_certain(
             weight = memory.multiplier[i]
             if attempt > 0:
                 weight = math.copysign(1.0, weight)
-            work.row[i, C_VALUE] = weight * constraint_tolerance[i, 0]
             work.row[i, C_RATE] = weight * constraint_tolerance[i, 1]
         if kernels.project_once(system, work, memory, REGULARISATION, dz, dv) != 0:
             return False
