@@ -79,10 +79,10 @@ def _number(value: float, spec: str) -> str:
 
 
 def per_cent(share: float, spec: str) -> str:
-    """A share in per cent; from 100 % on without digits behind the point."""
+    """A share in per cent; from 99 % on without digits behind the point."""
     sign = "+" if spec.startswith("+") else ""
     whole = f"{sign}.0f" if abs(share) < 1e3 else f"{sign}.2g"
-    return format(100.0 * share, spec if abs(share) < 1.0 else whole)
+    return format(100.0 * share, spec if abs(share) < 0.99 else whole)
 
 
 def _short(value: float) -> str:

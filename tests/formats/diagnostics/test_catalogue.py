@@ -10,7 +10,7 @@ import pytest
 
 from sidtool.formats.diagnostics import WARNING, Entry, count_by_severity, diagnose
 from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
-from sidtool.formats.diagnostics.entry import Value, fill
+from sidtool.formats.diagnostics.entry import Value, fill, per_cent
 from sidtool.formats.diagnostics.identities import IDENTITY_TEXTS
 from sidtool.formats.diagnostics.record import example_of
 from sidtool.formats.text import WIDTH
@@ -117,6 +117,13 @@ def test_values_are_printed_with_few_digits_and_their_unit(
     value: Value, unit: str, text: str
 ) -> None:
     assert fill("{x}", {"x": value}, {"x": unit}) == text
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(0.123, "12"), (0.997, "100"), (1.234, "123"), (-1.2, "-120")]
+)
+def test_per_cent_near_a_hundred_have_no_exponent(share: float, text: str) -> None:
+    assert per_cent(share, ".2g") == text
 
 
 def test_a_remedy_has_a_line_of_its_own_where_it_does_not_fit() -> None:
