@@ -68,8 +68,13 @@ def _check_axis(
     if dimension == "planar" and getattr(joint, "axis_is_normal", False):
         raise_failure(place, "is not for planar scenes", "no axis: it is z")
     check_length(axis, place, dimension)
-    if not any(axis):
+    if not _squared_length(axis) > 0.0:
         raise_failure(place, "has no direction", "a vector that is not zero")
+
+
+def _squared_length(vector: tuple[float, ...]) -> float:
+    """Zero also where the squares of very small numbers vanish."""
+    return sum(x * x for x in vector)
 
 
 def _check_coupling(joint: Gear | Coupling, place: str, scene: SceneTables) -> None:
@@ -187,6 +192,6 @@ def _check_marker_drive(drive: Drive, place: str, scene: SceneTables) -> None:
     if drive.coordinate not in known:
         problem = f"found {drive.coordinate!r}" if drive.coordinate else "is missing"
         raise_failure(f"{place}.coordinate", problem, " or ".join(known))
-    if drive.coordinate == "rotation" and not any(drive.axis or ()):
+    if drive.coordinate == "rotation" and not _squared_length(drive.axis or ()):
         problem = "has no direction" if drive.axis else "is missing"
         raise_failure(f"{place}.axis", problem, "the axis of the rotation")

@@ -408,7 +408,10 @@ def state_rows(result: Result) -> list[tuple[str, float, str]]:
 
 
 #: States that modes are about, by their option.
-_STATES = {"static": "the static equilibrium", "start": "the initial state"}
+_STATES = {
+    "static": "the static equilibrium, at rest",
+    "start": "the initial state, with its velocities",
+}
 
 
 def describe_modes(modes: Linearisation, about: str = "static") -> str:

@@ -158,6 +158,7 @@ PIECES = "drives/crank_angle/function/pieces"
         ("joints/slider/markers", ["ground"], "one more entry"),
         ("joints/slider/markers", ["ground", "ground"], "both are on ground"),
         ("joints/slider/axis", [0, 0], "joints.slider.axis: has no direction"),
+        ("joints/slider/axis", [0, 1e-300], "joints.slider.axis: has no direction"),
         ("joints/slider/axis", [1, 0, 0], "joints.slider.axis: found 3 components"),
         ("joints/bearing/axis", [0, 1], "joints.bearing.axis: is not for planar"),
         ("drives/crank_angle/joint", "baring", "no joint 'baring'; .*perhaps bearing"),
