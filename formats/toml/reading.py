@@ -164,7 +164,7 @@ def _check_values(data: Any) -> None:
             raise InputError(
                 f"found {value:g}",
                 place=dotted_key(place),
-                expected=f"a number of at most {LARGEST_NUMBER:g} in size",
+                expected=f"at most {LARGEST_NUMBER:g} in size, in consistent units",
             )
 
 
