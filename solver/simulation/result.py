@@ -257,7 +257,6 @@ def _has_static_start(system: System) -> bool:
     scenes, nor where a program gives functions, and with few iterations first, as those
     of a mechanism that falls take longer than many a run.
     """
-    from .. import compile_scene
     from ..analyses.initial_equilibrium import start_in_equilibrium
     from ..analyses.steady_rotation import steady_rotation
 
@@ -265,13 +264,10 @@ def _has_static_start(system: System) -> bool:
     is_excluded = scene.initial.state == "static" or bool(system.shortest_features)
     if is_excluded or system.n_velocities > MAX_TRIED_COORDINATES:
         return False
-    initial = scene.initial.model_copy(update={"state": "static"})
-    at_rest = scene.model_copy(update={"initial": initial})
     try:
         full_system = system.full_joint_system
-        if steady_rotation(full_system)[0] is None:
+        if steady_rotation(full_system, stable=False)[0] is None:
             start_in_equilibrium(full_system, TRIED_ITERATIONS)
-        compile_scene(at_rest, sids=system.sids)
     except InputError:
         return False
     return True
