@@ -44,8 +44,8 @@ from .output_sampling import advance_state, write_cubic
 from .projection import count_rotations, evaluate_accelerations, record_drift
 from .singular_configurations import (
     FAR_FROM_SINGULAR,
+    SINGULAR,
     SINGULAR_REGULARISATION,
-    SINGULAR_START,
     project_step_end,
 )
 from .step_limits import check_measure_paths
@@ -199,7 +199,7 @@ def _newton(kernels, system, work, memory, control, alpha, h):
     tolerance = error_tolerances(system, control, alpha, h)
     _predict_step(kernels, system, work, memory, control, alpha, h)
     decay_contraction_rate(control)
-    stagnation_limit = STAGNATION_FACTOR / max(control.independence, SINGULAR_START)
+    stagnation_limit = STAGNATION_FACTOR / max(control.independence, SINGULAR)
     old_size = 0.0
     for iteration in range(newton_limit(control)):
         _set_end_state(kernels, system, control, alpha, h)

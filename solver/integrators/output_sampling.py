@@ -24,13 +24,13 @@ from ..spatial.system_arrays import (
 )
 from .loop_state import CONTROL, copy
 from .projection import evaluate_accelerations, project_state
+from .singular_configurations import SINGULAR
 from .step_limits import store_measures
 from .step_size import time_resolution
 
-#: Where constraints are less independent than the first, multipliers are rounding.
-#: Where they are less independent than the second, multipliers are recorded if their
-#: relative change within the tolerance of the constraints is at most the third.
-SINGULAR, CLEARLY_INDEPENDENT, MULTIPLIER_ERROR = 1e-6, 0.01, 1e-3
+#: Where constraints are less independent than this, multipliers are recorded if their
+#: relative change within the tolerance of the constraints is at most so large.
+NEARLY_SINGULAR, MULTIPLIER_ERROR = 0.01, 1e-3
 
 
 @inner(boolean(CONTROL, int64, float64))
@@ -170,9 +170,7 @@ def evaluate_jacobians(kernels, system, work, times, interval_times, z, v, C):
         copy(work.C, C[k])
 
 
-@inner(
-    boolean(KERNELS, SYSTEM, WORK, MEMORY, F2, float64, F1, F1, F1, F1, F1),
-)
+@inner(boolean(KERNELS, SYSTEM, WORK, MEMORY, F2, float64, F1, F1, F1, F1, F1))
 def _multipliers_are_certain(
     kernels, system, work, memory, constraint_tolerance, t, z, v, dz, dv, multiplier
 ):
@@ -182,12 +180,11 @@ def _multipliers_are_certain(
     acceleration that it causes. It is that by what is left of the constraints, and by
     violations of their rates within the tolerance that change the multipliers most, by
     a step of the power method; states with once and twice of both are looked at.
-    (Violations of positions would load stiff bodies.) z and v are overwritten, dz and
-    dv are scratch. The state must have been evaluated.
+    (Violations of positions would load stiff bodies.) The state must have been
+    evaluated; z, v and what was evaluated are overwritten, dz and dv are scratch.
     """
-    independence = constraint_independence(system, memory)
-    if independence > CLEARLY_INDEPENDENT or independence < SINGULAR:
-        return independence > SINGULAR
+    if constraint_independence(system, memory) < SINGULAR:
+        return False
     largest = 0.0
     for i in range(system.n_rows):
         scale = constraint_scale(system, memory, i)
@@ -284,23 +281,25 @@ def sample(
         if status != 0:
             for n in range(acc.shape[1]):
                 acc[k, n] = math.nan
-        are_certain = status == 0 and _multipliers_are_certain(
-            kernels,
-            system,
-            work,
-            memory,
-            constraint_tolerance,
-            times[k],
-            step_z[0],
-            step_v[0],
-            step_v[1],
-            step_v[2],
-            lambda_[k],
-        )
+        are_certain = status == 0
+        if are_certain and constraint_independence(system, memory) < NEARLY_SINGULAR:
+            are_certain = _multipliers_are_certain(
+                kernels,
+                system,
+                work,
+                memory,
+                constraint_tolerance,
+                times[k],
+                step_z[0],
+                step_v[0],
+                step_v[1],
+                step_v[2],
+                lambda_[k],
+            )
+            evaluate_accelerations(kernels, system, work, memory, times[k], z[k], v[k])
         if not are_certain:
             for n in range(lambda_.shape[1]):
                 lambda_[k, n] = math.nan
-            kernels.evaluate(system, work, times[k], z[k], v[k])
         kernels.complete(system, work, acc[k])
         for b in range(work.frame.shape[0]):
             copy(work.frame[b], frames[k, b])

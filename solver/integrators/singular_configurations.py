@@ -33,9 +33,9 @@ PASSING_FRACTION, MIN_PASSING, MAX_PASSING, NEAR_FRACTION = 0.43, 0.2, 0.5, 4.0
 #: Constraints of which so much is independent are far from a singular position; with
 #: less than the second one a step has to take care before it fails.
 INDEPENDENT, DEPENDENT = 0.5, 0.12
-#: A start in a singular position leaves less independence than this; the first step is
+#: A singular position leaves less independence than this; the first step out of one is
 #: so many times as long as the way on which rounding is seen.
-SINGULAR_START, LEAVING_FACTOR = 1e-6, 10.0
+SINGULAR, LEAVING_FACTOR = 1e-6, 10.0
 #: Near a singular position: projections, their regularisation times the tolerance, and
 #: the largest change of velocities, relative to the largest ones.
 MAX_PROJECTIONS, SINGULAR_REGULARISATION, MAX_VELOCITY_CHANGE = 2, 1e-14, 0.1
@@ -155,7 +155,7 @@ def _min_first_step(system, memory, control):
     """
     control.independence = constraint_independence(system, memory)
     control.independence_slope = 0.0
-    if control.independence > SINGULAR_START:
+    if control.independence > SINGULAR:
         return 0.0
     control.singular_time, control.largest_independence = control.time, 1.0
     rate = max(
