@@ -257,17 +257,16 @@ def _stability_notes(
         return
     stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
     values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
-    if values[0] > -UNSTABLE_STIFFNESS * np.abs(values).max():
+    if values[0] >= -UNSTABLE_STIFFNESS * np.abs(values).max():
         return
     direction = vectors[:, 0]
     if _has_inertia(mechanics, motion):
         # Forces that follow a body give no symmetric stiffness: motions decide
         mass = motion.T @ mechanics.mass @ motion
         squares, shapes = np.linalg.eig(np.linalg.solve(mass, stiffness))
-        diverging = np.isreal(squares) & (squares.real < 0.0)
-        if not diverging.any():
+        if squares.real.min() >= 0.0:
             return
-        direction = shapes[:, np.where(diverging, squares.real, 0.0).argmin()].real
+        direction = shapes[:, squares.real.argmin()].real
     name = velocity_names(mechanics.system)[int(np.abs(motion @ direction).argmax())]
     yield diagnose("N704", coordinate=name)
 

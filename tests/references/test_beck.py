@@ -104,10 +104,13 @@ def test_its_equilibrium_is_stable_below(force: float, planar: bool) -> None:
     assert not {"N704", "N714"} & set(codes(linearise(system)))
 
 
+@pytest.mark.parametrize("planar", [True, False])
 @pytest.mark.parametrize(("force", "stable"), [(2.3, True), (2.6, False)])
-def test_a_force_of_constant_direction_buckles_it(force: float, stable: bool) -> None:
-    """Euler's column, from pi^2 / 4 EI / L^2."""
-    system = pushed(force, True, axes="inertial")
+def test_a_force_of_constant_direction_buckles_it(
+    force: float, stable: bool, planar: bool
+) -> None:
+    """Euler's column, from pi^2 / 4 EI / L^2; in space in two directions at once."""
+    system = pushed(force, planar, axes="inertial")
     assert ("N704" in codes(static_equilibrium(system))) != stable
 
 
