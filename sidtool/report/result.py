@@ -25,7 +25,7 @@ from sidtool.formats.result import (
 from sidtool.formats.text import counted_noun, wrapped
 
 from .diagnostics import diagnostic_lines, severity_counts
-from .sid import label_beside_frequency
+from .sid import label_without_frequency
 from .tables import (
     TextBlock,
     named_values,
@@ -290,7 +290,7 @@ def contributions(name: str, body: FlexibleBody) -> TextBlock:
             f"{hertz:.4f}",
             f"{size:.4g}",
             f"{share:.2f}",
-            label_beside_frequency(" ".join(label.split()), hertz),
+            label_without_frequency(" ".join(label.split()), hertz),
         ]
         for coordinate, hertz, size, share, label in zip(
             names, *columns, body.labels, strict=False

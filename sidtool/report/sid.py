@@ -194,11 +194,11 @@ def _mode_row(number: int, mode: NaturalMode, sid: SID) -> list[str]:
         mode.kind,
         *(f"{share:.2f}" for share in shares),
         f"{100 * mode.contribution:.2f}",
-        label_beside_frequency(mode.label, mode.frequency),
+        label_without_frequency(mode.label, mode.frequency),
     ]
 
 
-def label_beside_frequency(label: str, frequency: float) -> str:
+def label_without_frequency(label: str, frequency: float) -> str:
     """Return a label without the frequency [Hz] that it names, if it is this one."""
     parts = re.split(r" : ([\d.]+) Hz,? ?", label, maxsplit=1)
     if len(parts) < 3 or abs(float(parts[1]) - frequency) > 1e-3 * frequency:

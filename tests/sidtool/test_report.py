@@ -21,7 +21,7 @@ from sidtool.report.result import describe_equilibrium, describe_result
 from sidtool.report.sid import (
     describe_sid,
     frame_kind_of,
-    label_beside_frequency,
+    label_without_frequency,
     natural_modes,
 )
 from sidtool.report.tables import text_table, without_rounding
@@ -187,6 +187,6 @@ def test_values_are_rounding_against_those_of_their_unit() -> None:
 def test_labels_repeat_no_frequency() -> None:
     label = "Attachment 8 : 73.904 Hz, 100 % attachment mode"
     short = "Attachment 8, 100 % attachment mode"
-    assert label_beside_frequency(label, 73.9037) == short
-    assert label_beside_frequency(label, 74.9) == label
-    assert label_beside_frequency("Eigen Mode 2 : 16.709 Hz", 16.709) == "Eigen Mode 2"
+    assert label_without_frequency(label, 73.9037) == short
+    assert label_without_frequency(label, 74.9) == label
+    assert label_without_frequency("Eigen Mode 2 : 16.709 Hz", 16.709) == "Eigen Mode 2"

@@ -19,6 +19,7 @@ from sidtool.reduction.body_frames import FRAMES, motion_rows
 from sidtool.reduction.methods import REDUCTIONS
 from tests.codes import codes, only
 from tests.places import EXAMPLES
+from tests.steel_bars import bar_data
 
 from ..bodies import volume_data
 from ..models import rod_data
@@ -216,35 +217,15 @@ def test_fixing_the_marker_has_the_modes_of_the_held_body() -> None:
 
 def slender_bar(length: float, frame: dict[str, Any]) -> ModelFile:
     """Two elements, of a section of 10 mm x 20 mm."""
-    names = zip("ab", (0.0, 1.0), strict=True)
-    section = {"shape": "rectangle", "height": 0.01, "width": 0.02}
-    data = {
-        "format": "sidtool model",
-        "version": 1,
-        "material": {
-            "youngs_modulus": 2.1e11,
-            "poissons_ratio": 0.3,
-            "density": 7850.0,
-        },
-        "geometry": {
-            "type": "beam",
-            "start": [0.0, 0.0, 0.0],
-            "end": [length, 0.0, 0.0],
-            "section": section,
-        },
-        "discretisation": {"type": "beam", "elements": 2},
-        "frame": frame,
-        "markers": {
-            n: {"node": k, "parameters": [x]} for k, (n, x) in enumerate(names, 1)
-        },
-        "reduction": {"method": "craig_bampton", "modes": 1, "interfaces": ["b"]},
-    }
+    reduction = {"method": "craig_bampton", "modes": 1, "interfaces": ["tip"]}
+    data = bar_data(height=0.01, elements=2, frame=frame, reduction=reduction)
+    data["geometry"]["end"] = [length, 0.0, 0.0]
     return validate_data(data, ModelFile)
 
 
 def test_a_mesh_too_small_for_other_methods_has_its_errors() -> None:
     """Those need up to 20 modes of a model with 6 free degrees of freedom."""
-    model = slender_bar(1000.0, {"type": "tangent", "marker": "a", "clamp": "start"})
+    model = slender_bar(1000.0, {"type": "tangent", "marker": "root", "clamp": "start"})
     body = finite_element_model(model)
     frame = FRAMES[model.frame.type](body, model.frame)
     shapes = REDUCTIONS[model.reduction.method](body, frame, model.reduction).shapes
