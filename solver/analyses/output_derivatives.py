@@ -3,7 +3,9 @@
 Outputs are evaluated by the functions that evaluate those of a run, along changes of
 positions, velocities, accelerations and multipliers that belong together. So outputs of
 accelerations agree with the state matrix to rounding: at low frequencies they are small
-differences of large terms. Differences are central and of fourth order. Outputs that
+differences of large terms. Differences are central and of fourth order. They are
+sums of changes from the values at the state, so that an output that does not change has
+a derivative of exactly zero. Outputs that
 are curved within a step (von Mises stress by a high mode, a stiff contact that is
 pressed lightly) get the shorter step at which they agree best with the next one.
 """
@@ -153,7 +155,7 @@ class OutputEvaluation:
             for k, step in enumerate(steps)
             for point in POINTS
         ]
-        values = self._evaluate(states, is_known)
+        values = self._evaluate(states, is_known) - self.values
         values = values.reshape(len(steps), len(POINTS), -1)
         return np.einsum("kpo,p->ok", values, WEIGHTS) / steps
 
@@ -181,7 +183,7 @@ class OutputEvaluation:
                 for point, weight in zip(POINTS * step, WEIGHTS / step, strict=True):
                     numbers[coefficient] = value + factor * point
                     state = self._at(point, changes, k)
-                    found[-1] += weight * self._evaluate([state])[0]
+                    found[-1] += weight * (self._evaluate([state])[0] - self.values)
         finally:
             numbers[coefficient] = value
         return power_law_limit(found, found[-1])

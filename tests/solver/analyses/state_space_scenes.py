@@ -79,7 +79,9 @@ def slider_crank() -> sidtool.Scene:
 
 
 @cache
-def link(length: float) -> SID:
+def link(
+    length: float, elements: int = 8, method: str = "craig_bampton", modes: int = 4
+) -> SID:
     """An aluminium bar of 20 mm with damping."""
     second = 0.02**4 / 12
     section = {"area": 0.02**2, "iy": second, "iz": 1.3 * second}
@@ -87,13 +89,13 @@ def link(length: float) -> SID:
         length,
         section,
         (7e10, 0.3, 2700.0),
-        8,
+        elements,
         {
             "frame": CLAMPED,
             "reduction": {
-                "method": "craig_bampton",
+                "method": method,
                 "interfaces": ["end"],
-                "modes": 4,
+                "modes": modes,
             },
             "damping": {"type": "rayleigh", "beta": 2e-5},
         },

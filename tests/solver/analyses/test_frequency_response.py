@@ -15,8 +15,9 @@ from sidtool.solver.analyses.frequency_response import (
     frequency_range,
     parse_excitation,
 )
+from tests.places import SLIDER_CRANK
 
-from .state_space_scenes import link, pendulum, taking
+from .state_space_scenes import link, pendulum, slider_crank, taking
 
 LENGTH, SIDE, YOUNG, DENSITY, BETA = 0.8, 0.02, 7e10, 2700.0, 2e-5
 
@@ -59,6 +60,64 @@ def test_a_cantilever_is_that_of_its_reduced_model() -> None:
     assert_allclose(response["bar.end.az"], second, rtol=1e-6)
 
 
+def test_the_founding_rod_is_that_of_its_blocks() -> None:
+    """(K + i w C - w^2 M) of the blocks of the SID, pinned at a held crank, with the
+    piston on its line; a force along that line and a moment at the piston pin."""
+    angle, piston = math.radians(60.0), 5.0
+    tilt = -math.asin(0.1 * math.sin(angle))
+    names = (
+        "piston.x",
+        "rod.piston_pin.rotation_z",
+        *(f"rod.q{k}" for k in range(1, 6)),
+    )
+    loads = {"force": [1.0, 0.0]}, {"torque": 1.0}
+    held = {"joint": "bearing", "function": {"type": "constant", "value": angle}}
+    scene = slider_crank().with_(
+        {
+            "gravity": [0.0, 0.0],
+            "drives": {"brake": held},
+            "inputs": {"load": {}, "moment": {}},
+            "forces": {
+                name: taking(name, type="force", marker="rod.piston_pin", **load)
+                for name, load in zip(("load", "moment"), loads, strict=True)
+            },
+            "outputs.record": names,
+        }
+    )
+    sid = sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM")
+    n = 3 + len(sid.Ke.m0)
+    M, C, K = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+    c_x, c_y, _ = np.ravel(sid.mdCM.m0)
+    M[:3, :3] = [[sid.mass, 0.0, -c_y], [0.0, sid.mass, c_x], [-c_y, c_x, 0.0]]
+    M[2, 2] = np.ravel(sid.J.m0)[2]
+    M[3:, :3] = np.column_stack([sid.Ct.m0[:, :2], sid.Cr.m0[:, 2]])
+    M[:3, 3:], M[3:, 3:] = M[3:, :3].T, sid.Me.m0
+    C[3:, 3:], K[3:, 3:] = sid.De.m0, sid.Ke.m0
+    ends = []
+    for node in sid.nodes:
+        x, y, _ = np.ravel(node.origin.m0)
+        ends.append(np.hstack([[[1.0, 0.0, -y], [0.0, 1.0, x]], node.phi.m0[:2]]))
+    along = np.array([math.cos(tilt), -math.sin(tilt)]) @ ends[1]
+    across = np.array([math.sin(tilt), math.cos(tilt)]) @ ends[1]
+    turn = np.concatenate([[0.0, 0.0, 1.0], sid.nodes[1].psi.m0[2]])
+    M += piston * np.outer(along, along)
+    free = np.linalg.svd(np.vstack([ends[0], across]))[2][3:].T
+    shown, loaded = np.vstack([along, turn, np.eye(n)[3:]]), np.array([along, turn])
+    f = np.geomspace(1.0, 5000.0, 40)
+    expected = []
+    for omega in 2.0 * np.pi * f:
+        dynamic = free.T @ (K + 1j * omega * C - omega**2 * M) @ free
+        expected.append(shown @ free @ np.linalg.solve(dynamic, free.T @ loaded.T))
+    space = scene.state_space()
+    assert not space.D.any()
+    for k, name in enumerate(scene.inputs):
+        found, exact = space.response(f, name).values, np.array(expected)[:, :, k]
+        # a moment bends the rod, which moves the piston in the second order alone
+        errors, sizes = np.abs(found - exact)[:, k:], np.abs(exact)[:, k:]
+        assert np.all(errors.max(axis=0) < 1e-10 * sizes.max(axis=0))
+        assert np.all(errors[:, 0] < 1e-9 * sizes[:, 0])
+
+
 def euler_bernoulli(f: Array) -> np.ndarray:
     """Receptance of the end of a cantilever with damping that is proportional to K."""
     omega = 2.0 * np.pi * f
@@ -69,11 +128,26 @@ def euler_bernoulli(f: Array) -> np.ndarray:
     return np.asarray(above / below)
 
 
-def test_a_cantilever_is_a_bernoulli_beam_at_low_frequencies() -> None:
-    """Rotary inertia and eight elements are left: 1e-3 of the first two frequencies."""
-    space = cantilever().state_space()
-    f = np.concatenate([np.linspace(1.0, 22.0, 9), np.linspace(40.0, 90.0, 9)])
-    assert_allclose(space.response(f)["bar.end.z"], euler_bernoulli(f), rtol=2e-3)
+def rayleigh(f: Array) -> np.ndarray:
+    """The same with rotary inertia, which four exponentials along the bar solve."""
+    found = []
+    for omega in 2.0 * np.pi * f:
+        bending = YOUNG * SIDE**4 / 12 * (1 + 1j * BETA * omega)
+        mass, turning = DENSITY * np.array([SIDE**2, SIDE**4 / 12]) * omega**2
+        r = np.roots([bending, 0.0, turning, 0.0, -mass])
+        end = np.exp(r * LENGTH)
+        moment, shear = r**2 * end, -(bending * r**3 + turning * r) * end
+        conditions = np.array([np.ones(4), r, moment, shear])
+        found.append(end @ np.linalg.solve(conditions, [0.0, 0.0, 0.0, 1.0]))
+    return np.array(found)
+
+
+def test_a_cantilever_is_that_of_the_closed_form() -> None:
+    """Through its first resonance with damping; peaks without rotary inertia."""
+    fine = link(LENGTH, 32, "attachment", 8)
+    space = cantilever().with_({"bodies.bar.sid": fine}).state_space()
+    f = np.linspace(1.0, 50.0, 30)
+    assert_allclose(space.response(f)["bar.end.z"], rayleigh(f), rtol=1e-6)
     grid = np.linspace(20.0, 200.0, 180001)
     exact = np.abs(euler_bernoulli(grid))
     tops = grid[1:-1][(exact[1:-1] > exact[:-2]) & (exact[1:-1] > exact[2:])]
