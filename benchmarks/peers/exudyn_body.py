@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.sid import SID
-from sidtool.superelement.exudyn import MATRICES, exudyn_arrays
+from sidtool.superelement.body_files import MATRICES, exudyn_arrays
 
 
 def exudyn() -> Any:

@@ -5,9 +5,8 @@ In reading order:
 - `record`: a diagnostic, how one is made of a code and values, and as data
 - `entry`: an entry of the catalogue, how its message is filled
 - `catalogue`: all entries by code
-- `conversion` (N1xx), `scene` (N2xx), `stops` (N30x, N50x), `run` (N3xx), `validity`
-  (N4xx), `laws` (N5xx), `export` and `accuracy` (N6xx), `analyses` (N7xx), `studies`
-  (N73x), `files` (N8xx), `identities` (N9xx): the entries by subject
+- `conversion` (N1xx), `scene` (N2xx, N5xx), `run` (N3xx, N4xx, N50x), `accuracy`
+  (N6xx), `analyses` (N7xx), `files` (N8xx), `identities` (N9xx): the entries by subject
 - `hdf5`: diagnostics as a table of a file
 - `python_warnings`: diagnostics as warnings of Python
 """

@@ -4,15 +4,10 @@ from . import (
     accuracy,
     analyses,
     conversion,
-    export,
     files,
     identities,
-    laws,
     run,
     scene,
-    stops,
-    studies,
-    validity,
 )
 from .entry import Entry
 
@@ -33,16 +28,11 @@ GROUPS = {
 CATALOGUE: dict[str, Entry] = {}
 for _module in (
     conversion,
-    scene,
-    stops,
     run,
-    validity,
-    laws,
-    export,
+    scene,
+    files,
     accuracy,
     analyses,
-    studies,
-    files,
     identities,
 ):
     for _entry in _module.ENTRIES:

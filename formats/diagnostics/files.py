@@ -1,4 +1,4 @@
-"""Diagnostics N8xx: SID files, result files and pictures."""
+"""Diagnostics N8xx and exports of N6xx: files, pictures, other programs."""
 
 from .entry import INFO, WARNING, Entry
 
@@ -101,5 +101,23 @@ ENTRIES = (
         "contradictions. The file was cut or edited.",
         remedy="Write the file again.",
         example={"announced": "12 nodes, 5 modes", "found": "2 nodes, 3 modes"},
+    ),
+    Entry(
+        "N601",
+        INFO,
+        "is an event that the FMU does not report",
+        "An FMU has the motion of the scene. Events that only record a state change "
+        "nothing of it and are left out. Events that end the run are refused.",
+        remedy="Watch the output in the importing program.",
+        example={"subject": "landing"},
+    ),
+    Entry(
+        "N602",
+        INFO,
+        "is an input whose table is not in the FMU",
+        "Inputs of an FMU are set by the importing program. Until then they have the "
+        "value `initial` of the scene.",
+        remedy="Give the table to the importing program.",
+        example={"subject": "load"},
     ),
 )

@@ -1,8 +1,208 @@
-"""Diagnostics N3xx: the run, its integrator and its output times."""
+"""Diagnostics N3xx, N50x, N4xx: the run, why it stops, limits of the model."""
 
-from .entry import INFO, WARNING, Entry
+from .entry import ERROR, INFO, WARNING, Entry
+
+_FASTEST = " 'Fastest' is the body with the largest acceleration over its size."
 
 ENTRIES = (
+    Entry(
+        "N301",
+        ERROR,
+        "a coordinate became infinite or undefined; fastest: {fastest}",
+        "A position, velocity or error estimate is not finite." + _FASTEST,
+        remedy="Check laws and loads near this time.",
+        example={"fastest": "rod", "t": 0.3},
+    ),
+    Entry(
+        "N302",
+        ERROR,
+        "step size below the resolution of time; fastest: {fastest}",
+        "The error control asks for steps shorter than the rounding of the time. The "
+        "motion is not smooth there, or a body is blocked (see N313 and N310)."
+        + _FASTEST,
+        remedy="Check drives, stops and friction near this time.",
+        example={"fastest": "slider", "t": 0.0877},
+    ),
+    Entry(
+        "N303",
+        ERROR,
+        "constraints not met at the end of a step; fastest: {fastest}",
+        "Newton's iteration of the positions did not reduce the residual of the "
+        "constraints below the tolerance of positions, a fraction of rtol." + _FASTEST,
+        remedy="Check joints and drives near this time; with a fixed step, shorten it.",
+        example={"fastest": "slider", "t": 0.2},
+    ),
+    Entry(
+        "N304",
+        ERROR,
+        "Newton iteration diverged with the fixed step of {step}; fastest: {fastest}",
+        "The residual of an implicit step grew from one iteration to the next, and a "
+        "fixed step is not repeated with a smaller size." + _FASTEST,
+        remedy="Use a smaller step, or error control (no step).",
+        units={"step": "s"},
+        example={"step": 0.01, "fastest": "rod", "t": 0.2},
+    ),
+    Entry(
+        "N305",
+        ERROR,
+        "stiff scene: {method} is limited by stability; fastest: {fastest}",
+        "The steps of this explicit method are limited by its stability and not by the "
+        "tolerance, so that the run would take above 1e5 steps." + _FASTEST,
+        remedy='Use integrator = "radau9" or "auto".',
+        example={"method": "dop853", "fastest": "rod", "t": 0.2},
+    ),
+    Entry(
+        "N306",
+        ERROR,
+        "rounding exceeds the tolerance rtol = {rtol:g} of {method}",
+        "The error estimate of a step does not fall below the tolerance when the step "
+        "is shortened: it is the rounding of the coordinates.",
+        remedy="Use a larger rtol, or radau9.",
+        example={"method": "dop853", "rtol": 1e-13, "t": 0.0},
+    ),
+    Entry(
+        "N307",
+        ERROR,
+        "deformed so far that its inertia is not positive definite",
+        "Smallest eigenvalue of the mass matrix of the body, scaled to ones on its "
+        "diagonal, is below 0.01 of that of the undeformed body. J, Cr m1 and Oe m1 of "
+        "a SID hold for small deformations.",
+        remedy="{remedy}",
+        example={
+            "subject": "rod",
+            "t": 0.3,
+            "remedy": "Set quadratic_inertia = true, or cut the body into parts.",
+        },
+    ),
+    Entry(
+        "N308",
+        ERROR,
+        "defect of its SID that was accepted: {reason}",
+        "The mass matrix of the undeformed body has no positive eigenvalue along a "
+        "motion of its frame, and the scene was compiled with accept_defects.",
+        remedy='Use frame = "held", or join the node in which the frame rests.',
+        example={
+            "subject": "bar",
+            "reason": "no positive inertia about z",
+            "t": 0.0,
+        },
+    ),
+    Entry(
+        "N309",
+        WARNING,
+        "possible cause: its inertia is {ratio:.1g} of that of {heaviest}",
+        "Smallest entry of mass and moment of inertia over size squared, as a ratio to "
+        "the largest one of the mechanism; named below 1e-9, where rounding hides the "
+        "light body.",
+        remedy="Give it more, or use a joint of type distance for a massless rod.",
+        example={"subject": "rod", "ratio": 1e-12, "heaviest": "ship"},
+    ),
+    Entry(
+        "N310",
+        ERROR,
+        "singular configuration of {joints}",
+        "The least singular value of the scaled constraint Jacobian is zero, or below "
+        "0.01 of the largest one in the run. Motions cross there.",
+        remedy="{remedy}",
+        example={
+            "joints": ("pin_a", "pin_b"),
+            "t": 0.25,
+            "remedy": "Start beside it, or change a length or a drive.",
+        },
+    ),
+    Entry(
+        "N312",
+        ERROR,
+        "joints and drives deform it at the start until its inertia is not positive",
+        "The positions of bodies and markers do not meet the joints, and the assembly "
+        "deforms the body. Smallest eigenvalue of its scaled mass matrix below 0.01 of "
+        "that of the undeformed body.",
+        remedy="Correct positions, or set quadratic_inertia = true.",
+        example={"subject": "rod", "t": 0.0},
+    ),
+    Entry(
+        "N313",
+        ERROR,
+        "from t = {later:.4g} on {contradiction}",
+        "At 0.1, 1 and 5 % of the time span after the stop the joints and drives are "
+        "closed with undeformed bodies. If that fails (residual above 1e-7 of the "
+        "sizes), those are named without each of which the rest can be met.",
+        remedy="Change a length or a drive.",
+        units={"later": "s"},
+        example={
+            "later": 0.0887,
+            "contradiction": "a, m, b and c cannot be met together",
+            "joints": ("a", "m", "b", "c"),
+        },
+    ),
+    Entry(
+        "N315",
+        ERROR,
+        "bushing nearly a full turn from rest, where its torque is not unique",
+        "The torque of a bushing follows from its rotation vector, whose length is "
+        "unique below 2 pi.",
+        remedy="Name an axis to turn about with `shaft`.",
+        example={"subject": "mount", "t": 0.6},
+    ),
+    Entry(
+        "N318",
+        ERROR,
+        "turns by more than {limit:g} rad in a step, too far to count rotations",
+        "Rotations are counted from step to step: the change of the angle in a step, "
+        "from its rate and from its values, must stay below the limit.",
+        remedy="Use a smaller step.",
+        example={"subject": "axle", "limit": 2.5, "t": 0.0},
+    ),
+    Entry(
+        "N319",
+        WARNING,
+        "{reason}, not finished",
+        "A signal such as Ctrl-C ended the run between two steps. The result "
+        "has completed = false, its files hold the motion so far.",
+        remedy="With -o and --continue the same command goes on.",
+        example={"reason": "ended by Ctrl-C", "t": 0.4},
+    ),
+    Entry(
+        "N501",
+        ERROR,
+        "friction of {joints} has no solution, or several",
+        "The determinant of the equations of friction (1 without friction) is below "
+        "0.1, or no combination of stick and slip satisfies them: the load that "
+        "friction makes increases it (Painleve paradox).",
+        remedy="Use a lower coefficient, or a longer guide.",
+        example={"joints": ("slider",), "t": 0.1},
+    ),
+    Entry(
+        "N502",
+        ERROR,
+        "{joints} change between stick and slip without end",
+        "Stick and slip are decided again at each change; the number of decisions at "
+        "one instant exceeded 100.",
+        remedy="Use a larger rtol, or a little damping.",
+        example={"joints": ("slider", "pin"), "t": 0.1},
+    ),
+    Entry(
+        "N504",
+        ERROR,
+        "dead point of {joints}: what friction holds {bodies} is not determined",
+        "The motion that the constraints leave has no part along the joint: its rate "
+        "in their null space is below 1e-3 of its scale.",
+        remedy="Start beside it, faster or driven, or without this friction.",
+        example={"joints": ("slider",), "bodies": ("piston",), "t": 0.0},
+    ),
+    Entry(
+        "N509",
+        ERROR,
+        "{reason}",
+        "A force or control law, or a Python function, gave no finite number or "
+        "raised an exception at a state that the run has reached.",
+        remedy="Limit the arguments of the law.",
+        example={
+            "reason": "the law of motor gives no finite number at t = 0.5 s, where "
+            "angle = 0.5",
+            "t": 0.5,
+        },
+    ),
     Entry(
         "N317",
         INFO,
@@ -116,5 +316,193 @@ ENTRIES = (
         "0.1 of the size. Such motions may magnify errors beyond rtol.",
         remedy="Correct the length or the drive.",
         example={"subject": "rod", "reason": "a and b come no nearer than 0.02 m"},
+    ),
+    Entry(
+        "N404",
+        WARNING,
+        "centrifugal softening of {ratio:.3g} of the stiffness, without stiffening",
+        "Largest |eigenvalue| of (K_geo, Ke) over output times and ends of steps, "
+        "reported from 1 %. The SID lacks geometric stiffening, so that K_geo holds "
+        "the kinematic softening -omega^2 Me of a rotation only. The "
+        "missing stiffening has the opposite sign and is about as large or larger.",
+        remedy="{remedy}",
+        units={"ratio": "%"},
+        example={
+            "subject": "blade",
+            "ratio": -0.25,
+            "load": "rotation of 2 rad/s",
+            "remedy": "Convert the body with a table [stiffening].",
+            "t": 15.0,
+        },
+    ),
+    Entry(
+        "N405",
+        WARNING,
+        "centrifugal softening exceeds the stiffness ({ratio:+.3g}) at {load}",
+        "Smallest eigenvalue of (K_geo, Ke) below -1, with growth in Me q'' + Ge q' + "
+        "(Ke + K_geo) q = 0. K_geo has the kinematic softening of rotation only, as "
+        "the SID lacks the geometric stiffening that outweighs it.",
+        remedy="{remedy}",
+        units={"ratio": "%"},
+        example={
+            "subject": "blade",
+            "ratio": -2.5,
+            "load": "rotation of 6 rad/s",
+            "remedy": "Convert the body with a table [stiffening].",
+            "t": 15.0,
+        },
+    ),
+    Entry(
+        "N406",
+        WARNING,
+        "unstable at {load} about its long axis: between critical speeds",
+        "Smallest eigenvalue of (K_geo, Ke) below -1 by rotation about an axis about "
+        "which geometric stiffening does not act, with growth of the linear equations.",
+        remedy="Run below or above the critical speeds.",
+        example={"subject": "shaft", "load": "rotation of 310 rad/s", "t": 0.2},
+    ),
+    Entry(
+        "N407",
+        WARNING,
+        "deformed without bound: loads and stiffness are those of no body",
+        "The change of stiffness by loads is above 100 times the stiffness, with "
+        "growth of the linear equations.",
+        remedy="Check units and loads.",
+        example={"subject": "rod", "t": 0.1},
+    ),
+    Entry(
+        "N408",
+        WARNING,
+        "buckles: {load} is {factor:.3g} times what it can bear",
+        "Eigenvalue of (K_geo, Ke) of all loads at an instant below -1, with K_geo "
+        "from the stiffening terms of the SID, and growth of the linear equations. "
+        "Its magnitude is the load over the buckling load.",
+        remedy="Use a stronger section, or a smaller load.",
+        example={
+            "subject": "column",
+            "factor": 1.34,
+            "load": "a force of 1340 N at node 2",
+            "t": 0.4,
+        },
+    ),
+    Entry(
+        "N411",
+        WARNING,
+        "deforms by {deflection:.2g} of its size; linear theory holds to {limit}",
+        "Largest displacement of a node or of the centre of mass in the body frame, at "
+        "output times and ends of steps, over the size of the body (its length, or the "
+        "largest distance of nodes and centre of mass). Errors of linear theory grow "
+        "with its square: about 1 % at 10 %.",
+        remedy="Cut the body into parts joined by fixed joints.",
+        units={"deflection": "%", "limit": "%"},
+        example={"subject": "blade", "deflection": 0.28, "limit": 0.1},
+    ),
+    Entry(
+        "N412",
+        WARNING,
+        "frequencies end at {highest}, {ratio:.2g} times the excitation of "
+        "{excitation}",
+        "Highest eigenfrequency of (Ke, Me) over the frequency of the fastest function "
+        "of time (square root of max |f''| over the amplitude of its pieces) or of the "
+        "fastest driven rotation; reported below 3. Loads of higher frequency "
+        "meet a body that is too stiff.",
+        remedy="Keep shape functions up to {needed}.",
+        units={"highest": "Hz", "excitation": "Hz", "needed": "Hz"},
+        example={
+            "subject": "rod",
+            "highest": 200.0,
+            "ratio": 2.0,
+            "excitation": 100.0,
+            "by": "push",
+            "needed": 300.0,
+        },
+    ),
+    Entry(
+        "N413",
+        WARNING,
+        "turns elastically by {rotation:.2g} rad; linear theory holds to {limit:g} rad",
+        "Largest rotation of a node by deformation, at output times and ends of steps, "
+        "reported above 0.15 rad.",
+        remedy="Cut the body into parts joined by fixed joints.",
+        example={"subject": "blade", "rotation": 0.3, "limit": 0.15},
+    ),
+    Entry(
+        "N414",
+        ERROR,
+        "deforms by {deflection:.2g} of its size: numbers of the run mean nothing",
+        "Largest displacement of a node or of the centre of mass in the body frame "
+        "over the size of the body, reported above 1. See the warnings of the same "
+        "body for the cause.",
+        remedy="Check units and loads, or convert with [stiffening].",
+        units={"deflection": "%"},
+        example={"subject": "blade", "deflection": 2.5},
+    ),
+    Entry(
+        "N419",
+        WARNING,
+        "leave linear theory by less than the bodies above",
+        "Of more than eight bodies that leave linear theory those with the largest "
+        "deformation are listed one by one, see N411 and N413.",
+        remedy="Cut them into parts, too.",
+        example={"subject": "b9, b10"},
+    ),
+    Entry(
+        "N420",
+        WARNING,
+        "{missing:.2g} of the static compliance {directions} at {marker} is missing",
+        "The compliance of the shape functions for a unit load at the marker over that "
+        "of the full model, which the SID states; or 100 % where no shape function "
+        "moves the marker. Reported above 10 % in directions in which joints or forces "
+        "load it, above 50 % where what is missing is below 1 % of the largest "
+        "compliance in these directions. The effect on the motion is not estimated.",
+        remedy="Convert with {shapes} modes and {marker} as interface.",
+        units={"missing": "%"},
+        example={
+            "subject": "rod",
+            "missing": 0.17,
+            "directions": "along x",
+            "marker": "pin",
+            "joints": ("crank_pin",),
+            "shapes": "attachment",
+        },
+    ),
+    Entry(
+        "N422",
+        WARNING,
+        "{missing:.2g} of the sag under its own inertia {directions} is missing",
+        "Share of the static deformation by gravity and by accelerations of the frame "
+        "(from drives and the start) that the shape functions lack, which the SID "
+        "states. Reported above 10 % in directions with at least half of the largest "
+        "acceleration.",
+        remedy="Use more modes, or attachment modes.",
+        units={"missing": "%"},
+        example={"subject": "rod", "missing": 0.2, "directions": "along y"},
+    ),
+    Entry(
+        "N423",
+        WARNING,
+        "{share:.0f} of the compliance {direction} at {marker} is of the upper modes",
+        "The SID does not state the compliance of the full model. Of the natural modes "
+        "that take part in this direction (above 0.1 % of the largest part) the upper "
+        "half has this share, so that further modes may add as much. Reported above "
+        "10 %, above 50 % where it is below 1 % of the largest compliance.",
+        remedy="Add attachment modes for {joints}.",
+        units={"share": "%"},
+        example={
+            "subject": "rod",
+            "share": 0.31,
+            "direction": "along x",
+            "marker": "pin",
+            "joints": ("crank_pin",),
+        },
+    ),
+    Entry(
+        "N430",
+        WARNING,
+        "peak_von_mises is the largest of {count:node}; the peak may lie elsewhere",
+        "The SID has no nodes that the conversion placed at the largest stresses of "
+        "the surface (peak_points = 0), so that other points may have more stress.",
+        remedy="Convert the model without peak_points = 0.",
+        example={"subject": "rod", "count": 3},
     ),
 )

@@ -231,7 +231,7 @@ class StateSpace(SolverStateSpace):
         InputError : there is no such version or platform, or no compiler.
         """
         from .. import __version__
-        from ..fmu.linear_export import export_linear_unit
+        from ..fmu.export import export_linear_unit
 
         target = path_of(path, "path")
         check_ending(target, "unit", "path")

@@ -241,7 +241,7 @@ def warmup(fmu: bool) -> None:
     from sidtool.solver.compiler.precompile import precompile_all
     from sidtool.solver.integrators.registry import all_step_loops
 
-    from ..fmu.kernel_objects import precompile_units
+    from ..fmu.linking import precompile_units
 
     begin = time.perf_counter()
     count = precompile_all(all_step_loops(), print_on_stderr)

@@ -3,17 +3,13 @@
 The shared library of a unit holds the compiled kernels of sidtool, the tables of the
 scene as constant data, and C of this package. It needs no Python at run time. Modules:
 
-- `platforms`: operating systems and processors that a library is made for
-- `kernel_objects`: object files of the kernels
 - `supported`: what of a scene a unit can do; refuses the rest by name
 - `plant_table`: all tables and arrays of a unit as one table
-- `memory_image`: the content of that table as constant data with relocations
 - `output_terms`: outputs as polynomials in the arrays of the plant
 - `c_source`: the generated header, between the tables and the C sources
 - `linking`: the shared library, by `cc` or by `ziglang`
 - `model_description`: modelDescription.xml
 - `export`: all of it, to the file
-- `linear_export`: the same for a state space
 
 `plant.c` advances the scene and evaluates its outputs, `lapack.c` factors large blocks;
 `linear_plant.c` advances a linearised one. `unit.c`, `fmi2.c` and `fmi3.c` are the

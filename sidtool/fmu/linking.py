@@ -2,6 +2,13 @@
 
 `cc` is the C compiler of this machine, for libraries of its own platform. `ziglang` is
 a Python package that compiles and links for all platforms.
+
+Operating systems and processors that libraries are made for.
+
+Object files of the kernels that a library is linked from.
+
+They depend on the dimension of the scene, on the integrator and on the platform, not on
+the scene. They are compiled once and cached on disk like the kernels of a run.
 """
 
 from __future__ import annotations
@@ -11,14 +18,174 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.storage.operating_system import cache_folder
+from sidtool.formats.base.progress import report_stage
+from sidtool.formats.storage.operating_system import cache_folder, system_and_processor
+from sidtool.solver.compiler.kernels import Entry, Target
+from sidtool.solver.compiler.precompile import find_kernel
+from sidtool.solver.dynamics import output_quantities
+from sidtool.solver.dynamics.equations_of_motion import kernels_by_name, law_value_at
+from sidtool.solver.integrators import output_sampling
+from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.linear.factor_storage import KERNELS
 
-from .platforms import PLATFORMS, own_platform
+from .supported import UNIT_INTEGRATORS
+
+
+@dataclass(frozen=True)
+class Platform:
+    """A kind of machine on which a unit runs.
+
+    Attributes
+    ----------
+    target : what LLVM compiles kernels for; a processor that all machines contain
+    folders : folder of the library in the archive, by version of FMI
+    ending : of the library
+    zig_target : the same for `zig cc`
+    """
+
+    title: str
+    target: Target
+    folders: dict[str, str]
+    ending: str
+    zig_target: str
+
+
+def _linux(processor: str, cpu: str, folder: str) -> Platform:
+    """Linux with glibc 2.17 (2014) or newer."""
+    return Platform(
+        f"Linux, {processor}",
+        Target(f"{processor}-unknown-linux-gnu", cpu),
+        {"2.0": folder, "3.0": f"{processor}-linux"},
+        ".so",
+        f"{processor}-linux-gnu.2.17",
+    )
+
+
+def _macos(processor: str, cpu: str, folder: str) -> Platform:
+    """MacOS 11 or newer."""
+    return Platform(
+        f"macOS, {processor}",
+        Target(f"{processor}-apple-macosx11.0.0", cpu),
+        {"2.0": folder, "3.0": f"{processor}-darwin"},
+        ".dylib",
+        f"{processor}-macos.11.0",
+    )
+
+
+#: FMI 2.0 names folders of processors that it does not know as FMI 3.0 does.
+PLATFORMS = {
+    "linux64": _linux("x86_64", "x86-64", "linux64"),
+    "win64": Platform(
+        "Windows, x86_64",
+        Target("x86_64-w64-windows-gnu", "x86-64"),
+        {"2.0": "win64", "3.0": "x86_64-windows"},
+        ".dll",
+        "x86_64-windows-gnu",
+    ),
+    "darwin64": _macos("x86_64", "x86-64", "darwin64"),
+    "aarch64-linux": _linux("aarch64", "generic", "aarch64-linux"),
+    "aarch64-darwin": _macos("aarch64", "apple-m1", "aarch64-darwin"),
+}
+_PROCESSORS = {
+    "x86_64": "x86_64",
+    "amd64": "x86_64",
+    "aarch64": "aarch64",
+    "arm64": "aarch64",
+}
+_SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
+
+
+def own_platform() -> str:
+    """Name of the platform of this process, or an empty string if it is no target."""
+    system, processor = system_and_processor()
+    folder = f"{_PROCESSORS.get(processor)}-{_SYSTEMS.get(system)}"
+    names = (name for name, each in PLATFORMS.items() if each.folders["3.0"] == folder)
+    return next(names, "")
+
+
+def parse_platforms(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Check names of platforms; by default that of this process, else Linux.
+
+    Raises
+    ------
+    InputError : there is no such platform.
+    """
+    for name in names:
+        if name not in PLATFORMS:
+            raise InputError(
+                f"found {name!r}",
+                place="platforms",
+                expected=" or ".join(PLATFORMS),
+            )
+    return tuple(dict.fromkeys(names)) or (own_platform() or "linux64",)
+
+
+#: How names of kernels begin in a library.
+PREFIX = "sidtool_"
+
+
+def called_kernels(planar: bool, integrator: str) -> dict[str, Entry]:
+    """Kernels that the C sources call, by their names there."""
+    method = INTEGRATORS[integrator]
+    if planar:
+        forces = output_quantities.write_forces_in_plane
+        bodies = output_quantities.write_bodies_in_plane
+    else:
+        forces = output_quantities.write_forces_in_space
+        bodies = output_quantities.write_bodies_in_space
+    return {
+        "advance": find_kernel(method.step_loop),
+        "advance_past_singularity": find_kernel(method.singular_loop),
+        "evaluate_start": output_sampling.evaluate_start,
+        "sample": output_sampling.sample,
+        "law_value_at": law_value_at,
+        "write_forces": forces,
+        "write_bodies": bodies,
+    }
+
+
+def library_kernels(planar: bool, integrator: str) -> Iterator[tuple[str, Entry, Any]]:
+    """Symbol, kernel and signature of all kernels of a library."""
+    for name, kernel in kernels_by_name(planar).items():
+        yield PREFIX + name, kernel, KERNELS.members[name].signature
+    for name, kernel in called_kernels(planar, integrator).items():
+        yield PREFIX + name, kernel, kernel.signatures[0]
+
+
+def precompile_units() -> int:
+    """Compile the kernels of all units of this platform.
+
+    Returns
+    -------
+    how many had to be compiled
+    """
+    (platform,) = parse_platforms(())
+    target, count = PLATFORMS[platform].target, 0
+    for planar in (True, False):
+        for integrator in UNIT_INTEGRATORS:
+            for symbol, kernel, signature in library_kernels(planar, integrator):
+                if kernel.cached_code(signature, target, symbol) is None:
+                    kernel.library_object(signature, target, symbol)
+                    count += 1
+    return count
+
+
+def kernel_objects(planar: bool, integrator: str, target: Target) -> dict[str, bytes]:
+    """Object files by symbol; they are compiled where they are not in the cache."""
+    objects = {}
+    kernels = list(library_kernels(planar, integrator))
+    for k, (symbol, kernel, signature) in enumerate(kernels):
+        report_stage(f"compiling for {target.triple}, once", k / len(kernels))
+        objects[symbol] = kernel.library_object(signature, target, symbol)
+    return objects
+
 
 _COMMON_SOURCES = ("unit.c", "fmi2.c", "fmi3.c")
 #: Sources of the unit of a scene, and of a linearised one.

@@ -30,10 +30,9 @@ from sidtool.formats.scene.outputs import (
     ORIENTATIONS,
     SCENE_QUANTITIES,
 )
+from sidtool.solver.output.body_outputs import SceneOutputs
 from sidtool.solver.output.columns import output_column
-from sidtool.solver.output.evaluated_forces import EvaluatedForces
-from sidtool.solver.output.samples import Samples
-from sidtool.solver.output.scene_outputs import SceneOutputs
+from sidtool.solver.output.samples import EvaluatedForces, Samples
 from sidtool.solver.spatial.dimension import FRAMES, POINTS
 from sidtool.solver.system.system import System
 

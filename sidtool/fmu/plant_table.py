@@ -1,7 +1,7 @@
 """All tables and arrays of a unit as one table, the plant.
 
 C sees the same table as a structure (`c_source`). A copy of it, with all that it
-refers to, is an instance of the unit (`memory_image`).
+refers to, is an instance of the unit (`c_source`).
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ from sidtool.solver.integrators.loop_state import StepLoopState
 from sidtool.solver.integrators.radau_stages import RadauStages
 from sidtool.solver.integrators.registry import INTEGRATORS
 from sidtool.solver.linear.factor_storage import Kernels, Memory
-from sidtool.solver.output.evaluated_forces import new_output_arrays, output_work
-from sidtool.solver.output.samples import StateSampler
+from sidtool.solver.output.samples import StateSampler, new_output_arrays, output_work
 from sidtool.solver.simulation.preparation import (
     RunStart,
     allocate,

@@ -78,7 +78,7 @@ def _largest_by_unit(
     """Return the largest absolute value of all outputs of a scene by unit, for the
     units that some given units depend on.
     """
-    from sidtool.solver.output.scene_outputs import unavailable_outputs
+    from sidtool.solver.output.body_outputs import unavailable_outputs
     from sidtool.solver.simulation.replay import replay
 
     wanted = {source for unit in units for source in _SOURCES.get(unit, ())}

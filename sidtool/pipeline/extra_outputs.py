@@ -95,7 +95,7 @@ def interpolated_outputs(
         return {
             name: np.interp(times, result.t, v) for name, v in columns.items()
         }, None
-    from sidtool.solver.output.scene_outputs import unavailable_outputs
+    from sidtool.solver.output.body_outputs import unavailable_outputs
     from sidtool.solver.simulation.replay import replay, scene_of
 
     straight = unavailable_outputs(names, scene_of(result), result.laws, between=True)

@@ -9,8 +9,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
-from ..diagnostics.failure_causes import lost_inertia_cause
-from ..diagnostics.singular_configurations import dependent_row_names
+from ..diagnostics.failure_causes import dependent_row_names, lost_inertia_cause
 from ..dynamics.control_laws import FAILED_LAW
 from ..initial_state.assembly import StateVectors, dense_jacobian, row_names
 from ..initial_state.constraint_jacobian import friction_directions, normalised_rows

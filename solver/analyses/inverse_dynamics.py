@@ -17,7 +17,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import output_times
 
 from ..diagnostics.body_loads import find_state_failure
-from ..diagnostics.singular_configurations import dependent_row_names
+from ..diagnostics.failure_causes import dependent_row_names
 from ..initial_state.assembly import StateVectors, assemble
 from ..initial_state.displacement_report import position_notes
 from ..initial_state.given_state import store_rotations

@@ -25,8 +25,7 @@ from sidtool.formats.sid_mass import body_size
 from ..initial_state.assembly import StateVectors
 from ..output.body_outputs import frame_motion
 from ..output.energies import elastic_coordinates
-from ..output.evaluated_forces import EvaluatedForces
-from ..output.samples import Samples
+from ..output.samples import EvaluatedForces, Samples
 from ..spatial import system_arrays as at
 from ..system.body_damping import coordinate_frequencies, squared_frequencies
 from ..system.rotations import to_3d

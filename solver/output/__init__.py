@@ -1,16 +1,13 @@
 """Output quantities, energies, dense output and events, in reading order.
 
 - `samples`: kinematics, accelerations and multipliers of recorded states
-- `evaluated_forces`: forces, energies and momenta of recorded states
 - `body_outputs`: motion, momenta and stresses of bodies and markers
 - `section_forces`: section forces of bodies
 - `reactions`: forces and torques of joints, drives and forces
 - `energies`: energies, powers and their integrals
-- `scene_outputs`: outputs of the whole scene
 - `columns`: columns of a result by their names
 - `dense_output`: states between the ends of steps
 - `events`: events
 - `stick_slip`: stick and slip of joints with friction
-- `stick_slip_events`: instants of steps at which it changes
 - `resume`: state from which a run is continued
 """

@@ -33,6 +33,7 @@ from ..system.system import System
 from ..system.work_arrays import new_work_arrays
 from .body_outputs import (
     MarkerMotion,
+    SceneOutputs,
     frame_motion,
     marker_motion,
     momentum_column,
@@ -40,7 +41,6 @@ from .body_outputs import (
     stress_column,
 )
 from .energies import EnergyIntegrals
-from .evaluated_forces import EvaluatedForces
 from .reactions import (
     COMPONENTS,
     coordinate_column,
@@ -50,8 +50,12 @@ from .reactions import (
     output_wrench,
     restore_eliminated_joints,
 )
-from .samples import Samples, StateSampler, with_minimum_norm_multipliers
-from .scene_outputs import SceneOutputs
+from .samples import (
+    EvaluatedForces,
+    Samples,
+    StateSampler,
+    with_minimum_norm_multipliers,
+)
 from .section_forces import section_force_column
 
 

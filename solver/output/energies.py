@@ -16,9 +16,8 @@ from ..system.sid_packing import symmetrise
 from ..system.sid_terms import cubic_energies
 from ..system.system import System
 from .dense_output import STEPS_PER_BATCH, StepPoints, StepStates
-from .evaluated_forces import EvaluatedForces
 from .reactions import restore_eliminated_joints
-from .samples import Samples, StateSampler, interpolate_states
+from .samples import EvaluatedForces, Samples, StateSampler, interpolate_states
 
 
 def kinetic_energy(evaluated: EvaluatedForces) -> Array:

@@ -29,8 +29,7 @@ from ..spatial import system_arrays as at
 from ..system.rotations import to_3d
 from ..system.system import ConstraintRows, System
 from ..system.work_arrays import new_work_arrays, raise_pending
-from .evaluated_forces import EvaluatedForces
-from .samples import Samples
+from .samples import EvaluatedForces, Samples
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 

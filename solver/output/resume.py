@@ -25,9 +25,8 @@ from ..initial_state.integrator_start import (
 from ..system.system import System
 from . import energies
 from .columns import position_names, velocity_names
-from .evaluated_forces import EvaluatedForces
 from .reactions import restore_eliminated_joints
-from .samples import StateSampler
+from .samples import EvaluatedForces, StateSampler
 
 #: Output times differ by more than this part of the time span.
 DIFFERENT_TIME = 1e-12

@@ -43,7 +43,7 @@ from ..system.sid_terms import ct1, oe1
 from ..system.stiffening import has_stiffening
 from ..system.system import System
 from .energies import elastic_coordinates
-from .evaluated_forces import EvaluatedForces
+from .samples import EvaluatedForces
 
 
 def section_force_column(evaluated: EvaluatedForces, name: OutputName) -> Array:

@@ -33,11 +33,10 @@ from ..linear.factor_storage import Kernels, Memory
 from ..output import dense_output, events
 from ..output.dense_output import OutputTimeBuffer, StepPoints
 from ..output.energies import EnergyIntegrals, needs_energy_integrals
-from ..output.evaluated_forces import needs_body_quantities
+from ..output.events import StickSlipEvents
 from ..output.resume import ResumeState, resume_state
-from ..output.samples import StateSampler
+from ..output.samples import StateSampler, needs_body_quantities
 from ..output.stick_slip import with_friction_states
-from ..output.stick_slip_events import StickSlipEvents
 from ..spatial.system_arrays import WorkArrays
 from ..system.sensors import OutputTimesAtSamples
 from ..system.system import System

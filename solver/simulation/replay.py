@@ -28,10 +28,14 @@ from ..initial_state.assembly import assemble
 from ..initial_state.given_state import initial_rotations, store_rotations
 from ..initial_state.initial_friction import with_prescribed_friction
 from ..initial_state.integrator_start import constraint_tolerances, run_settings
+from ..output.body_outputs import missing_laws, sampled_laws, unavailable_outputs
 from ..output.columns import evaluate_outputs, position_names, velocity_names
-from ..output.evaluated_forces import needs_body_quantities
-from ..output.samples import Samples, StateSampler, interpolate_states
-from ..output.scene_outputs import missing_laws, sampled_laws, unavailable_outputs
+from ..output.samples import (
+    Samples,
+    StateSampler,
+    interpolate_states,
+    needs_body_quantities,
+)
 from ..output.stick_slip import set_friction_states, with_friction_states
 from ..spatial import system_arrays as at
 from ..system import work_arrays

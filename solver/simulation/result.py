@@ -32,11 +32,11 @@ from ..diagnostics.failure_causes import (
     lost_inertia_cause,
     mass_rounding_cause,
     near_singular_cause,
+    singular_passage_notes,
     step_loop_failure,
 )
-from ..diagnostics.implausible_forces import runaway_warnings
+from ..diagnostics.implausible_values import runaway_warnings
 from ..diagnostics.initial_deformation import initial_deformation_notes
-from ..diagnostics.singular_configurations import singular_passage_notes
 from ..initial_state.displacement_report import displacement_notes
 from ..initial_state.given_state import lost_rotation
 from ..initial_state.integrator_start import scene_with_settings

@@ -10,8 +10,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic
 
-from ..diagnostics.failure_causes import singular_start_causes
-from ..diagnostics.singular_configurations import dead_point_causes
+from ..diagnostics.failure_causes import dead_point_causes, singular_start_causes
 from ..initial_state.given_state import store_rotations
 from ..integrators import loop_state, newton_iteration, output_sampling
 from ..integrators.registry import INTEGRATORS, StepFunction

@@ -443,7 +443,7 @@ def test_a_warmup_that_stores_nothing_has_failed(
 ) -> None:
     """One kernel stands for all."""
     # Imported before `find_kernel` is replaced, which it would keep.
-    import sidtool.fmu.kernel_objects  # noqa: F401
+    import sidtool.fmu.linking  # noqa: F401
     from sidtool.solver.compiler import kernel_cache, precompile
 
     kernel = scaled(2.0)
@@ -463,13 +463,13 @@ def test_a_warmup_compiles_the_kernels_of_units(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One kernel stands for all; the second warm-up has nothing to do."""
-    from sidtool.fmu import kernel_objects
+    from sidtool.fmu import linking
     from sidtool.solver.compiler import precompile
 
     kernel = scaled(2.0)
     units = [("sidtool_scaled", kernel, kernel.signatures[0])]
     monkeypatch.setattr(precompile, "all_groups", lambda _: [])
-    monkeypatch.setattr(kernel_objects, "library_kernels", lambda *_: units)
+    monkeypatch.setattr(linking, "library_kernels", lambda *_: units)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     for said in ("1 kernels compiled", "nothing to compile"):
         assert run(["warmup", "--fmu"]) == 0

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import sidtool
-from sidtool.fmu.platforms import own_platform
+from sidtool.fmu.linking import own_platform
 from tests.places import SLIDER_CRANK
 from tests.sidtool.fmu.importer import Library
 

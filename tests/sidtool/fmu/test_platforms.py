@@ -9,8 +9,8 @@ from unittest.mock import patch
 
 import pytest
 
-from sidtool.fmu import platforms
-from sidtool.fmu.platforms import PLATFORMS, own_platform, parse_platforms
+from sidtool.fmu import linking
+from sidtool.fmu.linking import PLATFORMS, own_platform, parse_platforms
 from sidtool.formats.base.errors import InputError
 from tests.sidtool.fmu.conftest import slider_crank
 
@@ -73,7 +73,7 @@ def check_archive(path: Path, version: str) -> None:
 def test_a_scene_is_linked_for_all_platforms(version: str, tmp_path: Path) -> None:
     path = tmp_path / "machine.fmu"
     unit = slider_crank().fmu(
-        path, version=version, platforms=list(PLATFORMS), linker="zig"
+        path, version=version, linking=list(PLATFORMS), linker="zig"
     )
     assert unit.libraries.keys() == EXPECTED.keys()
     check_archive(path, version)
@@ -82,13 +82,13 @@ def test_a_scene_is_linked_for_all_platforms(version: str, tmp_path: Path) -> No
 @pytest.mark.needs("ziglang")
 def test_a_state_space_is_linked_for_all_platforms(tmp_path: Path) -> None:
     space = slider_crank().state_space(about="start", outputs=["piston.x"])
-    space.fmu(tmp_path / "plant.fmu", version="3.0", platforms=list(PLATFORMS))
+    space.fmu(tmp_path / "plant.fmu", version="3.0", linking=list(PLATFORMS))
     check_archive(tmp_path / "plant.fmu", "3.0")
 
 
 @pytest.mark.parametrize("machine", MACHINES)
 def test_the_default_is_the_own_platform(machine: tuple[str, str]) -> None:
-    with patch.object(platforms, "system_and_processor", lambda: machine):
+    with patch.object(linking, "system_and_processor", lambda: machine):
         assert own_platform() == MACHINES[machine]
         assert parse_platforms(()) == (MACHINES[machine] or "linux64",)
 

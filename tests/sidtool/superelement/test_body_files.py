@@ -17,11 +17,15 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array, Taylor
 from sidtool.formats.file_names import OUTPUT_KINDS
 from sidtool.formats.sid_files import write_sid
-from sidtool.superelement.body_files import BODY_FORMATS
+from sidtool.superelement.body_files import (
+    BODY_FORMATS,
+    dmig_text,
+    extptfm_text,
+    mbdyn_text,
+    op4_text,
+    scalar_points,
+)
 from sidtool.superelement.craig_bampton import Superelement, superelement_of_sid
-from sidtool.superelement.mbdyn import mbdyn_text
-from sidtool.superelement.nastran import dmig_text, op4_text, scalar_points
-from sidtool.superelement.openfast import extptfm_text
 from tests.codes import unwrapped
 
 from .test_superelement import rod_sid

@@ -9,7 +9,7 @@ import pytest
 
 from sidtool.formats.diagnostics import Diagnostic
 from sidtool.solver import simulate
-from sidtool.solver.diagnostics.implausible_forces import stiffness_warnings
+from sidtool.solver.diagnostics.implausible_values import stiffness_warnings
 from tests.solver.scenes import compiled, scene, slender_rod
 
 GRAVITY = [0.0, -9.81]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from sidtool.solver import simulate
-from sidtool.solver.diagnostics.implausible_forces import frequency_warnings
 from sidtool.solver.diagnostics.implausible_values import (
+    frequency_warnings,
     implausible_friction_warnings,
     implausible_value_warnings,
 )

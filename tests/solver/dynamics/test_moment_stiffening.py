@@ -17,8 +17,7 @@ from sidtool.solver import simulate
 from sidtool.solver.diagnostics.body_loads import recorded_loads
 from sidtool.solver.initial_state.assembly import assemble
 from sidtool.solver.initial_state.constraint_jacobian import dense_jacobian
-from sidtool.solver.output.evaluated_forces import EvaluatedForces
-from sidtool.solver.output.samples import Samples
+from sidtool.solver.output.samples import EvaluatedForces, Samples
 from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.spatial.coordinates import rate
 from sidtool.solver.system.system import System

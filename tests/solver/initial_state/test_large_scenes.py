@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.diagnostics import result_notes, singular_configurations
+from sidtool.solver.diagnostics import failure_causes, result_notes
 from sidtool.solver.initial_state import (
     assembly,
     constraint_jacobian,
@@ -85,7 +85,7 @@ def forbid_dense(monkeypatch: pytest.MonkeyPatch) -> None:
         raise AssertionError("a dense matrix of all constraints")
 
     monkeypatch.setattr(constraint_jacobian, "dense_jacobian", refuse)
-    monkeypatch.setattr(singular_configurations, "dense_jacobian", refuse)
+    monkeypatch.setattr(failure_causes, "dense_jacobian", refuse)
     monkeypatch.setattr(result_notes, "dense_jacobian", refuse)
 
 
@@ -119,11 +119,7 @@ def test_an_open_chain_that_falls_passes_nothing_singular(
             [[control.time, 1e-4], *states, *states]
         )
         told.append(
-            list(
-                singular_configurations.singular_passage_notes(
-                    system, kernels, control, *more
-                )
-            )
+            list(failure_causes.singular_passage_notes(system, kernels, control, *more))
         )
         return told[-1]
 
