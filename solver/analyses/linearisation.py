@@ -42,6 +42,8 @@ from .whirl import Whirl, mode_whirl
 #: A state is near another one that differs by less than this part of the sizes; what is
 #: left of the accelerations there, relative to them.
 NEAR_STATE, STEADY_RESIDUAL = 0.05, 1e-6
+#: Singular values of the state matrix that are cut on the way to it, of the largest.
+SOFT_DIRECTIONS = (1e-10, 1e-13)
 #: Ways below this share of the sizes lead nowhere; frequencies that differ by less than
 #: this share are the same, and those below this share of the square of the highest are
 #: rounding.
@@ -272,13 +274,20 @@ def _steady_shift(
     mechanics: DenseEquations, small: SmallMotions
 ) -> tuple[Array, float, float]:
     """Way to steady motion by the linear equations, its largest displacement in sizes
-    of the coordinates, and what it leaves of the accelerations."""
+    of the coordinates, and what it leaves of the accelerations.
+
+    Directions that no force resists are cut. Those that gravity alone holds, beside
+    stiff bodies, are cut only where that leaves no accelerations.
+    """
     rates = steady_residual(mechanics, small)
     mechanics.evaluate(small.z, small.v)
-    shift = np.asarray(np.linalg.lstsq(small.matrix, -rates, rcond=1e-10)[0], float)
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
+    for cut in SOFT_DIRECTIONS:
+        shift = np.asarray(np.linalg.lstsq(small.matrix, -rates, rcond=cut)[0], float)
+        remaining = np.abs(small.matrix @ shift + rates).max(initial=0.0)
+        if remaining <= STEADY_RESIDUAL * np.abs(rates).max(initial=0.0):
+            break
     moved = np.abs(small.position_directions @ shift) / sizes
-    remaining = np.abs(small.matrix @ shift + rates).max(initial=0.0)
     return shift, float(moved.max(initial=0.0)), float(remaining)
 
 

@@ -50,6 +50,45 @@ def processor_of(library: bytes) -> int:
     return int(processor)
 
 
+def names_of_windows(library: bytes) -> tuple[list[str], list[str]]:
+    """Functions that a library of Windows exports, and libraries that it imports."""
+    (begin,) = struct.unpack_from("<I", library, 0x3C)
+    count, size = struct.unpack_from("<H12xH", library, begin + 6)
+    optional = begin + 24
+    exports, _, imports = struct.unpack_from("<3I", library, optional + 112)
+    sections = [
+        struct.unpack_from("<4I", library, optional + size + 40 * k + 8)
+        for k in range(count)
+    ]
+
+    def offset(address: int) -> int:
+        for length, start, stored, place in sections:
+            if start <= address < start + max(length, stored):
+                return address - start + place
+        raise AssertionError(address)
+
+    def name(address: int) -> str:
+        first = offset(address)
+        return library[first : library.index(b"\0", first)].decode("ascii")
+
+    n, *_, table = struct.unpack_from("<3I", library, offset(exports) + 24)
+    names = struct.unpack_from(f"<{n}I", library, offset(table))
+    entries, libraries = offset(imports), list[str]()
+    while (address := struct.unpack_from("<I", library, entries + 12)[0]) != 0:
+        libraries.append(name(address).lower())
+        entries += 20
+    return [name(each) for each in names], libraries
+
+
+def check_windows(library: bytes) -> None:
+    """Only the standard is visible, only the C library and its start-up are needed."""
+    exports, imports = names_of_windows(library)
+    assert {"fmi2DoStep", "fmi3DoStep"} < {*exports}
+    assert all(name.startswith(("fmi2", "fmi3")) for name in exports)
+    c_library = "api-ms-win-crt-", "kernel32.dll", "msvcrt.dll"
+    assert imports and all(name.startswith(c_library) for name in imports)
+
+
 def check_archive(path: Path, version: str) -> None:
     with zipfile.ZipFile(path) as archive:
         found = {
@@ -64,6 +103,8 @@ def check_archive(path: Path, version: str) -> None:
         assert suffix == ending
         assert processor_of(library) == processor
         assert b"fmi2DoStep" in library and b"fmi3DoStep" in library
+        if ending == ".dll":
+            check_windows(library)
         if ending != ".dylib":  # whose table of symbols names hidden ones, too
             assert b"sidtool_" not in library
 

@@ -236,6 +236,42 @@ def four_bar() -> sidtool.Scene:
     return scene.with_({"bodies.coupler.sid": link(coupler)})
 
 
+def controlled_arm() -> sidtool.Scene:
+    """A flexible arm with a load that a PID controller holds level."""
+    law = {
+        "type": "pid",
+        "measured": "shoulder.angle",
+        "p": 300.0,
+        "i": 1500.0,
+        "d": 30.0,
+        "filter": 0.005,
+    }
+    scene = sidtool.Scene.model_validate(
+        {
+            "format": "sidtool scene",
+            "version": 1,
+            "dimension": "planar",
+            "gravity": [0.0, -9.81],
+            "time": {"end": 1.0, "output_step": 0.1},
+            "bodies": {
+                "arm": {"sid": "-", "markers": {"start": 1, "end": 2}},
+                "load": {"mass": 2.0, "initial": {"position": [0.8, 0.0]}},
+            },
+            "joints": {
+                "shoulder": {"type": "revolute", "markers": ["ground", "arm.start"]},
+                "grip": {"type": "coincident", "markers": ["arm.end", "load"]},
+            },
+            "inputs": {"push": {"interpolation": "smooth"}},
+            "forces": {
+                "motor": {"type": "actuator", "joint": "shoulder", "function": law},
+                "push": taking("push", type="force", marker="load", force=[0.0, 1.0]),
+            },
+            "outputs": {"record": ["load.y", "motor.value", "inputs.push"]},
+        }
+    )
+    return scene.with_({"bodies.arm.sid": link(0.8)})
+
+
 def _planar(first: str, second: str) -> dict[str, Any]:
     return {"type": "revolute", "markers": [first, second]}
 

@@ -17,7 +17,7 @@ from sidtool.solver.analyses.frequency_response import (
 )
 from tests.places import SLIDER_CRANK
 
-from .state_space_scenes import link, pendulum, slider_crank, taking
+from .state_space_scenes import controlled_arm, link, pendulum, slider_crank, taking
 
 LENGTH, SIDE, YOUNG, DENSITY, BETA = 0.8, 0.02, 7e10, 2700.0, 2e-5
 
@@ -181,42 +181,6 @@ def test_a_controlled_arm_answers_a_swept_sine_as_predicted() -> None:
     for name in names:
         found = kernel @ (result[name] - result[name][0]) / of_input
         assert_allclose(found, response[name], rtol=1e-3)
-
-
-def controlled_arm() -> sidtool.Scene:
-    """A flexible arm with a load that a PID controller holds level."""
-    law = {
-        "type": "pid",
-        "measured": "shoulder.angle",
-        "p": 300.0,
-        "i": 1500.0,
-        "d": 30.0,
-        "filter": 0.005,
-    }
-    scene = sidtool.Scene.model_validate(
-        {
-            "format": "sidtool scene",
-            "version": 1,
-            "dimension": "planar",
-            "gravity": [0.0, -9.81],
-            "time": {"end": 1.0, "output_step": 0.1},
-            "bodies": {
-                "arm": {"sid": "-", "markers": {"start": 1, "end": 2}},
-                "load": {"mass": 2.0, "initial": {"position": [LENGTH, 0.0]}},
-            },
-            "joints": {
-                "shoulder": {"type": "revolute", "markers": ["ground", "arm.start"]},
-                "grip": {"type": "coincident", "markers": ["arm.end", "load"]},
-            },
-            "inputs": {"push": {"interpolation": "smooth"}},
-            "forces": {
-                "motor": {"type": "actuator", "joint": "shoulder", "function": law},
-                "push": taking("push", type="force", marker="load", force=[0.0, 1.0]),
-            },
-            "outputs": {"record": ["load.y", "motor.value", "inputs.push"]},
-        }
-    )
-    return scene.with_({"bodies.arm.sid": link(LENGTH)})
 
 
 def oscillator(damping: float) -> sidtool.StateSpace:

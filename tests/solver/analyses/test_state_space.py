@@ -13,12 +13,14 @@ from scipy.linalg import expm
 
 import sidtool
 from tests.codes import codes
+from tests.places import EXAMPLES
 
 from .state_space_scenes import (
     ARM_INERTIA,
     ARM_MASS,
     GRAVITY,
     HALF,
+    controlled_arm,
     four_bar,
     pendulum,
     response_at,
@@ -30,6 +32,7 @@ from .state_space_scenes import (
 #: About the pivot [kg m^2], and the torque of gravity per angle [N m/rad].
 INERTIA = ARM_INERTIA + ARM_MASS * HALF**2
 STIFFNESS = ARM_MASS * GRAVITY * HALF
+ROTOR = EXAMPLES / "rotor"
 SCENES = {"slider_crank": slider_crank, "arm": spatial_arm, "four_bar": four_bar}
 
 
@@ -301,6 +304,74 @@ def test_wrong_requests_are_refused(settings: dict[str, Any], place: str) -> Non
 def test_integrals_along_a_run_are_left_out() -> None:
     space = pendulum().state_space(outputs=["energy.supplied", "pivot.angle"])
     assert space.output_names == ("pivot.angle",) and "N728" in codes(space)
+
+
+def test_an_arm_that_its_motor_holds_is_steady() -> None:
+    """Gravity alone holds its angle: 4e-11 of the stiffness of the axial mode."""
+    torque = 19.08634  # of 19.086336 N m at the straight arm
+    motor = taking("torque", type="actuator", joint="shoulder")
+    scene = controlled_arm().with_(
+        {
+            "inputs": {"torque": {"initial": torque}},
+            "forces": {"motor": motor},
+            "outputs.record": ["load.y"],
+        }
+    )
+    space = scene.state_space()
+    assert space.is_steady and codes(space) == []
+    weights = {-1.0: -0.5, 1.0: 0.5}
+    gain, step = 0.0, 1e-6
+    for sign, weight in weights.items():
+        near = scene.with_({"inputs.torque.initial": torque + sign * step})
+        height = near.static_equilibrium().result()["load.y"][0]
+        gain += weight * float(height) / step
+    assert response_at(space, 0.0).real[0, 0] == pytest.approx(gain, rel=1e-4)
+
+
+def test_a_running_rotor_bends_under_a_load_as_one_at_rest() -> None:
+    """A load that keeps its direction: forces of gyroscopes need a tilt that turns.
+
+    The disc turns about a tilted axis: wx is the speed times the tilt F L^2 / 2 EI.
+    """
+    speed, length = 100.0, 0.5
+    bending = 2.1e11 * math.pi * 0.02**4 / 64
+    shaft = sidtool.convert(sidtool.Model.load(ROTOR / "shaft.toml"))
+    loads = {
+        name: taking(name, type="force", marker="disc", force=force)
+        for name, force in (("fx", [1.0, 0.0, 0.0]), ("fy", [0.0, 1.0, 0.0]))
+    }
+    rotor = sidtool.Scene.load(ROTOR / "scene.toml").with_(
+        {
+            "bodies.shaft.sid": shaft,
+            "inputs": {name: {} for name in loads},
+            "forces": loads,
+            "outputs.record": ["disc.x", "bearing.my", "disc.wx"],
+        }
+    )
+    space = rotor.state_space(about="start")
+    modes = rotor.linearise(about="start").eigenvalues  # in axes of the shaft
+    in_them = np.abs(np.add.outer(modes.imag, [speed, -speed, 0.0])).ravel()
+    for value in space.eigenvalues:
+        error = np.abs(in_them - abs(value.imag)).min()
+        assert error < 1e-10 * np.abs(space.eigenvalues).max()
+    held = {"joint": "bearing", "function": {"type": "constant", "value": 0.0}}
+    at_rest = rotor.with_({"drives.motor": held, "bodies.shaft.initial": {}})
+    ends = [
+        at_rest.with_(
+            {
+                "inputs.fx.initial": load,
+                "bodies.disc.initial.angular_velocity": [0.0, 0.0, 0.0],
+            }
+        )
+        .static_equilibrium()
+        .result()
+        .values[0]
+        for load in (10.0, -10.0)
+    ]
+    expected = (ends[0] - ends[1]) / 20.0
+    expected[2] = speed * length**2 / (2.0 * bending)
+    gain = response_at(space, 0.0).real
+    assert_allclose(gain[:, 0], expected, rtol=1e-8)
 
 
 def test_without_an_equilibrium_there_is_the_start() -> None:
