@@ -7,7 +7,12 @@ from numba import boolean, float64, int64, types
 from ..compiler.kernels import entry, inner
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.joint_friction import contact_force, coordinate_rate
-from ..linear.mass_matrix import constraint_independence, constraint_scale
+from ..linear.mass_matrix import (
+    constraint_blocks,
+    constraint_independence,
+    constraint_scale,
+    row_independence,
+)
 from ..linear.saddle_point import REGULARISATION
 from ..spatial.system_arrays import (
     C_GAMMA,
@@ -16,6 +21,8 @@ from ..spatial.system_arrays import (
     F1,
     F2,
     F3,
+    I1,
+    I2,
     MAX_CONTACTS,
     R_CONTACTS,
     ROTATION_VALUE,
@@ -170,52 +177,78 @@ def evaluate_jacobians(kernels, system, work, times, interval_times, z, v, C):
         copy(work.C, C[k])
 
 
-@inner(boolean(KERNELS, SYSTEM, WORK, MEMORY, F2, float64, F1, F1, F1, F1, F1))
-def _multipliers_are_certain(
-    kernels, system, work, memory, constraint_tolerance, t, z, v, dz, dv, multiplier
+@inner(
+    types.void(
+        *[KERNELS, SYSTEM, WORK, MEMORY, F2, float64, F1, F1, F1, F1, F1, I1, I1, F1]
+    )
+)
+def _remove_uncertain_multipliers(
+    kernels,
+    system,
+    work,
+    memory,
+    constraint_tolerance,
+    t,
+    z,
+    v,
+    dz,
+    dv,
+    multiplier,
+    block,
+    is_uncertain,
+    largest,
 ):
-    """True if multipliers hardly change within the tolerance of the constraints.
+    """Set multipliers to NaN that change within the tolerance of the constraints.
 
-    A change counts relative to the largest multiplier, each measured by the
-    acceleration that it causes. It is that by what is left of the constraints, and by
-    violations of their rates within the tolerance that change the multipliers most, by
-    a step of the power method; states with once and twice of both are looked at.
-    (Violations of positions would load stiff bodies.) The state must have been
-    evaluated; z, v and what was evaluated are overwritten, dz and dv are scratch.
+    A change counts relative to the largest multiplier of those constraints that act on
+    each other, each measured by the acceleration that it causes. It is that by what is
+    left of the constraints, and by violations of their rates within the tolerance that
+    change the multipliers most, by a step of the power method; states with once and
+    twice of both are looked at. (Violations of positions would load stiff bodies.) The
+    state must have been evaluated; z, v and what was evaluated are overwritten, dz,
+    dv and the last three, of one entry per row, are scratch.
     """
-    if constraint_independence(system, memory) < SINGULAR:
-        return False
-    largest = 0.0
-    for i in range(system.n_rows):
-        scale = constraint_scale(system, memory, i)
-        largest = max(largest, scale * abs(multiplier[i]))
+    n = system.n_rows
+    constraint_blocks(system, memory, block)
+    for i in range(n):
+        largest[i], is_uncertain[i] = 0.0, 0
+    for i in range(n):
+        size = constraint_scale(system, memory, i) * abs(multiplier[i])
+        largest[block[i]] = max(largest[block[i]], size)
+        if row_independence(system, memory, i) < SINGULAR:
+            is_uncertain[block[i]] = 1
         memory.multiplier[i] = 1.0 / (1.0 + i)
+    failed = False
     for attempt in range(2):
-        for i in range(system.n_rows):
+        for i in range(n):
             weight = memory.multiplier[i]
             if attempt > 0:
                 weight = math.copysign(1.0, weight)
+            if is_uncertain[block[i]] == 1:
+                weight = work.row[i, C_VALUE] = 0.0
             work.row[i, C_RATE] = weight * constraint_tolerance[i, 1]
-        if kernels.project_once(system, work, memory, REGULARISATION, dz, dv) != 0:
-            return False
+        status = kernels.project_once(system, work, memory, REGULARISATION, dz, dv)
+        failed = failed or status != 0
     for _ in range(2):
         kernels.retract(system, work.frame, z, dz)
         for i in range(len(v)):
             v[i] += dv[i]
-        if evaluate_accelerations(kernels, system, work, memory, t, z, v) != 0:
-            return False
-        for i in range(system.n_rows):
+        status = evaluate_accelerations(kernels, system, work, memory, t, z, v)
+        failed = failed or status != 0
+        for i in range(n):
             change = constraint_scale(system, memory, i)
             change *= abs(memory.multiplier[i] - multiplier[i])
-            if not change <= MULTIPLIER_ERROR * largest:
-                return False
-    return True
+            if not change <= MULTIPLIER_ERROR * largest[block[i]]:
+                is_uncertain[block[i]] = 1
+    for i in range(n):
+        if failed or is_uncertain[block[i]] == 1:
+            multiplier[i] = math.nan
 
 
 @entry(
     types.void(
         *[KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3],
-        *[F2, F2, F2, F3],
+        *[F2, F2, F2, F3, I2, F1],
     )
 )
 def sample(
@@ -236,6 +269,8 @@ def sample(
     lambda_,
     factors,
     output,
+    row_blocks,
+    row_sizes,
 ):
     """Projects recorded states onto the constraints and solves eq. (3) there.
 
@@ -243,7 +278,7 @@ def sample(
     recorded meets them to `constraint_tolerance`, see `StepLoopState`. States that
     cannot be projected stay as they are; accelerations are NaN where eq. (3) is
     singular, multipliers also near such states where they are uncertain. step_z and
-    step_v are scratch, of one and three rows.
+    step_v are scratch, of one and three rows, as are row_blocks, of two, and row_sizes.
     """
     for k in range(len(times)):
         i = 0
@@ -281,9 +316,10 @@ def sample(
         if status != 0:
             for n in range(acc.shape[1]):
                 acc[k, n] = math.nan
-        are_certain = status == 0
-        if are_certain and constraint_independence(system, memory) < NEARLY_SINGULAR:
-            are_certain = _multipliers_are_certain(
+            for n in range(lambda_.shape[1]):
+                lambda_[k, n] = math.nan
+        elif constraint_independence(system, memory) < NEARLY_SINGULAR:
+            _remove_uncertain_multipliers(
                 kernels,
                 system,
                 work,
@@ -295,11 +331,11 @@ def sample(
                 step_v[1],
                 step_v[2],
                 lambda_[k],
+                row_blocks[0],
+                row_blocks[1],
+                row_sizes,
             )
             evaluate_accelerations(kernels, system, work, memory, times[k], z[k], v[k])
-        if not are_certain:
-            for n in range(lambda_.shape[1]):
-                lambda_[k, n] = math.nan
         kernels.complete(system, work, acc[k])
         for b in range(work.frame.shape[0]):
             copy(work.frame[b], frames[k, b])

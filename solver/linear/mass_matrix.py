@@ -15,7 +15,7 @@ from numba import boolean, complex128, float64, int64, types
 
 from ..compiler.inner_kernels import row_dot
 from ..compiler.kernels import inner
-from ..spatial.system_arrays import C1, DIAGONAL_ME, F1, F2, SYSTEM, WORK
+from ..spatial.system_arrays import C1, DIAGONAL_ME, F1, F2, I1, SYSTEM, WORK
 from .factor_storage import MEMORY
 
 #: A constraint depends on others when this many slacks are left of it.
@@ -186,14 +186,40 @@ def constraint_independence(system, memory):
     linearly where a mechanism passes a singular configuration. Redundant constraints do
     not count.
     """
-    S, smallest = memory.mass_S, 1.0
+    smallest = 1.0
     for i in range(system.n_rows):
-        pivot = 1.0 / S[i, i]
-        if pivot < CLEAR_OF_REGULARISATION * system.regularisation[i]:
-            continue
-        scale = constraint_scale(system, memory, i)
-        smallest = min(smallest, abs(pivot) / (scale * scale))
-    return math.sqrt(smallest)
+        smallest = min(smallest, row_independence(system, memory, i))
+    return smallest
+
+
+@inner(float64(SYSTEM, MEMORY, int64))
+def row_independence(system, memory, i):
+    """Sine of the angle between constraint i and those before it, see
+    `constraint_independence`; 1 for a redundant one.
+    """
+    pivot = 1.0 / memory.mass_S[i, i]
+    if pivot < CLEAR_OF_REGULARISATION * system.regularisation[i]:
+        return 1.0
+    return math.sqrt(abs(pivot)) / constraint_scale(system, memory, i)
+
+
+@inner(types.void(SYSTEM, MEMORY, I1))
+def constraint_blocks(system, memory, block):
+    """Number the blocks of constraints that do not act on each other through masses.
+
+    Parameters
+    ----------
+    block : (n_rows,) is filled with the first row of the block of each row
+    """
+    S, width = memory.mass_S, system.bandwidth
+    for i in range(system.n_rows):
+        block[i] = i
+        for k in range(max(0, i - width), i):
+            one, other = min(block[i], block[k]), max(block[i], block[k])
+            if S[i, k] != 0.0 and one != other:
+                for j in range(i + 1):
+                    if block[j] == other:
+                        block[j] = one
 
 
 @inner(float64(SYSTEM, MEMORY, int64))

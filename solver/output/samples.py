@@ -126,6 +126,8 @@ class StateSampler:
                     multipliers[part],
                     factors[part],
                     friction[part],
+                    np.zeros((2, system.n_rows), np.int64),
+                    np.zeros(system.n_rows),
                 )
                 slip_direction, rest_rates = (
                     history.current_states[:, at.SLIP_DIRECTION],

@@ -267,12 +267,20 @@ def test_forces_near_a_singular_position_are_right_or_missing(integrator: str) -
 
     The coupler moves on a circle without rotation, so that its pins share its inertia;
     nothing turns the rocker, whose pin force -(m_rocker + m_coupler) r w^2 / 2 points
-    along it.
+    along it. Beside it the ends of a bar glide along x and y, its centre c moves on a
+    circle, and the forces there are those of -m w^2 c, always.
     """
     bodies = {
         "crank": slender_rod(1.0, angle=QUARTER),
         "rocker": slender_rod(1.0, position=[2.0, 0.0], angle=QUARTER),
         "coupler": slender_rod(2.0, position=[0.0, 1.0]),
+        "bar": slender_rod(
+            1.0,
+            position=[-math.cos(2.0), 0.0],
+            angle=2.0,
+            velocity=[2.0 * math.sin(2.0), 0.0],
+            angular_velocity=2.0,
+        ),
     }
     hinges = {
         "motor": ["ground", "crank.a"],
@@ -280,15 +288,21 @@ def test_forces_near_a_singular_position_are_right_or_missing(integrator: str) -
         "head": ["crank.b", "coupler.a"],
         "end": ["coupler.b", "rocker.b"],
     }
+    glide: dict[str, dict[str, Any]] = {
+        "floor": {"markers": ["ground", "bar.a"], "axis": [1.0, 0.0]},
+        "wall": {"markers": ["ground", "bar.b"], "axis": [0.0, 1.0]},
+    }
+    joints = {n: {"type": "revolute", "markers": m} for n, m in hinges.items()}
+    joints |= {n: {"type": "point_on_line", **joint} for n, joint in glide.items()}
     drives = {"drive": {"joint": "motor", "function": polynomial(QUARTER, math.pi)}}
     distances = np.array([1e-1, 1e-2, 1e-3, 3e-4, 1e-4, 1e-5, 1e-6, 1e-8, 0.0])
     times = np.concatenate([[0.0], 0.5 - distances, [0.75]])
     system = compiled(
         scene(
             bodies,
-            {n: {"type": "revolute", "markers": m} for n, m in hinges.items()},
+            joints,
             drives,
-            record=["foot.fx", "foot.fy", "rocker.ax"],
+            record=["foot.fx", "foot.fy", "rocker.ax", "wall.fx", "floor.fy"],
             ground={"markers": {"far": {"position": [2.0, 0.0]}}},
             time={"end": 0.75, "output_times": times.tolist()},
         )
@@ -301,6 +315,9 @@ def test_forces_near_a_singular_position_are_right_or_missing(integrator: str) -
     assert force[has_value] == pytest.approx(exact[has_value], abs=1e-3 * math.pi**2)
     assert has_value[[0, 1, 2, 3, -1]].all() and not has_value[-2]
     assert np.isfinite(result["rocker.ax"]).all()
+    direction = 2.0 + 2.0 * times
+    assert result["wall.fx"] == pytest.approx(2.0 * np.cos(direction), abs=1e-4)
+    assert result["floor.fy"] == pytest.approx(-2.0 * np.sin(direction), abs=1e-4)
     (note,) = (d for d in result.diagnostics if d.code == "N234")
     assert {"foot.fx", "foot.fy"} <= set(note.subject.split(", "))
     assert note.data["count"] == np.count_nonzero(~has_value)
