@@ -24,7 +24,7 @@ from .abaqus.input_file import read_deck
 
 #: Supports, which the frame of the model file replaces, and point masses, which are
 #: added to the matrices: CalculiX would couple them to shells and beams by equations.
-_LEFT_OUT = ("BOUNDARY", "BOUNDARYF", "MASS", "ROTARYINERTIA")
+_LEFT_OUT = ("BOUNDARY", "BOUNDARYF", "SUBMODEL", "MASS", "ROTARYINERTIA")
 #: Numbers of an element in its first line.
 _PER_LINE = 12
 #: Characters of a number that CalculiX reads.
@@ -44,7 +44,6 @@ _REFUSED = {
     "CONTACTPAIR": "one body without contact",
     "CYCLICSYMMETRYMODEL": "a mesh of the whole body",
     "PRE-TENSIONSECTION": "a deck without bolts under tension",
-    "SUBMODEL": "a deck of the whole body",
     "DISTRIBUTING": "a marker with a distributing tie: CalculiX couples forces alone",
     "GAP": "one body without contact",
     "PART": "a flat deck, as CalculiX reads it",
@@ -240,7 +239,7 @@ def _deck_lines(path: Path, included: IncludedFiles) -> Iterator[tuple[str, str]
             yield from _deck_lines(
                 named_file(path, _included_file(rest, place)), included
             )
-        elif text.startswith("*") and "INPUT=" in "".join(rest.upper().split()):
+        elif _names_data(word) and "INPUT=" in "".join(rest.upper().split()):
             options = rest.split(",")
             own = [x for x in options if not x.strip().upper().startswith("INPUT")]
             yield ",".join([word, *own]), place
@@ -250,6 +249,11 @@ def _deck_lines(path: Path, included: IncludedFiles) -> Iterator[tuple[str, str]
         elif text:
             yield text, place
     included.open.pop()
+
+
+def _names_data(word: str) -> bool:
+    """Whether the file that a keyword names continues the deck."""
+    return word.startswith("*") and _keyword_of(word) in ("NODE", "ELEMENT")
 
 
 def _included_file(options: str, place: str) -> str:

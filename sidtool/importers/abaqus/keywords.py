@@ -71,11 +71,16 @@ def read_blocks(
             read_blocks(_check_names(path, block), included, blocks)
             continue
         blocks.append(block)
-        if "INPUT" in block.options:
+        # other keywords name results, as *SUBMODEL, which the body does not need
+        if "INPUT" in block.options and _takes_input(block):
             file = _check_names(path, block)
             block.rows.extend(_external_data(file))
     included.open.pop()
     return blocks
+
+
+def _takes_input(block: Block) -> bool:
+    return "INPUT" in READ.get(_READ.get(_without_blanks(block.keyword), ""), ())
 
 
 def split_fields(text: str) -> list[str]:
@@ -210,7 +215,7 @@ READ: dict[str, tuple[str, ...]] = {
 _SUPPORTS = """
     BOUNDARY; CLOAD; DLOAD; DSLOAD; TEMPERATURE; FILM; RADIATE; CFLUX; DFLUX; SFILM;
     INITIAL CONDITIONS; BASE MOTION; AMPLITUDE; INERTIA RELIEF; CONNECTOR MOTION;
-    CONNECTOR LOAD; FIELD
+    CONNECTOR LOAD; FIELD; SUBMODEL
 """
 #: Material data that a linear elastic body does not need.
 _BEYOND_ELASTIC = """

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from sidtool.cli.main import cli
 from sidtool.elements.mesh_contact import check_contact
 from sidtool.formats.base.errors import InputError
+from sidtool.importers.calculix_deck import free_deck
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.mesh import ElementBlock, Mesh
 from sidtool.pipeline.model_to_sid import sid_from_model
@@ -132,6 +133,16 @@ def test_elements_and_nodes_of_other_files_are_read(tmp_path: Path) -> None:
     (tmp_path / "more.txt").unlink()
     with pytest.raises(InputError, match="more.txt.*no such file"):
         body(tmp_path, text)
+
+
+def test_files_of_results_are_not_needed(tmp_path: Path) -> None:
+    """*SUBMODEL drives nodes by results of another run; steps name such files, too."""
+    text = deck(BLOCK, "C3D8I")
+    text += "*SUBMODEL, TYPE=NODE, INPUT=whole.frd\n1, 2\n*STEP\n"
+    text += "*CRACK PROPAGATION, INPUT=whole.frd, MATERIAL=S\n*END STEP\n"
+    assert body(tmp_path, text).mass == pytest.approx(MASS, rel=1e-12)
+    (tmp_path / "whole.inp").write_text(text, encoding="utf-8")
+    assert not any("SUBMODEL" in line for line in free_deck(tmp_path / "whole.inp"))
 
 
 def test_keyword_lines_continue_after_a_comma(tmp_path: Path) -> None:
