@@ -14,12 +14,14 @@ Mech. Eng. 72, 1989).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.taylor import Array
+
+from .shear_panels import shear_panel_stiffness
 
 _A = 1 / np.sqrt(3)
 #: Kind -> points and weights of the quadrature.
@@ -116,9 +118,12 @@ def shell_batch(kind: str, corners: Array, laws: ShellLaws) -> ShellBatch:
 
     Parameters
     ----------
-    kind : tri3 or quad4
+    kind : tri3, quad4 or panel
     corners : (ne, m, 3) places of their nodes [m]
     """
+    if kind == "panel":
+        panels = shear_panel_stiffness(corners, laws.membrane, laws.axis)
+        return replace(shell_batch("quad4", corners, laws), stiffness=panels)
     ne, m, _ = corners.shape
     normals = _node_normals(kind, corners)
     centre = _point(kind, _CENTRES[kind], corners, normals, laws.axis)

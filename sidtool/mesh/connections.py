@@ -271,7 +271,7 @@ class RawShell:
 
     Attributes
     ----------
-    kind : tri3 or quad4
+    kind : tri3 or quad4; panel for a shear panel
     nodes : labels of its nodes
     section : its stiffness and mass per area
     axis : direction whose projection on the element is the material axis x; None if the

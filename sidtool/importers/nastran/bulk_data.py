@@ -65,6 +65,7 @@ from .properties import (
     other_properties,
     read_mat1,
     read_mat9,
+    read_pshear,
     read_pshell,
     read_psolid,
     thickness_of,
@@ -80,6 +81,7 @@ _ELEMENTS = {
     "CQUAD4": {4: "quad4"},
     "CTRIA3": {3: "tri3"},
     "CQUADR": {4: "quad4"},
+    "CSHEAR": {4: "quad4"},
     "CTRIAR": {3: "tri3"},
     "CQUAD8": {8: "quad8"},
     "CTRIA6": {6: "tri6"},
@@ -265,6 +267,10 @@ def _read_element(content: BulkData, card: Card) -> None:
         content.corners[label] = thick
     if flat:
         content.shell_fields[label] = own
+    if card.name == "CSHEAR":
+        content.panels.add(label)
+        if content.shells:
+            _refuse(content, card)
     order = _ORDERS.get(kind, range(len(nodes)))
     listed = [nodes[i] for i in order]
     content.elements.append((label, property_, kind, listed, card.place))
@@ -335,6 +341,7 @@ _READERS: dict[str, Callable[[BulkData, Card], None]] = {
     "GRDSET": _read_grdset,
     "PSOLID": read_psolid,
     "PSHELL": read_pshell,
+    "PSHEAR": read_pshear,
     "MAT1": read_mat1,
     "MAT9": read_mat9,
     "MAT2": mat2,
@@ -390,7 +397,7 @@ def is_structure(content: BulkData) -> bool:
     """
     flat = [e for e in content.elements if _is_flat(e[2])]
     solids = len(content.elements) - len(flat)
-    if content.bars or content.springs or (flat and solids):
+    if content.bars or content.springs or content.panels or (flat and solids):
         return True
     return any(
         content.properties[e[1]].layered for e in flat if e[1] in content.properties

@@ -90,6 +90,7 @@ class BulkData:
     Attributes
     ----------
     gaps : set -> members of its ranges, some of which may be undefined
+    panels : shells that are shear panels
     bars, mass_cards : cards of bars and rods, and of masses
     scalar_masses : mass of every PMASS
     bar_defaults : fields that cards CBAR and CBEAM omit
@@ -117,6 +118,7 @@ class BulkData:
     corners: dict[int, list[str]] = field(default_factory=dict)
     shell_fields: dict[int, list[str]] = field(default_factory=dict)
     shell_cards: dict[int, Card] = field(default_factory=dict)
+    panels: set[int] = field(default_factory=set)
     plane: dict[str, PlaneLaw] = field(default_factory=dict)
     springs: list[Card] = field(default_factory=list)
     spring_properties: dict[int, tuple[str, tuple[float, ...]]] = field(
@@ -252,7 +254,6 @@ ALTERNATIVES = {
         "a force in the scene between markers",
     ),
     **dict.fromkeys(("CMASS3", "CMASS4"), "CONM2"),
-    "CSHEAR": "shells",
 }
 WITHOUT_EFFECT = frozenset(
     " ".join(

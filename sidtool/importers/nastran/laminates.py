@@ -98,12 +98,29 @@ def shells_of(content: BulkData) -> tuple[RawShell, ...]:
                 expected="a node of this file",
             )
         with content.stops.collect_errors():
+            _check_property(content, label, kind, property_, place)
             if property_ not in sections:
                 sections[property_] = _section(content, property_, place)
             shells.append(
                 _shell(content, (label, kind, nodes, place), sections[property_])
             )
     return tuple(shells)
+
+
+def _check_property(
+    content: BulkData, label: int, kind: str, property_: int, place: str
+) -> None:
+    """Refuse shells with properties of shear panels, and panels with others."""
+    card, panel = content.shell_cards.get(property_), label in content.panels
+    if card is None:
+        return
+    if panel != (card.name == "PSHEAR") or (panel and kind != "quad4"):
+        raise InputError(
+            f"element {label} ({kind}) has the property {card.name} {property_}",
+            place=place,
+            expected="PSHEAR for CSHEAR of four nodes, and PSHELL, PCOMP or PCOMPG for "
+            "shells",
+        )
 
 
 def _shell(
@@ -140,6 +157,7 @@ def _shell(
             axes = np.array([arm / (np.linalg.norm(arm) or 1.0)])
         x, y, z = axes[0].tolist()
         axis = (x, y, z)
+    kind = "panel" if label in content.panels else kind
     return RawShell(label, kind, tuple(nodes), place, section, axis, angle)
 
 
@@ -165,7 +183,21 @@ def _section(content: BulkData, label: int, place: str) -> ShellSection:
             place=place,
             expected="PSHELL, PCOMP or PCOMPG",
         )
+    if card.name == "PSHEAR":
+        return _panel(content, card)
     return _layered(content, card) if card.name != "PSHELL" else _plain(content, card)
+
+
+def _panel(content: BulkData, card: Card) -> ShellSection:
+    """PID, MID, T, NSM."""
+    t, zero = card.real(2, "a thickness"), np.zeros((3, 3))
+    law = _law(content, card, card.integer(1, "a material"))
+    mass = law.density * t + card.real(3, "a mass per area") * content.weight
+    masses = (mass, 0.0, 0.0)
+    complete = _is_complete(content, law)
+    return ShellSection(
+        law.law * t, zero, zero, np.eye(2), masses, t, flexural=False, complete=complete
+    )
 
 
 def _law(content: BulkData, card: Card, label: int) -> PlaneLaw:

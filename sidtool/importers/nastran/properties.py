@@ -113,6 +113,24 @@ def read_pshell(content: BulkData, card: Card) -> None:
         check_no_extra_mass(card.real(7, "a mass per area"), card.place)
 
 
+def read_pshear(content: BulkData, card: Card) -> None:
+    """PID, MID, T, NSM, F1, F2.
+
+    Raises
+    ------
+    InputError : its edges resist stretch, or it has no thickness.
+    """
+    t, first, second = (card.real(i, "a number") for i in (2, 4, 5))
+    if t <= 0 or first or second:
+        raise InputError(
+            f"PSHEAR {card.word(0)} has T = {t:g}, F1 = {first:g} and F2 = {second:g}",
+            place=card.place,
+            expected="T above zero, and rods (CROD) for the stretch of its edges",
+        )
+    _store_property(content, card, t)
+    content.shell_cards[card.integer(0, "a property")] = card
+
+
 def check_membrane(card: Card | None) -> None:
     """Check that a PSHELL is not a plate alone, which cannot be a plane element.
 
@@ -166,7 +184,7 @@ def _store_property(
     label = card.integer(0, "a property")
     if label in content.properties:
         raise duplicate_error("property", label, card)
-    flat = card.name == "PSHELL"
+    flat = card.name in ("PSHELL", "PSHEAR")
     blank = flat and not card.word(1)
     material = "" if blank else str(card.integer(1, "a material"))
     content.properties[label] = Property(
@@ -175,7 +193,7 @@ def _store_property(
         card.place,
         system,
         flat,
-        extra=card.real(7, "a mass per area") if flat else 0.0,
+        extra=card.real(7, "a mass per area") if card.name == "PSHELL" else 0.0,
     )
 
 

@@ -94,6 +94,7 @@ def beyond_calculix(
     held = (
         ("bars", content.bars),
         ("springs", content.springs),
+        ("shear panels", content.panels),
         ("couplings", content.couplings),
         ("layers", any(p.layered for p in content.properties.values())),
         ("shells and solids", len(flat) > 1),
