@@ -214,8 +214,11 @@ def _vector_in_basic(
     system = content.direction_system(node)
     if not system or not any(total):
         return x, y, z
-    axes = [content.frames.direction(node, system, i) for i in (1, 2, 3)]
-    a, b, c = np.array(total) @ np.array(axes)
+    a, b, c = sum(  # zeros do not need their directions, which an axis has not
+        part * content.frames.direction(node, system, i)
+        for i, part in enumerate(total, 1)
+        if part
+    )
     return float(a), float(b), float(c)
 
 

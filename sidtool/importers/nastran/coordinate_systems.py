@@ -105,6 +105,8 @@ class CoordinateSystems:
         kind = self._systems[label].kind
         if kind == "R":
             return np.asarray((x, y, z)[number - 1])
+        if kind == "C" and number == 3:  # also on the axis
+            return np.asarray(z)
         across = arm - (arm @ z) * z
         if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(arm) or not arm.any():
             raise InputError(

@@ -13,11 +13,13 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
+from sidtool.formats.base.errors import InputError
 from tests.sidtool.importers.bars.decks import (
     AREA,
     IY,
     IZ,
     LEGS,
+    MATERIAL,
     PBAR,
     PLACES,
     RHO,
@@ -26,7 +28,9 @@ from tests.sidtool.importers.bars.decks import (
     E,
     G,
     body,
+    bulk,
     frame,
+    grids,
 )
 from tests.sidtool.importers.decks import frequencies
 
@@ -140,6 +144,21 @@ SHIFT = np.array([[0.01, 0.03, -0.02], [-0.02, 0.05, 0.04]])
 
 
 @pytest.mark.filterwarnings("ignore")
+def test_a_hub_on_the_axis_of_its_directions_has_that_of_the_axis(
+    tmp_path: Path,
+) -> None:
+    """Spokes whose y axes are along z of cylindrical directions of their hub."""
+    around = [(np.cos(x), np.sin(x), 0.0) for x in (0.0, 2.0, 4.0)]
+    spokes = [f"CBAR,{k},1,1,{k + 1},0.,0.,1." for k in (1, 2, 3)]
+    plain = bulk(*grids([(0.0, 0.0, 0.0), *around]), *spokes, PBAR, MATERIAL)
+    system = "GRDSET,,,,,,5\nCORD2C,5,,0.,0.,0.,0.,0.,1.\n,1.,0.,0."
+    turned = plain.replace("BEGIN BULK", f"BEGIN BULK\n{system}")
+    expected, found = (frequencies(body(tmp_path, text)) for text in (plain, turned))
+    assert_allclose(found, expected, rtol=1e-12)
+    with pytest.raises(InputError, match="on the axis"):
+        body(tmp_path, turned.replace("CBAR,1,1,1,2,0.,0.,1.", "CBAR,1,1,1,2,0.,1.,1."))
+
+
 def test_offsets_and_rigid_couplings_are_arms(tmp_path: Path) -> None:
     """The middle leg aside of its nodes, by offsets, and by nodes of its own."""
     words = ",".join(map(repr, SHIFT.ravel().tolist()))
