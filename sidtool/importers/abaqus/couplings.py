@@ -95,7 +95,13 @@ def _make_couplings(
             )
         surface = options.get("SURFACE", "")
         nodes = _surface_coupling(deck, definition, body, instance, surface)
-        held = _directions(name, definition.kind.rows, definition.kind.place)
+        free = not rigid and not deck.masses  # means resist no motion of the body
+        held = _directions(name, definition.kind.rows, definition.kind.place, free)
+        if not rigid and held[:3] != "123":
+            deck.unread_keywords[
+                f"directions {held} of {name}: its reference node takes the mean "
+                "motion in all directions"
+            ] = None
         groups = {held if rigid else _ALL: nodes}
     elif block.keyword == "KINEMATIC COUPLING":
         groups = {}
@@ -195,9 +201,15 @@ def _rigid_body_couplings(
     return {_ALL: [n for element in known for n in element.nodes]}
 
 
-def _directions(name: str, rows: list[tuple[list[str], str]], place: str) -> str:
+def _directions(
+    name: str, rows: list[tuple[list[str], str]], place: str, free: bool = False
+) -> str:
     """Return the directions of lines of the first and the last one; without lines all
     are constrained.
+
+    Parameters
+    ----------
+    free : whether displacements may be free
 
     Raises
     ------
@@ -208,7 +220,8 @@ def _directions(name: str, rows: list[tuple[list[str], str]], place: str) -> str
         given = [int(x) for x in parse_numbers([w for w in words[:2] if w], where)]
         last = min(given[-1], 7) if given else 0
         held |= set(range(given[0], last + 1)) if given else {*range(1, 7)}
-    if rows and not _DISPLACEMENTS <= held <= {*range(1, 7)}:
+    least = {*held} if free else _DISPLACEMENTS
+    if rows and not least <= held <= {*range(1, 7)}:
         listed = ", ".join(map(str, sorted(held)))
         raise InputError(
             f"{name} holds the directions {listed}",

@@ -263,6 +263,21 @@ def test_decks_define_rigid_couplings_by_their_keywords(
     assert (frequencies(free) > 1.2 * frequencies(sid)).all()
 
 
+def test_means_of_some_directions_leave_the_body_as_it_is(tmp_path: Path) -> None:
+    """A reference node that takes a mean motion resists none, unless it has a mass."""
+    block = Block(COUNTS, SIZE)
+    kind = coupling(block, "faces").replace("*KINEMATIC\n1, 6", "*DISTRIBUTING\n6")
+    text = flat(block, f"*NODE\n9000, 0.7, 0.03, 0.01\n{kind}")
+    sid = body(tmp_path, text, file="part.inp")
+    (note,) = only(sid, "N112").data["keywords"]
+    assert note.startswith("directions 6 of C")
+    plain = body(tmp_path, flat(block, ""), file="part.inp")
+    assert_allclose(frequencies(sid), frequencies(plain), rtol=1e-12)
+    text += "*ELEMENT, TYPE=MASS, ELSET=M\n9001, 9000\n*MASS, ELSET=M\n6.5\n"
+    with pytest.raises(InputError, match="C holds the directions 6"):
+        body(tmp_path, text, file="part.inp")
+
+
 def test_a_part_where_its_instance_has_it(tmp_path: Path) -> None:
     """Moved by (1, 2, 3), then turned by 90 degrees about an axis along z."""
     block = Block(COUNTS, SIZE)
