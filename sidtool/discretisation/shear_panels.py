@@ -44,7 +44,7 @@ def shear_panel_stiffness(corners: Array, law: Array, axis: Array) -> Array:
     slopes, _ = _airy_function(forms, flat)
     jump = (np.roll(slopes, -1, axis=1) - np.roll(slopes, 1, axis=1)) / 2
     forces = np.stack([jump[..., 1], -jump[..., 0]], axis=2)
-    flexibility = _flexibility(forms, flat, np.linalg.inv(law))
+    flexibility = _flexibility(forms, flat, np.asarray(np.linalg.inv(law)))
     rows = np.zeros((len(corners), 4, 6))
     rows[..., :3] = np.einsum("eik,eka->eia", forces, axes)
     by_dofs = rows.reshape(-1, 24)

@@ -214,11 +214,13 @@ def _vector_in_basic(
     system = content.direction_system(node)
     if not system or not any(total):
         return x, y, z
-    a, b, c = sum(  # zeros do not need their directions, which an axis has not
+    # zeros do not need their directions, which an axis has not
+    parts = [
         part * content.frames.direction(node, system, i)
         for i, part in enumerate(total, 1)
         if part
-    )
+    ]
+    a, b, c = np.sum(parts, axis=0)
     return float(a), float(b), float(c)
 
 
