@@ -29,13 +29,16 @@ from ..elements.material_points import (
 from ..geometry.bspline import breakpoints
 from ..isogeometric.iga import sampled_batch
 from ..mesh.quadratic_fields import LEVI_CIVITA
-from ..reduction.body_frames import Frame
+from ..reduction.body_frames import Frame, motion_rows
 from ..reduction.reduced_basis import ReducedBasis
 from .prestress import InitialStress
 from .quadrature import NodalAverages, QuadraturePart, quadrature_parts
 
-#: Number of random states of equal energy for the choice of peak points.
-_RANDOM_STATES = 400
+#: Number of random states of equal energy for the choice of peak points, and of states
+#: under random loads: up to so many, of which the least has this part of the energy.
+_RANDOM_STATES, _MAX_LOADS, _LEAST_LOAD = 400, 3, 1e-3
+#: Loads of less energy than this part of the largest are rounding.
+_NOT_FELT = 1e-12
 #: Points are added up to this fraction of the peak in every state, or this number of
 #: points.
 _PEAK_SHARE, _MAX_PEAK_POINTS = 0.99, 100
@@ -221,8 +224,9 @@ def peak_points(
     Candidates are quadrature points, nodes of meshes, and points of patches on the
     borders of their knot spans, because bending stress is largest at the surface.
     Stress at nodes is extrapolated from quadrature points; see `NodalAverages`. The
-    examined states are every shape function alone, and random states in which every
-    shape function has the same mean strain energy. Points are added one by one, each at
+    examined states are every shape function alone, random states in which every shape
+    function has the same mean strain energy, and static answers to a few random loads:
+    at markers, by accelerations and by rotation. Points are added one by one, each at
     the peak of the state that the points represent worst: `count` of them, or until the
     points have 99 % of the peak in every state, at most 100.
 
@@ -234,6 +238,7 @@ def peak_points(
     energy = np.sqrt(np.maximum(np.diag(basis.stiffness).real, 1e-300))
     random = np.random.default_rng(0).standard_normal((nq, _RANDOM_STATES))
     states = np.hstack([np.eye(nq), random]) / energy[:, None]
+    states = np.hstack([states, _loaded_states(body, basis)])
     peaks, points = _peak_points_of_states(
         _sample_points(body, basis.shapes, initial), states
     )
@@ -250,6 +255,28 @@ def peak_points(
         chosen.append(fresh[first_largest(mises[fresh, worst])])
         covered = np.maximum(covered, mises[chosen[-1]])
     return [points[k] for k in chosen]
+
+
+def _loaded_states(body: FiniteElementModel, basis: ReducedBasis) -> Array:
+    """Elastic coordinates (nq, n) under a few random loads each.
+
+    A bar that is pulled and bent has its peak on one side. In states of all shape
+    functions together such points hardly matter.
+    """
+    motions = [motion_rows(body, m, rotations=m.gradient is None) for m in body.markers]
+    inertia = body.mass @ np.hstack([body.rigid_body_modes(), body.linear_fields()])
+    loads = np.hstack([inertia, *(np.asarray(rows).T for rows in motions)])
+    felt = (basis.shapes.T @ loads).real
+    answers = np.linalg.lstsq(basis.stiffness.real, felt, rcond=1e-14)[0]
+    energies = np.einsum("ij,ij->j", felt, answers)
+    is_felt = energies > _NOT_FELT * energies.max(initial=0.0)
+    answers = answers[:, is_felt] / np.sqrt(energies[is_felt])
+    random = np.random.default_rng(1)
+    size = (answers.shape[1], _RANDOM_STATES)
+    order = random.random(size).argsort(axis=0)
+    is_acting = order < random.integers(1, _MAX_LOADS + 1, _RANDOM_STATES)
+    amplitudes = np.sqrt(_LEAST_LOAD) ** random.random(size)
+    return np.asarray(answers @ (is_acting * amplitudes * random.choice([-1, 1], size)))
 
 
 @dataclass(frozen=True, eq=False)
