@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 import scipy.linalg
@@ -207,10 +208,12 @@ def _dense_space(pencil: Pencil, count: int) -> Array:
     if len(mass) > _DENSE_SIZE:
         notify(f"eigenvectors: {count} of {len(mass)} equations at once, by LAPACK")
     wanted = [len(mass) - count, len(mass) - 1]
-    try:
+    with suppress(np.linalg.LinAlgError):
         vectors = scipy.linalg.eigh(mass, shifted, subset_by_index=wanted)[1]
-    except np.linalg.LinAlgError:  # inverse iteration may fail where many are equal
-        vectors = _all_eigenvectors(mass, shifted)[:, len(mass) - count :]
+        if vectors.shape[1] == count:  # LAPACK may return none for tiny matrices
+            return vectors if basis is None else basis @ vectors
+    # inverse iteration may fail where many are equal
+    vectors = _all_eigenvectors(mass, shifted)[:, len(mass) - count :]
     return vectors if basis is None else basis @ vectors
 
 

@@ -14,6 +14,7 @@ from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
+from sidtool.formats.toml.reading import LARGEST_NUMBER
 
 from .bspline import (
     LocalBasis,
@@ -44,7 +45,8 @@ class NurbsPatch:
 
     Raises
     ------
-    InputError : a weight is so small that its function vanishes beside the others.
+    InputError : a weight is so small that its function vanishes beside the others, or
+        squares of positions overflow.
     """
 
     degrees: tuple[int, ...]
@@ -59,6 +61,13 @@ class NurbsPatch:
                 f"weights range from {sizes.min():.3g} to {sizes.max():.3g}",
                 place="weights",
                 expected="positive weights of like size",
+            )
+        farthest = np.abs(self.control_points.real).max(initial=0.0)
+        if not farthest <= LARGEST_NUMBER:
+            raise InputError(
+                f"a control point is at {farthest:g}",
+                place="control_points",
+                expected=f"at most {LARGEST_NUMBER:g} in size",
             )
 
     @property

@@ -21,6 +21,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.taylor import Array
 from sidtool.formats.storage.unreadable import unreadable_error
+from sidtool.formats.toml.reading import LARGEST_NUMBER
 
 #: Labels are held in 64 bits.
 _MAX_LABEL = 2**63 - 1
@@ -60,7 +61,7 @@ def _check_regular(path: Path) -> None:
 def parse_numbers(
     words: Sequence[str], place: str, what: str = "numbers"
 ) -> list[float]:
-    """Finite numbers from words.
+    """Numbers of at most `LARGEST_NUMBER` in size from words.
 
     Raises
     ------
@@ -68,7 +69,9 @@ def parse_numbers(
     """
     try:
         result = list(map(float, words))
-        if all(map(isfinite, result)):
+        if all(map(isfinite, result)) and (
+            max(map(abs, result), default=0.0) <= LARGEST_NUMBER
+        ):
             return result
     except ValueError:
         pass
@@ -80,6 +83,13 @@ def parse_numbers(
             value = np.nan
         if not np.isfinite(value):
             raise InputError(f"found {word.strip()!r}", place=place, expected=what)
+        if not abs(value) <= LARGEST_NUMBER:
+            raise InputError(
+                f"found {word.strip()!r}",
+                place=place,
+                expected=f"{what} of at most {LARGEST_NUMBER:g} in size, in "
+                "consistent units",
+            )
         result.append(value)
     return result
 

@@ -18,6 +18,8 @@ from .content import BarProperty, BulkData, duplicate_error
 #: the flags of former NASTRAN: a vector (1), a node (2).
 _VECTOR, _NODE = "1", "2"
 _GLOBAL = ("", "GGG", "BGG", _VECTOR, _NODE)
+#: Relative distance from a line that is rounding.
+_ON_LINE = 1e-9
 
 
 def bar(content: BulkData, card: Card) -> None:
@@ -80,6 +82,34 @@ def bars_of(content: BulkData) -> tuple[RawBar, ...]:
     return elements
 
 
+def check_twist(content: BulkData, bars: tuple[RawBar, ...]) -> None:
+    """Check that bars on one line resist torsion, as nothing else holds them there.
+
+    Raises
+    ------
+    InputError : J of bars alone on one line is zero.
+    """
+    loose = [bar for bar in bars if bar.label in content.torsionless]
+    if not loose or content.elements or content.springs or content.couplings:
+        return
+    places = np.array(
+        [
+            np.add(content.nodes[n], share * np.array(offset))
+            for bar in bars
+            for n, offset in zip(bar.nodes, bar.offsets, strict=True)
+            for share in (0, 1)
+        ]
+    )
+    sizes = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    if sizes[1] <= _ON_LINE * sizes[0]:
+        raise InputError(
+            f"bar {loose[0].label} is on one line with all others and has no torsion, "
+            "so that nothing holds the rotation of its nodes about the line",
+            place=loose[0].place,
+            expected="J above zero in its property",
+        )
+
+
 def _read_bar(content: BulkData, card: Card) -> RawBar:
     """EID, PID, GA, GB, X1, X2, X3, OFFT, PA, PB, W1A, W2A, W3A, W1B, W2B, W3B."""
     label = card.integer(0, "an element number")
@@ -95,6 +125,8 @@ def _read_bar(content: BulkData, card: Card) -> RawBar:
     offsets = [_vector_in_basic(content, card, nodes[k], 10 + 3 * k) for k in (0, 1)]
     section, free_directions = _with_pinned_stiffness(card, property_.section)
     given = [_pin_directions(card, 8 + k) for k in (0, 1)]
+    if 4 in free_directions[1] and 4 not in {*given[0], *given[1]}:
+        content.torsionless.add(label)
     pins = [tuple(sorted({*given[k], *free_directions[k]})) for k in (0, 1)]
     up = _orientation_vector(content, card, nodes[0])
     if section.turn and free_directions[0]:  # hinges about a principal axis

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from decimal import Decimal
-from math import isfinite
 from pathlib import Path
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.toml.reading import LARGEST_NUMBER
 
 from ...mesh.deck_text import (
     IncludedFiles,
@@ -90,7 +90,7 @@ class Card:
         if not word:
             return default
         with suppress(ValueError):
-            if isfinite(value := float(word)):
+            if abs(value := float(word)) <= LARGEST_NUMBER:
                 return value
         return real_number(word, f"{self.name}: {what}", self.place)
 

@@ -94,6 +94,7 @@ class BulkData:
     bars, mass_cards : cards of bars and rods, and of masses
     scalar_masses : mass of every PMASS
     bar_defaults : fields that cards CBAR and CBEAM omit
+    torsionless : bars without torsional stiffness
     moduli : E, G and density of MAT1 for bars
     corners : plane element -> its own thicknesses at the corners as they are written,
         and last its field TFLAG
@@ -127,6 +128,7 @@ class BulkData:
     bars: list[Card] = field(default_factory=list)
     bar_defaults: dict[str, Card] = field(default_factory=dict)
     bar_properties: dict[int, BarProperty] = field(default_factory=dict)
+    torsionless: set[int] = field(default_factory=set)
     moduli: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     materials: dict[str, ElasticMaterial | None] = field(default_factory=dict)
     sets: dict[str, list[int]] = field(default_factory=dict)

@@ -110,6 +110,16 @@ def test_a_multipatch_lists_all_patches(
         read_patches(path)
 
 
+def test_control_points_whose_squares_overflow_are_refused(tmp_path: Path) -> None:
+    """No point of a search tree is nearest to points at infinite distance."""
+    assert "  2 0  1 1" in GISMO
+    (tmp_path / "arc.xml").write_text(
+        GISMO.replace("  2 0  1 1", "  1e308 0  1 1"), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r"control point is at 1e\+308"):
+        read_patches(tmp_path / "arc.xml")
+
+
 def test_patches_with_one_id_are_refused(tmp_path: Path) -> None:
     body = GISMO.split("<xml>")[1].split("</xml>")[0]
     (tmp_path / "arc.xml").write_text(

@@ -52,6 +52,23 @@ def test_bodies_of_meaningless_numbers_are_refused(
     assert "consistent units" in str(error.value.expected)
 
 
+@pytest.mark.parametrize("word", ["1e200", "1.+200"])
+def test_positions_whose_squares_overflow_are_refused(
+    tmp_path: Path, word: str
+) -> None:
+    """Without warnings of overflow."""
+    text = FRAME.format(e="2.1+11", rho="7850.", mass="0.")
+    with pytest.raises(InputError, match="at most 1e\\+50"):
+        converted(tmp_path, "part.bdf", text.replace("1.,1.,0.", f"{word},1.,0."))
+
+
+def test_a_stiffness_below_all_rounding_is_refused(tmp_path: Path) -> None:
+    """LAPACK returns no eigenvectors for such matrices, and no error."""
+    text = deck(Block((2, 1, 1), (0.2, 0.1, 0.1)), "C3D8")
+    with pytest.raises(InputError, match="the eigenproblem has no solution"):
+        body(tmp_path, text.replace(f"{STEEL['e']!r}", "1e-308"))
+
+
 def test_units_of_other_systems_are_no_reason_to_refuse(tmp_path: Path) -> None:
     """The frame in N, mm, t, read as SI."""
     sid = frame(tmp_path, "2.1+5", "7.85-9")

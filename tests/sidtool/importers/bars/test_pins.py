@@ -18,7 +18,7 @@ from sidtool.mesh.unit_systems import unit_system
 from sidtool.pipeline.model_to_sid import sid_from_model
 
 from ..decks import frequencies
-from .decks import AREA, IY, IZ, MATERIAL, RHO, TORSION, E, bulk, grids, model
+from .decks import AREA, IY, IZ, MATERIAL, RHO, TORSION, E, body, bulk, grids, model
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -300,3 +300,14 @@ def test_pins_beside_a_hinge_about_a_principal_axis_are_refused(tmp_path: Path) 
     )
     with pytest.raises(InputError, match="CBAR 1"):
         read_bdf(tmp_path / "part.bdf")
+
+
+def test_bars_on_one_line_without_torsion_are_named(tmp_path: Path) -> None:
+    """The body has no inertia about its line there, whatever its density is."""
+    places = np.outer([0.0, 0.3, 0.7, 1.0], [0.3, -0.5, 0.8])
+    bars = [f"CBAR,{k},1,{k},{k + 1},0.9,0.1,0." for k in (1, 2, 3)]
+    pbar = f"PBAR,1,1,{AREA!r},{IZ!r},{IY!r}"
+    with pytest.raises(InputError, match="bar 1 .* J above zero"):
+        body(tmp_path, bulk(*grids(places), *bars, pbar, MATERIAL))
+    pbar += f",{TORSION!r}"
+    assert body(tmp_path, bulk(*grids(places), *bars, pbar, MATERIAL)).mass > 0
