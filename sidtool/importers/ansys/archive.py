@@ -126,7 +126,16 @@ def _read_command(content: ArchiveContent, line: str, ignored: frozenset[str]) -
                 place=content.place,
                 expected="an archive without *IF before what it says of the body",
             )
-        _READERS[name](content, words)
+        try:
+            _READERS[name](content, words)
+        except InputError:
+            raise
+        except (LookupError, ValueError) as lack:
+            raise InputError(
+                f"{line.strip()!r} lacks entries of {name}",
+                place=content.place,
+                expected="all entries that CDWRITE writes",
+            ) from lack
     elif name in ignored or name in _WITHOUT_EFFECT or ONLY_NODES in ignored:
         content.unread_keywords[
             name if name in _WITHOUT_EFFECT else f"{name}{LEFT_OUT}"

@@ -83,6 +83,12 @@ def read_coupled(content: ArchiveContent, words: list[str]) -> None:
     nodes = parse_integers(
         [word for word in words[3:] if word], content.place, "CP, number, label, nodes"
     )
+    if not nodes:
+        raise InputError(
+            f"CP {number} couples no nodes",
+            place=content.place,
+            expected="CP, number, label, nodes",
+        )
     labels = _DIRECTIONS if label == "ALL" else (label,)
     for own in labels:
         key = (number, own)

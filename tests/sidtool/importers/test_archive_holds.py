@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
+from sidtool.importers.ansys.archive import _READERS
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.materials import AnisotropicMaterial, CylindricalMaterial
 
@@ -300,3 +301,19 @@ def test_what_is_beyond_the_elasticity_changes_nothing(tmp_path: Path) -> None:
     (tmp_path / "part.cdb").write_text(archive("TB,HYPER,1,1,2,NEO"), encoding="utf-8")
     with pytest.raises(InputError, match="TB, HYPER is not supported"):
         read_mesh(tmp_path / "part.cdb")
+
+
+@pytest.mark.parametrize("rest", ["", ",", ",1", ",1,2", ",R5.0", ",R5.0,1"])
+def test_commands_that_lack_entries_are_refused(rest: str, tmp_path: Path) -> None:
+    """Each ends with a message that names it, or is one without effect."""
+    known, path = HEAD + MATERIAL, tmp_path / "a.cdb"
+    lacking = []
+    for name in sorted(_READERS):
+        text = f"{known}{nodes(WHOLE)}{elements(WHOLE)}{name}{rest}\n"
+        path.write_text(text, encoding="utf-8")
+        try:
+            read_mesh(path)
+        except InputError as error:
+            if f"lacks entries of {name}" in error.problem:
+                lacking.append(name)
+    assert lacking
