@@ -32,7 +32,7 @@ from ..geometry.nurbs_patch import NurbsPatch, scale_knots
 def read_gismo(path: Path) -> dict[str, NurbsPatch]:
     try:
         root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, UnicodeDecodeError, LookupError) as error:
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise InputError(str(error), expected="valid XML") from None
     except OSError as error:
         raise unreadable_error(path, "a file", error) from None

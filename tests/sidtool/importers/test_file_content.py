@@ -120,6 +120,14 @@ def test_control_points_whose_squares_overflow_are_refused(tmp_path: Path) -> No
         read_patches(tmp_path / "arc.xml")
 
 
+def test_encodings_that_no_parser_reads_are_refused(tmp_path: Path) -> None:
+    text = GISMO.replace('encoding="UTF-8"', 'encoding="UTF-32"')
+    assert text != GISMO
+    (tmp_path / "arc.xml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="encoding"):
+        read_patches(tmp_path / "arc.xml")
+
+
 def test_patches_with_one_id_are_refused(tmp_path: Path) -> None:
     body = GISMO.split("<xml>")[1].split("</xml>")[0]
     (tmp_path / "arc.xml").write_text(
