@@ -25,7 +25,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.measurement.cache import METHOD_VERSION as SEARCH
 from sidtool.measurement.candidates import finest_model, scene_of_model
-from sidtool.measurement.validity import OutsideTheory
+from sidtool.measurement.runs import OutsideTheory
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.system.system import System
 from tests.metamorphic.generator.case import Case, scene_of

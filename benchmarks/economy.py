@@ -13,9 +13,9 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from sidtool.accuracy.integrator_choice import fastest_setting
 from sidtool.accuracy.plan import make_accuracy_plan
 from sidtool.accuracy.reference_run import Reference, make_reference
+from sidtool.accuracy.selection import fastest_setting
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile, read_scene

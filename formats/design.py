@@ -27,9 +27,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import model_validator
 
-from .toml.constructor_types import Field, Integer, OptionalNumber, Takes
 from .toml.files import File
-from .toml.tables import Table
+from .toml.tables import Field, Integer, OptionalNumber, Table, Takes
 
 #: Functional of a motion, see `sidtool sensitivity --help`.
 _FUNCTIONAL = "a functional such as max_abs(rod.q1)"

@@ -16,13 +16,14 @@ from typing import Any
 import h5py
 import numpy as np
 
-from .base.compliance_shares import DIRECTIONS, ComplianceShares
 from .base.errors import InputError
 from .base.sid import (
     BLOCK_SHAPES,
+    DIRECTIONS,
     NODE_SHAPES,
     SID,
     Array,
+    ComplianceShares,
     Dialect,
     Node,
     Section,

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from .base.compliance_shares import ComplianceShares
-from .base.sid import SID, Array
+from .base.sid import SID, Array, ComplianceShares
 from .sid_mass import coupled_mass_matrix, mean_axes_motion, skew
 
 #: Forces and moments.

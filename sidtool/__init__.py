@@ -53,13 +53,13 @@ if TYPE_CHECKING:
     from .api.analyses import static_equilibrium as static_equilibrium
     from .api.bodies import export_body as export_body
     from .api.bodies import superelement as superelement
-    from .api.campbell import CampbellDiagram as CampbellDiagram
-    from .api.campbell import campbell as campbell
     from .api.compiled_scene import CompiledScene as CompiledScene
-    from .api.floquet import FloquetModes as FloquetModes
-    from .api.floquet import floquet as floquet
     from .api.identify import identify as identify
     from .api.interrupts import Interrupted as Interrupted
+    from .api.modes import CampbellDiagram as CampbellDiagram
+    from .api.modes import FloquetModes as FloquetModes
+    from .api.modes import campbell as campbell
+    from .api.modes import floquet as floquet
     from .api.operations import compare as compare
     from .api.operations import convert as convert
     from .api.operations import repair as repair
@@ -114,8 +114,8 @@ _HOME = {
     "CompiledScene": "sidtool.api.compiled_scene",
     "InputError": "sidtool.formats.base.errors",
     "Diagnostic": "sidtool.formats.diagnostics",
-    "CampbellDiagram": "sidtool.api.campbell",
-    "FloquetModes": "sidtool.api.floquet",
+    "CampbellDiagram": "sidtool.api.modes",
+    "FloquetModes": "sidtool.api.modes",
     "FrequencyResponse": "sidtool.api.state_space",
     "StateSpace": "sidtool.api.state_space",
     "DiagnosticWarning": "sidtool.formats.diagnostics.python_warnings",
@@ -135,11 +135,11 @@ _HOME = {
     "compare": "sidtool.api.operations",
     "convert": "sidtool.api.operations",
     "export_body": "sidtool.api.bodies",
-    "floquet": "sidtool.api.floquet",
+    "floquet": "sidtool.api.modes",
     "gradient": "sidtool.api.sensitivity",
     "identify": "sidtool.api.identify",
     "inverse_dynamics": "sidtool.api.analyses",
-    "campbell": "sidtool.api.campbell",
+    "campbell": "sidtool.api.modes",
     "linearise": "sidtool.api.analyses",
     "optimise": "sidtool.api.optimise",
     "outputs": "sidtool.pipeline.extra_outputs",

@@ -1,9 +1,7 @@
 """Data types that all packages use: errors, expansions, the SID, progress.
 
 errors              input errors and warnings
-taylor              matrices that depend on the elastic coordinates
-compliance_shares   static compliance that the shape functions represent
-sid                 Standard Input Data of one flexible body
+sid                 Standard Input Data of one flexible body, its Taylor expansions
 stress              stresses at the nodes of a SID
 units               units as texts, with their factors to SI
 progress            progress of long computations

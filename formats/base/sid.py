@@ -11,23 +11,176 @@ Units are whatever consistent system the producer used; [q] is the unit of the
 elastic coordinates.
 
 A rigid body is a SID with no elastic coordinates.
+
+Matrices that depend on the elastic coordinates of a body.
+
+Shares of the static compliance of a body that its shape functions represent.
 """
 
+import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..diagnostics import Diagnostic
-from .compliance_shares import ComplianceShares
+from .complex_step import number_type
 from .errors import InputError
 from .html import html_table
-from .taylor import Array, Taylor
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Taylor:
+    """A matrix that depends on the elastic coordinates: M(q) = m0 + sum_l m1[l] q_l.
+
+    Attributes
+    ----------
+    m0 : (nrow, ncol) value at q = 0
+    m1 : (nq, nrow, ncol) derivative by each elastic coordinate; None at order 0
+    mn : (nqn, nrow, ncol) coefficients of terms above the first, stored as read;
+        no producer writes them and their meaning is not defined; None otherwise
+    order : declared order of the expansion; at least 1 with m1, 2 with mn
+    """
+
+    m0: Array
+    m1: Array | None = None
+    mn: Array | None = None
+    order: int = 0
+
+    def __post_init__(self) -> None:
+        implied = 2 if self.mn is not None else (1 if self.m1 is not None else 0)
+        object.__setattr__(self, "order", max(self.order, implied))
+        for name in ("m0", "m1", "mn"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _read_only(value))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(nrow, ncol)."""
+        rows, columns = self.m0.shape
+        return rows, columns
+
+    @property
+    def is_zero(self) -> bool:
+        """True when every stored coefficient is zero."""
+        stored = (self.m0, self.m1, self.mn)
+        return not any(part is not None and part.any() for part in stored)
+
+    def first_order(self, nq: int) -> Array:
+        """m1 as (nq, nrow, ncol), zeros where the expansion has none."""
+        return np.zeros((nq, *self.shape)) if self.m1 is None else self.m1
+
+    def at(self, q: ArrayLike) -> Array:
+        """M(q), (nrow, ncol), to first order."""
+        if self.m1 is None:
+            return self.m0
+        return self.m0 + np.tensordot(np.asarray(q, float), self.m1, axes=1)
+
+
+def _read_only(value: ArrayLike) -> Array:
+    array = np.array(value, dtype=number_type(value), order="C")
+    array.setflags(write=False)
+    return array
+
+
+#: The directions of loads: forces along the body axes, moments about them.
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+#: What stands for the loads by its own inertia, where nodes have their ids.
+INERTIA_KEY = "*"
+
+_ENTRY = re.compile(r"([^\s=\[\];]+)=([\d,-]+)", re.ASCII)
+
+SixComponents = tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class ComplianceShares:
+    """Shares of the compliance of the full body.
+
+    Attributes
+    ----------
+    free : loads were balanced by the inertia of a free body, whose displacements carry
+        no momentum; else the body was fixed by its frame
+    shares : node id -> (6,) by `DIRECTIONS`: share of the displacement (or rotation)
+        along a unit load there that the shape functions represent; None if not known
+    lost : (6,) missing compliance under its own inertia when its frame is accelerated
+        along and about its axes; over the largest one of the body of the same kind,
+        forces or moments; empty if not known
+    """
+
+    free: bool
+    shares: Mapping[str, SixComponents] = field(default_factory=dict)
+    lost: tuple[float, ...] = ()
+
+    def text(self, room: int) -> str:
+        """Return the shares in per cent, the poorest nodes first, limited to `room`
+        characters.
+        """
+        text = "free" if self.free else "held"
+        for entry in self._entries():
+            if len(text) + 1 + len(entry) > room:
+                break
+            text += f" {entry}"
+        return text
+
+    def _entries(self) -> Iterator[str]:
+        if self.lost:
+            yield _entry(INERTIA_KEY, self.lost)
+        for name, row in sorted(self._rows(), key=lambda named: _poorest(named[1])):
+            yield _entry(name, row)
+
+    def _rows(self) -> Iterator[tuple[str, SixComponents]]:
+        for name, row in self.shares.items():
+            if _ENTRY.fullmatch(_entry(name, row)) and name != INERTIA_KEY:
+                yield name, row
+
+
+def parse_compliance_shares(text: str) -> ComplianceShares | None:
+    """Parse the text of `ComplianceShares.text`; None if it is something else."""
+    kind, _, rest = text.partition(" ")
+    if kind not in ("free", "held"):
+        return None
+    shares: dict[str, SixComponents] = {}
+    lost: tuple[float, ...] = ()
+    for entry in rest.split():
+        match = _ENTRY.fullmatch(entry)
+        row = None if match is None else _row(match[2])
+        if match is None or row is None:
+            return None
+        if match[1] == INERTIA_KEY:
+            lost = tuple(_is_known(row))
+        else:
+            shares[match[1]] = row
+    return ComplianceShares(kind == "free", shares, lost if len(lost) == 6 else ())
+
+
+def _is_known(row: SixComponents) -> list[float]:
+    return [share for share in row if share is not None]
+
+
+def _poorest(row: SixComponents) -> int:
+    """The lowest known share in whole per cents; finer differences may be rounding."""
+    return round(100.0 * min(_is_known(row), default=1.0))
+
+
+def _entry(name: str, row: SixComponents) -> str:
+    cells = ["-" if x is None else f"{100.0 * x:.0f}" for x in row]
+    return f"{name}={','.join(cells)}"
+
+
+def _row(text: str) -> SixComponents | None:
+    cells = text.split(",")
+    if len(cells) != 6 or not all(c == "-" or c.isdecimal() for c in cells):
+        return None
+    return tuple(None if c == "-" else float(c[:4]) / 100.0 for c in cells)
 
 
 def orientation_fault(AP: Array) -> str:

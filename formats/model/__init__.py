@@ -12,22 +12,13 @@ from numpy.typing import ArrayLike
 from pydantic import model_validator
 
 from ..base.errors import InputError
-from ..toml.constructor_types import (
-    Entries,
-    Field,
-    Integer,
-    OptionalInteger,
-    Takes,
-)
-from ..toml.diagnostics_table import Diagnostics
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
-from ..toml.files import File, relocate_paths
-from ..toml.tables import Table
+from ..toml.files import Diagnostics, File, relocate_paths
+from ..toml.tables import Entries, Field, Integer, OptionalInteger, Table, Takes
 from .beams import BeamGeometry
-from .checks import check_name, check_node_numbers
 from .discretisation import FITTING, Discretisation, IgaDiscretisation, Q4Discretisation
 from .frames import FrameGeometry
-from .geometry import SIDES, Geometry, NurbsGeometry, Point2
+from .geometry import SIDES, Geometry, NurbsGeometry, Point2, SectionForces
 from .reduction import (
     BuckensFrame,
     ChordFrame,
@@ -40,8 +31,14 @@ from .reduction import (
     Tie,
     check_reduction,
 )
-from .section_forces import SectionForces
-from .tables import Fraction, Material, Point3, RayleighDamping
+from .tables import (
+    Fraction,
+    Material,
+    Point3,
+    RayleighDamping,
+    check_name,
+    check_node_numbers,
+)
 
 _SECTION_NAME = re.compile(r"[^\W\d][\w-]*")
 

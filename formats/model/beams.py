@@ -6,8 +6,7 @@ from numpy.typing import ArrayLike
 from pydantic import model_validator
 
 from ..base.errors import InputError
-from ..toml.constructor_types import Entries, Field, Number, Takes
-from ..toml.tables import Table
+from ..toml.tables import Entries, Field, Number, Table, Takes
 from .stations import StationTable, read_stations
 from .tables import NonNegative, Point3, Positive
 

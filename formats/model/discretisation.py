@@ -5,8 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import model_validator
 
 from ..base.errors import InputError
-from ..toml.constructor_types import Field
-from ..toml.tables import Table
+from ..toml.tables import Field, Table
 from .tables import Count
 
 Formulation = Literal["full_integration", "incompatible_modes"]

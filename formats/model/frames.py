@@ -8,12 +8,10 @@ from numpy.typing import ArrayLike
 from pydantic import model_validator
 
 from ..base.errors import InputError
-from ..toml.constructor_types import Entries, Field, Takes
-from ..toml.tables import Table
+from ..toml.tables import Entries, Field, Table, Takes
 from .beams import BeamGeometry, ShapedSection, Twist, check_sections
-from .checks import check_name
 from .stations import StationTable
-from .tables import Count, Material, NonNegative, Point3, Positive
+from .tables import Count, Material, NonNegative, Point3, Positive, check_name
 
 Direction = Literal["x", "y", "z", "rx", "ry", "rz"]
 _ORIGIN = (0.0, 0.0, 0.0)

@@ -6,18 +6,17 @@ from typing import Annotated, Literal
 from numpy.typing import ArrayLike
 
 from ..base.stress import FIRST_PEAK_NODE
-from ..toml.constructor_types import (
+from ..toml.tables import (
     Field,
     Integer,
     OptionalInteger,
     OptionalTexts,
+    Table,
     Takes,
     Texts,
     TwoTexts,
 )
-from ..toml.tables import Table
-from .checks import check_name
-from .tables import Count, Names, NonNegative, as_tuple
+from .tables import Count, Names, NonNegative, as_tuple, check_name
 
 Modes = Annotated[int, Field(ge=0, description="the number of modes, 0 or more")]
 

@@ -15,9 +15,8 @@ from ..base.errors import InputError
 from ..base.units import Exponents, parse_unit
 from ..storage.atomic import atomic_path
 from ..storage.unreadable import read_text
-from ..toml.constructor_types import Field, Numbers, OptionalNumbers
 from ..toml.messages import nearest_key
-from ..toml.tables import Table
+from ..toml.tables import Field, Numbers, OptionalNumbers, Table
 
 Row = tuple[float, ...]
 Matrix = tuple[Row, ...]

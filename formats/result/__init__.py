@@ -8,11 +8,8 @@ from .accuracy_report import (
     FlexibleBody,
     OutputError,
 )
-from .data import Result
-from .events import Event
-from .hdf5 import ResultFile, read_result, write_result
-from .rows import InMemory, Sink
-from .table import TableFile, units_in, write_csv
+from .data import Event, InMemory, Result, Sink
+from .hdf5 import ResultFile, TableFile, read_result, units_in, write_csv, write_result
 
 __all__ = [
     "AccuracyReport",

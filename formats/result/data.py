@@ -1,12 +1,18 @@
-"""The result of a simulation: motion, cost and drift, with the scene that caused it."""
+"""The result of a simulation: motion, cost and drift, with the scene that caused it.
+
+Rows of a result in transfer: into memory, or into files while a run continues.
+
+Events of a run and their storage in HDF5.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,9 +20,126 @@ from ..base.errors import InputError
 from ..base.sid import SID
 from ..diagnostics import Diagnostic, WithDiagnostics
 from .accuracy_report import AccuracyReport, FlexibleBody
-from .events import Event
 
 Array = NDArray[np.float64]
+#: Names of columns by table, see `TABLES`.
+Columns = Mapping[str, tuple[str, ...]]
+#: Rows that are written together.
+ROWS_PER_BLOCK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Some output times (nt,) [s] and the rows of each of `TABLES` there, (nt, n)."""
+
+    t: Array
+    tables: Mapping[str, Array]
+
+
+class Sink(Protocol):
+    """Protocol: takes the rows of one run, in the order of time."""
+
+    def begin(self, columns: Columns, most: int) -> None:
+        """Take the names of all columns, and the largest number of rows."""
+
+    def add(self, rows: Rows) -> None:
+        """Takes more rows; their arrays are used again."""
+
+    def finish(self, result: Result) -> None:
+        """Take everything else; the tables of this result are empty."""
+
+
+class InMemory:
+    """Stores the rows of a run as arrays."""
+
+    def begin(self, columns: Columns, most: int) -> None:
+        self._count, self._t = 0, np.empty(most)
+        self._tables = {k: np.empty((most, len(names))) for k, names in columns.items()}
+
+    def add(self, rows: Rows) -> None:
+        part = slice(self._count, self._count + len(rows.t))
+        self._t[part] = rows.t
+        for name, table in rows.tables.items():
+            self._tables[name][part] = table
+        self._count += len(rows.t)
+
+    def finish(self, result: Result) -> None:
+        """Do nothing: the arrays hold everything."""
+
+    def arrays(self) -> dict[str, Any]:
+        """t and the tables."""
+        arrays = {"t": self._t, **self._tables}
+        if self._count == len(self._t):
+            return arrays
+        return {name: array[: self._count].copy() for name, array in arrays.items()}
+
+
+def column_names(result: Result) -> Columns:
+    return {table: getattr(result, names) for table, names in TABLES.items()}
+
+
+def iterate_rows(result: Result) -> Iterator[Rows]:
+    """The rows of a result, block by block."""
+    for first in range(0, len(result.t), ROWS_PER_BLOCK):
+        part = slice(first, first + ROWS_PER_BLOCK)
+        tables = {name: getattr(result, name)[part] for name in TABLES}
+        yield Rows(result.t[part], tables)
+
+
+def write_rows(result: Result, sink: Sink) -> None:
+    """Gives a whole result to a sink."""
+    sink.begin(column_names(result), len(result.t))
+    for rows in iterate_rows(result):
+        sink.add(rows)
+    sink.finish(result)
+
+
+_TEXT_FIELDS, _ROW_FIELDS = ("name", "kind"), ("t", "values", "positions", "velocities")
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """An event at one instant of a run.
+
+    Attributes
+    ----------
+    name : of the event in the scene; of the drive or force for a break
+    kind : "rising" or "falling" for a crossing; "break" where a drive or a force
+        continues with another piece, so that the integration restarts
+    t : [s]
+    values : the outputs of the result, (n outputs,)
+    positions, velocities : the full state
+    """
+
+    name: str
+    kind: str
+    t: float
+    values: Array
+    positions: Array
+    velocities: Array
+
+
+def write_events(group: h5py.Group, events: Sequence[Event]) -> None:
+    """One dataset per attribute, one row per event."""
+    for key in _TEXT_FIELDS:
+        texts = [getattr(event, key) for event in events]
+        group.create_dataset(key, data=texts, dtype=h5py.string_dtype())
+    for key in _ROW_FIELDS:
+        group[key] = np.array([getattr(event, key) for event in events], float)
+
+
+def read_events(group: h5py.Group | None) -> tuple[Event, ...]:
+    """Inverse of `write_events`; results without events have no such group."""
+    if group is None:
+        return ()
+    texts = [group[key].asstr()[()] for key in _TEXT_FIELDS]
+    rows = [np.asarray(group[key][()], float) for key in _ROW_FIELDS]
+    return tuple(
+        Event(str(name), str(kind), float(t), *states)
+        for name, kind, t, *states in zip(*texts, *rows, strict=True)
+    )
+
+
 Scalar = bool | int | float | str
 
 

@@ -5,6 +5,8 @@ from .accuracy import Tolerance, tolerance
 from .base import Placement, Time, as_3d, orientation_matrix, position_3d
 from .bodies import (
     Body,
+    Box,
+    Cylinder,
     Damping,
     ElasticInitial,
     FrequencyDamping,
@@ -14,11 +16,12 @@ from .bodies import (
     ModalDamping,
     RayleighDamping,
     RigidBody,
+    Shape,
     SidBody,
     SidDamping,
+    Sphere,
+    SurfaceMesh,
 )
-from .drives import Drive, driven_coordinate
-from .events import Event
 from .file import SceneFile, read_input_table, read_scene, with_inputs
 from .forces import (
     Actuator,
@@ -43,12 +46,12 @@ from .functions import (
     Sum,
     coefficients,
 )
-from .inputs import Input
 from .joints import (
     Coincident,
     Coupling,
     Cylindrical,
     Distance,
+    Drive,
     Fixed,
     Gear,
     Joint,
@@ -61,9 +64,10 @@ from .joints import (
     Spherical,
     Universal,
     coupled_coordinates,
+    driven_coordinate,
     marker_names,
 )
-from .laws import Expression, ForceFunction, Pid
+from .laws import Expression, ForceFunction, Input, Pid
 from .lookup import LookupTable
 from .outputs import (
     BODY_STRESSES,
@@ -93,9 +97,7 @@ from .outputs import (
     marker_reference,
     parse_output,
 )
-from .shapes import Box, Cylinder, Shape, Sphere, SurfaceMesh
-from .tables import Accuracy, Outputs
-from .times import OutputTimes, output_times
+from .tables import Accuracy, Event, Outputs, OutputTimes, output_times
 from .units import unit_of
 from .wildcards import (
     expand_names,

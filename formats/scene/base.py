@@ -6,14 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator
 
-from ..toml.constructor_types import (
-    Field,
-    Number,
-    OptionalNumber,
-    OptionalNumbers,
-    Takes,
-)
-from ..toml.tables import Table
+from ..toml.tables import Field, Number, OptionalNumber, OptionalNumbers, Table, Takes
 
 Vector = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
 Vector3 = tuple[float, float, float]

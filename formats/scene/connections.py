@@ -3,9 +3,8 @@
 from collections.abc import Iterator
 
 from .bodies import RigidBody
-from .drives import Drive, driven_coordinate
 from .forces import Force
-from .joints import Joint, marker_names
+from .joints import Drive, Joint, driven_coordinate, marker_names
 from .outputs import POWER, marker_reference
 from .tables import SceneTables
 

@@ -18,8 +18,7 @@ from ..base.errors import InputError
 from ..toml.files import File, key_path
 from ..toml.tables import to_plain
 from .base import Table, as_tuples
-from .inputs import without_tables
-from .laws import Expression
+from .laws import Expression, without_tables
 from .scene_checks import check_scene
 from .signal_files import SIGNAL_KEYS, relocate_signal_files, with_signal
 from .tables import SceneTables

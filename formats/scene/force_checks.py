@@ -18,8 +18,7 @@ from .functions import (
     Spline,
     Sum,
 )
-from .inputs import Input
-from .laws import Expression, ForceFunction, Pid
+from .laws import Expression, ForceFunction, Input, Pid
 from .outputs import marker_reference
 from .tables import SceneTables
 from .values import check_length, expected_names, raise_failure

@@ -5,14 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator
 
-from ..toml.constructor_types import (
-    Entries,
-    Field,
-    Number,
-    OptionalTwoTexts,
-    Takes,
-    TwoTexts,
-)
+from ..toml.tables import Entries, Field, Number, OptionalTwoTexts, Takes, TwoTexts
 from .base import AngularVelocity, Table, Vector
 from .laws import ForceFunction
 

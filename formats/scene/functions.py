@@ -8,17 +8,9 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..toml.constructor_types import (
-    Entries,
-    Field,
-    Number,
-    Numbers,
-    OptionalNumber,
-    Takes,
-)
+from ..toml.tables import Entries, Field, Number, Numbers, OptionalNumber, Takes
 from .base import Table
-from .signal_files import SCALE
-from .signal_table import SignalTable
+from .signal_files import SCALE, SignalTable
 
 SIGNAL_FILE = (
     "CSV file, HDF5 file or result of sidtool with the times and values, relative to "

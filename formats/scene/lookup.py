@@ -10,7 +10,7 @@ from pydantic import model_validator
 from ..base.errors import InputError
 from ..diagnostics import diagnose
 from ..diagnostics.python_warnings import warn_of
-from ..toml.constructor_types import Field
+from ..toml.tables import Field
 from .base import Table
 from .signal_files import SCALE, Values, with_signal
 

@@ -1,4 +1,7 @@
-"""Columns of numbers from CSV and HDF5 files, for signals and tables of a scene."""
+"""Columns of numbers from CSV and HDF5 files, for signals and tables of a scene.
+
+Tables of a scene whose values over time may come from a file.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,9 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
+
+from pydantic import ModelWrapValidatorHandler, PrivateAttr, model_validator
 
 from ..base.errors import InputError
 from ..base.units import column_factor, is_known_unit, split_unit
@@ -15,7 +20,34 @@ from ..diagnostics import diagnose
 from ..diagnostics.python_warnings import warn_of
 from ..storage.unreadable import read_text
 from ..toml.messages import nearest_key
-from .base import as_tuples
+from .base import Table, as_tuples
+
+
+class SignalTable(Table):
+    """A table with the keys `times` and `values`, or `file` and its columns."""
+
+    #: what the file states of its values
+    _unit_of_file: str = PrivateAttr(default="")
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _read_file(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Return the table's data with the columns of its file."""
+        data, unit = signal_and_unit(data, SIGNAL_KEYS)
+        table = handler(data)
+        if unit:
+            table._unit_of_file = unit
+        return table
+
+    def __eq__(self, other: object) -> bool:
+        """Whether numbers are equal, whether they came from a file or not."""
+        return type(self) is type(other) and vars(self) == vars(other)
+
+    @property
+    def unit_of_file(self) -> str:
+        """The unit that its file states, or ""."""
+        return self._unit_of_file
+
 
 #: Columns of a signal: key of the column -> key of its numbers.
 SIGNAL_KEYS = {"time": "times", "value": "values"}

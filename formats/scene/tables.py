@@ -1,4 +1,9 @@
-"""Tables of a scene: time, accuracy, outputs, start, and all of them together."""
+"""Tables of a scene: time, accuracy, outputs, start, and all of them together.
+
+Events: instants at which a quantity crosses a value.
+
+Output times of a scene.
+"""
 
 from __future__ import annotations
 
@@ -9,25 +14,120 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import StringConstraints, model_validator
 
-from ..toml.constructor_types import (
+from ..base.errors import InputError
+from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
+from ..toml.files import Diagnostics, File
+from ..toml.tables import (
     Entries,
     Field,
     Number,
+    OptionalInteger,
     OptionalNumber,
     Takes,
     Texts,
 )
-from ..toml.diagnostics_table import Diagnostics
-from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
-from ..toml.files import File
 from .base import Table, Time, Vector
 from .bodies import Body, ElasticInitial, Ground, Initial, SidBody
-from .drives import Drive
-from .events import Event
 from .forces import Force
-from .inputs import Input
-from .joints import Joint
+from .joints import Drive, Joint
+from .laws import Input
 from .lookup import LookupTable
+from .outputs import INSTANTANEOUS, SCENE_QUANTITIES, parse_output
+from .values import raise_failure
+
+
+class Event(Table):
+    """A crossing of `value` by a quantity, found inside the steps of the run.
+
+    A quantity that starts at the value, or only touches it, does not cross it.
+    """
+
+    quantity: str = Field(
+        description="one of the names that [outputs] knows, such as piston.x"
+    )
+    value: Number = Field(default=0.0, description="in the unit of the quantity")
+    direction: Literal["rising", "falling", "both"] = Field(
+        default="both", description="of the quantity as it passes the value"
+    )
+    action: Literal["record", "stop"] = Field(
+        default="record", description="note the state, or end the run there, too"
+    )
+    count: OptionalInteger = Field(
+        default=None,
+        ge=1,
+        description="record: at most so many, default all; stop: at this crossing, "
+        "default the first",
+    )
+
+
+def check_quantity(text: str, place: str) -> None:
+    """Check that the quantity of an event is one number of the state at one time.
+
+    Raises
+    ------
+    InputError : it is a list of outputs, or an integral over the run.
+    """
+    if "*" in text:
+        raise_failure(place, f"{text} stands for several outputs", "one of them")
+    name = parse_output(text)
+    if name.owner in SCENE_QUANTITIES and name.quantity not in INSTANTANEOUS:
+        listed = ", ".join(f"energy.{quantity}" for quantity in INSTANTANEOUS[:3])
+        raise_failure(place, f"{text} is nothing that an event can look at", listed)
+
+
+MAX_OUTPUT_TIMES = 10_000_000
+
+
+class OutputTimes:
+    """Times of the rows of the result [s], increasing; a slice of them is an array.
+
+    Multiples of the output step from the start; the end is one of them if it fits.
+
+    Raises
+    ------
+    InputError : there are too many, or the scene defines none.
+    """
+
+    def __init__(self, scene: SceneTables) -> None:
+        self._time = scene.time
+        self._span = scene.time.end - scene.time.start
+        self._count = len(scene.time.output_times or ())
+        step = scene.time.output_step
+        if step is None and scene.time.output_times is None:
+            raise InputError(
+                "neither is given",
+                place="time",
+                expected="one of output_step and output_times",
+            )
+        if step is None:
+            return
+        steps = self._span / step * (1 + 1e-12) + 1e-9
+        if not steps < MAX_OUTPUT_TIMES + 1:
+            count = int(steps) if steps < 1e15 else f"{steps:.3g}"
+            raise InputError(
+                f"asks for {count} output times",
+                place="time.output_step",
+                expected=f"at most {MAX_OUTPUT_TIMES}",
+            )
+        self._count = int(steps) + 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, part: slice) -> NDArray[np.float64]:
+        time, last = self._time, self._count - 1
+        if time.output_step is None:
+            return np.array(time.output_times)[part]
+        steps = np.arange(*part.indices(self._count), dtype=np.float64)
+        if abs(last * time.output_step - self._span) <= 1e-9 * self._span:
+            return time.start + self._span * steps / max(last, 1)
+        return time.start + time.output_step * steps
+
+
+def output_times(scene: SceneTables) -> NDArray[np.float64]:
+    """All of them, (nt,)."""
+    return OutputTimes(scene)[:]
+
 
 #: Limits of the requested relative error; what is feasible is measured.
 MIN_RELATIVE_ERROR, MAX_RELATIVE_ERROR = 1e-10, 0.5

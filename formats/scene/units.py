@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 
 from .connections import FORCES, THREAD_MULTIPLIER, force_coordinate, is_turned
-from .drives import Drive, driven_coordinate
 from .forces import Force, PointForce
 from .functions import InputFunction, Sum
-from .joints import Coupling, Gear, coupled_coordinates
+from .joints import Coupling, Drive, Gear, coupled_coordinates, driven_coordinate
 from .laws import Pid
 from .outputs import (
     EFFORTS,

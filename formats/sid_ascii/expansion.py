@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from ..base.errors import InputError
 from ..base.sid import Array, Taylor
 from .codes import M0, M1, MN
-from .lines import ReadingNotes
-from .raw_file import RawTaylor
+from .lines import RawTaylor, ReadingNotes
 
 ZERO, DIAGONAL, SYMMETRIC, GENERAL, IDENTITY = range(5)
 

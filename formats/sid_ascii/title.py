@@ -4,7 +4,7 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
-from ..base.compliance_shares import ComplianceShares, parse_compliance_shares
+from ..base.sid import ComplianceShares, parse_compliance_shares
 from ..storage.hdf5_files import written_by
 
 MAX_LENGTH = 400

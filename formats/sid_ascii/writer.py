@@ -25,7 +25,7 @@ from ..base.sid import (
 from ..base.stress import has_peak_nodes, stress_nodes
 from ..storage.atomic import atomic_path
 from ..storage.hdf5_files import check_finite
-from . import layout
+from . import lines
 from .expansion import symmetrise
 from .title import LAYOUTS, Layout, ascii_text, layout_from_words, title_line
 
@@ -192,9 +192,9 @@ def _arrange_block(name: str, block: Taylor, nq: int, style: Style) -> Taylor:
     """A body block in the columns and the shape of the dialect."""
     columns = {"Gr": style.layout.gr, "Ge": style.layout.ge}.get(name)
     if columns == "mode":
-        return layout.rearrange(block, lambda part: layout.mode_major(part, nq))
+        return lines.rearrange(block, lambda part: lines.mode_major(part, nq))
     if name == "J" and style.j_is_3x3:
-        return layout.rearrange(block, lambda part: symmetric_3x3(part[..., 0]))
+        return lines.rearrange(block, lambda part: symmetric_3x3(part[..., 0]))
     return block
 
 
@@ -209,11 +209,11 @@ def _layout_tag(sid: SID, style: Style) -> Layout | None:
     misleading = title_layout is not None and title_layout != style.layout
     j1, cr1 = sid.J.first_order(sid.nq), sid.Cr.first_order(sid.nq)
     proofs = (
-        (sid.Gr.m0, layout.gr_errors(sid.Gr.m0, j1)),
-        (sid.Ge.m0, layout.ge_errors(sid.Ge.m0, cr1)),
+        (sid.Gr.m0, lines.gr_errors(sid.Gr.m0, j1)),
+        (sid.Ge.m0, lines.ge_errors(sid.Ge.m0, cr1)),
     )
     is_proven = all(
-        sid.nq < 2 or not columns.any() or layout.certain_layout(errors) == "axis"
+        sid.nq < 2 or not columns.any() or lines.certain_layout(errors) == "axis"
         for columns, errors in proofs
     )
     return style.layout if misleading or not is_proven else None

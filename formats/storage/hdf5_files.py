@@ -31,7 +31,7 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.sid import NODE_SHAPES, SID, Taylor
-from .growing import GrowingFile, undisturbed
+from .atomic import GrowingFile, undisturbed
 
 if TYPE_CHECKING:
     import h5py

@@ -1,24 +1,67 @@
-"""Scenes and models as files: tables with formulas, a folder, and changes by key."""
+"""Scenes and models as files: tables with formulas, a folder, and changes by key.
+
+The table [diagnostics] of scenes and models.
+"""
 
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
-from pydantic import PrivateAttr
+from pydantic import PrivateAttr, field_validator
 
 from ..base.errors import InputError
+from ..diagnostics.catalogue import find_code
 from ..storage.atomic import atomic_path
 from ..storage.operating_system import path_from
 from .evaluation import PARAMETERS, TABLES, Formulas
 from .expressions import evaluate_number
 from .messages import nearest_key
-from .objects import named_object
 from .reading import read_data, with_formulas
-from .tables import Table, to_plain, toml_text
+from .tables import Field, Table, Takes, named_object, to_plain, toml_text
+
+
+class Diagnostics(Table):
+    """Which diagnostics are not reported."""
+
+    ignore: Takes[tuple[str, ...], Sequence[str]] = Field(
+        default=(),
+        description='codes of warnings and notes that are not reported, such as "N420" '
+        "(`sidtool explain N420`); errors cannot be ignored",
+    )
+
+    @field_validator("ignore")
+    @classmethod
+    def _are_codes(cls, codes: tuple[str, ...]) -> tuple[str, ...]:
+        try:
+            return tuple(map(find_code, codes))
+        except KeyError as error:
+            raise ValueError(
+                f"codes that `sidtool explain` lists; {error} is none of them"
+            ) from None
+
+
+class HasDiagnosticsTable(Protocol):
+    """A file with a table [diagnostics]."""
+
+    @property
+    def diagnostics(self) -> Diagnostics: ...
+
+    def model_copy(self, *, update: Mapping[str, Any]) -> Self: ...
+
+
+Kind = TypeVar("Kind", bound=HasDiagnosticsTable)
+
+
+def ignoring(file: Kind, codes: Iterable[str]) -> Kind:
+    """Return a file that does not report diagnostics of these codes either."""
+    both = (*file.diagnostics.ignore, *codes)
+    table = file.diagnostics.model_copy(update={"ignore": both})
+    return file.model_copy(update={"diagnostics": table})
+
 
 _PART = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
 

@@ -5,6 +5,15 @@ One class states what a file may hold and what its constructor takes:
     Revolute(markers=["ground.bearing", "crank.bearing"])
 
 is what ``{type = "revolute", markers = [...]}`` is in TOML, checked in the same way.
+
+Types of fields whose constructor takes more than they hold.
+
+`mass: Number` holds a float and takes a formula, too. Checkers of types see a
+descriptor: what is read has the first type, what a constructor takes the second one
+("descriptor-typed fields" of `typing.dataclass_transform`). When a program runs, a
+field has the first type alone.
+
+Python objects in places where files name other files.
 """
 
 from __future__ import annotations
@@ -12,17 +21,85 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
+from collections.abc import Mapping, Sequence
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Generic,
+    Self,
+    TypeVar,
+    dataclass_transform,
+)
 
 import numpy as np
+import pydantic
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict
 
 from ..base.sid import SID
-from .constructor_types import Field
 from .evaluation import required_keys
-from .objects import name_object
 from .reading import validate_data
+
+Kept = TypeVar("Kept")
+Taken = TypeVar("Taken")
+
+if TYPE_CHECKING:
+
+    class Takes(Generic[Kept, Taken]):
+        """A field that holds the first type and takes the second one."""
+
+        def __get__(self, instance: object, owner: Any = None) -> Kept: ...
+        def __set__(self, instance: object, value: Taken) -> None: ...
+
+    def Field(default: Any = ..., **more: Any) -> Any:
+        """Return the `Field` of pydantic, for a default of the type that the field
+        holds.
+        """
+
+else:
+    Field = pydantic.Field
+
+    class Takes:
+        """A field that holds the first type and takes the second one."""
+
+        def __class_getitem__(cls, types: tuple[Any, Any]) -> Any:
+            return types[0]
+
+
+#: Any table may be given as a dictionary.
+Entries = Mapping[str, Any]
+Number = Takes[float, float | str]
+OptionalNumber = Takes[float | None, float | str | None]
+Integer = Takes[int, int | str]
+OptionalInteger = Takes[int | None, int | str | None]
+Texts = Takes[tuple[str, ...], Sequence[str]]
+OptionalTexts = Takes[tuple[str, ...] | None, Sequence[str] | None]
+TwoTexts = Takes[tuple[str, str], Sequence[str]]
+OptionalTwoTexts = Takes[tuple[str, str] | None, Sequence[str] | None]
+Numbers = Takes[tuple[float, ...], ArrayLike]
+OptionalNumbers = Takes[tuple[float, ...] | None, ArrayLike | None]
+OptionalTwoNumbers = Takes[tuple[float, float] | None, ArrayLike | None]
+
+
+#: Objects by their texts, as long as the process runs: scenes hold texts alone.
+_OBJECTS: dict[str, Any] = {}
+
+
+def name_object(value: Any) -> str:
+    """Return the text that refers to an object, the same one each time."""
+    for text, known in _OBJECTS.items():
+        if known is value:
+            return text
+    text = f"(object {len(_OBJECTS) + 1} of a program)"
+    _OBJECTS[text] = value
+    return text
+
+
+def named_object(text: str | None) -> Any:
+    """Return the object that a text refers to; None for the name of a file."""
+    return None if text is None else _OBJECTS.get(text)
+
 
 if TYPE_CHECKING:
 

@@ -39,8 +39,7 @@ from sidtool.solver.system.body_damping import sid_with_damping
 from ..conversion.frame_change import FrameChange, apply_frame_change, frame_change
 from ..measurement.candidates import loaded_nodes
 from ..measurement.request import Request
-from ..measurement.runs import Runs, max_difference
-from ..measurement.validity import elastic_coordinates
+from ..measurement.runs import Runs, elastic_coordinates, max_difference
 from .reference_run import Reference, make_reference
 
 #: Factor of the neglected terms in an output, relative to its variation, and the share

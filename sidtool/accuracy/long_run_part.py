@@ -23,11 +23,9 @@ from sidtool.formats.result import BudgetLine
 
 from ..measurement.candidates import Choice
 from ..measurement.request import Request
-from ..measurement.runs import Runs, Setting
-from ..measurement.validity import OutsideTheory, check_validity
-from .error_budget import error_budget
+from ..measurement.runs import OutsideTheory, Runs, Setting, check_validity
+from .error_bounds import error_budget
 from .frames import select_frames
-from .integrator_choice import TIGHTEST_RTOL
 from .long_run_reference import (
     LONG_RUN_SECONDS,
     REFERENCE_SAFETY,
@@ -40,7 +38,7 @@ from .long_run_reference import (
     verify_full_interval,
 )
 from .reference_run import MEASURING_INTEGRATOR, Reference, initial_rtol, make_reference
-from .selection import FULL_SHARE, SelectedModel, select_model
+from .selection import FULL_SHARE, TIGHTEST_RTOL, SelectedModel, select_model
 from .sid_rounding import with_rounding_error
 
 #: Shortest and longest initial interval, as fractions of the time span.

@@ -27,16 +27,9 @@ from sidtool.formats.result import BudgetLine
 
 from ..measurement.candidates import SHAPES, Candidate, Choice
 from ..measurement.request import Request, refuse_accuracy
-from ..measurement.runs import Runs, Setting, max_difference
-from ..measurement.validity import check_validity
-from .error_budget import error_budget
+from ..measurement.runs import Runs, Setting, check_validity, max_difference
+from .error_bounds import error_budget
 from .frames import select_frames
-from .integrator_choice import (
-    STAGNATION_RATIO,
-    TIGHTEST_RTOL,
-    AcceptedRun,
-    largest_sufficient_tolerance,
-)
 from .reference_run import (
     CHECKING_INTEGRATOR,
     MEASURING_INTEGRATOR,
@@ -46,7 +39,15 @@ from .reference_run import (
     reference_of_one_run,
 )
 from .report import format_ranges
-from .selection import FULL_SHARE, SelectedModel, estimate_errors
+from .selection import (
+    FULL_SHARE,
+    STAGNATION_RATIO,
+    TIGHTEST_RTOL,
+    AcceptedRun,
+    SelectedModel,
+    estimate_errors,
+    largest_sufficient_tolerance,
+)
 
 #: Runs that take more than this [s] are long.
 LONG_RUN_SECONDS = 0.1

@@ -30,14 +30,15 @@ from sidtool.formats.result import Decision, OutputError
 from sidtool.formats.scene import SceneFile
 
 from ..measurement.candidates import finest_model, loaded_nodes
-from ..measurement.reference import (
+from ..measurement.points import (
     MAX_CONVERGENCE_RATIO,
     convergence_ratios,
     mesh_error_estimate,
 )
 from ..measurement.request import Request, refuse_accuracy
-from ..measurement.runs import Compile, Runs
-from ..measurement.validity import (
+from ..measurement.runs import (
+    Compile,
+    Runs,
     check_validity,
     is_incomparable,
     missing_stiffening_diagnostics,

@@ -11,7 +11,7 @@ from sidtool.formats.base.progress import NamedStages, count_within
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.diagnostics import Diagnostic, from_data, without
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
-from sidtool.formats.result.rows import Columns, Rows
+from sidtool.formats.result.data import Columns, Rows
 from sidtool.formats.scene import SceneFile, expand_names, unit_of
 from sidtool.formats.scene.accuracy import request_texts
 
@@ -24,12 +24,10 @@ from ..measurement.candidates import (
     with_recorded_outputs,
 )
 from ..measurement.request import Request, Wanted, requested
-from ..measurement.runs import Compile, Runs, Setting, expected_runs
-from ..measurement.validity import check_validity
+from ..measurement.runs import Compile, Runs, Setting, check_validity, expected_runs
 from ..pipeline.model_cache import BodyModel, Refinement
 from ..pipeline.scene_changes import reduced_body_notes, rigid_body_notes
-from .error_bounds import error_bounds
-from .error_budget import error_budget
+from .error_bounds import error_bounds, error_budget
 from .frames import select_frames, sids_in_frames, with_matrix_damping
 from .long_run_part import select_in_initial_interval
 from .long_run_reference import VerifiedChoice

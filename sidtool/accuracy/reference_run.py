@@ -14,7 +14,7 @@ from sidtool.formats.result import OutputError, Result
 from sidtool.formats.scene import SceneFile, unit_of
 
 from ..measurement.candidates import Choice, is_out_of_plane, planar_scene
-from ..measurement.reference import MUCH, is_varying
+from ..measurement.points import MUCH, is_varying
 from ..measurement.request import Request, refuse_accuracy
 from ..measurement.runs import Runs, Setting, max_difference
 

@@ -7,6 +7,7 @@ scene            Model and Scene; reading of files
 result           Result of a simulation
 compiled_scene   a scene compiled once and run with other numbers
 analyses         equilibrium, natural modes, inverse dynamics
+modes            natural modes over a speed, Floquet modes
 bodies           superelements, and files of bodies for other programs
 state_space      state space and frequency response
 motion_problem, cached_problem   values and derivatives, for the next ones

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.file_names import check_ending, path_of
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.scene.inputs import without_tables
+from sidtool.formats.scene.laws import without_tables
 from sidtool.formats.toml.files import locate_errors
 
 from .. import __version__

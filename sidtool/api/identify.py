@@ -22,11 +22,12 @@ from sidtool.formats.toml.files import locate_errors
 from ..sensitivity.functionals import parse_functionals
 from ..sensitivity.identification import (
     Fit,
+    Identification,
     Target,
     fit,
     measured_outputs,
+    strongest_correlation,
 )
-from ..sensitivity.identification_result import Identification, strongest_correlation
 from ..sensitivity.measurements import Measurement, as_measurements, read_measurements
 from ..sensitivity.variables import find_variables, model_changes, scene_changes
 from .cached_problem import CachedProblem

@@ -16,9 +16,8 @@ from sidtool.formats.file_names import path_of
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.toml.files import locate_errors
 
-from ..sensitivity.design_result import Optimum
 from ..sensitivity.functionals import parse_functionals
-from ..sensitivity.optimisation import Iteration, Search, bounds
+from ..sensitivity.optimisation import Iteration, Optimum, Search, bounds
 from ..sensitivity.variables import (
     Variable,
     group_variable,

@@ -11,7 +11,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics.python_warnings import warn_of
 from sidtool.formats.scene import SceneFile, unit_of
-from sidtool.formats.scene.inputs import without_tables
+from sidtool.formats.scene.laws import without_tables
 from sidtool.formats.toml.files import locate_errors
 
 if TYPE_CHECKING:

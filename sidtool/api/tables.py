@@ -37,6 +37,8 @@ from sidtool.formats.model.geometry import (
     MeshGeometry,
     NurbsGeometry,
     PatchesGeometry,
+    PlaneCut,
+    SectionForces,
     VolumeGeometry,
 )
 from sidtool.formats.model.reduction import (
@@ -54,7 +56,6 @@ from sidtool.formats.model.reduction import (
     Tie,
     UserReduction,
 )
-from sidtool.formats.model.section_forces import PlaneCut, SectionForces
 from sidtool.formats.model.stations import StationTable
 from sidtool.formats.scene import (
     Accuracy,
@@ -107,9 +108,9 @@ from sidtool.formats.scene import (
     Time,
     Universal,
 )
+from sidtool.formats.scene.bodies import Box, Cylinder, Sphere, SurfaceMesh
 from sidtool.formats.scene.joints import Screw
 from sidtool.formats.scene.laws import State
-from sidtool.formats.scene.shapes import Box, Cylinder, Sphere, SurfaceMesh
 from sidtool.formats.scene.tables import Start
 
 __all__ = [

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import analytic_norm, numbers
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model.beams import BeamGeometry
 from sidtool.formats.sid_mass import cross
 
-from ..mesh.quadrature_rules import gauss_legendre
+from ..mesh.reference_elements import gauss_legendre
 from .cross_section import Profile, profile, section_turn
 
 #: Sines of angles below this count as zero.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model import Material, ModelFile, NodeMarker
 from sidtool.formats.model.beams import BeamGeometry, GeneralSection, RectangularSection
 from sidtool.formats.model.discretisation import BeamDiscretisation
@@ -25,7 +25,7 @@ from ..elements.finite_element_model import (
 )
 from ..elements.markers import check_length, name_marker_in_errors
 from ..elements.markers import markers_with_position as with_places
-from ..mesh.quadrature_rules import gauss_legendre
+from ..mesh.reference_elements import gauss_legendre
 from .axis import Axis, beam_axis
 from .cross_section import (
     Profile,

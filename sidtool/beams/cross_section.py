@@ -12,7 +12,7 @@ from numpy.polynomial import Polynomial
 
 from sidtool.formats.base.complex_step import analytic_abs, number_type, numbers
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model.beams import (
     BeamGeometry,
     GeneralSection,
@@ -20,7 +20,7 @@ from sidtool.formats.model.beams import (
 )
 from sidtool.formats.sid_mass import skew
 
-from ..mesh.quadrature_rules import gauss_legendre
+from ..mesh.reference_elements import gauss_legendre
 from .section_shapes import named_properties
 
 

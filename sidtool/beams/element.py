@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import number_type, without_rounding
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.sid_mass import skew
 
 from ..elements.material_points import BeamMaterial, InertiaPoints

@@ -29,7 +29,7 @@ from sidtool.formats.base.complex_step import (
     without_rounding,
 )
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model.beams import (
     BoxSection,
     CircularSection,

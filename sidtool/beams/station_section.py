@@ -11,7 +11,7 @@ import numpy as np
 
 from sidtool.formats.base.complex_step import number_type, numbers
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model.beams import BeamGeometry
 from sidtool.formats.model.stations import COLUMNS, MATRIX_ORDERS, StationTable
 from sidtool.formats.sid_mass import skew

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model.beams import (
     BeamGeometry,
     BoxSection,

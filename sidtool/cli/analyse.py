@@ -214,8 +214,8 @@ def _analyse_over(
     settings: dict[str, Any],
 ) -> None:
     """Follow the modes over a key; print and write their diagram."""
-    from ..api.campbell import campbell
-    from ..report.campbell import campbell_data, describe_campbell
+    from ..api.modes import campbell
+    from ..report.modes import campbell_data, describe_campbell
 
     check_targets([picture_target(output, "campbell")], input_files(scene), force)
     numbers = [_order(text) for text in listed_names(orders)]
@@ -343,8 +343,8 @@ def floquet(
     or have no variational equations (friction, events, corners of forces); 2 the input
     is wrong.
     """
-    from ..api.floquet import floquet as find_multipliers
-    from ..report.floquet import describe_floquet, floquet_data
+    from ..api.modes import floquet as find_multipliers
+    from ..report.modes import describe_floquet, floquet_data
 
     check_targets([Target("-o", output, "modes")], input_files(scene), force)
     found = run_analysis(

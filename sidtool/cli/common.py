@@ -135,8 +135,7 @@ def read_scene_with_changes(path: Path, changes: Sequence[str]) -> Scene:
     ------
     InputError : the file is not a scene, or a key or value is not valid.
     """
-    from sidtool.formats.toml.diagnostics_table import ignoring
-    from sidtool.formats.toml.files import parse_settings
+    from sidtool.formats.toml.files import ignoring, parse_settings
 
     from ..api.scene import Scene
     from ..pipeline.files import expect_kind

@@ -32,7 +32,6 @@ from sidtool.formats.storage.unreadable import failure_reason
 
 from .. import __version__
 from .analyse import analyse
-from .animate import animate
 from .common import (
     JSON,
     QUIET,
@@ -41,19 +40,15 @@ from .common import (
     print_remarks,
     print_warnings,
 )
-from .convert import convert
-from .export import export
-from .fmu import fmu
-from .identify import identify
+from .convert import convert, stations
+from .export import export, fmu
 from .linearise import linearise, response
-from .optimise import optimise
 from .outputs import outputs
-from .plot import plot, report
+from .plot import animate, plot, report
 from .progress import show_progress
-from .sensitivity import sensitivity
+from .sensitivity import identify, optimise, sensitivity
 from .simulate import simulate
 from .small_commands import demo, explain, info, new, schema, warmup
-from .stations import stations
 from .study import study, sweep
 from .validate import trim, validate
 

@@ -18,7 +18,7 @@ from .common import name_with_size
 
 if TYPE_CHECKING:
     from sidtool.formats.result import Result
-    from sidtool.formats.result.rows import Columns, Rows
+    from sidtool.formats.result.data import Columns, Rows
 
 File = ResultFile | TableFile
 

@@ -316,7 +316,7 @@ def _run(
     ends: dict[str, Any],
     printed: set[Diagnostic],
 ) -> Any:
-    from sidtool.formats.result.rows import write_rows
+    from sidtool.formats.result.data import write_rows
     from sidtool.formats.toml.files import locate_errors
     from sidtool.solver import simulate as run
     from sidtool.solver.simulation.simulate import report_implausible_inputs

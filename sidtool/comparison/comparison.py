@@ -27,8 +27,7 @@ from ..mesh.unit_systems import check_magnitudes
 from ..validate.checks import Check, checks_as_data, verdict
 from ..validate.frequencies import free_modes, held_modes, to_hertz
 from ..validate.unit_guess import UnitGuess
-from .block_differences import Comparison, ComparisonRow
-from .sid_differences import compare_sids
+from .block_differences import Comparison, ComparisonRow, compare_sids
 
 
 def compare_table(sid: SID, table: ReferenceFile) -> Comparison:

@@ -15,12 +15,12 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, lobpcg
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..eigensolvers.slepc import notify
 from ..elements.finite_element_model import ElementAlternative, FiniteElementModel
-from ..elements.locking_remedies import KINDS_WITH_INCOMPATIBLE_MODES
+from ..elements.solid_elements import KINDS_WITH_INCOMPATIBLE_MODES
 from ..elements.solid_mesh import SolidMesh, to_quadratic, with_internal_modes
 from ..mesh.connections import Equations
 from ..reduction.admissible_space import AdmissibleSpace, constrained_space

@@ -30,12 +30,12 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.base.compliance_shares import ComplianceShares
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import (
     J_INDICES,
     SID,
     Array,
+    ComplianceShares,
     Node,
     Taylor,
     axis_major,

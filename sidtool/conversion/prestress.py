@@ -9,7 +9,7 @@ import numpy as np
 
 from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model.reduction import FrameSettings, Prestress, Stiffening
 
 from ..discretisation.marker_couplings import second_order_rows

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sidtool.formats.base.complex_step import analytic_pinv, number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import report_stage
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.material_points import Continuum

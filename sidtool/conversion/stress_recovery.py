@@ -26,7 +26,7 @@ from ..elements.material_points import (
     stress_from_gradient,
     stress_rows,
 )
-from ..geometry.bspline import breakpoints
+from ..geometry.nurbs_patch import breakpoints
 from ..isogeometric.iga import sampled_batch
 from ..mesh.quadratic_fields import LEVI_CIVITA
 from ..reduction.body_frames import Frame, motion_rows

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.sid_mass import skew
 
 from ..beams.axis import AxisFrames, straight_axis

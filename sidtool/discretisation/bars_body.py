@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
@@ -30,8 +30,7 @@ from ..elements.finite_element_model import (
     fixed_marker,
 )
 from ..elements.markers import markers_with_position as with_places
-from ..elements.markers import name_marker_in_errors
-from ..elements.mesh_markers import position_of
+from ..elements.markers import name_marker_in_errors, position_of
 from ..mesh.connections import RawBar
 from ..mesh.imported_mesh import ImportedMesh, undefined_notes
 from ..mesh.materials import ElasticMaterial
@@ -40,13 +39,18 @@ from ..mesh.unit_systems import UnitSystem
 from .bar_elements import Bar, bar_of_deck, bar_outline
 from .bar_nodes import BarNodes, bar_nodes, nearest_node, node_sets
 from .imported_constraints import structure_equations
-from .structure import Structure, add_bar_mass, check_mechanism
+from .structure import (
+    Structure,
+    add_bar_mass,
+    check_mechanism,
+    markers_without_rotation,
+    without_unsupported,
+)
 from .structure_elements import (
     merge_particles,
     node_motion,
     shell_outlines,
 )
-from .supported_rotations import markers_without_rotation, without_unsupported
 
 Indices = NDArray[np.int64]
 

@@ -18,22 +18,26 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.geometry import MeshGeometry
 
 from ..eigensolvers.eigenpairs import symmetric_factors
 from ..eigensolvers.slepc import notify
+from ..elements.faces import named_surface
 from ..elements.finite_element_model import (
     ElementAlternative,
     FiniteElementModel,
     MarkerRows,
     fixed_marker,
 )
-from ..elements.markers import markers_with_position, name_marker_in_errors
-from ..elements.mesh_markers import MeshPoints, position_of
-from ..elements.mesh_surface import named_surface
+from ..elements.markers import (
+    MeshPoints,
+    markers_with_position,
+    name_marker_in_errors,
+    position_of,
+)
 from ..importers.calculix_deck import free_deck, with_density
 from ..importers.calculix_engine import CalculixResult, run_calculix
 from ..importers.calculix_quadratic import QuadraticDeck, expected_size, quadratic_deck

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sidtool.formats.base.complex_step import number_type, numbers
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.beams import BeamGeometry
@@ -45,10 +45,15 @@ from ..mesh.mesh import Mesh
 from ..mesh.unit_systems import unit_system
 from .bar_elements import Bar, BarElement, bar_outline
 from .bar_nodes import bar_nodes, node_sets
-from .frame_cuts import Connectivity, member_cuts
-from .structure import Structure, add_bar_mass, check_mechanism
+from .body_cuts import Connectivity, member_cuts
+from .structure import (
+    Structure,
+    add_bar_mass,
+    check_mechanism,
+    markers_without_rotation,
+    without_unsupported,
+)
 from .structure_elements import merge_particles
-from .supported_rotations import markers_without_rotation, without_unsupported
 
 Indices = NDArray[np.int64]
 

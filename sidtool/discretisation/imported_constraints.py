@@ -14,8 +14,8 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
 
+from ..elements.faces import mesh_surface
 from ..elements.finite_element_model import FiniteElementModel
-from ..elements.mesh_surface import mesh_surface
 from ..elements.mortar_ties import dependent_unknowns, tie_equations
 from ..mesh.connections import Coupling, Equations, PointMass, RawEquation, RawTie
 from ..mesh.imported_mesh import ImportedMesh, RawCoupling, RawMass

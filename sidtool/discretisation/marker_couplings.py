@@ -47,7 +47,7 @@ import scipy.sparse as sp
 
 from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.reduction import Tie

@@ -28,7 +28,7 @@ from ..importers.matrix_market import (
 )
 from ..mesh.connections import NamedSets
 from ..mesh.quadratic_fields import softest_deformation
-from .supported_rotations import markers_without_rotation
+from .structure import markers_without_rotation
 
 Indices = NDArray[np.int64]
 

@@ -15,12 +15,16 @@ from sidtool.formats.model import Material, ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
 
+from ..elements.faces import named_surface
 from ..elements.finite_element_model import FiniteElementModel, fixed_marker
-from ..elements.markers import markers_with_position, name_marker_in_errors
+from ..elements.markers import (
+    MeshPoints,
+    markers_with_position,
+    name_marker_in_errors,
+    position_of,
+)
 from ..elements.mass_properties import GeometryMass, mesh_moments
 from ..elements.mesh_contact import check_conforming, check_contact
-from ..elements.mesh_markers import MeshPoints, position_of
-from ..elements.mesh_surface import named_surface
 from ..elements.solid_mesh import (
     Amplitudes,
     SolidMesh,

@@ -12,7 +12,7 @@ from sidtool.formats.model import ModelFile
 
 from ..beams.beam_model import beam_model
 from ..elements.finite_element_model import FiniteElementModel
-from ..elements.mesh_markers import markers_as_nodes
+from ..elements.markers import markers_as_nodes
 from ..isogeometric.multipatch_iga import iga_model, patches_model
 from ..isogeometric.sampled_patch import q4_model, sampled_volume_model
 from .body_cuts import add_cuts

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 #: Points and weights of the quadrature along an edge of the unit square.
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from .shear_panels import shear_panel_stiffness
 

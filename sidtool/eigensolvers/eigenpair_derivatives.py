@@ -29,7 +29,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import Numbers
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from .factorisation import indefinite_factors
 

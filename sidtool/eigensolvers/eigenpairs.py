@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import first_largest
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ..mesh.mesh import Indices
 from ..mesh.quadratic_fields import softest_deformation

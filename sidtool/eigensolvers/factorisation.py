@@ -30,7 +30,7 @@ from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.interruptible import call_interruptibly
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from .pardiso import PardisoFactors, import_pypardiso
 from .slepc import PetscFactors, check_slepc, notify, requested_engine

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 #: Equal eigenvalues come in pairs and triples, by symmetry. A solution for four vectors
 #: takes 1.1 to 1.5 times as long as for two, and half as many are needed.

@@ -24,7 +24,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.interruptible import call_interruptibly
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 #: A positive definite symmetric matrix of real numbers.
 _MATRIX_TYPE = 2

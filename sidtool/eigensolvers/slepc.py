@@ -25,7 +25,7 @@ import scipy.sparse as sp
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import report_stage
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from .lanczos import Pencil
 

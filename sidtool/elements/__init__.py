@@ -2,11 +2,10 @@
 
 finite_element_model   the discretised body that every discretisation yields
 material_points        strains and stresses at quadrature points
-solid_elements         stiffness and mass of solid elements
-locking_remedies       reduced integration, incompatible modes
+solid_elements         stiffness and mass, reduced integration, incompatible modes
 solid_mesh             matrices of a mesh, inertia of incompatible modes
-mesh_markers, markers  rows of markers in meshes and patches
-mesh_surface, faces    surfaces, faces and their common parts
+markers                rows of markers in meshes and patches
+faces                  surfaces, faces and their common parts
 plane_cuts             mass beyond a plane, and the section in it
 mass_properties        mass and centre of meshes
 mortar_ties            surfaces tied by the mortar method

@@ -8,15 +8,19 @@ from functools import cache
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..geometry.nurbs_patch import NurbsPatch
 from ..geometry.patch_evaluation import patch_moments
 from ..mesh.materials import ElasticMaterial
 from ..mesh.mesh import Mesh
-from ..mesh.quadrature_rules import quadrature_rule
-from ..mesh.reference_elements import element_edges, element_faces, reference_element
+from ..mesh.reference_elements import (
+    element_edges,
+    element_faces,
+    quadrature_rule,
+    reference_element,
+)
 from .finite_element_model import FiniteElementModel, GeometryMass
 
 #: Degree of the rule on faces: that of x^2 n on faces with bowed edges.

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ..mesh.materials import AnisotropicMaterial, ElasticMaterial, laws_of_material
 from ..mesh.quadratic_fields import LEVI_CIVITA

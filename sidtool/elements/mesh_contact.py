@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ..mesh.mesh import ElementBlock, Mesh
 from ..mesh.reference_elements import element_edges, element_faces, reference_element

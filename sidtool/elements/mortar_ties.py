@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..mesh.connections import Equations, RawTie
 from ..mesh.mesh import Mesh
-from ..mesh.quadrature_rules import quadrature_rule
+from ..mesh.reference_elements import quadrature_rule
 from .faces import (
     FACE_KINDS,
     FaceGroup,

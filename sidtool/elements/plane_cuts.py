@@ -17,16 +17,13 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
-from ..geometry.bspline import breakpoints
-from ..geometry.nurbs_patch import NurbsPatch, scattered_basis
+from ..geometry.nurbs_patch import NurbsPatch, breakpoints, scattered_basis
 from ..mesh.mesh import ElementBlock, Mesh
-from ..mesh.quadrature_rules import quadrature_rule
-from ..mesh.reference_elements import reference_element, shape_of
-from .locking_remedies import internal_values
+from ..mesh.reference_elements import quadrature_rule, reference_element, shape_of
 from .material_points import Continuum
-from .solid_elements import ElementBatch, MatrixSum, element_mass
+from .solid_elements import ElementBatch, MatrixSum, element_mass, internal_values
 from .solid_mesh import InternalInertia, SolidMesh, element_batches, has_internal_modes
 
 Indices = NDArray[np.int64]

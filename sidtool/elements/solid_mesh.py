@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ..mesh.materials import AnisotropicMaterial, ElasticMaterial, laws_of_material
 from ..mesh.mesh import ElementBlock, Mesh
@@ -28,23 +28,21 @@ from ..mesh.reference_elements import (
     quadratic_kind,
     reference_element,
 )
-from .locking_remedies import (
-    KINDS_ALWAYS_INCOMPATIBLE,
-    KINDS_WITH_INCOMPATIBLE_MODES,
-    internal_values,
-    with_reduced_integration,
-)
-from .locking_remedies import with_incompatible_modes as with_modes
 from .material_points import Continuum, make_continuum
 from .solid_elements import (
+    KINDS_ALWAYS_INCOMPATIBLE,
+    KINDS_WITH_INCOMPATIBLE_MODES,
     ElementBatch,
     MatrixSum,
     assemble_body,
     elasticity,
     element_mass,
     internal_amplitudes,
+    internal_values,
     mapped_batch,
+    with_reduced_integration,
 )
+from .solid_elements import with_incompatible_modes as with_modes
 
 #: Entries of the largest array of one batch of elements. Small batches spend their time
 #: in Python: 62 000 tet10 take 6.4 s with 200 000 entries, 4.8 s with more.

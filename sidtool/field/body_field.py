@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.base.sid import SID
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.field import Field, field_of
 from sidtool.formats.sid_mass import skew
 
@@ -21,8 +20,7 @@ from ..elements.material_points import (
     stress_components,
     stress_from_gradient,
 )
-from ..geometry.bspline import breakpoints
-from ..geometry.nurbs_patch import NurbsPatch
+from ..geometry.nurbs_patch import NurbsPatch, breakpoints
 from ..isogeometric.iga import sampled_batch
 from ..isogeometric.sampled_patch import box_corners, grid_quadrilaterals
 from ..mesh.mesh import ElementBlock, Mesh

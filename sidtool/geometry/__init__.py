@@ -1,7 +1,6 @@
 """B-splines and NURBS patches.
 
-bspline            B-spline bases of one parametric direction
-nurbs_patch        NURBS patches, degree elevation, knot insertion
+nurbs_patch        B-splines, NURBS patches, degree elevation, knot insertion
 multipatch         patches joined along matching sides
 patch_contact      patches that meet without a seam
 patch_evaluation   inverse mapping, volume and centre of a patch

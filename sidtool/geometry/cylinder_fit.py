@@ -8,7 +8,7 @@ import numpy as np
 
 from sidtool.formats.base.complex_step import analytic_norm, analytic_pinv
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 #: Points of a cylinder lie this close to it, of its radius.
 _CYLINDER_TOLERANCE = 1e-2

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sidtool.formats.base.complex_step import check_joined_points, number_type
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from .nurbs_patch import NurbsPatch
 

@@ -11,10 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.base.complex_step import numbers
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
-from .bspline import gauss_points, local_basis
-from .nurbs_patch import NurbsPatch, evaluate_grid, evaluate_points, scattered_basis
+from .nurbs_patch import (
+    NurbsPatch,
+    evaluate_grid,
+    evaluate_points,
+    gauss_points,
+    local_basis,
+    scattered_basis,
+)
 
 _GRID = 33
 _ITERATIONS = 50

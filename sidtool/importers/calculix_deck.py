@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ..mesh.deck_text import (
     IncludedFiles,
@@ -18,8 +18,7 @@ from ..mesh.deck_text import (
     read_lines,
 )
 from ..mesh.imported_mesh import ONLY_NODES
-from .abaqus.deck import Namespace
-from .abaqus.element_types import POINTS
+from .abaqus.deck import POINTS, Namespace
 from .abaqus.input_file import read_deck
 
 #: Supports, which the frame of the model file replaces, and point masses, which are

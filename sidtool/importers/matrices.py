@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.storage.hdf5_files import check_own_data, check_size
 
 from ..mesh.deck_text import number_table, parse_integers, parse_numbers, read_lines

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
-from sidtool.formats.model.checks import check_knots
+from sidtool.formats.base.sid import Array
+from sidtool.formats.model.tables import check_knots
 from sidtool.formats.storage.unreadable import unreadable_error
 from sidtool.formats.toml.reading import read_data
 

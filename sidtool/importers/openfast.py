@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model.stations import MATRIX_ORDERS, StationTable
 from sidtool.formats.storage.unreadable import unreadable_error
 

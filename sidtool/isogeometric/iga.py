@@ -15,21 +15,24 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import IgaDiscretisation, ModelFile
-from sidtool.formats.model.checks import check_knots
+from sidtool.formats.model.tables import check_knots
 
 from ..elements.finite_element_model import GeometryMass
 from ..elements.mass_properties import patch_mass
 from ..elements.material_points import Continuum, make_continuum
 from ..elements.solid_elements import ElementBatch, assemble_body, mapped_batch
-from ..geometry.bspline import LocalBasis, breakpoints, gauss_points, local_basis
 from ..geometry.nurbs_patch import (
+    LocalBasis,
     NurbsPatch,
     PatchContent,
+    breakpoints,
     check_degree,
+    gauss_points,
     k_refined_knots,
+    local_basis,
     rational_functions,
     refine_patch,
 )

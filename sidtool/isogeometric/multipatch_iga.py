@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.model import IgaDiscretisation, ModelFile, NodeMarker
 from sidtool.formats.model.geometry import (
@@ -33,7 +33,6 @@ from ..elements.markers import (
 )
 from ..elements.material_points import Continuum
 from ..elements.solid_elements import ElementBatch
-from ..geometry.bspline import gauss_points
 from ..geometry.multipatch import (
     CommonNumbering,
     Side,
@@ -45,6 +44,7 @@ from ..geometry.multipatch import (
 from ..geometry.nurbs_patch import (
     NurbsPatch,
     evaluate_points,
+    gauss_points,
     patch_from_model,
     scattered_basis,
     side_nodes,

@@ -11,21 +11,21 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import check_joined_points
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model import Material, ModelFile, Q4Discretisation
 from sidtool.formats.model.discretisation import SolidDiscretisation
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
+from ..elements.faces import named_surface
 from ..elements.finite_element_model import FiniteElementModel, MarkerRows
 from ..elements.markers import (
+    MeshPoints,
     marker_parameters,
     markers_with_position,
     name_marker_in_errors,
 )
 from ..elements.mass_properties import patch_mass
 from ..elements.material_points import make_continuum
-from ..elements.mesh_markers import MeshPoints
-from ..elements.mesh_surface import named_surface
 from ..elements.solid_elements import ElementBatch, assemble_body, check_orientation
 from ..elements.solid_mesh import (
     Amplitudes,

@@ -14,13 +14,13 @@ from sidtool.formats.base.sid import SID
 from sidtool.formats.result import AccuracyReport
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.storage.atomic import atomic_path
+from sidtool.formats.storage.cache import content_digest
 from sidtool.formats.storage.operating_system import (
     PRIVATE,
     cache_folder,
     make_trusted_folder,
     read_trusted,
 )
-from sidtool.formats.storage.sid_content import content_digest
 
 from .candidates import Choice
 from .runs import Setting

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.storage.unreadable import unreadable_error
 from sidtool.formats.toml.reading import LARGEST_NUMBER
 

@@ -88,7 +88,7 @@ class BodyModel:
         """
         from ..discretisation.registry import finite_element_model
         from ..reduction.body_frames import FRAMES, clamped_dofs
-        from ..reduction.point_loads import point_markers
+        from ..reduction.reduced_basis import point_markers
 
         body = finite_element_model(self.model)
         frame = FRAMES[self.model.frame.type](body, self.model.frame)

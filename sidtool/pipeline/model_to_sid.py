@@ -44,7 +44,7 @@ from ..reduction.admissible_space import AdmissibleSpace
 from ..reduction.basis_error import assess_basis, held_marker_note, spin_stress_note
 from ..reduction.body_frames import FRAMES, Frame, clamped_dofs
 from ..reduction.methods import REDUCTIONS, ReducedBasis
-from ..reduction.point_loads import point_marker_note
+from ..reduction.reduced_basis import point_marker_note
 
 __all__ = ["finite_element_model", "sid_from_model"]
 

@@ -22,10 +22,10 @@ from sidtool.formats.result import Result, read_result
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import ElasticInitial, RigidBody, SceneFile, SidBody
 from sidtool.formats.sid_files import read_sid
+from sidtool.formats.storage.cache import content_digest
 from sidtool.formats.storage.operating_system import path_from
-from sidtool.formats.storage.sid_content import content_digest
 from sidtool.formats.toml.files import locate_errors
-from sidtool.formats.toml.objects import name_object, named_object
+from sidtool.formats.toml.tables import name_object, named_object
 
 from .files import expect_kind
 from .model_cache import convert_bodies

@@ -14,13 +14,13 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import (
     BLOCK_SHAPES,
     SID,
+    Array,
     Node,
     Taylor,
     axis_major,
     block_shape,
     symmetric_3x3,
 )
-from sidtool.formats.base.taylor import Array
 from sidtool.formats.model import NodeMarker, RayleighDamping
 from sidtool.formats.sid_mass import skew
 from sidtool.validate import check

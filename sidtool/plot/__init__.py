@@ -2,10 +2,9 @@
 
 figure               figures without a display, texts and labels in them
 curves               outputs over time
-sections             section forces along bodies
-results              figures of a result
+results              figures of a result, section forces along bodies
 body_pictures        pictures of bodies and their axes in space
 bodies               shape functions and meshes
-frequency_responses  Bode plots
+frequency_responses  Bode plots, Campbell diagrams
 studies              error over cost, measures over design parameters
 """

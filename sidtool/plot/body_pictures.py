@@ -12,7 +12,7 @@ from matplotlib.transforms import Bbox
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import NDArray
 
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ..field.surface import border_edges
 from .figure import (

@@ -23,7 +23,7 @@ from matplotlib.ticker import LogFormatterSciNotation
 from matplotlib.transforms import Bbox, BboxBase
 
 from sidtool.formats.base.errors import printable
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.storage.atomic import atomic_path
 

@@ -1,4 +1,7 @@
-"""Figures of studies and sweeps: error over cost, measures over design parameters."""
+"""Figures of studies and sweeps: error over cost, measures over design parameters.
+
+Figure of an optimisation: functionals and variables over the iterations.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.formats.study import StudyFile, StudyPoint
 
 from .figure import (
@@ -283,3 +288,54 @@ def _key_label(key: str) -> str:
 
 def _value_text(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+#: Width of the figure, height of a panel and of the axis below all [inch].
+_DESIGN_WIDTH, _DESIGN_PANEL, _AXIS = 7.0, 1.6, 0.6
+
+
+def plot_history(
+    path: Path | None, panels: Sequence[tuple[str, Array, Sequence[float]]]
+) -> Any:
+    """Draw a panel for each quantity.
+
+    Parameters
+    ----------
+    path : file to write (.png, .svg, .pdf)
+    panels : label, values over the iterations, limits as dashed lines
+    """
+    size = _DESIGN_WIDTH, _AXIS + _DESIGN_PANEL * len(panels)
+    with saved_figure(path, len(panels), size=size) as drawn:
+        all_axes = np.atleast_1d(drawn)
+        for axes, (label, values, limits) in zip(all_axes, panels, strict=True):
+            axes.plot(values, "o-", markersize=3)
+            for limit in limits:
+                axes.axhline(limit, color="0.4", linestyle="--", linewidth=0.8)
+            axes.set_ylabel(wrap_label(label, _DESIGN_PANEL))
+        all_axes[-1].set_xlabel("iteration")
+        all_axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    return all_axes[0].figure
+
+
+def plot_fit(
+    path: Path | None, panels: Sequence[tuple[str, Array, Array, Array]]
+) -> Any:
+    """Draw measured and fitted values of outputs over time.
+
+    Parameters
+    ----------
+    path : file to write (.png, .svg, .pdf)
+    panels : label, times, measured and fitted values
+    """
+    size = _DESIGN_WIDTH, _AXIS + 2.0 * _DESIGN_PANEL * max(1, len(panels))
+    with saved_figure(path, max(1, len(panels)), size=size) as drawn:
+        all_axes = np.atleast_1d(drawn)
+        for axes, (label, times, measured, fitted) in zip(
+            all_axes, panels, strict=False
+        ):
+            axes.plot(times, measured, ".", markersize=3, label="measured")
+            axes.plot(times, fitted, linewidth=1.0, label="fitted")
+            axes.set_ylabel(wrap_label(label, _DESIGN_PANEL))
+        all_axes[0].legend(loc="upper right")
+        all_axes[-1].set_xlabel("t [s]")
+    return all_axes[0].figure

@@ -4,6 +4,5 @@ body_frames        tangent, chord and mean-axis (Buckens) frames
 admissible_space   displacements allowed by frame, ties and supports
 methods            reduction methods, shape functions from a file
 reduced_basis      orthonormal basis of the candidates
-point_loads        markers whose compliance has no limit
 basis_error        error of a basis against the full mesh
 """

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from sidtool.formats.base.complex_step import null_space_with_step
 from sidtool.formats.base.errors import InputError, TooManyModes
 from sidtool.formats.base.extremes import first_largest
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ..eigensolvers.eigenpairs import (
     equal_frequencies,

@@ -15,13 +15,8 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from sidtool.formats.base.compliance_shares import (
-    DIRECTIONS,
-    ComplianceShares,
-    SixComponents,
-)
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import DIRECTIONS, Array, ComplianceShares, SixComponents
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.reduction import (

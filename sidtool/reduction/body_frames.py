@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sidtool.formats.base.complex_step import analytic_norm
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.extremes import first_largest
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model.reduction import BuckensFrame, ChordFrame, TangentFrame
 
 from ..elements.finite_element_model import (

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.base.complex_step import Numbers
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ..eigensolvers.eigenpair_derivatives import EigenpairDerivatives, clusters
 from ..elements.finite_element_model import FiniteElementModel

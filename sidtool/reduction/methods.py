@@ -24,7 +24,7 @@ from scipy.sparse.linalg import splu
 
 from sidtool.formats.base.complex_step import without_rounding
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model.reduction import (
     AttachmentReduction,
     CraigBamptonReduction,

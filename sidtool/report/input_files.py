@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model import Material, ModelFile, NodeMarker
 from sidtool.formats.model.frames import FrameGeometry
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry

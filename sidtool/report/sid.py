@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from sidtool.formats.base.compliance_shares import DIRECTIONS
-from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.base.sid import DIRECTIONS, SID, Array
 from sidtool.formats.base.stress import stress_nodes
-from sidtool.formats.dead_nodes import dead_nodes, motion_scale
 from sidtool.formats.diagnostics.entry import per_cent
 from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.motion_kinds import (
     ROTATION_ARM_SHARE,
     ZERO_MOTION_TOLERANCE,
+    dead_nodes,
     kind_of_shape,
     long_axis,
+    motion_scale,
     node_extent,
 )
 from sidtool.formats.text import counted_noun

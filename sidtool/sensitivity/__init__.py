@@ -6,11 +6,9 @@ variables           numbers of a scene and of models, by their keys
 model_sensitivity   derivatives of a body by numbers of its model, without a motion
 differences         central differences with an estimate of their error
 sensitivity_result  values, derivatives and errors, as table, data and file
-optimisation        scaled objective and limits, and the search for the best
-design_result       the best design and the way to it, as table, data and picture
+optimisation        scaled objective and limits, search for the best design
 measurements        measured outputs in tables
-identification      least squares with intervals
-identification_result  numbers with intervals, as table, data and picture
+identification      least squares, numbers with intervals
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Error against time and size over variants of a scene.
 
 plan           values of the axes, points, outputs that are compared
-base_runs      run of the scene itself, run of the finest variant
-run_study      conversions, references, all points
+run_study      conversions, base runs, references, all points
 study_result   result of a study: tables, fronts, pictures
 """
 
@@ -11,12 +10,15 @@ from __future__ import annotations
 from ..measurement.outputs import RunRecord, is_hopeless, timed_run
 from ..measurement.points import (
     Point,
+    Reference,
+    StoppedEarly,
+    is_varying,
+    make_reference,
     measure_setting,
     pareto_front,
     point_of,
     recommend_point,
 )
-from ..measurement.reference import Reference, StoppedEarly, is_varying, make_reference
 from ..measurement.tasks import StudyInterrupted
 from ..measurement.variants import Setting, default_settings, parse_axes
 from .run_study import run_study

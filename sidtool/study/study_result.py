@@ -17,9 +17,11 @@ from sidtool.formats.diagnostics import Diagnostic, diagnose, each_once
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.study import StudyFile, StudyPoint, write_study
 
-from ..measurement.points import Point, pareto_front, recommend_point
-from ..measurement.reference import (
+from ..measurement.points import (
+    Point,
     Reference,
+    pareto_front,
+    recommend_point,
     unconverged_outputs,
     unpredictable_outputs,
 )

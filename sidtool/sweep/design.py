@@ -22,7 +22,7 @@ from sidtool.formats.sid_files import read_sid
 from sidtool.formats.toml.evaluation import PARAMETERS
 from sidtool.formats.toml.expressions import evaluate_number
 from sidtool.formats.toml.files import File, key_path
-from sidtool.formats.toml.objects import named_object
+from sidtool.formats.toml.tables import named_object
 
 from ..pipeline.model_cache import model_digest
 from ..pipeline.scene_changes import replace_sids

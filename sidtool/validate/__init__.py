@@ -1,16 +1,13 @@
 """Validation of a SID: identities, repair and units.
 
 identity              registry of identities, scales and deviations
-node_identities       nodes and counts (I1 to I3)
-inertia_identities    inertia blocks (I4 to I12)
-mass_identities       mass, stiffness, damping (I13 to I17)
-content_identities    orientations, empty blocks, signs, higher orders (I18 to I21)
-checks                all identities applied to one SID
+inertia_identities    nodes, counts and inertia blocks (I1 to I12)
+mass_identities       mass, stiffness, damping, contents (I13 to I21)
+checks                all identities applied to one SID, its printed digits
 frequencies           natural frequencies of a SID, sign of the gravity terms
 basis_change          change of the basis of shape functions
 body_modes            natural modes of a body at its nodes
 repairs               repair of implied blocks
-printed_digits        printed precision of a file
 unit_guess            most likely unit system
 """
 

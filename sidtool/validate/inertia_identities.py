@@ -2,6 +2,8 @@
 
 Each holds because both sides are the same integral over the body; see O. Wallrapp,
 "Standardization of flexible body modeling in multibody system codes, Part I", 1994.
+
+Identities of the exported nodes and of the counts in the file: I1 to I3.
 """
 
 from __future__ import annotations
@@ -28,6 +30,43 @@ from .identity import (
     translation_scale,
     transpose_modes,
 )
+
+
+@identity("I1", bound=0.0)
+def count_contradictions(sid: SID) -> Finding:
+    """Number of counts that contradict the contents, as the reader noted them."""
+    wrong = [each.message for each in sid.diagnostics if each.code == "N842"]
+    detail = "; ".join(wrong) or f"{len(sid.nodes)} nodes, {sid.nq} modes"
+    return Finding(float(len(wrong)), detail)
+
+
+@identity("I2", bound=1e-11)
+def origin_deviation(sid: SID) -> Finding:
+    """Derivative of the node's position against its shape functions."""
+    if not sid.nodes or sid.nq == 0:
+        return Finding(None, "no shape functions at any node")
+    first = np.stack([node.origin.first_order(sid.nq)[:, :, 0] for node in sid.nodes])
+    shapes = np.stack([node.phi.m0.T for node in sid.nodes])
+    difference = np.abs(first - shapes)
+    worst = sid.nodes[int(difference.max(axis=(1, 2)).argmax())].id
+    return finding_of_difference(
+        difference, first, shapes, detail=f"largest at node {worst}"
+    )
+
+
+@identity("I3", bound=1e-11)
+def rotation_deviation(sid: SID) -> Finding:
+    """Derivative of the node's orientation against its rotational shape functions."""
+    if not sid.nodes or sid.nq == 0:
+        return Finding(None, "no shape functions at any node")
+    first = np.stack([node.AP.first_order(sid.nq) for node in sid.nodes])
+    turned = np.stack([skew(node.psi.m0.T) @ node.AP.m0 for node in sid.nodes])
+    difference = np.abs(first - turned)
+    worst = sid.nodes[int(difference.max(axis=(1, 2, 3)).argmax())].id
+    return finding_of_difference(
+        difference, first, turned, detail=f"largest at node {worst}"
+    )
+
 
 # A print of 12 digits is off by at most 5e-12 of the entry; two to four printed numbers
 # meet in each identity below, so 1e-11 (2e-11 for the sum of four) is exact.

@@ -15,9 +15,9 @@ from sidtool.formats.geometric_stiffening import (
 from sidtool.formats.sid_mass import skew
 
 from ..mesh.unit_systems import check_magnitudes
-from .content_identities import corrected_orientation
 from .frequencies import WRONG_SIGN_CORRELATION, sign_correlation
 from .identity import max_magnitude, modal_blocks, transpose_modes
+from .mass_identities import corrected_orientation
 
 # Entries that agree with their source to the 12 digits of a file are not changed.
 _SAME = 2e-11

@@ -17,8 +17,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.base.compliance_shares import DIRECTIONS
-from sidtool.formats.base.sid import SID, Array, Node
+from sidtool.formats.base.sid import DIRECTIONS, SID, Array, Node
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import PointForce, SceneFile, marker_names, marker_reference
 from sidtool.formats.static_compliance import (

@@ -17,7 +17,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, orientation_fault
-from sidtool.formats.dead_nodes import check_moves, dead_nodes
+from sidtool.formats.motion_kinds import check_moves, dead_nodes
 from sidtool.formats.scene import (
     FRICTION_QUANTITIES,
     INPUTS,
@@ -45,7 +45,7 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.scene.connections import force_coordinate, is_turned
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion
-from sidtool.formats.storage.sid_content import content_digest
+from sidtool.formats.storage.cache import content_digest
 
 from ..initial_state.axis_alignment import align_bodies
 from ..initial_state.constraint_jacobian import InitialState

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from sidtool.formats.base.sid import Array
-from sidtool.formats.result.rows import ROWS_PER_BLOCK
+from sidtool.formats.result.data import ROWS_PER_BLOCK
 from sidtool.formats.scene import OutputTimes
 
 from ..integrators.loop_state import StepLoopState

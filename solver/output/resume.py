@@ -11,10 +11,9 @@ from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import diagnose, each_once
 from sidtool.formats.result import Result
 from sidtool.formats.result.accuracy_report import BODY_CODES
-from sidtool.formats.result.data import TABLES
-from sidtool.formats.result.rows import Rows, iterate_rows
+from sidtool.formats.result.data import TABLES, Rows, iterate_rows
 from sidtool.formats.scene import OutputTimes
-from sidtool.formats.storage.sid_content import differing_entries
+from sidtool.formats.storage.cache import differing_entries
 
 from ..initial_state.assembly import StateVectors
 from ..initial_state.integrator_start import (

@@ -9,7 +9,7 @@ import numpy as np
 from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Event, FlexibleBody
 from sidtool.formats.result.accuracy_report import MAX_DEFLECTION, MAX_ROTATION
-from sidtool.formats.result.rows import ROWS_PER_BLOCK, Rows, Sink
+from sidtool.formats.result.data import ROWS_PER_BLOCK, Rows, Sink
 
 from ..diagnostics.body_loads import deformation_bounds
 from ..diagnostics.run_summary import RunDiagnostics

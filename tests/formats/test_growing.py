@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 import pytest
 
-from sidtool.formats.storage import growing
-from sidtool.formats.storage.growing import GrowingFile, undisturbed
+from sidtool.formats.storage import atomic
+from sidtool.formats.storage.atomic import GrowingFile, undisturbed
 from sidtool.formats.storage.hdf5_files import SealedFile, check_seal, write_sealed
 from tests.places import posix
 
@@ -35,7 +35,7 @@ class Small(io.FileIO):
 
 def little_room(monkeypatch: pytest.MonkeyPatch, room: int, full: Path) -> None:
     """One folder has room for so many bytes only."""
-    opened = growing._opened
+    opened = atomic._opened
 
     def limited(target: Path) -> tuple[ExitStack, io.FileIO]:
         stack, file = opened(target)
@@ -46,7 +46,7 @@ def little_room(monkeypatch: pytest.MonkeyPatch, room: int, full: Path) -> None:
             stack.callback(file.close)
         return stack, file
 
-    monkeypatch.setattr(growing, "_opened", limited)
+    monkeypatch.setattr(atomic, "_opened", limited)
 
 
 @pytest.mark.parametrize("room", [0, 5000, 70_000, 1 << 20])

@@ -11,11 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sidtool.formats.base.compliance_shares import ComplianceShares
 from sidtool.formats.base.sid import (
     BLOCK_SHAPES,
     NODE_SHAPES,
     SID,
+    ComplianceShares,
     Dialect,
     Node,
     Taylor,

@@ -20,7 +20,7 @@ from sidtool.cli.main import cli
 from sidtool.formats.result import read_result
 from sidtool.formats.sid_files import write_sid
 from sidtool.measurement import cache
-from sidtool.measurement.validity import OutsideTheory
+from sidtool.measurement.runs import OutsideTheory
 from tests.codes import codes, only
 from tests.solver.scenes import scene
 from tests.steel_bars import steel_bar

@@ -17,8 +17,7 @@ import pytest
 import sidtool
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.result import InMemory, read_result
-from sidtool.formats.result.data import TABLES
-from sidtool.formats.result.rows import ROWS_PER_BLOCK, Columns, Rows
+from sidtool.formats.result.data import ROWS_PER_BLOCK, TABLES, Columns, Rows
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.plot import results
 from sidtool.solver import compile_scene, simulate

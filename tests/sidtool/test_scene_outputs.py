@@ -16,7 +16,7 @@ from sidtool.elements.material_points import stress_rows
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.base.stress import COMPONENTS, peak_stress, stress_norm
-from sidtool.formats.dead_nodes import dead_nodes
+from sidtool.formats.motion_kinds import dead_nodes
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.toml.reading import read_data, validate_data

@@ -2,8 +2,7 @@
 
 input_file        reading of a file, keyword by keyword
 keywords          keyword blocks, and the effect of each keyword
-deck              contents of a deck, node and element sets
-element_types     supported element types
+deck              contents of a deck, sets, supported element types
 materials         elastic materials and orientations
 node_generation   generated nodes and elements
 instances         instances of parts as one body

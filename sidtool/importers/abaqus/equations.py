@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable, Iterator, Sequence
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.connections import RawEquation, RawTie, Term

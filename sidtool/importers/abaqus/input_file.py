@@ -21,14 +21,16 @@ from .couplings import read_coupling, read_coupling_kind, read_mass
 from .deck import (
     Deck,
     Element,
+    ElementType,
     Namespace,
     Section,
     duplicate_error,
+    element_type,
     extend_set,
     read_elset,
     read_nset,
+    unsupported_element_text,
 )
-from .element_types import ElementType, element_type, unsupported_element_text
 from .equations import read_equation, read_tie
 from .instances import merge_instances
 from .keywords import Block, UnreadKeyword, keyword_effect, read_blocks, spelled_out

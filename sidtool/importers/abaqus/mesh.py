@@ -19,8 +19,15 @@ from ...mesh.imported_mesh import (
     unread_keyword_notes,
 )
 from .couplings import couplings_of, masses_of, reference_labels
-from .deck import Deck, Element, Member, Namespace, Section
-from .element_types import POINTS, unsupported_element_text
+from .deck import (
+    POINTS,
+    Deck,
+    Element,
+    Member,
+    Namespace,
+    Section,
+    unsupported_element_text,
+)
 from .equations import equations_of, ties_of
 from .instances import place_nodes
 from .materials import material_name, materials_of

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.deck_text import parse_integers, parse_numbers

@@ -11,8 +11,7 @@ from sidtool.formats.model import Material
 
 from ...mesh.connections import RawShell, ShellSection
 from ...mesh.deck_text import parse_numbers
-from ...mesh.element_nodes import collapse_element
-from ...mesh.imported_mesh import check_defined
+from ...mesh.imported_mesh import check_defined, collapse_element
 from ...mesh.materials import ElasticMaterial
 from .deck import Deck, Element, Section
 from .keywords import BY_CALCULIX, Block

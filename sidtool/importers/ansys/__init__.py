@@ -1,8 +1,7 @@
 """ANSYS archives (.cdb).
 
-archive         reading of a file, command by command
+archive         reading of a file, command by command; element types
 content         contents of an archive, coordinate systems
-element_types   supported element types
 materials       elastic materials
 constraints     equations, coupled directions, point masses
 """

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ...mesh.deck_text import RefusalCollector, parse_integers, parse_numbers
 

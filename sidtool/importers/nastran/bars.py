@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ...mesh.connections import BarSection, RawBar, Vector
 from .cards import Card, is_real

@@ -16,16 +16,17 @@ from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ...mesh.connections import RawBar, RawEquation, RawShell, RawSpring
 from ...mesh.deck_text import parse_integers
-from ...mesh.element_nodes import MidsideNodes, linear_kind
 from ...mesh.imported_mesh import (
     LEFT_OUT,
     ONLY_NODES,
     ImportedMesh,
+    MidsideNodes,
     RawCoupling,
     RawElement,
     assemble_mesh,
     check_unique_labels,
     find_undefined_members,
+    linear_kind,
     mesh_of_points,
     reading_notes,
     unread_keyword_notes,
@@ -33,7 +34,7 @@ from ...mesh.imported_mesh import (
 from ...mesh.reference_elements import reference_element
 from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
 from .bars import bar, bar_defaults, bars_of, check_twist, fill_bar_defaults
-from .cards import CASE_CONTROL, Card, read_cards
+from .cards import CASE_CONTROL, Card, current_cards, read_cards
 from .constraints import (
     equations_of,
     read_case_control,
@@ -52,7 +53,6 @@ from .content import (
     property_node_sets,
 )
 from .coordinate_systems import CoordinateSystems, systems_of
-from .former_cards import current_cards
 from .laminates import mat2, mat8, pcomp, shells_of
 from .masses import pmass, point_masses
 from .properties import (

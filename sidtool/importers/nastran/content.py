@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ...mesh.connections import BarSection

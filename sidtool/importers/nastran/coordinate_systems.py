@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from .cards import Card
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ...mesh.connections import RawShell, ShellSection
-from ...mesh.element_nodes import collapse_element
+from ...mesh.imported_mesh import collapse_element
 from .cards import Card, is_real, real_number
 from .content import BulkData, PlaneLaw, Property, duplicate_error
 from .properties import corner_thicknesses, new_name

@@ -11,7 +11,7 @@ from sidtool.formats.base.errors import InputError
 
 from ...mesh.imported_mesh import RawMass
 from ...mesh.materials import AnisotropicMaterial, CylindricalMaterial, ElasticMaterial
-from ..abaqus.element_types import calculix_type
+from ..abaqus.deck import calculix_type
 from ..calculix_engine import is_installed
 from .bulk_data import bulk_data
 from .cards import Card

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 from ...mesh.connections import RawSpring
 from .cards import Card, is_real

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import sidtool
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model import ModelFile
 from tests.sidtool.conversion.test_cuts import SOLIDS, solid
 from tests.sidtool.elements.station_tables import LENGTH, eccentric, matrices

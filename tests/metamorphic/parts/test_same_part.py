@@ -11,8 +11,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sidtool.formats.model import ModelFile
-from sidtool.geometry.bspline import open_uniform_knots
-from sidtool.geometry.nurbs_patch import patch_from_model, refine_patch
+from sidtool.geometry.nurbs_patch import (
+    open_uniform_knots,
+    patch_from_model,
+    refine_patch,
+)
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.mesh import Mesh, check_mesh
 from sidtool.mesh.reference_elements import element_edges

@@ -10,7 +10,7 @@ import pytest
 
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
-from sidtool.measurement.reference import MAX_UNPREDICTABILITY
+from sidtool.measurement.points import MAX_UNPREDICTABILITY
 from sidtool.solver import compile_scene, simulate
 from sidtool.study import Study, default_settings, recommend_point, run_study
 from tests.codes import with_code

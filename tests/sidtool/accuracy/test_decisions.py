@@ -12,7 +12,7 @@ import sidtool
 from sidtool.formats.base.sid import SID
 from sidtool.formats.scene import SceneFile
 from sidtool.measurement import cache
-from sidtool.measurement.validity import OutsideTheory
+from sidtool.measurement.runs import OutsideTheory
 from tests.bodies import Cloud
 
 from .arms import cantilever, spun, swinging

@@ -21,7 +21,7 @@ from sidtool.formats.toml.reading import validate_data
 from sidtool.measurement import cache, candidates
 from sidtool.measurement import runs as runs_
 from sidtool.measurement.request import requested
-from sidtool.measurement.validity import OutsideTheory
+from sidtool.measurement.runs import OutsideTheory
 from sidtool.solver import compile_scene
 from tests.codes import only, with_code
 from tests.places import SLIDER_CRANK

@@ -15,7 +15,7 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.reading import validate_data
 from sidtool.measurement import cache
-from sidtool.measurement.validity import OutsideTheory
+from sidtool.measurement.runs import OutsideTheory
 from sidtool.pipeline.model_to_sid import sid_from_model
 from tests.codes import codes
 

@@ -15,7 +15,7 @@ from sidtool.cli.main import run
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import diagnose
 from sidtool.formats.result import Sink, read_result
-from sidtool.formats.result.rows import write_rows
+from sidtool.formats.result.data import write_rows
 from tests.places import SLIDER_CRANK
 
 SCENE = str(SLIDER_CRANK / "slider_crank.toml")

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import sidtool
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.reading import validate_data

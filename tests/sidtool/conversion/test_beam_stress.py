@@ -10,14 +10,13 @@ from numpy.testing import assert_allclose
 
 import sidtool
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import SID
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.base.stress import (
     node_stress,
     peak_stress,
     stress_nodes,
     stress_norm,
 )
-from sidtool.formats.base.taylor import Array
 from tests.codes import codes, only
 
 from .test_section_forces import L, bar, simulated

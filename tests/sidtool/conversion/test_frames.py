@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
-from sidtool.formats.dead_nodes import check_moves, dead_nodes
 from sidtool.formats.model import ModelFile
+from sidtool.formats.motion_kinds import check_moves, dead_nodes
 from sidtool.formats.sid_mass import free_modal_mass
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model

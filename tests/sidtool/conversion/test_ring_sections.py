@@ -15,7 +15,7 @@ from sidtool.conversion.frame_change import change_frame
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.sid_subset import select_shape_functions
-from sidtool.formats.storage.sid_content import differing_entries
+from sidtool.formats.storage.cache import differing_entries
 from sidtool.mesh.unit_systems import convert_units
 from sidtool.validate.basis_change import change_basis
 from tests.sidtool.frames import (

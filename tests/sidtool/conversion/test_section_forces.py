@@ -18,7 +18,7 @@ from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid, write_sid
-from sidtool.formats.storage.sid_content import differing_entries
+from sidtool.formats.storage.cache import differing_entries
 from sidtool.formats.toml.reading import validate_data
 from sidtool.validate import convert_units
 from tests.sidtool.conversion.sectioned_bars import (

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from sidtool.elements.finite_element_model import FiniteElementModel
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model import ModelFile
 
 LENGTH = 8.0

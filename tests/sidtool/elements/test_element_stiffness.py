@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 
 from sidtool.conversion.element_accuracy import element_notes
 from sidtool.elements.finite_element_model import FiniteElementModel
-from sidtool.elements.locking_remedies import KINDS_WITH_INCOMPATIBLE_MODES
-from sidtool.elements.solid_elements import elasticity, element_stiffness, mapped_batch
+from sidtool.elements.solid_elements import (
+    KINDS_WITH_INCOMPATIBLE_MODES,
+    elasticity,
+    element_stiffness,
+    mapped_batch,
+)
 from sidtool.elements.solid_mesh import SolidMesh, mesh_matrices, to_quadratic
 from sidtool.mesh.mesh import ElementBlock, Mesh
 from sidtool.mesh.reference_elements import (

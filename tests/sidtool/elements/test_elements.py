@@ -15,12 +15,12 @@ from sidtool.elements.mesh_contact import ElementFinder
 from sidtool.elements.solid_elements import elasticity
 from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.mesh.mesh import Mesh, check_mesh
-from sidtool.mesh.quadrature_rules import quadrature_rule
 from sidtool.mesh.reference_elements import (
     ELEMENT_KINDS,
     LINEAR_KINDS,
     element_edges,
     element_faces,
+    quadrature_rule,
     reference_element,
     shape_of,
 )

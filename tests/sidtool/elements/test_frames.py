@@ -14,7 +14,7 @@ import sidtool
 from sidtool.discretisation.registry import finite_element_model
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model import ModelFile
 from tests.codes import only, with_code
 from tests.sidtool.frames import (

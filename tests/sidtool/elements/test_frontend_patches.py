@@ -15,8 +15,12 @@ from sidtool.eigensolvers.eigenpairs import free_body_shift, lowest_eigenpairs
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.toml.reading import validate_data
-from sidtool.geometry.bspline import open_uniform_knots
-from sidtool.geometry.nurbs_patch import NurbsPatch, patch_from_model, refine_patch
+from sidtool.geometry.nurbs_patch import (
+    NurbsPatch,
+    open_uniform_knots,
+    patch_from_model,
+    refine_patch,
+)
 from sidtool.importers.nurbs_files import read_patches
 from sidtool.pipeline.model_to_sid import finite_element_model, sid_from_model
 from tests.codes import codes

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.elements.mesh_markers import MeshPoints
+from sidtool.elements.markers import MeshPoints
 from sidtool.elements.solid_elements import elasticity
 from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.formats.base.errors import InputError

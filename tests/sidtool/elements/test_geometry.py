@@ -10,16 +10,14 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline
 
 from sidtool.formats.base.errors import InputError
-from sidtool.geometry.bspline import (
+from sidtool.geometry.nurbs_patch import (
+    NurbsPatch,
+    evaluate_grid,
     gauss_points,
     greville_points,
     local_basis,
     local_basis_from_left,
     open_uniform_knots,
-)
-from sidtool.geometry.nurbs_patch import (
-    NurbsPatch,
-    evaluate_grid,
     patch_from_model,
     point_basis,
     refine_patch,

@@ -14,7 +14,7 @@ from sidtool.beams.section_shapes import NamedProperties, named_properties
 from sidtool.discretisation.registry import finite_element_model
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model import beams
 
 from ..beams import beam

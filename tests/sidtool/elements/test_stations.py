@@ -15,7 +15,7 @@ from scipy.special import iv, jv, kv, yv
 import sidtool
 from sidtool.discretisation.registry import finite_element_model
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.stations import read_stations
 from sidtool.model_derivatives.sid_derivatives import DifferentiableBody

@@ -12,8 +12,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.elements.locking_remedies import with_incompatible_modes
-from sidtool.elements.solid_elements import elasticity, element_stiffness, mapped_batch
+from sidtool.elements.solid_elements import (
+    elasticity,
+    element_stiffness,
+    mapped_batch,
+    with_incompatible_modes,
+)
 from sidtool.elements.solid_mesh import SolidMesh
 from sidtool.mesh.mesh import ElementBlock, Mesh
 from sidtool.mesh.reference_elements import reference_element

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from sidtool.elements.solid_mesh import mesh_matrices
 from sidtool.formats.base.errors import InputError
-from sidtool.importers.ansys.element_types import collapsed_element
+from sidtool.importers.ansys.archive import collapsed_element
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.mesh import ElementBlock, Mesh, check_mesh
 from sidtool.mesh.reference_elements import edge_nodes, reference_element

@@ -11,10 +11,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.elements.faces import named_surface
 from sidtool.elements.finite_element_model import FiniteElementModel
+from sidtool.elements.markers import MeshPoints
 from sidtool.elements.material_points import stress_rows
-from sidtool.elements.mesh_markers import MeshPoints
-from sidtool.elements.mesh_surface import named_surface
 from sidtool.elements.solid_elements import MatrixSum, element_mass, mapped_batch
 from sidtool.elements.solid_mesh import SolidMesh, mesh_continua, mesh_matrices
 from sidtool.formats.sid_mass import skew
@@ -22,8 +22,11 @@ from sidtool.importers.calculix_deck import free_deck
 from sidtool.importers.calculix_engine import run_calculix
 from sidtool.mesh.materials import ElasticMaterial
 from sidtool.mesh.mesh import Mesh
-from sidtool.mesh.quadrature_rules import prism_rule, quadrature_rule
-from sidtool.mesh.reference_elements import reference_element
+from sidtool.mesh.reference_elements import (
+    prism_rule,
+    quadrature_rule,
+    reference_element,
+)
 from sidtool.reduction.admissible_space import constrained_space
 from sidtool.reduction.body_frames import Frame
 from tests.metamorphic.parts.meshes import STEEL

@@ -12,8 +12,7 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.design import DesignFile
-from sidtool.sensitivity.design_result import write_history
-from sidtool.sensitivity.optimisation import Iteration
+from sidtool.sensitivity.optimisation import Iteration, write_history
 from tests.places import ROOT
 
 from . import scenes

@@ -18,7 +18,7 @@ from sidtool.conversion.frame_change import (
 from sidtool.formats.base.sid import SID, Array, Taylor
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.validate import check, verdict
-from sidtool.validate.printed_digits import rounding_of
+from sidtool.validate.checks import rounding_of
 from tests.bodies import particle_body
 
 FORMATS = ["%.4f", "%.6f", "%.5e", "%.7e", "%.9g"]

@@ -21,8 +21,7 @@ from sidtool.formats.field import Field, write_field
 from sidtool.formats.result import Result, write_result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.pipeline.model_to_sid import field_from_model
-from sidtool.view import body_fields, html_player
-from sidtool.view import html_player as page_module
+from sidtool.view import animation, body_fields
 from sidtool.view.animation import animate, animation_data
 from sidtool.view.motion import sample_motion
 from tests.codes import unwrapped
@@ -206,8 +205,8 @@ def test_a_slow_browser_shows_fewer_triangles_with_a_note(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Any browser is slower than a thousandth of a millisecond."""
-    monkeypatch.setattr(page_module, "SLOW_FRAME_TIME", 1e-3)
-    monkeypatch.setattr(page_module, "FEW_TRIANGLES", 300)
+    monkeypatch.setattr(animation, "SLOW_FRAME_TIME", 1e-3)
+    monkeypatch.setattr(animation, "FEW_TRIANGLES", 300)
     path = tmp_path / "slow.html"
     page_of(result, path, fields={"rod": rod_with_field[1]}, colour="displacement")
     with opened(path) as page:
@@ -246,7 +245,7 @@ def test_a_browser_is_slow_by_what_follows_its_first_picture(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(page_module, "FEW_TRIANGLES", 300)
+    monkeypatch.setattr(animation, "FEW_TRIANGLES", 300)
     path = tmp_path / "page.html"
     page_of(result, path, fields={"rod": rod_with_field[1]}, colour="displacement")
     cases = [
@@ -386,7 +385,7 @@ def test_the_command_reports_wrong_input(
 def test_without_three_js_the_message_names_the_package(
     result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(html_player, "PACKAGE", "no_such_package_of_three_js")
+    monkeypatch.setattr(animation, "PACKAGE", "no_such_package_of_three_js")
     with pytest.raises(InputError, match=r"sidtool\[view\]"):
         animate(result, tmp_path / "m.html")
     assert not (tmp_path / "m.html").exists()

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.linalg import hankel
 
 import sidtool
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 
 #: [rad/s]; at the second one a mode of the blades has slowed down to the tower.
 SPEEDS = (12.0, 18.0)

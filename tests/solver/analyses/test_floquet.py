@@ -15,9 +15,9 @@ from scipy.special import mathieu_a, mathieu_b
 import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.taylor import Array
-from sidtool.report.floquet import describe_floquet, floquet_data
+from sidtool.formats.base.sid import Array
 from sidtool.report.json_data import to_json_text
+from sidtool.report.modes import describe_floquet, floquet_data
 from tests.codes import codes
 
 from .state_space_scenes import pendulum

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.linalg import eig
 
 import sidtool
-from sidtool.formats.base.taylor import Array
+from sidtool.formats.base.sid import Array
 from tests.codes import codes, with_code
 
 #: Hinges of the blades from the axis, their centres from the hinges [m], mass [kg] and

@@ -13,7 +13,7 @@ from sidtool.formats.base.sid import SID, Node, Taylor
 from sidtool.formats.result import Result
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.storage.sid_content import (
+from sidtool.formats.storage.cache import (
     content_digest,
     differing_entries,
     numbers_by_entry,

@@ -1,4 +1,7 @@
-"""Campbell diagrams for scripts and notebooks."""
+"""Campbell diagrams for scripts and notebooks.
+
+Floquet analysis for scripts and notebooks.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,8 @@ from sidtool.formats.scene import SceneFile
 from sidtool.solver.analyses.campbell import CampbellDiagram as SolverCampbellDiagram
 from sidtool.solver.analyses.campbell import campbell_diagram
 from sidtool.solver.analyses.linearisation import Linearisation
+from sidtool.solver.simulation.floquet import FloquetModes as SolverFloquetModes
+from sidtool.solver.simulation.floquet import floquet_modes
 from sidtool.solver.system.errors import SimulationError
 
 from ..pipeline.files import expect_kind
@@ -129,14 +134,14 @@ class CampbellDiagram(SolverCampbellDiagram):
         if kind_by_ending(path, "campbell", "picture") == "picture":
             self.plot(path=path)
             return
-        from ..report.campbell import write_campbell
+        from ..report.modes import write_campbell
 
         check_ending(path, "campbell")
         write_campbell(path, self)
 
     def plot(self, *, path: Path_ | None = None) -> Any:
         """Return a matplotlib figure, and write it to a path."""
-        from ..plot.campbell import plot_campbell
+        from ..plot.frequency_responses import plot_campbell
 
         orders = tuple(sorted({1.0, *(each.order for each in self.critical_speeds)}))
         return plot_campbell(
@@ -164,7 +169,100 @@ class CampbellDiagram(SolverCampbellDiagram):
         )
 
     def _repr_html_(self) -> str:
-        from ..report.campbell import CRITICAL_COLUMNS, critical_rows
+        from ..report.modes import CRITICAL_COLUMNS, critical_rows
 
         notes = html_table([("note", text) for text in self.notes])
         return html_table(critical_rows(self), CRITICAL_COLUMNS) + notes
+
+
+def floquet(
+    scene: SceneFile | Path_,
+    period: float | str,
+    *,
+    sids: Sids | None = None,
+    base_folder: Path_ | None = None,
+    accept_defects: bool = False,
+    drives: Programs | None = None,
+    forces: Programs | None = None,
+) -> FloquetModes:
+    """Find how small motions about the periodic motion of a scene grow in a period.
+
+    The motion begins at the start of the scene and has to return to it, but for whole
+    revolutions. Functions of time have to be known over two periods, to see that they
+    repeat.
+
+    Parameters
+    ----------
+    period : of the motion [s], or a formula of parameters, such as "2*pi/speed"
+
+    The other arguments are those of `simulate`, including callables.
+
+    Raises
+    ------
+    InputError : the scene or one of its SIDs cannot be used, or the period is not
+        positive.
+    sidtool.SimulationError : the motion or its equations do not return (N741), or it
+        has no variational equations (N742).
+    """
+    if not isinstance(scene, SceneFile):
+        expect_kind(path_of(scene, "scene", "a sidtool.Scene"), "scene")
+    content = scene_given(scene)
+    start = content.time.start
+    end = f"({period}) + {start!r}" if start else period
+    span = {"start": start, "end": end, "output_times": [start]}
+    try:
+        content = content.with_({"time": span})
+    except InputError as error:
+        raise InputError(
+            error.problem,
+            place="period",
+            expected="a time above zero [s], or a formula",
+        ) from None
+    span["end"] = 2.0 * content.time.end - start
+    try:
+        longer = content.with_({"time": span})
+    except InputError as error:
+        raise InputError(
+            f"{error.problem}; the analysis compares two periods",
+            place=error.place,
+            expected=error.expected,
+        ) from None
+    options = sids, base_folder, accept_defects, (drives, forces)
+    with (
+        compiled_scene(content, *options) as system,
+        compiled_scene(longer, *options) as twice,
+    ):
+        return emit_warnings(to_user_class(floquet_modes(system, twice), FloquetModes))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FloquetModes(SolverFloquetModes):
+    __doc__ = SolverFloquetModes.__doc__
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a pandas table: a row per mode with multiplier, exponent [1/s] and
+        frequencies [Hz].
+
+        Raises
+        ------
+        InputError : pandas is not installed.
+        """
+        pandas = import_optional("pandas")
+        columns = {
+            "multiplier": self.multipliers,
+            "exponent": self.exponents,
+            "inertial_frequency": self.inertial_frequencies,
+            "rotating_frequency": self.rotating_frequencies,
+        }
+        numbers = pandas.RangeIndex(1, len(self.multipliers) + 1, name="mode")
+        return pandas.DataFrame(columns, index=numbers)
+
+    def __repr__(self) -> str:
+        found = "stable" if self.is_stable else "unstable"
+        return f"<FloquetModes of period {self.period:.6g} s: {found}>"
+
+    def _repr_html_(self) -> str:
+        from ..report.modes import FLOQUET_COLUMNS, floquet_rows
+
+        notes = html_table([("note", text) for text in self.notes])
+        return html_table(floquet_rows(self), FLOQUET_COLUMNS) + notes
