@@ -6,8 +6,6 @@ known only when it is read, so that every name is accepted here.
 Cross-sections at which a simulation evaluates section forces.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self
 

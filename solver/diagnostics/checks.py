@@ -9,8 +9,6 @@ on a plane of its own. They are meant where a guide takes the torque, as that of
 piston does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np

@@ -5,8 +5,6 @@ Passages of singular configurations, and dead points of friction.
 At a bifurcation the motion is not determined; a passage is reported with its time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise

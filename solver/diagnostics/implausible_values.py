@@ -6,8 +6,6 @@ Springs are compared with solids of the size of the mechanism, and with what a r
 integrate in a short time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

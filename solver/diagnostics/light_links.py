@@ -12,8 +12,6 @@ Markers and the centre of mass may lie much closer together than the body is lar
 those of an eccentric disc. Its inertia gives a size, unless it has a wrong unit itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ components.
 Outputs of the whole scene, and outputs that are not available afterwards.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property

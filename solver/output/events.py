@@ -7,8 +7,6 @@ are missed.
 Instants of steps at which joints with friction change between stick and slip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

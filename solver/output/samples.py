@@ -3,8 +3,6 @@
 Forces, energies and momenta evaluated at recorded states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
