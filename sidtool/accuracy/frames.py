@@ -34,7 +34,7 @@ from sidtool.formats.scene.outputs import (
     MARKER_QUANTITIES,
     MOMENTA,
 )
-from sidtool.solver.system.body_damping import sid_with_damping
+from sidtool.solver.system.body_data import sid_with_damping
 
 from ..conversion.frame_change import FrameChange, apply_frame_change, frame_change
 from ..measurement.candidates import loaded_nodes

@@ -12,7 +12,7 @@ from sidtool.formats.scene import (
     ModalDamping,
     RayleighDamping,
 )
-from sidtool.solver.system.body_damping import sid_with_damping
+from sidtool.solver.system.body_data import sid_with_damping
 
 _EXPECTED = (
     "none, rayleigh:ALPHA,BETA, modal:RATIO (or one for each mode) or frequency, "

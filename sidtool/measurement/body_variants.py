@@ -222,7 +222,7 @@ def _sid_in_frame(sid: SID, frame: str, body: SidBody, name: str) -> SID:
     """Return the SID in another frame, with the damping of the scene in its
     own frame.
     """
-    from sidtool.solver.system.body_damping import sid_with_damping
+    from sidtool.solver.system.body_data import sid_with_damping
 
     from ..conversion.frame_change import change_frame
 
@@ -235,7 +235,7 @@ def _damped_in_frame_of(model: ModelFile, sid: SID, body: SidBody, name: str) ->
     frames. The damping matrix does not: it belongs to the elastic coordinates, which
     are the same in every frame.
     """
-    from sidtool.solver.system.body_damping import sid_with_damping
+    from sidtool.solver.system.body_data import sid_with_damping
 
     from ..conversion.frame_change import change_frame
 

@@ -21,7 +21,7 @@ from sidtool.formats.scene import (
     marker_reference,
 )
 from sidtool.formats.scene.connections import force_coordinate
-from sidtool.solver.system.rotations import shortest_rotation
+from sidtool.solver.system.rotated_markers import shortest_rotation
 from sidtool.solver.system.system import GROUND_NAME, System
 
 from ..field.body_field import CORNERS, tube

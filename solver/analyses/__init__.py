@@ -5,14 +5,14 @@
 - `frozen_inputs`: systems whose inputs are held constant
 - `static_equilibrium`, `initial_equilibrium`: static equilibrium
 - `rotating_groups`, `steady_rotation`: steady rotation
-- `reference_axes`, `rotated_shapes`: axes in which small motions are seen
+- `reference_axes`: axes in which small motions are seen
 - `power_laws`: limits of differences that fall slowly with their step
 - `operating_point`: the state that is linearised
 - `multi_blade`: equal bodies around an axis (Coleman transformation)
 - `state_matrix`, `steady_axes`, `rigid_motions`, `whirl`, `linearisation`: natural
   modes, eq. (23)
-- `state_space`, `steady_responses`, `input_effects`, `output_derivatives`,
-  `state_space_forms`, `state_coordinates`: state space between inputs and outputs
+- `state_space`, `input_effects`, `output_derivatives`, `state_space_forms`: state space
+  between inputs and outputs
 - `frequency_response`: response of a state space to harmonic inputs
 - `inverse_dynamics`: forces of drives for a prescribed motion
 - `analysis_results`: results of the analyses

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from sidtool.formats.base.sid import SID, Array
 
 from ..spatial import system_arrays as at
-from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.rotated_markers import to_3d, to_rotation_matrices
 from .dense_equations import DenseEquations
 from .reference_axes import EQUAL_ANGULAR_VELOCITY, axis_angular_velocities
 

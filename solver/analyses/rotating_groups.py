@@ -16,7 +16,7 @@ from sidtool.formats.base.sid import Array
 
 from ..initial_state.assembly import StateVectors
 from ..spatial import system_arrays as at
-from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.rotated_markers import to_3d, to_rotation_matrices
 from ..system.system import GROUND_NAME, System
 from .dense_equations import DenseEquations, null_space
 from .reference_axes import axis_angular_velocities, marker_owners

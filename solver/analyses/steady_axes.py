@@ -17,7 +17,7 @@ from sidtool.formats.sid_mass import skew
 
 from ..spatial import system_arrays as at
 from ..system.errors import SimulationError
-from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.rotated_markers import to_3d, to_rotation_matrices
 from .dense_equations import DenseEquations
 from .multi_blade import BladeGroup, blade_groups, rotated_tangents
 from .reference_axes import (

@@ -17,7 +17,7 @@ from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.sid_mass import coupled_mass_matrix, mean_axes_motion
 
 from ..spatial import system_arrays as at
-from ..system.rotations import to_rotation_matrices
+from ..system.rotated_markers import to_rotation_matrices
 from .dense_equations import DenseEquations
 from .multi_blade import BladeGroup
 from .reference_axes import independent_rows

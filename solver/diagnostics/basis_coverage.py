@@ -34,7 +34,7 @@ from ..initial_state.contradictions import (
 )
 from ..spatial import system_arrays as at
 from ..system.body_data import BodyData
-from ..system.rotations import to_rotation_matrices
+from ..system.rotated_markers import to_rotation_matrices
 from ..system.sid_packing import symmetrise
 from ..system.system import ConstraintRows, System
 from .body_loads import expected_loads

@@ -27,8 +27,8 @@ from ..output.body_outputs import frame_motion
 from ..output.energies import elastic_coordinates
 from ..output.samples import EvaluatedForces, Samples
 from ..spatial import system_arrays as at
-from ..system.body_damping import coordinate_frequencies, squared_frequencies
-from ..system.rotations import to_3d
+from ..system.body_data import coordinate_frequencies, squared_frequencies
+from ..system.rotated_markers import to_3d
 from ..system.system import System
 from ..system.work_arrays import function_history
 from .excitation import (

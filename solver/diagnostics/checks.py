@@ -45,9 +45,8 @@ from sidtool.formats.scene.connections import force_coordinate, is_turned
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 from sidtool.formats.storage.cache import content_digest
 
-from ..initial_state.axis_alignment import align_bodies
 from ..initial_state.constraint_jacobian import InitialState
-from ..initial_state.given_state import initial_estimate, prescribed_rows
+from ..initial_state.given_state import align_bodies, initial_estimate, prescribed_rows
 from ..initial_state.overconstraint import ROTATION_CONSTRAINTS
 from ..initial_state.sparse_jacobian import (
     normalised_sparse_rows,

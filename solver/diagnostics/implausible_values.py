@@ -34,7 +34,7 @@ from ..spatial import system_arrays as at
 from ..system import work_arrays
 from ..system.characteristic_sizes import body_extents
 from ..system.force_rows import ForcePolynomials, ForceRow
-from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.rotated_markers import to_3d, to_rotation_matrices
 from ..system.system import System
 from ..system.work_arrays import new_work_arrays
 from .excitation import ANGLES, drive_history, fastest_rotation

@@ -1,12 +1,9 @@
 """Functions of time and control laws, in reading order.
 
-- `lookup_tables`: tables of formulas
-- `features`: shortest features that a step must not skip
-- `smoothness`: order of continuity at a time
+- `features`: shortest features that a step must not skip, order of continuity
 - `chebyshev`: piecewise Chebyshev series of a function
 - `kink_positions`: times at which a derivative jumps
 - `callables`: callables of a program as functions of time or as native functions
-- `returned_values`: what a callable may return
 - `piecewise`: piecewise polynomials of formulas and tables
 - `function_table`: all functions of a scene as rows of one table
 - `control_laws`: instructions of a control law

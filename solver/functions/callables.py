@@ -4,6 +4,8 @@ A function of time is interpolated by piecewise Chebyshev polynomials; its rate 
 acceleration are those of the polynomials, so that they are consistent. Only values of
 the callable are known, and features shorter than the spacing of the samples are not
 seen. A law is compiled by numba where possible; otherwise kernels call Python.
+
+Numbers that callables of a program return.
 """
 
 import ctypes
@@ -20,9 +22,25 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 
 from .chebyshev import ChebyshevSeries, FitSamples, bisected_fit
+from .features import KINK_PIECE, check_rates, kink_times
 from .kink_positions import fit_with_kinks
-from .returned_values import real_number
-from .smoothness import KINK_PIECE, check_rates, kink_times
+
+
+def real_number(value: Any) -> float:
+    """The value as a float; texts and truth values, which `float` takes, are none.
+
+    Raises
+    ------
+    TypeError, ValueError
+        It is no real number, or an array of several.
+    """
+    if type(value) is float:
+        return value
+    kind = np.asarray(value).dtype.kind
+    if kind not in "iufO" or isinstance(value, str | bytes):
+        raise TypeError(f"{value!r} is no real number")
+    return float(value)
+
 
 #: A function of time, or one with its first derivative, or with its first two.
 TimeFunctions = Callable[[float], float] | tuple[Callable[[float], float], ...]

@@ -18,10 +18,9 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.toml.expressions import LOOKUPS
 
-from .callables import NativeCallable
-from .lookup_tables import curve_of_table, curve_value
+from .callables import NativeCallable, real_number
+from .function_table import curve_of_table, curve_value
 from .piecewise import PiecewisePolynomial
-from .returned_values import real_number
 
 #: A function of the time and of what a law reads.
 OutputFunction = Callable[[float, Array], float]

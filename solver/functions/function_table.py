@@ -2,6 +2,8 @@
 
 Each function becomes pieces of polynomials or a harmonic function. Jumps of values and
 rates that the solver cannot integrate over are refused.
+
+Tables of formulas: as rows of functions, as grids, and evaluated in Python.
 """
 
 import math
@@ -21,6 +23,7 @@ from sidtool.formats.scene import (
     Harmonic,
     Input,
     InputFunction,
+    LookupTable,
     Polynomial,
     SineRamp,
     SmoothStep,
@@ -491,3 +494,27 @@ def _pad_pieces(starts: list[float], terms: list[Array]) -> PiecewisePolynomial:
     for row, term in zip(padded, terms, strict=True):
         row[: len(term)] = term
     return PiecewisePolynomial(np.array(starts), padded)
+
+
+def curve_of_table(table: LookupTable) -> PiecewisePolynomial:
+    """The curve of a table of one variable."""
+    x, _, values = table.points
+    spline = Spline(
+        times=x.tolist(), values=values.tolist(), interpolation=table.interpolation
+    )
+    curve = compile_function(spline, "")
+    assert isinstance(curve, PiecewisePolynomial)
+    return curve
+
+
+def grid_data(table: LookupTable) -> Array:
+    """Numbers of x and y, x, y and the values row by row, as kernels read them."""
+    x, y, values = table.points
+    return np.concatenate([[len(x), len(y)], x, y, values.ravel()])
+
+
+def curve_value(curve: PiecewisePolynomial, x: float, order: int) -> float:
+    """The value of a curve, or a derivative."""
+    k = max(int(np.searchsorted(curve.starts, x, side="right")) - 1, 0)
+    terms = np.polynomial.Polynomial(curve.terms[k])
+    return float(terms.deriv(order)(x - curve.starts[k]))

@@ -18,6 +18,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import Instruction
 
+from .callables import real_number
 from .control_laws import (
     HELD_VALUE,
     CallableInstruction,
@@ -29,7 +30,6 @@ from .control_laws import (
     TableLookup,
     TimeLaw,
 )
-from .returned_values import real_number
 
 #: An entry of the stack: its value and its rate, None for one that does not change.
 StackEntry = tuple[LawInstructions, LawInstructions | None]

@@ -1,9 +1,8 @@
 """Consistent initial conditions and redundant constraints, in reading order.
 
 - `constraint_jacobian`: state with its constraint Jacobian and scaled coordinates
-- `sparse_qr`, `sparse_jacobian`: constraints of large scenes
-- `given_state`: positions and velocities that the scene states
-- `axis_alignment`: initial guesses of orientations
+- `sparse_jacobian`: constraints of large scenes
+- `given_state`: positions and velocities that the scene states, initial orientations
 - `assembly`: positions and velocities that meet the constraints
 - `contradictions`, `displacement_report`: why an assembly failed
 - `redundant_constraints`, `overconstraint`: dependent constraints

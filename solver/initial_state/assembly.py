@@ -19,7 +19,6 @@ from ..spatial import system_arrays as at
 from ..system import work_arrays
 from ..system.system import System
 from ..system.work_arrays import new_work_arrays
-from .axis_alignment import align_bodies, check_alignment
 from .constraint_jacobian import (
     InitialState,
     assemble_position,
@@ -35,6 +34,8 @@ from .contradictions import (
 from .displacement_report import displacements
 from .given_state import (
     StateVectors,
+    align_bodies,
+    check_alignment,
     initial_estimate,
     is_velocity_specified,
     store_rotations,

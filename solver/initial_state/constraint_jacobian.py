@@ -28,11 +28,11 @@ from .given_state import StateVectors
 from .sparse_jacobian import (
     LARGE_SCENE_ROWS,
     IndependentRows,
+    OrthogonalFactor,
     candidate_dependent_rows,
     jacobian_entries,
     sparse_constraint_jacobian,
 )
-from .sparse_qr import OrthogonalFactor
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -11,7 +11,7 @@ from sidtool.formats.scene import as_3d, orientation_matrix
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import WorkArrays
 from ..system import work_arrays
-from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.rotated_markers import to_3d, to_rotation_matrices
 from ..system.sid_packing import quaternion
 from ..system.system import System
 from .given_state import StateVectors

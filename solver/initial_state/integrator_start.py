@@ -19,7 +19,7 @@ from ..integrators.registry import (
 )
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
-from ..system.body_damping import coordinate_frequencies
+from ..system.body_data import coordinate_frequencies
 from ..system.characteristic_sizes import (
     body_extents,
     constraint_sizes,

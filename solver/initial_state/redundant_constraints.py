@@ -33,10 +33,10 @@ from .overconstraint import restore_constraints
 from .sparse_jacobian import (
     CLEARLY_INDEPENDENT,
     LARGE_SCENE_ROWS,
+    RowRange,
     scaled_sparse_jacobian,
     sparse_constraint_jacobian,
 )
-from .sparse_qr import RowRange
 
 #: How far beside the start constraints are looked at, relative to all sizes.
 OFFSET = 1e-3

@@ -41,7 +41,7 @@ from ..dynamics.drives import function_values
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import WorkArrays
 from ..system import work_arrays
-from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.rotated_markers import to_3d, to_rotation_matrices
 from ..system.system import System
 from . import energies
 from .energies import EnergyIntegrals, elastic_coordinates, is_energy_integral

@@ -28,7 +28,7 @@ from sidtool.formats.scene import (
 
 from ..integrators import loop_state
 from ..spatial import system_arrays as at
-from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.rotated_markers import to_3d, to_rotation_matrices
 from ..system.system import System
 from ..system.work_arrays import new_work_arrays
 from .body_outputs import (

@@ -28,7 +28,7 @@ from ..integrators.output_sampling import (
     OUTPUT_RATE,
 )
 from ..spatial import system_arrays as at
-from ..system.body_frames import needs_reactions
+from ..system.body_table import needs_reactions
 from ..system.system import System
 from . import columns
 from .dense_output import StepPoints, StepStates, join_steps

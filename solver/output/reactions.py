@@ -26,7 +26,7 @@ from ..initial_state.overconstraint import ROTATION_CONSTRAINTS, restore_constra
 from ..integrators.output_sampling import OUTPUT_FRICTION, OUTPUT_LOAD
 from ..linear import driven_joint_reactions
 from ..spatial import system_arrays as at
-from ..system.rotations import to_3d
+from ..system.rotated_markers import to_3d
 from ..system.system import ConstraintRows, System
 from ..system.work_arrays import new_work_arrays, raise_pending
 from .samples import EvaluatedForces, Samples

@@ -28,7 +28,7 @@ from ..spatial.system_arrays import WorkArrays
 from ..system import work_arrays
 from ..system.characteristic_sizes import resting_rates
 from ..system.joint_friction import FrictionStateHistory
-from ..system.rotations import to_3d
+from ..system.rotated_markers import to_3d
 from ..system.system import RecordRows, System
 from ..system.work_arrays import new_memory, new_work_arrays
 

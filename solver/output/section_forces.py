@@ -38,7 +38,7 @@ from sidtool.formats.base.sid import (
 from sidtool.formats.scene import SECTION_FORCES, OutputName
 
 from ..spatial import system_arrays as at
-from ..system.rotations import to_3d, to_rotation_matrices
+from ..system.rotated_markers import to_3d, to_rotation_matrices
 from ..system.sid_terms import ct1, oe1
 from ..system.stiffening import has_stiffening
 from ..system.system import System

@@ -3,7 +3,6 @@
 - `simulate`: function `simulate`, the five steps of a run
 - `preparation`: start, plan of the outputs, arrays
 - `recorder`: rows of the result
-- `stepping`: start of smooth intervals, change of the method; common to runs and plants
 - `run_loop`: step loop over the smooth intervals, events and friction between them
 - `result`: result of a run and its notes
 - `frozen_run`: runs with the steps of another run

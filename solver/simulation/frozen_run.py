@@ -39,7 +39,7 @@ from ..output.events import EventDetector
 from ..output.samples import StateSampler
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
-from ..system.body_frames import needs_reactions
+from ..system.body_table import needs_reactions
 from ..system.errors import SimulationError
 from ..system.system import System
 from ..system.work_arrays import raise_pending
@@ -51,7 +51,7 @@ from .preparation import (
     prepare_run,
 )
 from .result import stop_causes
-from .stepping import Stepper, Stop
+from .run_loop import Stepper, Stop
 
 #: Tolerances of Newton's iteration in frozen runs, the first with which it converges.
 #: The iteration leaves a small part of them. Tighter ones are rounding: it fails in a

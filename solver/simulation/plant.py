@@ -45,7 +45,7 @@ from .preparation import (
     prepare_run,
 )
 from .result import stop_causes
-from .stepping import Stepper, Stop
+from .run_loop import Stepper, Stop
 
 #: A time is a break of the motion if it lies within this part of the step to it.
 BREAK_TOLERANCE = 1e-6

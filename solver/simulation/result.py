@@ -45,8 +45,7 @@ from ..linear.factor_storage import Memory
 from ..output import columns
 from ..output.samples import Samples
 from ..system.control_laws import law_failure, rejected_trials
-from .run_loop import Run
-from .stepping import Stepper, Stop
+from .run_loop import Run, Stepper, Stop
 
 if TYPE_CHECKING:
     from ..system.system import System

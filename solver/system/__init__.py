@@ -2,20 +2,19 @@
 
 SIDs and bodies:
 
-- `rotations`, `sid_terms`, `stiffening`, `body_damping`, `planar_reduction`
-- `body_data`, `rotated_markers`, `sid_packing`: data of a body
+- `sid_terms`, `stiffening`: terms of a SID, in the plane and in space
+- `sid_packing`, `rotated_markers`, `body_data`: data of a body
 - `errors`: input errors with the name of a scene entry
 
 Joints and drives:
 
-- `joints`, `constraints`, `constraint_table`, `constant_rates`
-- `body_frames`, `body_table`: frames that joints and drives prescribe
-- `joint_friction`: joints with friction
+- `joints`, `constraints`, `constraint_table`
+- `body_table`: frames that joints and drives prescribe
+- `joint_friction`: joints with friction, rotations counted over full turns
 
 Forces and laws:
 
-- `force_rows`, `force_table`, `matrix_forces`, `sensors`, `control_laws`
-- `rotation_counters`: rotations counted over full turns
+- `force_rows`, `force_table`, `sensors`, `control_laws`
 - `newton_pattern`: structure of the Newton matrix
 
 The system:

@@ -16,8 +16,7 @@ from sidtool.formats.scene import SceneFile, as_3d
 from sidtool.formats.storage.cache import cached_by_identity
 
 from ..spatial import system_arrays as at
-from .body_damping import displacement_amplitudes
-from .body_data import BodyData
+from .body_data import BodyData, displacement_amplitudes
 from .system import GROUND_NAME, System
 
 _ANGLES = (at.ANGLE, at.PERPENDICULAR, at.COUPLED_ANGLE)

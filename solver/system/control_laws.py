@@ -48,9 +48,8 @@ from ..functions.control_laws import (
     continuous_law,
 )
 from ..functions.control_laws import Law as GivenLaw
-from ..functions.function_table import FunctionTable
+from ..functions.function_table import FunctionTable, grid_data
 from ..functions.law_derivatives import function_of_time, prescribed_law
-from ..functions.lookup_tables import grid_data
 from ..spatial import system_arrays as at
 from .body_data import BodyData
 from .force_rows import ControlledForce, ForceLaw, ForceRow

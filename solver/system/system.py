@@ -21,8 +21,12 @@ from ..spatial import system_arrays as at
 from ..spatial.dimension import FRAMES, PLANE, POINTS, SPACE
 from .body_data import BodyData
 from .force_rows import ForceRow
-from .joint_friction import FrictionJoint, FrictionStateHistory
-from .rotation_counters import Coordinate, CountedRotation
+from .joint_friction import (
+    Coordinate,
+    CountedRotation,
+    FrictionJoint,
+    FrictionStateHistory,
+)
 
 #: Rows with names.
 RecordRows = NDArray[np.void]

@@ -15,7 +15,7 @@ from ..linear.factor_storage import ComplexFactors, Factors, Memory
 from ..spatial import system_arrays as at
 from ..spatial.dimension import FRAMES, MEAN_AXES, MODES, POINTS, STIFFENED_COORDINATE
 from ..spatial.system_arrays import WorkArrays
-from .body_damping import squared_frequencies
+from .body_data import squared_frequencies
 from .force_rows import max_measures_read
 from .sid_packing import elastic_mass, shape_functions, symmetrise
 from .system import System

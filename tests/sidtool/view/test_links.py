@@ -11,7 +11,7 @@ import pytest
 import sidtool
 from sidtool.formats.result import Result
 from sidtool.formats.scene import read_scene
-from sidtool.solver.system.rotations import shortest_rotation
+from sidtool.solver.system.rotated_markers import shortest_rotation
 from sidtool.view import film
 from sidtool.view.animation import animate, animation_data
 from sidtool.view.links import X

@@ -13,7 +13,7 @@ from sidtool.formats.toml.reading import validate_data
 from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.spatial.system_arrays import WorkArrays
 from sidtool.solver.system import work_arrays
-from sidtool.solver.system.rotations import to_3d, to_rotation_matrices
+from sidtool.solver.system.rotated_markers import to_3d, to_rotation_matrices
 from sidtool.solver.system.system import System
 from sidtool.solver.system.work_arrays import new_work_arrays
 from tests.bodies import particle_body

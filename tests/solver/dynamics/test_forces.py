@@ -27,7 +27,7 @@ from sidtool.solver.linear.newton_matrix import (
 )
 from sidtool.solver.spatial.coordinates import retract
 from sidtool.solver.system import work_arrays
-from sidtool.solver.system.body_damping import sid_with_damping
+from sidtool.solver.system.body_data import sid_with_damping
 from sidtool.solver.system.system import System
 from sidtool.solver.system.work_arrays import new_memory, new_work_arrays
 from tests.bodies import particle_body

@@ -14,7 +14,7 @@ from sidtool.solver.initial_state import (
     given_state,
     overconstraint,
     redundant_constraints,
-    sparse_qr,
+    sparse_jacobian,
 )
 from sidtool.solver.initial_state.assembly import assemble
 from sidtool.solver.initial_state.redundant_constraints import RANK_TOLERANCE
@@ -84,7 +84,7 @@ def test_a_ladder_in_space_starts_without_dense_matrices(
     """
     cells = 65
     if is_long:
-        monkeypatch.setattr(sparse_qr, "EXACT_DEPENDENCE", 1e-12)
+        monkeypatch.setattr(sparse_jacobian, "EXACT_DEPENDENCE", 1e-12)
         monkeypatch.setattr(overconstraint, "DATA_ROUNDING", 3e-3)
     system = ladder(cells, space=True, angular_velocity=[0.0, 0.0, 0.3])
     for name in ("svd", "lstsq"):

@@ -26,9 +26,9 @@ from sidtool.solver.initial_state.sparse_jacobian import (
     CLEARLY_INDEPENDENT,
     VALUE_FACTOR,
     IndependentRows,
+    OrthogonalFactor,
     least_independent_combination,
 )
-from sidtool.solver.initial_state.sparse_qr import OrthogonalFactor
 from sidtool.solver.simulation import result
 from sidtool.solver.system.system import System
 from sidtool.solver.system.work_arrays import band_shape
