@@ -15,6 +15,7 @@ import sidtool
 from tests.sidtool.fmu.importer import OK, Instance, Library
 
 from .machine import describe_machine
+from .peers.exudyn_slider_crank import run as exudyn_run
 from .report import Report, Table
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "slider_crank" / "slider_crank.toml"
@@ -45,6 +46,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
             rows.append(_row(library, scene, length, own[0], steps))
             say(f"  {length:g} s: {rows[-1][2]} us a call")
         jumps = _seconds_with_jumps(library)
+        fixed = _fixed_steps(Path(made))
     sizes = (f"{name} {size / 1e3:.0f} kB" for name, size in unit.libraries.items())
     remarks = [
         f"The run of sidtool itself: {steps} steps, {1e6 * seconds / steps:.1f} us "
@@ -53,6 +55,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         "value.",
         f"With a load that jumps each millisecond: {1e6 * jumps:.0f} us a call. "
         f"The file has {unit.size / 1e3:.0f} kB, its library {', '.join(sizes)}.",
+        fixed,
     ]
     caption = "Microseconds of a processor:"
     return Report(
@@ -121,6 +124,36 @@ def _seconds(
         seconds += time.process_time() - began
         rows.append(instance.get())
     return seconds, rows
+
+
+def _fixed_steps(folder: Path, step: float = 1e-3) -> str:
+    """Time of a fixed step without load: unit, own run, and Exudyn if it is there."""
+    calls, sid = round(END / step), sidtool.read(EXAMPLE.parent / "rod_q4.SID_FEM")
+    scene = sidtool.Scene.load(EXAMPLE).with_(
+        {
+            "time": {"end": END, "output_step": 0.1},
+            "accuracy": {"integrator": "radau5", "step": step},
+        }
+    )
+    scene.fmu(folder / "fixed.fmu")
+    library = Library(folder / "fixed.fmu", folder / "fixed")
+
+    def least(run: Callable[[], object]) -> float:
+        seconds = []
+        for _ in range(REPETITIONS):
+            began = time.process_time()
+            run()
+            seconds.append(time.process_time() - began)
+        return 1e6 * min(seconds) / calls
+
+    compiled = scene.compile()
+    of_unit = least(lambda: _seconds(Instance(library), calls, step, calls))
+    times = f"{of_unit:.3g} us in the unit, {least(compiled.run):.3g} in sidtool"
+    try:
+        times += f", {least(lambda: exudyn_run(sid, step, END, 0.1)):.3g} in Exudyn"
+    except ImportError:
+        times += "; Exudyn is not installed"
+    return f"Fixed steps of {1e3 * step:g} ms with radau5: {times}."
 
 
 def _seconds_with_jumps(library: Library, length: float = 1e-3) -> float:

@@ -334,14 +334,18 @@ class StickSlipEvents(StickSlipDecision):
         output = self.friction_output(*states)
         margins, bounds = self._margins(states, output), self._margin_bounds(output)
         first, changing = np.inf, list[int]()
+        sticking = np.flatnonzero(self._is_sticking)
         for j, bound in enumerate(bounds):
             negative = np.flatnonzero(margins[:, j] < -bound)
             if not len(negative):
                 continue
-            before = np.flatnonzero(margins[: negative[0], j] > 0.0)
-            time = self._change_time(
-                steps, j, before[-1] if len(before) else 0, negative[0]
-            )
+            last = int(negative[0])
+            before = np.flatnonzero(margins[:last, j] > 0.0)
+            if len(before) or last == 0 or j not in sticking:
+                begin = int(before[-1]) if len(before) else 0
+                time = self._change_time(steps, j, begin, last)
+            else:  # a joint without load, whose limit and force are zero until then
+                time = self._change_time(steps, j, last - 1, last, float(bound))
             if time < first:
                 first, changing = time, []
             if time <= first:
@@ -397,13 +401,17 @@ class StickSlipEvents(StickSlipDecision):
             own[group.joints[0]] = self.group_bound(group, load)
         return np.concatenate([own, self._certain_contact_force(output).ravel()])
 
-    def _change_time(self, steps: StepStates, j: int, low: int, high: int) -> float:
+    def _change_time(
+        self, steps: StepStates, j: int, low: int, high: int, bound: float = 0.0
+    ) -> float:
+        """The instant between two states at which a margin is that far below zero."""
         from scipy.optimize import brentq
 
         def margin(t: float) -> float:
             z, v = self.points.interpolate_state(steps, t)
             states = np.array([t]), z[None], v[None]
-            return float(self._margins(states, self.friction_output(*states))[0, j])
+            output = self.friction_output(*states)
+            return float(self._margins(states, output)[0, j]) + bound
 
         begin, end = float(steps.t[low]), float(steps.t[high])
         if begin == end or margin(begin) <= 0.0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -227,3 +228,49 @@ def test_a_guide_of_some_length_carries_moments_at_its_ends(dimension: str) -> N
     load = 2.0 * pull * height / length
     expected = np.tile([load, -pull, 1.0], (len(result.t), 1))
     np.testing.assert_allclose(result.values, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_a_contact_pushes_a_body_whose_guide_has_no_load(dimension: str) -> None:
+    """A cart hits a body at rest at t = sqrt(2 d m / F): no friction without a load.
+
+    Until then the limit of the guide and the force along it are zero, not close to it.
+    Momentum: m v + M V = F t.
+    """
+    m, M, distance, F = 0.2, 0.5, 0.05, 5.0
+    space = 1e-3 if dimension == "planar" else [1e-3] * 3
+    touching = f"1e5*max({distance} - (box.x - cart.x), 0)"
+    rail = {"type": "prismatic", "axis": vector(dimension, 1.0, 0.0)}
+    start = {"position": vector(dimension, 2.0 * distance, 0.0)}
+    result = simulate(
+        dimension,
+        0.2,
+        gravity=vector(dimension, 0.0, 0.0),
+        bodies={
+            "cart": {"mass": m, "inertia": space},
+            "box": {"mass": M, "inertia": space, "initial": start},
+        },
+        joints={
+            "free": rail | {"markers": ["ground", "cart"]},
+            "rough": rail
+            | {"markers": ["ground", "box"], "friction": {"coefficient": 0.3}},
+        },
+        forces={
+            "motor": {
+                "type": "actuator",
+                "joint": "free",
+                "function": {"type": "constant", "value": F},
+            },
+            "contact": {
+                "type": "actuator",
+                "markers": ["cart", "box"],
+                "function": {"type": "expression", "value": touching},
+            },
+        },
+        outputs={"record": ["cart.vx", "box.vx"]},
+    )
+    hit = math.sqrt(2.0 * distance * m / F)
+    assert changes(result, "rough") == [("slip", pytest.approx(hit, abs=1e-6))]
+    cart, box = result.values.T
+    np.testing.assert_allclose(m * cart + M * box, F * result.t, atol=1e-8)
+    assert box[-1] > 0.5
