@@ -39,8 +39,7 @@ Status exchange_nominals(Unit *unit, double *nominals, size_t n)
 {
     if (!has_all_states(unit, n))
         return STATUS_ERROR;
-    for (size_t i = 0; i < n; i++)
-        nominals[i] = 1.0;
+    linear_nominals(nominals);
     return STATUS_OK;
 }
 

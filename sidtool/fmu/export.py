@@ -234,6 +234,8 @@ def write_archive(
 _PER_LINE = 4
 #: Span and communication step that the description proposes [s].
 _END, _STEP = 1.0, 1e-3
+#: Times in which inputs move states, and the least size of a state beside others.
+_TIME_SPANS, _LEAST_SIZE = 20, 1e-9
 
 
 def export_linear_unit(
@@ -296,8 +298,10 @@ def _linear_variables(space: StateSpace) -> tuple[Variable, ...]:
         )
     ]
     states = [
-        Variable(f"states.{name}", unit, start=0.0, is_state=True)
-        for name, unit in zip(space.state_names, space.state_units, strict=True)
+        Variable(f"states.{name}", unit, start=0.0, is_state=True, nominal=float(size))
+        for name, unit, size in zip(
+            space.state_names, space.state_units, state_sizes(space), strict=True
+        )
     ]
     outputs = [
         Variable(name, unit)
@@ -309,6 +313,25 @@ def _linear_variables(space: StateSpace) -> tuple[Variable, ...]:
         for k, state in enumerate(states)
     ]
     return (*inputs, *states, *outputs, *rates)
+
+
+def state_sizes(space: StateSpace) -> Array:
+    """Sizes (n,) of the states, for absolute tolerances of importing programs.
+
+    A state has the size of what a step of an input does to it within a time T, which
+    is about that of (I / T - A)^-1 B, at its largest for times between the fastest
+    motion and a second. A step is that of 1, or of the value of the input if it is
+    larger. States that no input moves have a small share of the largest size.
+    """
+    n, steps = len(space.A), np.maximum(np.abs(space.inputs), 1.0)
+    driven = np.column_stack([space.B * steps, space.state_rates])
+    fastest = max(np.abs(space.eigenvalues).max(initial=0.0), 2.0)
+    sizes = np.zeros(n)
+    for rate in np.geomspace(1.0, fastest, _TIME_SPANS):
+        moved = np.linalg.solve(rate * np.eye(n) - space.A, driven)
+        sizes = np.fmax(sizes, np.abs(moved).max(axis=1))
+    largest = sizes.max(initial=0.0)
+    return np.maximum(sizes, _LEAST_SIZE * largest) if largest > 0.0 else sizes + 1.0
 
 
 def _rate_unit(unit: str) -> str:
@@ -325,6 +348,7 @@ def _matrices_header(space: StateSpace) -> str:
         "INPUTS": space.inputs,
         "OUTPUTS": space.outputs,
         "RATES": space.state_rates,
+        "NOMINALS": state_sizes(space),
     }
     sizes = zip(
         ("N_STATES", "N_INPUTS", "N_OUTPUTS"),

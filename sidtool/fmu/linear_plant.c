@@ -10,7 +10,7 @@
 #include "unit.h"
 
 /* N_STATES, N_INPUTS, N_OUTPUTS; A, B, C, D by rows; INPUTS, OUTPUTS, RATES at the
-   operating point. */
+   operating point; NOMINALS, the sizes of the states. */
 #include "matrices.h"
 
 /* Norm of z up to which the series of phi is summed, and its number of terms: the rest is
@@ -138,6 +138,11 @@ double plant_output(Plant *plant, size_t index)
         value += linear_derivative(index, k) * (plant->values[k] - origin);
     }
     return value;
+}
+
+void linear_nominals(double *nominals)
+{
+    memcpy(nominals, NOMINALS, N_STATES * sizeof(double));
 }
 
 void linear_rates(const Plant *plant, double *rates)

@@ -10,6 +10,7 @@ size_t linear_n_states(void);
 void linear_set_time(Plant *plant, double time);
 void linear_states(const Plant *plant, double *states);
 void linear_set_states(Plant *plant, const double *states);
+void linear_nominals(double *nominals);
 void linear_rates(const Plant *plant, double *rates);
 /* Derivative of an output by an input of the plant. */
 double linear_derivative(size_t output, size_t input);

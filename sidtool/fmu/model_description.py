@@ -66,6 +66,7 @@ class Variable:
     start : value before it is set, of an input or a state
     is_state : of a linearised mechanism
     rate_of : number of the state that it is the rate of
+    nominal : size of a state
     """
 
     name: str
@@ -74,6 +75,7 @@ class Variable:
     start: float | None = None
     is_state: bool = False
     rate_of: int | None = None
+    nominal: float | None = None
 
     @property
     def causality(self) -> str:
@@ -176,6 +178,8 @@ def _type_attributes(variable: Variable) -> dict[str, str]:
         attributes["start"] = repr(float(variable.start))
     if variable.unit:
         attributes["unit"] = unit_name(variable.unit)
+    if variable.nominal is not None:
+        attributes["nominal"] = repr(variable.nominal)
     return attributes
 
 
