@@ -482,6 +482,8 @@ static int choose_courses(Plant *plant, double end)
         piece[4] = is_smooth ? (rate + last_rate - 2.0 * mean) / (length * length) : 0.0;
         moves = plant->must_restart = 1;
     }
+    if (moves && plant->now == START_TIME)  /* samples there know the rates of inputs */
+        plant->last_sample_time = -INFINITY;
     return moves;
 }
 

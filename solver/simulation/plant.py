@@ -6,7 +6,8 @@ input changes, the motion goes back to that time and a new smooth interval begin
 """
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -377,6 +378,21 @@ class PlantRun(Stepper):
         if failure:
             self._fail(Stop(failure))
 
+    @contextmanager
+    def started(self) -> Iterator[None]:
+        """Within, friction states and sampled laws are decided at the start of the
+        motion, with the inputs as they are; the plant itself still waits for them."""
+        start = self.system.scene.time.start
+        if self.time != start or not self.needs_new_interval or self._failure:
+            yield
+            return
+        state = self.save()
+        try:
+            self._begin_interval(self.end)
+            yield
+        finally:
+            self.restore(state)
+
     def _make_step(self, stop: float) -> None:
         """Make one step, not beyond a time [s]."""
         control = self.control
@@ -562,9 +578,10 @@ class Observer:
 
     def values(self) -> Array:
         """Outputs at the present time, (n,)."""
-        z, v = self._plant.state_vectors()
         t = np.array([self._plant.time])
-        recorded = columns.evaluate_outputs(self._sampler, t, z[None], v[None])
+        with self._plant.started():
+            z, v = self._plant.state_vectors()
+            recorded = columns.evaluate_outputs(self._sampler, t, z[None], v[None])
         return np.asarray(recorded.values[0])
 
 

@@ -143,6 +143,36 @@ def test_controllers_move_as_in_a_run(
         assert difference(rows, result, round(1e-2 / length)) < 1e-10
 
 
+@needs_cc
+def test_a_sample_at_the_start_knows_the_rate_of_its_reference(export: Export) -> None:
+    """A reference along a straight line, which the importer sets after the start."""
+    law = {"type": "pid", "measured": "pivot.angle", "p": 60.0, "d": 2.0}
+    law |= {"filter": 0.01, "sample_time": 0.05}
+    scene = sidtool.Scene(
+        dimension="planar",
+        time={"end": 0.3, "output_step": 0.1},
+        inputs={"goal": {"unit": "rad", "interpolation": "linear"}},
+        bodies={"arm": {"mass": 1.0, "inertia": 0.3}},
+        joints={"pivot": {"type": "revolute", "markers": ["ground", "arm"]}},
+        forces={
+            "motor": {
+                "type": "actuator",
+                "joint": "pivot",
+                "function": law | {"reference": {"type": "input", "name": "goal"}},
+            }
+        },
+        outputs={"record": ["pivot.angle", "motor.value"]},
+    )
+    result = scene.simulate(inputs={"goal": ([0.0, 0.1], [0.0, 0.3])})
+    instance, rows = Instance(export(scene)), []
+    for time in (0.0, 0.1, 0.2):
+        assert instance.set("goal", 0.3) == OK
+        assert instance.step(time, 0.1) == OK
+        rows.append(instance.get())
+    errors = np.abs(rows - result.values[1:]).max(axis=0)
+    assert np.all(errors < 1e-7 * np.abs(result.values).max(axis=0))
+
+
 def test_roots_and_products_are_outputs(tube: sidtool.SID) -> None:
     """Polynomials of the second degree, found from the writer of columns, have its
     values; its own function is the reference."""
