@@ -271,7 +271,8 @@ static void find_outputs(Plant *plant)
                    ARRAY2(plant->v), ARRAY2(plant->step_z), ARRAY2(plant->step_v),
                    ARRAY3(plant->frames), ARRAY3(plant->points),
                    ARRAY2(plant->accelerations), ARRAY2(plant->multipliers),
-                   ARRAY2(plant->factors), ARRAY3(plant->friction));
+                   ARRAY2(plant->factors), ARRAY3(plant->friction),
+                   ARRAY2(plant->row_blocks), ARRAY1(plant->row_sizes));
     sidtool_write_forces(plant->output_system, plant->output_work, plant->output,
                          ARRAY1(plant->time), ARRAY1(plant->interval_time),
                          ARRAY2(plant->z), ARRAY3(plant->points), ARRAY2(plant->factors),

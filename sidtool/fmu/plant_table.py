@@ -29,6 +29,7 @@ from sidtool.solver.simulation.preparation import (
     prepare_run,
 )
 from sidtool.solver.spatial.system_arrays import (
+    Integers2,
     OutputArrays,
     Reals,
     Reals2,
@@ -60,7 +61,8 @@ class Plant(Table):
         What `sample` writes beside its outputs.
     output_system, output_work, output
         Arguments of the kernels of forces and energies.
-    constraint_tolerance, interval, time, interval_time, step_z, step_v
+    constraint_tolerance, interval, time, interval_time, step_z, step_v, row_blocks
+    row_sizes
         Arguments of `sample` and of the kernels of forces.
     z, v, frames, points, accelerations, multipliers, factors, friction
         State at `now` and what follows from it, see `Samples`.
@@ -108,6 +110,8 @@ class Plant(Table):
     factors: Reals2
     friction: Reals3
     friction_forces: Reals2
+    row_blocks: Integers2
+    row_sizes: Reals
     input_goals: Reals
     input_values: Reals
     event_sides: Reals
@@ -172,6 +176,7 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
         "factors": (1, len(system.forces)),
         "friction": (1, n_friction, output_sampling.N_FRICTION_OUTPUT),
         "friction_forces": (1, n_friction),
+        "row_sizes": (system.n_rows,),
         "input_goals": (len(system.scene.inputs),),
         "input_values": (len(system.scene.inputs),),
     }
@@ -201,6 +206,7 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
         output_work=output_work(full, sampler.work),
         output=new_output_arrays(full, 1),
         constraint_tolerance=np.ascontiguousarray(start.tolerances),
+        row_blocks=np.zeros((2, system.n_rows), np.int64),
         **{name: np.zeros(shape) for name, shape in arrays.items()},
     )
     initial = [signal.initial for signal in system.scene.inputs.values()]
