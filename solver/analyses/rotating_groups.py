@@ -86,14 +86,6 @@ class RotatingGroup:
         """With other bodies that rotate about the first axis."""
         return replace(self, axes=self.axes | dict.fromkeys(bodies, self.leading_axis))
 
-    def at(self, time: float) -> RotatingGroup:
-        """With resting axes where they are at a time."""
-        axes = {
-            b: RotationAxis(axis.omega, axis.point + time * self.drift)
-            for b, axis in self.axes.items()
-        }
-        return RotatingGroup(axes, np.zeros(3), self.acceleration)
-
     def displaced(self, x: Array) -> RotatingGroup:
         """With other axes and acceleration, changed by x (unknowns,)."""
         axes = {

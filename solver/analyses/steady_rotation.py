@@ -21,6 +21,7 @@ J. Nocedal, S. J. Wright: Numerical Optimization, section 10.3.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,11 +156,16 @@ def _failure_note(search: _SteadyRotationSearch, reason: str) -> Diagnostic:
 
 
 def _project_forces(C: Array, forces: Array) -> Array:
-    """Scaled forces (n,) without those that constraints bear."""
+    """Scaled forces (..., n) without those that constraints bear."""
     if not len(C):
         return forces
     rows = C.T / np.maximum(np.linalg.norm(C, axis=1), 1e-300)
-    return np.asarray(forces - rows @ least_squares(rows, forces))
+    return np.asarray(forces - (rows @ least_squares(rows, forces.T)).T)
+
+
+def _rotated(matrices: Array, vectors: Array) -> Array:
+    """Matrices (bodies, 3, 3) times vectors (bodies, 3)."""
+    return np.asarray(np.einsum("bij,bj->bi", matrices, vectors))
 
 
 #: Positions and groups in a steady rotation.
@@ -233,9 +239,7 @@ class _SteadyRotationSearch:
     def has_elastic_support(self) -> bool:
         """True if bodies can move in other ways than to rotate so and to deform."""
         mechanics = self.mechanics
-        rotation_velocities = np.array(
-            self._rotation_velocities(self.start, self.groups)
-        ).T
+        rotation_velocities = self._rotation_velocities(self.start, self.groups).T
         mechanics.evaluate(self.start, np.zeros(self.n))
         turning = {b for group in self.groups for b in group.axes}
         rigid = np.zeros(self.n, bool)
@@ -273,26 +277,38 @@ class _SteadyRotationSearch:
         """The position with the least potential of forces and centrifugal forces that
         is reached from the start, as of a static equilibrium in axes that rotate."""
         z, groups = self.start, self.groups
-        residual = self._residual(z, groups)
-        closure = len(residual.closure) + len(residual.rates)
+        forces = self._residual(z, groups, (0.0,)).forces
         for _ in range(MAX_DESCENT_STEPS):
             spins = self._rotation_velocities(z, groups)
             self.mechanics.evaluate(z, np.zeros(self.n))
             C = self.mechanics.jacobian
             N = null_space(np.vstack([C, *spins]))
-            forces = N.T @ residual.forces[: self.n]
-            rows = slice(closure, closure + self.n)
-            stiffness = N.T @ self._jacobian(z, groups)[rows, : self.n] @ N
+            stiffness = N.T @ self._force_changes(z, N)
             values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
             sizes = np.maximum(np.abs(values), MIN_STIFFNESS * np.abs(values).max())
-            step = -N @ (vectors @ ((vectors.T @ forces) / sizes))
+            step = -N @ (vectors @ ((vectors.T @ (N.T @ forces)) / sizes))
             extent = self._extent(step)
             step *= min(1.0, MAX_ROTATION_STEP / max(extent, 1e-300))
             z = self.mechanics.closed(self.mechanics.displaced(z, step))
-            residual = self._residual(z, groups)
+            forces = self._residual(z, groups, (0.0,)).forces
             if extent < DESCENT_CONVERGED:
                 break
         return z
+
+    def _force_changes(self, z: Array, directions: Array) -> Array:
+        """Derivatives (n, m) of the unbalanced forces by central differences along
+        scaled directions (n, m)."""
+        changes = []
+        for direction in directions.T:
+            x = PERTURBATION / self._extent(direction) * direction
+            ends = [
+                self._residual(
+                    self.mechanics.displaced(z, sign * x), self.groups, (0.0,)
+                ).forces
+                for sign in (0.5, -0.5)
+            ]
+            changes.append((ends[0] - ends[1]) / np.linalg.norm(x))
+        return np.column_stack(changes)
 
     def _solve(self, z: Array) -> tuple[_Found | None, str]:
         groups = self.groups
@@ -351,11 +367,17 @@ class _SteadyRotationSearch:
             "them without symmetry, or that whirl and do not turn, as housings do"
         )
 
-    def _residual(self, z: Array, groups: tuple[RotatingGroup, ...]) -> _Residual:
+    def _residual(
+        self,
+        z: Array,
+        groups: tuple[RotatingGroup, ...],
+        times: Sequence[float] | None = None,
+    ) -> _Residual:
+        """At some times [s], default all."""
         mechanics = self.mechanics
         closure, rates, forces, torques = np.zeros(0), [], [], []
-        for time in self.times:
-            z_there, v, a = self._state(z, groups, time)
+        for time in self.times if times is None else times:
+            z_there, v, a, spins = self._state(z, groups, time)
             mechanics.evaluate(z_there, v)
             C, sizes = mechanics.jacobian, mechanics.constraint_sizes
             if time == 0.0:
@@ -366,14 +388,14 @@ class _SteadyRotationSearch:
                     [mechanics.residual / sizes, acceleration_residual]
                 )
             rates.append(mechanics.constraint_rates / sizes)
-            unbalanced = _project_forces(C, mechanics.mass @ a - mechanics.force)
+            loads = mechanics.mass @ a - mechanics.force
+            unbalanced, *free = _project_forces(C, np.vstack([loads, spins]))
             along = np.zeros(len(groups))
-            for k, spin in enumerate(self._rotation_velocities(z_there, groups, time)):
-                free = _project_forces(C, spin)
-                size = np.linalg.norm(free)
+            for k, (spin, part) in enumerate(zip(spins, free, strict=True)):
+                size = np.linalg.norm(part)
                 if size > EQUAL_RATE * np.linalg.norm(spin):
-                    along[k] = free @ unbalanced / size
-                    unbalanced = unbalanced - along[k] * free / size
+                    along[k] = part @ unbalanced / size
+                    unbalanced = unbalanced - along[k] * part / size
             forces.append(unbalanced)
             torques.append(along)
         mean = np.mean(torques, axis=0)
@@ -383,18 +405,11 @@ class _SteadyRotationSearch:
         )
 
     def _rotation_velocities(
-        self, z: Array, groups: tuple[RotatingGroup, ...], time: float = 0.0
-    ) -> list[Array]:
-        """Scaled velocities (n,) of each group that rotates alone, and does not drift.
-
-        Parameters
-        ----------
-        time
-            That has passed since the axes were where the groups say.
-        """
-        current_groups = (group.at(time) for group in groups)
-        velocities = (self._state(z, (group,), 0.0)[1] for group in current_groups)
-        return [v / self.mechanics.scale for v in velocities]
+        self, z: Array, groups: tuple[RotatingGroup, ...]
+    ) -> Array:
+        """Scaled velocities (groups, n), each of one group that rotates alone and does
+        not drift."""
+        return self._state(z, groups, 0.0)[3]
 
     def _rows(self, left: _Residual) -> Array:
         """All equations in one vector: forces per unit of the scale, the others per
@@ -481,46 +496,60 @@ class _SteadyRotationSearch:
             g.displaced(y) for g, y in zip(groups, own, strict=True)
         )
 
-    def _set_frame_motion(
-        self, x: Array, b: int, translation: Array, rotation: Array
+    def _set_frame_motions(
+        self, x: Array, bodies: list[int], translations: Array, rotations: Array
     ) -> None:
-        """Writes the motion of a frame, in its axes, into velocity coordinates."""
-        row = self.system.arrays.body[b]
-        u, rd = int(row[at.VEL]), int(row[at.RD])
-        x[u : u + self.axes] = translation[: self.axes]
-        if rd > self.axes:
-            x[u + self.axes : u + rd] = rotation[3 - (rd - self.axes) :]
+        """Writes motions (bodies, 3) of frames, in their axes, into velocity
+        coordinates (n,)."""
+        rows = self.system.arrays.body[bodies]
+        for row, translation, rotation in zip(
+            rows, translations, rotations, strict=True
+        ):
+            u, rd = int(row[at.VEL]), int(row[at.RD])
+            x[u : u + self.axes] = translation[: self.axes]
+            if rd > self.axes:
+                x[u + self.axes : u + rd] = rotation[3 - (rd - self.axes) :]
 
     def _state(
         self, z: Array, groups: tuple[RotatingGroup, ...], time: float
-    ) -> tuple[Array, Array, Array]:
-        """Position, velocity and scaled acceleration when so much time has passed."""
+    ) -> tuple[Array, Array, Array, Array]:
+        """Position, velocity and scaled acceleration when so much time has passed, and
+        the scaled velocities (groups, n) of each group that rotates alone and does not
+        drift."""
         mechanics, system = self.mechanics, self.system
         step, v, a = np.zeros(self.n), np.zeros(self.n), np.zeros(self.n)
+        spins = np.zeros((len(groups), self.n))
         mechanics.evaluate(z, np.zeros(self.n))
         positions, turns = frame_positions(mechanics, z)
-        for group in groups:
-            for b, axis in group.axes.items():
-                carried = Rotation.from_rotvec(time * axis.omega).as_matrix()
-                arm, R = positions[b] - axis.point, turns[b]
-                is_point = system.arrays.body[b, at.RD] <= self.axes
-                Q = R if is_point else carried @ R
-                there = carried @ arm
-                way = there - arm + time * group.drift
-                self._set_frame_motion(step, b, R.T @ way, R.T @ (time * axis.omega))
-                speed = group.drift + cross(axis.omega, there)
-                self._set_frame_motion(v, b, Q.T @ speed, Q.T @ axis.omega)
-                gain = group.acceleration * axis.omega / axis.speed
-                change = cross(gain, there)
-                # axes of points do not turn, in those of other bodies drifts do
-                turned = speed - group.drift if is_point else -group.drift
-                change += cross(axis.omega, turned)
-                self._set_frame_motion(a, b, Q.T @ change, Q.T @ gain)
+        for group, spin in zip(groups, spins, strict=True):
+            bodies, axes = list(group.axes), group.axes.values()
+            omega = np.array([axis.omega for axis in axes])
+            arms = positions[bodies] - np.array([axis.point for axis in axes])
+            is_point = (system.arrays.body[bodies, at.RD] <= self.axes)[:, None]
+            R = turns[bodies].transpose(0, 2, 1)
+            carried = Rotation.from_rotvec(time * omega).as_matrix()
+            Q = np.where(is_point[:, None], R, R @ carried.transpose(0, 2, 1))
+            there = _rotated(carried, arms)
+            way = there - arms + time * group.drift
+            angles = _rotated(R, time * omega)
+            self._set_frame_motions(step, bodies, _rotated(R, way), angles)
+            turned = cross(omega, there)
+            rotation = _rotated(Q, omega)
+            self._set_frame_motions(spin, bodies, _rotated(Q, turned), rotation)
+            speed = _rotated(Q, turned + group.drift)
+            self._set_frame_motions(v, bodies, speed, rotation)
+            gain = group.acceleration * omega
+            gain /= np.linalg.norm(omega, axis=1, keepdims=True)
+            # axes of points do not turn, in those of other bodies drifts do
+            carried_speed = np.where(is_point, turned, -group.drift)
+            change = cross(gain, there) + cross(omega, carried_speed)
+            angular = _rotated(Q, gain)
+            self._set_frame_motions(a, bodies, _rotated(Q, change), angular)
         if time:
             rates = mechanics.rotation_rates(StateVectors(z, v))
             z = mechanics.displaced(z, step / mechanics.scale)
             z[len(z) - len(rates) :] += time * rates
-        return z, v, a / mechanics.scale
+        return z, v, a / mechanics.scale, spins / mechanics.scale
 
     def scene(self, z: Array, groups: tuple[RotatingGroup, ...]) -> SceneFile:
         """The scene whose bodies start at a position, in its rotation."""
