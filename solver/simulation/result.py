@@ -103,13 +103,14 @@ def build_result(
     known = known.with_lazy_fields(
         lambda: {"scene": scene_with_settings(scene, settings)}, "scene"
     )
+    known = known.with_lazy_fields(lambda: {"bodies": recorder.bodies}, "bodies")
     return known.with_lazy_fields(
-        lambda: _deferred_fields(run, failure), "bodies", "diagnostics"
+        lambda: {"diagnostics": _diagnostics(run, failure)}, "diagnostics"
     )
 
 
-def _deferred_fields(run: Run, failure: tuple[Diagnostic, ...]) -> dict[str, Any]:
-    """Fields of a result that are evaluated when they are read."""
+def _diagnostics(run: Run, failure: tuple[Diagnostic, ...]) -> tuple[Diagnostic, ...]:
+    """Diagnostics of a result, found when they are read."""
     scene, remarks = run.system.scene, run.recorder.verdicts.found.output_notes
     beyond_theory = validity_diagnostics(run.recorder.bodies)
     if any(each.code in LOST_INERTIA_CODES for each in failure):
@@ -126,10 +127,7 @@ def _deferred_fields(run: Run, failure: tuple[Diagnostic, ...]) -> dict[str, Any
         *_run_diagnostics(run),
         *remarks.diagnostics(observed_outputs(scene)),
     )
-    return {
-        "bodies": run.recorder.bodies,
-        "diagnostics": without(found, scene.diagnostics.ignore),
-    }
+    return without(found, scene.diagnostics.ignore)
 
 
 def may_exceed_linear_theory(run: Run) -> bool:
