@@ -45,9 +45,17 @@ class Spectrum:
     rigid: np.ndarray
 
 
-def unstressed_motions(mechanics: DenseEquations, z: Array, v: Array) -> Array:
+def unstressed_motions(
+    mechanics: DenseEquations, z: Array, v: Array, keep_laws: bool = True
+) -> Array:
     """Scaled tangents (n, r) that keep constraints, elastic coordinates, and the
-    measures of all forces that depend on them."""
+    measures of all forces that depend on them.
+
+    Parameters
+    ----------
+    keep_laws : whether control laws count, whose measures may change together so that
+        their values stay
+    """
     system, scale = mechanics.system, mechanics.scale
     mechanics.evaluate(z, v)
     a, multipliers = mechanics.accelerations()
@@ -62,6 +70,8 @@ def unstressed_motions(mechanics: DenseEquations, z: Array, v: Array) -> Array:
             np.eye(len(v))[row[at.VEL] : row[at.VEL] + row[at.NV]][is_elastic]
         )
     for force in system.arrays.force:
+        if not keep_laws and max(force[at.F_CODE], force[at.F_OWNER]) >= 0:
+            continue
         slopes = np.zeros((1, len(v)))
         for marker, first in ((at.F_A, at.F_SEG_A), (at.F_B, at.F_SEG_B)):
             if force[at.F_KIND] >= at.COORDINATE_MEASURE or force[first] < 0:
@@ -79,7 +89,10 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
     """Eigenvalues of the matrix of small motions, those of rigid motions exact."""
     matrix, motion, z, v = small.matrix, small.free_directions, small.z, small.v
     n_positions = len(matrix) - motion.shape[1]
-    free = motion[:, :n_positions].T @ unstressed_motions(mechanics, z, v)
+    free, with_laws = (
+        motion[:, :n_positions].T @ unstressed_motions(mechanics, z, v, keep_laws)
+        for keep_laws in (True, False)
+    )
     rates = np.linalg.norm(small.omegas, axis=1)
     mechanics.evaluate(z, v)
     own = np.linalg.norm(axis_angular_velocities(mechanics), axis=1)
@@ -93,23 +106,18 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
     fastest = float(own.max(initial=0.0))
     rounding = ROUNDING * float(np.abs(matrix).max(initial=0.0))
     tolerance = FREE_MOTION * (fastest**2 + preload) + rounding
+    candidates = [(free, tolerance)]
+    if with_laws.shape[1] > free.shape[1]:
+        candidates.append((with_laws, rounding))
     known: list[tuple[complex, np.ndarray]] = []
     for value in (0.0, *(1j * x for x in rates_)):
-        states = np.zeros((len(matrix), free.shape[1]), complex)
-        states[:n_positions] = free
-        states[n_positions : 2 * n_positions] = (
-            value * free - matrix[:n_positions, :n_positions] @ free
+        eigenvectors = max(
+            (
+                _resting_states(matrix, motions, n_positions, value, limit)
+                for motions, limit in candidates
+            ),
+            key=lambda states: states.shape[1],
         )
-        if not free.size:
-            continue
-        if value == 0.0:
-            states = _with_sag(matrix, states)
-        residual = matrix @ states - value * states
-        _, strains, right = np.linalg.svd(residual)
-        none = [
-            k for k in range(len(right)) if k >= len(strains) or strains[k] <= tolerance
-        ]
-        eigenvectors = states @ right[none].conj().T
         if eigenvectors.size:
             known.append((value, np.asarray(orth(eigenvectors))))
             if value:
@@ -118,6 +126,27 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
         values, vectors = np.linalg.eig(matrix)
         return Spectrum(values, vectors, np.zeros(len(values), bool))
     return _deflated_spectrum(matrix, known, SECOND_EIGENVALUE, fastest, preload)
+
+
+def _resting_states(
+    matrix: Array, motions: Array, n_positions: int, value: complex, tolerance: float
+) -> np.ndarray:
+    """States (size, k) of some motions (n, r) that have an eigenvalue: what acts
+    against them is below a tolerance."""
+    if not motions.size:
+        return np.zeros((len(matrix), 0))
+    states = np.zeros((len(matrix), motions.shape[1]), complex)
+    states[:n_positions] = motions
+    states[n_positions : 2 * n_positions] = (
+        value * motions - matrix[:n_positions, :n_positions] @ motions
+    )
+    if value == 0.0:
+        states = _with_sag(matrix, states)
+    _, strains, right = np.linalg.svd(matrix @ states - value * states)
+    none = [
+        k for k in range(len(right)) if k >= len(strains) or strains[k] <= tolerance
+    ]
+    return np.asarray(states @ right[none].conj().T)
 
 
 def _with_sag(matrix: Array, states: np.ndarray) -> np.ndarray:

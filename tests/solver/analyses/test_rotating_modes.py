@@ -475,6 +475,59 @@ def test_a_free_body_has_its_rigid_motions_and_nothing_grows(
         assert np.abs(moving - 1.5 * spin).min() < 1e-6 * spin
 
 
+@pytest.mark.parametrize("slope", [0.0, 1e-3])
+def test_what_formulas_couple_moves_freely_together(slope: float) -> None:
+    """A belt by two laws: its pulleys turn together as nothing resists, exactly.
+
+    They were unstable, by exp(6e-7 t/s) of rounding. A slope of the motor torque over
+    the angle of 1e-3 N m/rad does grow, with the inertia of both at the motor.
+    """
+    inertia, radius = np.array([0.02, 0.3]), np.array([0.05, 0.15])
+    terms = {"pull": "4e4*(0.05*one.angle - 0.15*two.angle)"}
+    law = {"type": "expression", "terms": terms}
+    far = [0.5, 0.0]
+    found = linearise(
+        compile_scene(
+            scene(
+                {
+                    "a": {"mass": 1.0, "inertia": inertia[0]},
+                    "b": {
+                        "mass": 1.0,
+                        "inertia": inertia[1],
+                        "initial": {"position": far},
+                    },
+                },
+                {
+                    "one": {"type": "revolute", "markers": ["ground", "a"]},
+                    "two": {"type": "revolute", "markers": ["ground.far", "b"]},
+                },
+                forces={
+                    "motor": {
+                        "type": "actuator",
+                        "joint": "one",
+                        "function": law | {"value": f"{slope}*one.angle - 0.05*pull"},
+                    },
+                    "driven": {
+                        "type": "actuator",
+                        "joint": "two",
+                        "function": law | {"value": "0.15*pull"},
+                    },
+                },
+                ground={"markers": {"far": {"position": far}}},
+            ),
+            ".",
+        )
+    )
+    stiffness = 4e4 * np.outer(radius, radius) - [[slope, 0.0], [0.0, 0.0]]
+    belt = np.linalg.eigvals(stiffness * [[1, -1], [-1, 1]] / inertia[:, None]).max()
+    assert found.eigenvalues[-1] == pytest.approx(1j * np.sqrt(belt), rel=1e-7)
+    together = inertia[0] + inertia[1] * (radius[0] / radius[1]) ** 2
+    growth = np.sqrt(slope / together)
+    assert found.eigenvalues[0].real == pytest.approx(growth, rel=1e-4)
+    assert ("N714" in codes(found)) == (slope > 0.0)
+    assert found.rigid.sum() == (slope == 0.0)
+
+
 @pytest.mark.parametrize("count", [3, 4, 5])
 def test_rigid_bodies_fixed_to_each_other_turn_as_one(count: int) -> None:
     """A round rotor of several bodies has the modes of one of their inertia."""
