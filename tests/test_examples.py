@@ -561,6 +561,25 @@ def test_the_light_rod_reaches_its_limit_of_stress(ran) -> None:
     assert mass < 0.41 * found["history"][0]["values"][0]
 
 
+def test_the_arm_settles_in_half_the_time_of_a_uniform_one(ran) -> None:
+    """From output times, 5 ms apart; the mass by the integral of the squared side."""
+    folder = ran("arm_link")
+    found = json.loads((folder / "history.json").read_text(encoding="utf-8"))
+    assert found["converged"] and found["is_feasible"]
+    objective = "settling_time(link.tip.uz, 2e-4)"
+    times = [found["history"][0]["values"][0], found["best"]["values"][objective]]
+    for name, expected in zip(("uniform", "result"), times, strict=True):
+        result = sidtool.read(folder / f"{name}.h5")
+        y = result["link.tip.uz"]
+        settled = result.t[np.flatnonzero(np.abs(y - y[-1]) > 2e-4)[-1]]
+        assert settled <= expected <= settled + 0.005
+    assert times[1] < 0.52 * times[0]
+    side = 0.03 + np.array([*found["best"]["x"].values()])
+    squares = side[:-1] ** 2 + side[:-1] * side[1:] + side[1:] ** 2
+    mass = 2700.0 * 0.6 * squares.sum() / 3.0
+    assert found["best"]["values"]["mass(link)"] == pytest.approx(mass, rel=1e-9)
+
+
 def test_the_crane_carries_its_load_by_its_strut(ran) -> None:
     """At the start moments about the pin at the head, with the weight of boom, strut
     (half of it at the seat) and load."""

@@ -22,6 +22,7 @@ EXAMPLE_TITLES = {
     "con_rod": "a connecting rod from its outline, with bores, ties and stress",
     "imported_mesh": "one part from meshes of four programs",
     "light_rod": "the lightest connecting rod within a limit of stress",
+    "arm_link": "the arm that comes to rest soonest, by its sections",
     "beam": "one bar on a wall, the smallest start",
     "imported_matrices": "a lattice mast from mass and stiffness matrices",
     "spinning_blade": "a beam that its rotation stiffens",

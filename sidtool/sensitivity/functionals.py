@@ -7,6 +7,7 @@ extrema at their exact instant, where the output is stationary.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
@@ -210,6 +212,58 @@ class History:
             t -= 0.5 * slope * distance
         return times, weights
 
+    # Settling
+
+    def settling(self, output: str, band: float) -> tuple[float, float]:
+        """Time [s] from which on an output stays within a band about its last value,
+        and its rate there; the start of the motion and infinity if it never leaves it.
+
+        Raises
+        ------
+        InputError : the output jumps into the band.
+        """
+        count, fractions = self.points.count, self.points.fractions
+        last = float(self.values(output)[-1])
+        table = self.values(output).reshape(-1, count) - last
+        heights = np.abs(table).max(axis=1)
+        for step in np.flatnonzero(heights >= (1.0 - NEAR_PEAK) * band)[::-1]:
+            peaks = [_polynomial_peak(s * table[step], fractions) for s in (1.0, -1.0)]
+            x = np.append(
+                fractions, [where for height, where in peaks if height > band]
+            )
+            t = self.t[step * count] + x * self._length(step)
+            outside = np.abs(self.at(t, output) - last) > band
+            if outside.any():
+                break
+        else:
+            return float(self.motion.system.scene.time.start), math.inf
+        x_out = float(x[outside].max())
+        inside = fractions[fractions > x_out]
+        if not len(inside):  # between the points of two steps
+            step, x_out, inside = step + 1, 0.0, fractions[1:]
+            if abs(table[step, 0]) <= (1.0 - JUMP) * band:
+                raise InputError(
+                    f"{output} jumps at {self.t[step * count]:g} s",
+                    place="settling_time",
+                    expected="an output that is continuous where it settles",
+                )
+        begin, length = float(self.t[step * count]), self._length(step)
+
+        def beyond(x: float) -> float:
+            y = float(self.at(np.array([begin + x * length]), output)[0])
+            return abs(y - last) - band
+
+        x_in = float(inside[0])
+        root = brentq(beyond, x_out, x_in, xtol=1e-14) if beyond(x_out) > 0.0 else x_out
+        terms = (_to_powers(count) @ table[step]).tolist()
+        slope = _with_derivatives(terms, 2.0 * root - 1.0)[1]
+        return begin + root * length, 2.0 * slope / length
+
+    def _length(self, step: int) -> float:
+        """Of a step [s]."""
+        count = self.points.count
+        return float(self.t[(step + 1) * count - 1] - self.t[step * count])
+
 
 def _hill(heights: Array, top: int) -> tuple[int, int]:
     """First and last step of the hill with a top, down to the valleys beside it."""
@@ -265,7 +319,7 @@ class Kind(NamedTuple):
 
     Attributes
     ----------
-    argument : what stands behind the output: "", "time", "power", "file" or "number"
+    argument : what stands behind the output: "", "time", "power", "band" or "file"
     text : one line for `--help`
     unit : unit of a value, from the unit of the output
     """
@@ -290,6 +344,11 @@ MOTION_KINDS = {
     "norm": Kind("power", "norm(y, p): (mean of |y|^p)^(1/p), a smooth max_abs"),
     "final": Kind("", "value at the end of the motion"),
     "value": Kind("time", "value(y, t): value at the time t"),
+    "settling_time": Kind(
+        "band",
+        "settling_time(y, b): time from which on y stays within b of its last value",
+        lambda _: "s",
+    ),
     "error": Kind("file", "error(y, FILE.csv): root mean square distance to a table"),
 }
 #: Functionals of the scene without a motion.
@@ -316,7 +375,7 @@ class Functional:
     text : as it was written
     kind : a key of `KINDS`
     output : output of the scene; body or number of a mode for some kinds
-    number : time [s] or power; 0 if it has none
+    number : time [s], power or half width of a band; 0 if it has none
     measurement : of `error`
     is_scalar : True if the value is one number
     """
@@ -355,7 +414,9 @@ class Functional:
     def scale(self, history: History | None, values: Array) -> Array:
         """Sizes of changes of the values that matter."""
         largest = 0.0
-        if history is not None and self.kind in MOTION_KINDS:
+        if history is not None and self.kind == "settling_time":
+            largest = history.duration
+        elif history is not None and self.kind in MOTION_KINDS:
             largest = float(np.abs(history.values(self.output)).max())
         return np.maximum(np.abs(values), max(largest, float(np.finfo(float).tiny)))
 
@@ -385,6 +446,8 @@ class Functional:
             if self.measurement is None:
                 return float(values[0])
             return float(np.sqrt(np.mean((values - self.measurement.values) ** 2)))
+        if self.kind == "settling_time":
+            return history.settling(self.output, self.number)[0]
         y = history.values(self.output)
         if self.kind == "integral":
             return history.integral(y)
@@ -413,6 +476,9 @@ class Functional:
             difference = self._values_at(history, times) - self.measurement.values
             root = float(np.sqrt(np.mean(difference**2)))
             return times, difference / (len(times) * max(root, 1e-300))
+        if self.kind == "settling_time":  # |y(t) - y(end)| = band
+            t, rate = history.settling(self.output, self.number)
+            return np.array([t, history.t[-1]]), np.array([-1.0, 1.0]) / rate
         weights = history.points.integration_weights(history.t)
         if self.kind == "integral":
             return None, weights
@@ -559,6 +625,8 @@ def _parse(text: str, folder: Path) -> Functional:
         raise InputError(
             f"found {text!r}", place="--of", expected="a power of 1 or more"
         )
+    if kind.argument == "band" and not number > 0.0:
+        raise InputError(f"found {text!r}", place="--of", expected="a positive width")
     return Functional(text, name, output, number)
 
 

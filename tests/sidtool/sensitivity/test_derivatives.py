@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 from scipy.special import ellipk
 
 import sidtool
@@ -103,6 +103,40 @@ def test_extrema_at_their_instant() -> None:
     ]
     assert found.values == pytest.approx([0.4 + amplitude, 0.4 - amplitude], rel=1e-9)
     assert found.derivatives == pytest.approx(np.array(exact), rel=1e-6)
+
+
+def test_the_time_in_which_an_oscillation_settles() -> None:
+    """The last time at which the closed solution crosses the edge of the band."""
+    band, names = 0.02, list(OSCILLATOR)
+    point = OSCILLATOR | {"spring.damping": 6.0}
+    found = sidtool.sensitivity(
+        scenes.oscillator(damping=6.0), names, f"settling_time(block.x, {band})"
+    )
+
+    def settling(*p: float) -> float:
+        def beyond(t: Any) -> Any:
+            return abs((position(t, *p) - position(2.0, *p)).real) - band
+
+        t = np.linspace(0.0, 2.0, 2001)
+        last = int(np.flatnonzero(beyond(t) > 0.0)[-1])
+        return float(brentq(beyond, t[last], t[last + 1], xtol=1e-15))
+
+    numbers = np.array([*point.values()])
+    assert found.values[0] == pytest.approx(settling(*numbers), rel=1e-8)
+    for j, size in enumerate(numbers):
+        change = np.zeros(len(numbers))
+        change[j] = 1e-4 * size
+        near = settling(*(numbers + change)) - settling(*(numbers - change))
+        far = settling(*(numbers + 2 * change)) - settling(*(numbers - 2 * change))
+        exact = (8.0 * near - far) / (12.0 * change[j])
+        assert found.derivatives[0, j] == pytest.approx(exact, rel=1e-6, abs=1e-8)
+
+
+def test_what_never_leaves_the_band_has_settled_at_the_start() -> None:
+    found = sidtool.sensitivity(
+        scenes.oscillator(), "spring.damping", "settling_time(block.x, 1.0)"
+    )
+    assert found.values[0] == 0.0 and found.derivatives[0, 0] == 0.0
 
 
 def test_a_pendulum_that_an_event_stops() -> None:
