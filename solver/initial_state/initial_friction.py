@@ -22,6 +22,7 @@ from ..system.characteristic_sizes import (
 )
 from ..system.system import System
 from .constraint_jacobian import InitialState, friction_directions, row_names
+from .contradictions import undeformed_state
 from .given_state import StateVectors
 from .overconstraint import restore_constraints
 
@@ -52,12 +53,10 @@ def with_prescribed_friction(
     sizes = constraint_sizes(system)
     scale = coordinate_sizes(system) * (1.0 if driven is None else driven)
     C = state.dense_jacobian() * scale / sizes[:, None]
-    joints = np.ones(system.n_rows, bool)
-    for row in system.rows:
-        if row.name in system.scene.drives:
-            joints[row.first : row.first + row.count] = False
     is_prescribed = _is_prescribed(state, C, scale, np.ones(system.n_rows, bool))
-    is_locked = is_prescribed & _is_prescribed(state, C, scale, joints)
+    is_locked = is_prescribed
+    if is_prescribed.any():
+        is_locked = is_prescribed & _are_held_by_joints(system, start)
     for j in np.flatnonzero(is_locked):
         name = system.friction_joints[j].joint
         raise InputError(
@@ -71,6 +70,23 @@ def with_prescribed_friction(
         is_prescribed, resting_rates(system), 0.0
     )
     return replace(system, arrays=system.arrays.replaced(friction_state=friction_state))
+
+
+def _are_held_by_joints(system: System, start: StateVectors) -> NDArray[np.bool_]:
+    """Which coordinates with friction would stay without drives, (frictions,).
+
+    Seen in the scene with all of its joints, where bodies that drives move have
+    coordinates, too.
+    """
+    state = undeformed_state(system, system.scene.time.start, start.z, start.v)
+    full = state.system
+    scale = coordinate_sizes(full)
+    C = state.dense_jacobian() * scale / constraint_sizes(full)[:, None]
+    rows = np.ones(full.n_rows, bool)
+    for row in full.rows:
+        if row.name in full.scene.drives:
+            rows[row.first : row.first + row.count] = False
+    return _is_prescribed(state, C, scale, rows)
 
 
 def _null_spaces(C: Array) -> tuple[Array, Array]:

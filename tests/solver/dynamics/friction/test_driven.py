@@ -255,6 +255,23 @@ def test_joints_of_a_driven_slider_crank_rub(dimension: str, way: str) -> None:
 
 
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_a_guide_rubs_beyond_a_crank_whose_motion_is_prescribed(
+    dimension: str,
+) -> None:
+    """Its bearing has no friction, which acts on nothing beyond it."""
+    made = slider_crank(dimension).model_dump(by_alias=True, exclude_none=True)
+    del made["joints"]["main"]["friction"]
+    made["outputs"] = {"record": ["guide.friction", "guide.normal_force"]}
+    made["time"]["end"] = 0.3
+    system = compile_scene(validate_data(made, SceneFile), ".")
+    assert system.make_full_system is not None  # the crank has no coordinates
+    result = simulate.simulate(system, integrator="radau9", rtol=1e-8)
+    pins = MU if dimension == "planar" else 0.0
+    known = np.array([by_newton(t, pins)[1:3] for t in result.t[1:]])
+    np.testing.assert_allclose(result.values[1:], known, atol=2e-6)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
 def test_a_drive_that_rests_holds_without_friction(dimension: str) -> None:
     """It rests, goes up between 0.7 s and 1.5 s, rests, and comes back from 2 s on."""
     made = driven_pendulum(dimension).model_dump(by_alias=True, exclude_none=True)
