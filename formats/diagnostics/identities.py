@@ -118,8 +118,9 @@ _IDENTITIES = (
         "I12",
         WARNING,
         "Oe m1 xx + yy + zz = -2 Me (no rotary inertia)",
-        "Me holds rotary inertia, or centrifugal terms were summed with a lumped or "
-        "reduced mass: centrifugal softening is off by this share.",
+        "Centrifugal terms were summed with a lumped or reduced mass, and centrifugal "
+        "softening is off by this share; or Me holds rotary inertia, which keeps its "
+        "trace as sections turn.",
     ),
     IdentityText(
         "I13",

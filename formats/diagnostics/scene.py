@@ -374,13 +374,6 @@ ENTRIES = (
         },
     ),
     Entry(
-        "N243",
-        INFO,
-        "its SID is converted from {model}",
-        "The scene names a model; its SID is converted once and cached.",
-        example={"subject": "rod", "model": "rod.toml"},
-    ),
-    Entry(
         "N244",
         WARNING,
         "no effect: {reason}",

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
-from sidtool.formats.diagnostics import Diagnostic, diagnose
+from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.field import Field, read_field, write_field
 from sidtool.formats.model import ModelFile, Stiffening, read_model
 from sidtool.formats.model.refine import (
@@ -202,9 +202,7 @@ def convert_bodies(
         text = body.file or f"(made of {source.path.name})"
         bodies[name] = bodies[name].model_copy(update={"sid": text})
         sids[name] = body.sid
-        converted = diagnose("N243", name, model=str(bodies[name].model))
-        of_sid = (each.within(name) for each in body.sid.diagnostics)
-        notes[name] = [converted, *of_sid]
+        notes[name] = [each.within(name) for each in body.sid.diagnostics]
     if not sids:
         return scene, {}, {}
     return scene.model_copy(update={"bodies": bodies}), sids, notes

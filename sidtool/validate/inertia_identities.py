@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import eigvalsh
 
 from sidtool.formats.base.sid import SID, Array, by_mode
 from sidtool.formats.geometric_stiffening import (
@@ -227,9 +228,31 @@ def centrifugal_trace(sid: SID) -> Finding:
     if has_second_order_field(sid):
         return Finding(None, "Oe m1 holds geometric stiffening")
     trace = modal_blocks(sid).Oe1[..., :3].sum(axis=2)
+    if sid.dialect.writer.startswith("sidtool") and _is_rotary_inertia(sid, trace):
+        return Finding(None, "Me holds the rotary inertia of beams or shells")
     return finding_of_difference(
         trace + 2.0 * sid.Me.m0, trace, 2.0 * sid.Me.m0, bound=0.1
     )
+
+
+#: Rounding of shares of the kinetic energy, and a small share.
+_ROUNDING, _SMALL = 1e-6, 0.1
+
+
+def _is_rotary_inertia(sid: SID, trace: Array) -> bool:
+    """Whether I12 misses rotary inertia, which keeps its trace as sections turn.
+
+    Its shares of Me are those of kinetic energies, 0 to 1: of bending near 0, of
+    torsion near 1. Of a wrong Me none is near 0.
+    """
+    missing = 2.0 * sid.Me.m0 + 0.5 * (trace + trace.T)
+    try:
+        shares = eigvalsh(missing, sid.Me.m0 + sid.Me.m0.T)
+    except np.linalg.LinAlgError:
+        return False
+    inside = shares[0] > -_ROUNDING and shares[-1] < 1.0 + _ROUNDING
+    least = shares[0] < _SMALL or shares[0] > 1.0 - _SMALL
+    return bool(inside and least and shares[-1] > _SMALL)
 
 
 def _rigid_finding() -> Finding:

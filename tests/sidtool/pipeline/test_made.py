@@ -66,7 +66,6 @@ def test_a_model_is_converted_once(
     first = sidtool.simulate(path)
     expected = sidtool.simulate(scene, sids={"arm": cantilever(3)})
     assert first["arm.tip.uy"] == pytest.approx(expected["arm.tip.uy"], abs=1e-9)
-    assert only(first, "N243").data["model"] == "arm.json"
     (stored,) = (folder / ".sidtool").iterdir()
     with monkeypatch.context() as patch:
         forbid(patch)
@@ -285,7 +284,7 @@ def test_commands_take_a_body_that_is_its_model(
     data = json.loads(capsys.readouterr().out)
     assert data["passed"] and data["bodies"]["arm"]["passed"]
     assert run(["info", str(path)]) == 0
-    assert "N243 arm" in capsys.readouterr().out
+    assert "arm.json" in capsys.readouterr().out
 
 
 def test_bodies_of_models_are_shown_whole(folder: Path) -> None:
