@@ -481,11 +481,13 @@ ENTRIES = (
     Entry(
         "N423",
         WARNING,
-        "{share:.0f} of the compliance {direction} at {marker} is of the upper modes",
+        "{share:.0f} of the compliance {direction} at {marker} is of {modes}",
         "The SID does not state the compliance of the full model. Of the natural modes "
         "that take part in this direction (above 0.1 % of the largest part) the upper "
         "half has this share, so that further modes may add as much. Reported above "
-        "10 %, above 50 % where it is below 1 % of the largest compliance.",
+        "10 %, above 50 % where it is below 1 % of the largest compliance. If all that "
+        "take part have one frequency, what further ones add is unknown; a single "
+        "mode of the stretching of a uniform bar lacks 19 %.",
         remedy="Add attachment modes for {joints}.",
         units={"share": "%"},
         example={
@@ -493,6 +495,7 @@ ENTRIES = (
             "share": 0.31,
             "direction": "along x",
             "marker": "pin",
+            "modes": "the upper modes",
             "joints": ("crank_pin",),
         },
     ),

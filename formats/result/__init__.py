@@ -7,6 +7,7 @@ from .accuracy_report import (
     Excitation,
     FlexibleBody,
     OutputError,
+    has_meaningless_numbers,
 )
 from .data import Event, InMemory, Result, Sink
 from .hdf5 import ResultFile, TableFile, read_result, units_in, write_csv, write_result
@@ -24,6 +25,7 @@ __all__ = [
     "ResultFile",
     "Sink",
     "TableFile",
+    "has_meaningless_numbers",
     "read_result",
     "units_in",
     "write_csv",

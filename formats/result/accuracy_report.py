@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ..diagnostics import Diagnostic, diagnose
+from ..diagnostics import Diagnostic, WithDiagnostics, diagnose
 from ..geometric_stiffening import (
     SIGNIFICANT_CHANGE,
     UNBOUNDED_RATIO,
@@ -365,3 +365,8 @@ def meaningless_body(deflections: Mapping[str, float]) -> tuple[Diagnostic, ...]
     if not worst or not deflections[worst] > MEANINGLESS_DEFLECTION:
         return ()
     return (diagnose("N414", worst, deflection=deflections[worst]),)
+
+
+def has_meaningless_numbers(result: WithDiagnostics) -> bool:
+    """Whether a run reached its end with numbers that mean nothing (N414)."""
+    return any(each.code == "N414" for each in result.diagnostics)

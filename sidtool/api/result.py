@@ -14,7 +14,7 @@ from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.diagnostics.python_warnings import warn_of, warn_of_each
-from sidtool.formats.result import units_in
+from sidtool.formats.result import has_meaningless_numbers, units_in
 
 from ..report.tables import import_optional
 
@@ -146,7 +146,8 @@ class Result(stored.Result):
 
     def __repr__(self) -> str:
         span = f"{len(self.t)} times to {self.t[-1]:g} s" if len(self.t) else "no times"
-        ended = "" if self.completed else f", unfinished: {self.message}"
+        kind = "failed" if has_meaningless_numbers(self) else "unfinished"
+        ended = "" if self.completed else f", {kind}: {self.message}"
         return f"<Result {self.title!r}: {len(self.names)} outputs, {span}{ended}>"
 
     def _repr_html_(self) -> str:

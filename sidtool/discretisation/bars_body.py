@@ -16,6 +16,7 @@ from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
+from sidtool.formats.text import counted_noun
 
 from ..beams.element import (
     MaterialPointCollector,
@@ -74,11 +75,6 @@ _SHELLS = diagnose(
     "N125",
     property="shells: MITC4 and MITC3, shear of 5/6 (or TS/T), consistent mass, no "
     "stiffening by loads",
-)
-_HINGED = diagnose(
-    "N129",
-    limit="bars and shells that share single nodes with solids are hinged there",
-    remedy="Join them at two nodes or more, or by an RBE3.",
 )
 _NO_STIFFENING = diagnose(
     "N129",
@@ -165,7 +161,7 @@ def bars_model(
             *undefined_notes(imported.undefined),
             *([_SHEAR] if imported.bars else []),
             *([_SHELLS] if imported.shells else []),
-            *([_HINGED] if imported.mesh.blocks else []),
+            *_hinges(imported),
             *_bar_limits(imported.bars, nodes, bool(model.stiffening)),
             *unsupported,
             *markers_without_rotation(markers),
@@ -177,6 +173,46 @@ def bars_model(
     body = replace(body, equations=equations, diagnostics=(*body.diagnostics, *found))
     check_mechanism(body)
     return body
+
+
+def _hinges(imported: ImportedMesh) -> list[Diagnostic]:
+    """Name nodes of solids at which bars, shells or springs are hinged (N129).
+
+    A solid resists no rotation of its nodes. An element with all nodes in one solid
+    element follows the rotation of that, and holds what continues it.
+    """
+    solids: dict[int, set[tuple[int, int]]] = {}
+    for number, block in enumerate(imported.mesh.blocks):
+        for element, nodes in enumerate(imported.mesh.labels[block.nodes].tolist()):
+            for node in nodes:
+                solids.setdefault(node, set()).add((number, element))
+    members: list[tuple[int, ...]] = []
+    members += [bar.nodes for bar in imported.bars if bar.y_axis is not None]
+    members += [shell.nodes for shell in imported.shells if shell.section.flexural]
+    members += [
+        tuple(n for n in spring.nodes if n is not None)
+        for spring in imported.springs
+        if any(spring.stiffness[3:])
+    ]
+    hinged, held = set[int](), set[int]()
+    for coupling in imported.couplings:
+        followers = coupling.nodes if coupling.rigid and coupling.turns else ()
+        held.update(
+            followers
+            if coupling.reference is None
+            else (*followers, coupling.reference)
+        )
+    for nodes in members:
+        shared = [n for n in nodes if n in solids]
+        inside = set.intersection(*(solids.get(n, set()) for n in nodes))
+        (held if inside and len(nodes) > 1 else hinged).update(shared)
+    names = sorted(hinged - held)
+    if not names:
+        return []
+    some = ", ".join(map(str, names[:3])) + (", ..." if names[3:] else "")
+    limit = f"hinged at {counted_noun(len(names), 'node')} of solids ({some})"
+    remedy = "Continue bars and shells by an element along the solid, or use an RBE3."
+    return [diagnose("N129", limit=limit, remedy=remedy)]
 
 
 def _bars_in_si(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from sidtool.formats.result import (
     FlexibleBody,
     OutputError,
     Result,
+    has_meaningless_numbers,
     units_in,
 )
 from sidtool.formats.text import counted_noun, wrapped
@@ -117,8 +119,20 @@ def _title_line(result: Result, first: float, last: float) -> str:
     if result.message and result.completed:
         outcome = f"ended by an event, {first:g} to {last:g} s"
     if not result.completed:
-        outcome = f"STOPPED after {first:g} to {last:g} s"
+        outcome = _unfinished_text(result, first, last)
     return title_line(result.title, outcome)
+
+
+def _unfinished_text(result: Result, first: float, last: float) -> str:
+    """Where a run stopped and the share that was done, or that it failed at its end."""
+    if has_meaningless_numbers(result):
+        return f"FAILED, {first:g} to {last:g} s"
+    times = json.loads(result.scene)["time"] if result.scene else {}
+    start, end = times.get("start", 0.0), times.get("end", last)
+    if not start < last < end:
+        return f"STOPPED at {last:.6g} s"
+    share = per_cent((last - start) / (end - start), ".2g")
+    return f"STOPPED at {last:.6g} of {end:g} s ({share} %)"
 
 
 def _labelled_lines(entries: Sequence[tuple[str, str]], width: int) -> str:

@@ -19,7 +19,7 @@ from sidtool.formats.diagnostics import Diagnostic, plain_text
 from sidtool.formats.diagnostics.python_warnings import warn_of_each
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.geometric_stiffening import has_stiffening
-from sidtool.formats.result import Result, units_in
+from sidtool.formats.result import Result, has_meaningless_numbers, units_in
 from sidtool.formats.scene import RigidBody, SceneFile, SidBody
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.solver.simulation.replay import scene_of
@@ -78,7 +78,8 @@ def write_report(
     title = escape(result.title or "Simulation")
     ended = escape(result.message) or "complete"
     state = "state" if result.completed else "state bad"
-    kind = "" if result.completed else "unfinished: "
+    kind = "failed: " if has_meaningless_numbers(result) else "unfinished: "
+    kind = "" if result.completed else kind
     parts = [
         f"<h1>{title}</h1><p class='{state}'>{kind}{ended}</p>",
         *_snapshots(result, fields, folder, notes),

@@ -506,6 +506,7 @@ def unassessed_loads(system: System, loads: Iterable[Load]) -> Iterator[Diagnost
         shares = {k: share for k, share in shares.items() if spanned_[k] > HALF_SHARE}
         if shares:
             worst = max(shares, key=lambda k: shares[k])
+            of_one = shares[worst] >= 1.0
             names = dict.fromkeys(name for v, name in acting if v[list(shares)].any())
             yield diagnose(
                 "N423",
@@ -513,6 +514,7 @@ def unassessed_loads(system: System, loads: Iterable[Load]) -> Iterator[Diagnost
                 share=shares[worst],
                 direction=direction_text(worst),
                 marker=marker,
+                modes="modes of one frequency" if of_one else "the upper modes",
                 joints=list(names),
             )
 

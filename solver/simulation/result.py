@@ -116,6 +116,10 @@ def _diagnostics(run: Run, failure: tuple[Diagnostic, ...]) -> tuple[Diagnostic,
     if any(each.code in LOST_INERTIA_CODES for each in failure):
         # Loads and stiffness at the end are those of no body.
         beyond_theory = tuple(d for d in beyond_theory if d.code not in LOAD_CODES)
+    far = {each.subject for each in failure if each.code == "N414"}
+    beyond_theory = tuple(
+        d for d in beyond_theory if d.code != "N411" or d.subject not in far
+    )
     found = (
         *failure,
         *beyond_theory,

@@ -11,6 +11,7 @@ import pytest
 import sidtool
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.imported_mesh import LEFT_OUT, unread_keyword_notes
+from sidtool.report.result import run_summary
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.system.errors import SimulationError
 from tests.codes import codes, with_code
@@ -50,7 +51,10 @@ def test_speeds_where_a_run_stops_are_no_sign_of_units_or_turns(
     """The crank turns by less than a radian, and the force is 50 N."""
     with pytest.raises(SimulationError) as stop:
         simulate(compile_scene(blocked_crank()), integrator=integrator, rtol=1e-3)
-    assert "N218" not in codes(stop.value.result)
+    result = stop.value.result
+    assert result is not None and "N218" not in codes(result)
+    title = run_summary(result).splitlines()[0]
+    assert title.endswith("STOPPED at 0.0877054 of 1 s (8.8 %)")
 
 
 def test_ignored_keywords_are_not_called_without_effect() -> None:

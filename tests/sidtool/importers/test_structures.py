@@ -12,6 +12,7 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from sidtool.discretisation.bars_body import _hinges
 from sidtool.formats.base.errors import InputError
 from sidtool.importers.nastran import shells
 from sidtool.importers.nastran.bulk_data import read_bdf
@@ -227,6 +228,7 @@ def test_skins_on_a_core_of_solids_make_a_sandwich(tmp_path: Path) -> None:
     sid = body(tmp_path, bulk(*cards), modes=4)
     heavy = WIDTH * (light * height + 2 * RHO * DEPTH)
     assert sid.mass == pytest.approx(heavy * LENGTH, rel=1e-9)
+    assert not with_code(sid, "N129")
     skin = 2 * WIDTH * (DEPTH * (height / 2) ** 2 + DEPTH**3 / 12)
     upright = E * skin + soft * WIDTH * height**3 / 12
     bending = beam_hertz(upright, heavy, BEAM[0])
@@ -236,6 +238,31 @@ def test_skins_on_a_core_of_solids_make_a_sandwich(tmp_path: Path) -> None:
     expected = bending / np.sqrt(1 + slender)
     closest = np.abs(frequencies(sid) / expected - 1).min()
     assert closest < 1e-2
+
+
+@pytest.mark.parametrize(
+    ("held", "hinged"),
+    [(["CQUAD4,9,1,3,7,6,2"], False), (["CBAR,9,3,3,7,0.,1.,0."], True), ([], True)],
+)
+def test_a_shell_that_ends_at_a_solid_is_hinged_there(
+    held: list[str], hinged: bool, tmp_path: Path
+) -> None:
+    """But not where it continues along the solid; nodes 3 and 2 are its edge."""
+    corners = [(0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1)]
+    corners += [(-1, 0, 0), (-1, 1, 0), (-1, 1, 1), (-1, 0, 1)]
+    corners += [(1, 1, 0), (1, 1, 1)]
+    cards = [grid(n, np.array(at) * 0.1) for n, at in enumerate(corners, 1)]
+    cards += ["CHEXA,1,2,1,2,3,4,5,6\n,7,8", "CQUAD4,2,1,2,9,10,3", *held]
+    cards += [f"PSHELL,1,1,{DEPTH},1,,1", "PSOLID,2,1", MATERIAL]
+    cards += ["PBAR,3,1,1.-4,1.-9,1.-9,2.-9"]
+    path = tmp_path / "deck.bdf"
+    path.write_text(bulk(*cards), encoding="utf-8")
+    found = _hinges(read_bdf(path, bending=True))
+    assert [d.data["limit"] for d in found] == [
+        f"hinged at {nodes} of solids ({names})"
+        for nodes, names in [("1 node", "2") if held else ("2 nodes", "2, 3")]
+        if hinged
+    ]
 
 
 def test_two_masses_on_a_bushing_vibrate_as_two_rigid_bodies(tmp_path: Path) -> None:

@@ -67,6 +67,7 @@ def test_modes_that_take_no_part_are_not_counted(bending: list[int]) -> None:
     half of it says that 19 % are missing."""
     found = told(older(), [1e3, 0.0, 0.0], [*bending, STRETCHING[0]])
     assert unknown_direction(found) == "along x"
+    assert found[0].data["modes"] == "modes of one frequency"
 
 
 @pytest.mark.parametrize("force", [[0.0, 1e3, 0.0], [0.0, 5e2, -7e2]])
