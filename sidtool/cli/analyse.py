@@ -22,6 +22,7 @@ from .common import (
     print_result,
     read_scene_with_changes,
     result_target,
+    verbose_option,
 )
 
 ACCEPT_DEFECTS_OPTION = click.option(
@@ -56,12 +57,14 @@ def analyse() -> None:
 @click.option("-o", "--output", type=output_path, help="Result to write (.h5 or .csv).")
 @changes_option
 @force_option
+@verbose_option
 @ACCEPT_DEFECTS_OPTION
 def static(
     scene: Path,
     output: Path | None,
     changes: tuple[str, ...],
     force: bool,
+    verbose: bool,
     accept_defects: bool,
 ) -> None:
     """Find the static equilibrium of a SCENE.
@@ -88,7 +91,8 @@ def static(
     )
     _write_result(output, equilibrium.result())
     print_result(
-        describe_equilibrium(equilibrium), lambda: equilibrium_data(equilibrium)
+        describe_equilibrium(equilibrium, verbose),
+        lambda: equilibrium_data(equilibrium),
     )
 
 
@@ -142,6 +146,7 @@ def static(
 )
 @changes_option
 @force_option
+@verbose_option
 @ACCEPT_DEFECTS_OPTION
 def modes(
     scene: Path,
@@ -152,6 +157,7 @@ def modes(
     output: Path | None,
     changes: tuple[str, ...],
     force: bool,
+    verbose: bool,
     accept_defects: bool,
 ) -> None:
     """Find the natural modes of the assembled SCENE.
@@ -200,7 +206,7 @@ def modes(
 
         write_json(output, modes_as_data(natural_modes))
         click.echo(f"{output} written")
-    text = describe_modes(natural_modes, about)
+    text = describe_modes(natural_modes, about, verbose)
     print_result(text, lambda: modes_as_data(natural_modes))
 
 
@@ -256,6 +262,7 @@ def _order(text: str) -> float:
 @click.option("-o", "--output", type=output_path, help="Result to write (.h5 or .csv).")
 @changes_option
 @force_option
+@verbose_option
 @ACCEPT_DEFECTS_OPTION
 def inverse(
     scene: Path,
@@ -263,6 +270,7 @@ def inverse(
     output: Path | None,
     changes: tuple[str, ...],
     force: bool,
+    verbose: bool,
     accept_defects: bool,
 ) -> None:
     """Find the forces of a SCENE whose motion is prescribed completely.
@@ -298,7 +306,7 @@ def inverse(
         accept_defects=accept_defects,
     )
     _write_result(output, result)
-    print_result(describe_inverse(result), lambda: result_data(result))
+    print_result(describe_inverse(result, verbose), lambda: result_data(result))
 
 
 @analyse.command()

@@ -84,6 +84,10 @@ method_option = click.option(
     ),
 )
 
+verbose_option = click.option(
+    "-v", "--verbose", is_flag=True, help="Print all rows of long tables."
+)
+
 rigid_option = click.option(
     "--rigid",
     "rigid",

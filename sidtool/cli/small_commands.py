@@ -12,12 +12,19 @@ from typing import Any
 import click
 
 from ..pipeline.examples import EXAMPLE_TITLES, copy_example
-from .common import output_path, piped_path, print_on_stderr, print_result
+from .common import (
+    output_path,
+    piped_path,
+    print_on_stderr,
+    print_result,
+    verbose_option,
+)
 
 
 @click.command()
 @click.argument("file", metavar="FILE", type=piped_path)
-def info(file: Path) -> None:
+@verbose_option
+def info(file: Path, verbose: bool) -> None:
     """Describe the content of a SID, model, scene or result.
 
     \b
@@ -28,7 +35,8 @@ def info(file: Path) -> None:
     matrices also mass, centre of mass, inertia, free frequencies and node sets.
     For a scene: bodies, joints, drives and forces with their parameters, degrees of
     freedom, redundant constraints, total mass, which terms the simulation includes, and
-    for flexible bodies frequencies, excitation and expected stiffening.
+    for flexible bodies frequencies, excitation and expected stiffening. Terms of the
+    equations that the scene omits are "off", those that the SID does not have "-".
     For a result: range of each output, cost, drift of the constraints, and the
     contribution of each shape function. If an accuracy was requested, also the
     estimated error of each output, the error budget with its cost, and what was omitted
@@ -51,13 +59,14 @@ def info(file: Path) -> None:
     if kind == "model":
         _describe_model_file(content, file)
     else:
-        print_result(DESCRIBERS[kind](content, file), lambda: content_data(content))
+        text = DESCRIBERS[kind](content, file, verbose)
+        print_result(text, lambda: content_data(content))
 
 
-def _describe_sid_file(content: Any, _: Path) -> str:
+def _describe_sid_file(content: Any, _: Path, verbose: bool) -> str:
     from ..report.sid import describe_sid
 
-    return describe_sid(content)
+    return describe_sid(content, verbose)
 
 
 def _describe_model_file(content: Any, path: Path) -> None:
@@ -85,35 +94,38 @@ def _describe_model_file(content: Any, path: Path) -> None:
         raise failure.located(path)
 
 
-def _describe_scene_file(content: Any, path: Path) -> str:
+def _describe_scene_file(content: Any, path: Path, verbose: bool) -> str:
     from sidtool.formats.base.errors import InputError
     from sidtool.formats.text import wrapped
     from sidtool.solver import compile_scene, describe
+    from sidtool.solver.diagnostics.run_summary import describe_bodies
 
     from ..pipeline.model_cache import convert_bodies
     from ..pipeline.scene_changes import with_initial_state
-    from ..report.input_files import describe_scene
+    from ..report.input_files import describe_scene, equation_tables
 
     folder = path.parent
     try:
         whole, model_sids, notes = convert_bodies(
             with_initial_state(content, folder), folder
         )
-        lines = describe(compile_scene(whole, folder, model_sids, accept_defects=True))
+        system = compile_scene(whole, folder, model_sids, accept_defects=True)
+        lines, bodies = describe(system), describe_bodies(system)
     except InputError as error:
         raise error.located(path) from None
     converted = [each.line for of_body in notes.values() for each in of_body]
     texts = (wrapped(line, "    ") for line in [*converted, *lines])
-    return "\n".join([describe_scene(content), "", *texts])
+    tables = [describe_scene(content, verbose), *equation_tables(bodies, verbose)]
+    return "\n\n".join([*tables, "\n".join(texts)])
 
 
-def _describe_result_file(content: Any, _: Path) -> str:
+def _describe_result_file(content: Any, _: Path, verbose: bool) -> str:
     from ..report.result import describe_result
 
-    return describe_result(content)
+    return describe_result(content, verbose)
 
 
-DESCRIBERS: dict[str, Callable[[Any, Path], str]] = {
+DESCRIBERS: dict[str, Callable[[Any, Path, bool], str]] = {
     "sid": _describe_sid_file,
     "scene": _describe_scene_file,
     "result": _describe_result_file,

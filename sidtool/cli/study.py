@@ -33,6 +33,7 @@ from .common import (
     print_on_stderr,
     print_result,
     read_scene_with_changes,
+    verbose_option,
 )
 
 if TYPE_CHECKING:
@@ -124,6 +125,7 @@ RUNS_FOLDER_SUFFIX = ".points"
     "needs the packages dask and distributed.",
 )
 @changes_option
+@verbose_option
 def study(
     scene: Path,
     over: tuple[str, ...],
@@ -138,6 +140,7 @@ def study(
     jobs: int | None,
     dask: str | None,
     changes: tuple[str, ...],
+    verbose: bool,
 ) -> None:
     """Measure error against time and size for a SCENE and recommend a setting.
 
@@ -213,7 +216,7 @@ def study(
             rest = _finished_files_text("point", output, points)
             print_on_stderr(f"sidtool: {scene}: {why}; {rest}", [str(scene)])
             raise click.exceptions.Exit(128 + stop.number) from None
-    _print_study(result, wanted, output)
+    _print_study(result, wanted, output, verbose)
 
 
 def _finished_files_text(kind: str, folder: Path | None, finished: Path | None) -> str:
@@ -298,7 +301,9 @@ def _format_seconds(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _print_study(result: Study, wanted: tuple[float, ...], folder: Path | None) -> None:
+def _print_study(
+    result: Study, wanted: tuple[float, ...], folder: Path | None, verbose: bool
+) -> None:
     from ..study.study_result import (
         RECOMMENDED_ERRORS,
         study_file,
@@ -307,7 +312,8 @@ def _print_study(result: Study, wanted: tuple[float, ...], folder: Path | None) 
 
     wanted = wanted or RECOMMENDED_ERRORS
     print_result(
-        result.report(wanted), lambda: study_file(result).model_dump(mode="json")
+        result.report(wanted, verbose),
+        lambda: study_file(result).model_dump(mode="json"),
     )
     if folder is not None:
         names = write_all(folder, result, wanted)

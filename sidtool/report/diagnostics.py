@@ -54,6 +54,8 @@ def severity_counts(diagnostics: Iterable[Diagnostic]) -> str:
     )
 
 
+#: Columns of a run and of its diagnostic in a table of many runs.
+_FIRST_RUN, _FACT = 30, 40
 #: Runs under their names, with their diagnostics.
 Runs = Sequence[tuple[str, Sequence[Diagnostic]]]
 
@@ -74,15 +76,20 @@ def runs_by_code(runs: Runs) -> dict[str, list[str]]:
 
 
 def table_of_codes(runs: Runs) -> str:
-    """Tabulate the codes of many runs: how many runs have them, and the first one."""
+    """Tabulate the codes of many runs: how many runs have them, and the first one.
+
+    Each has one line; the warnings are printed in full before, and `explain` has more.
+    """
     names = runs_by_code(runs)
     rows = [
         [
             each.code,
             each.severity,
             f"{len(names[each.code])} of {len(runs)}",
-            names[each.code][0],
-            str(each) if each.subject else each.message,
+            textwrap.shorten(names[each.code][0], _FIRST_RUN, placeholder="..."),
+            textwrap.shorten(
+                each.message_line.partition(" ")[2], _FACT, placeholder="..."
+            ),
         ]
         for each in first_of_each_code(runs)
     ]

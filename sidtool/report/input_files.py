@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,7 +35,11 @@ from ..elements.finite_element_model import FiniteElementModel
 from ..reduction.admissible_space import constrained_space
 from ..reduction.body_frames import buckens_frame
 from .diagnostics import diagnostic_lines
+from .result import before_run
 from .tables import TextBlock, format_numbers, named_values, text_table
+
+if TYPE_CHECKING:
+    from sidtool.solver.diagnostics.run_summary import BodyEquations
 
 
 def describe_model(model: ModelFile, body: FiniteElementModel | None = None) -> str:
@@ -254,9 +259,50 @@ _NO_NUMBERS = frozenset(["type", "marker", "markers", "joint", "coordinate"])
 _LONG = frozenset(["polynomial", "spline", "table", "sum", "callable"])
 
 
-def describe_scene(scene: SceneFile) -> str:
-    """Describe a scene by lines and tables of bodies, joints, drives and forces."""
-    return "\n\n".join(scene_parts(scene))
+#: Largest number of rows of each table of a scene.
+MAX_ROWS = 6
+
+
+def describe_scene(scene: SceneFile, verbose: bool = True) -> str:
+    """Describe a scene by lines and tables of bodies, joints, drives and forces.
+
+    verbose : all rows of the tables
+    """
+    return "\n\n".join(scene_parts(scene, None if verbose else MAX_ROWS))
+
+
+def equation_tables(
+    bodies: Sequence[BodyEquations], verbose: bool = True
+) -> list[TextBlock]:
+    """Tabulate what is integrated of each body, and what is expected of flexible ones.
+
+    Bodies that are alike share a row.
+    """
+    most = None if verbose else MAX_ROWS
+    terms = list(next((body.terms for body in bodies if body.terms), ()))
+    rows = [
+        [body.frame, str(body.elastic or "")]
+        + [body.terms.get(term, "") for term in terms]
+        + ([", ".join(body.stiffened)] if terms else [])
+        for body in bodies
+    ]
+    header = ["body", "frame", "elastic", *terms, *(["stiffened at"] if terms else [])]
+    names = [body.name for body in bodies]
+    tables = [text_table(header, _shared_rows(names, rows), most)]
+    expected = {body.name: body.expected for body in bodies if body.expected}
+    if expected:
+        header = ["body", "highest mode", "excitation", "expected stiffening"]
+        shared = _shared_rows(list(expected), [*map(before_run, expected.values())])
+        tables.append(text_table(header, shared, most))
+    return tables
+
+
+def _shared_rows(names: Sequence[str], rows: Sequence[list[str]]) -> list[list[str]]:
+    """Rows under their names; those that are the same are one, under all names."""
+    shared: dict[tuple[str, ...], list[str]] = {}
+    for name, cells in zip(names, rows, strict=True):
+        shared.setdefault(tuple(cells), []).append(name)
+    return [[", ".join(alike), *cells] for cells, alike in shared.items()]
 
 
 def _output_times(scene: SceneFile) -> str:
@@ -266,8 +312,8 @@ def _output_times(scene: SceneFile) -> str:
     return counted_noun(len(OutputTimes(scene)), "output time")
 
 
-def scene_parts(scene: SceneFile) -> list[TextBlock]:
-    """The same, one by one."""
+def scene_parts(scene: SceneFile, most: int | None = None) -> list[TextBlock]:
+    """The same, one by one; `most` limits the rows of each table."""
     accuracy = scene.accuracy
     entries = [
         ("title", scene.title or "(none)"),
@@ -296,26 +342,42 @@ def scene_parts(scene: SceneFile) -> list[TextBlock]:
         entries.insert(1, ("parameters", ", ".join(known)))
     parts = [named_values(entries)]
     bodies = [[name, *_body_row(body)] for name, body in scene.bodies.items()]
-    parts.append(text_table(["body", "kind", "", "markers"], bodies))
+    parts.append(text_table(["body", "kind", "", "markers"], bodies, most))
     if scene.joints:
         joints = [[name, *_joint_row(joint)] for name, joint in scene.joints.items()]
         parts.append(
-            text_table(["joint", "kind", "markers", "axis", "coordinates"], joints)
+            text_table(
+                ["joint", "kind", "markers", "axis", "coordinates"],
+                joints,
+                most,
+                brief=most is not None,
+            )
         )
     if scene.drives:
         drives = [
             [name, *_drive_row(drive, scene)] for name, drive in scene.drives.items()
         ]
-        parts.append(text_table(["drive", "of", "coordinate", "function"], drives))
+        header = ["drive", "of", "coordinate", "function"]
+        parts.append(text_table(header, drives, most, brief=most is not None))
     if scene.forces:
         forces = [[name, *_force_row(force)] for name, force in scene.forces.items()]
-        parts.append(text_table(["force", "kind", "acts on", "numbers"], forces))
+        header = ["force", "kind", "acts on", "numbers"]
+        parts.append(text_table(header, forces, most, brief=most is not None))
     if scene.inputs:
         inputs = [[name, *_input_row(name, scene)] for name in scene.inputs]
-        parts.append(text_table(["input", "initial", "unit", "then"], inputs))
+        parts.append(
+            text_table(
+                ["input", "initial", "unit", "then"],
+                inputs,
+                most,
+                brief=most is not None,
+            )
+        )
     if scene.events:
         events = [[name, *_event_row(event)] for name, event in scene.events.items()]
-        parts.append(text_table(["event", "when", "then"], events))
+        parts.append(
+            text_table(["event", "when", "then"], events, most, brief=most is not None)
+        )
     return parts
 
 

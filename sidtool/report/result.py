@@ -172,6 +172,18 @@ def _body_row(name: str, body: FlexibleBody) -> list[str]:
     return [name, deflection, stiffness, f"{body.highest_frequency:.4g} Hz", fastest]
 
 
+def before_run(body: FlexibleBody) -> list[str]:
+    """Highest mode, excitation and expected stiffening of a body before a run."""
+    _, _, stiffness, highest, fastest = _body_row("", body)
+    cause, expected = body.excitation.by.partition(" ")[0], body.expected
+    known = f"{'diverges, ' if expected.diverges else ''}{stiffness}, {expected.load}"
+    return [
+        highest,
+        f"{fastest} ({cause})" if body.excitation.frequency and cause else fastest,
+        known if expected.load else "not known",
+    ]
+
+
 def _share_text(share: float) -> str:
     """A share in per cent with two digits; below 1e-6 it is 0."""
     return f"{per_cent(share, '.2g')} %" if abs(share) > SMALL_SHARE else "0 %"
@@ -261,13 +273,26 @@ def event_lines(events: Sequence[Event]) -> list[tuple[str, str]]:
     return lines
 
 
-def describe_result(result: Result) -> str:
-    """Return the summary, the outputs with their range, and the versions."""
+#: Largest numbers of elastic coordinates, of outputs and of modes in a description.
+MAX_COORDINATES, MAX_OUTPUTS, MAX_MODES = 8, 12, 30
+#: Largest number of rows of multipliers.
+MAX_FORCES = 12
+
+
+def describe_result(result: Result, verbose: bool = False) -> str:
+    """Return the summary, the outputs with their range, and the versions.
+
+    verbose : all elastic coordinates and outputs
+    """
     parts = [run_summary(result, verbose=True)]
-    parts += [contributions(name, body) for name, body in result.bodies.items()]
+    if verbose:
+        parts += [contributions(name, body) for name, body in result.bodies.items()]
+    elif result.bodies:
+        parts.append(largest_contributions(result.bodies))
     if result.names and len(result.t):
         columns = dict(zip(result.names, result.values.T, strict=True))
-        parts.append(output_ranges(columns, units_in(result)))
+        most = None if verbose else MAX_OUTPUTS
+        parts.append(output_ranges(columns, units_in(result), most))
     if result.versions:
         own = f"sidtool {result.versions.get('sidtool', '')}".rstrip()
         others = [f"{n} {v}" for n, v in result.versions.items() if n != "sidtool"]
@@ -275,10 +300,15 @@ def describe_result(result: Result) -> str:
     return "\n\n".join(parts)
 
 
-def output_ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str]) -> str:
+def output_ranges(
+    columns: Mapping[str, np.ndarray],
+    unit: Callable[[str], str],
+    most: int | None = None,
+) -> str:
     """Tabulate the first, least, greatest and last value of each output.
 
     unit : of an output by its name
+    most : largest number of rows, if it is limited
     """
     found = {name: column for name, column in columns.items() if len(column)}
     units = [unit(name) for name in found]
@@ -289,16 +319,36 @@ def output_ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str])
             found, without_rounding(ranges, units), units, strict=True
         )
     ]
-    return text_table(["output", "first", "least", "greatest", "last", "unit"], rows)
+    header = ["output", "first", "least", "greatest", "last", "unit"]
+    return text_table(header, rows, most)
+
+
+_CONTRIBUTION_HEADER = ("Hz", "max |q|", "energy %", "label")
 
 
 def contributions(name: str, body: FlexibleBody) -> TextBlock:
     """Tabulate the contribution of each elastic coordinate of a body to the motion."""
-    header = [name, "Hz", "max |q|", "energy %", "label"]
+    return text_table([name, *_CONTRIBUTION_HEADER], _contribution_rows(body))
+
+
+def largest_contributions(bodies: Mapping[str, FlexibleBody]) -> TextBlock:
+    """Tabulate the elastic coordinates with the largest shares of the energies."""
+    ranked = [
+        (share, f"{name}.{row[0]}", row[1:])
+        for name, body in bodies.items()
+        for share, row in zip(body.energy_shares, _contribution_rows(body), strict=True)
+    ]
+    ranked.sort(key=lambda each: -each[0])
+    rows = [[name, *cells] for _, name, cells in ranked]
+    header = ("coordinate", *_CONTRIBUTION_HEADER)
+    return text_table(header, rows, MAX_COORDINATES, "with less (-v prints all)")
+
+
+def _contribution_rows(body: FlexibleBody) -> list[list[str]]:
     names = body.names or [f"q{i + 1}" for i in range(len(body.labels))]
     sizes = without_rounding(body.amplitudes, [""] * len(body.amplitudes))
     columns = (body.frequencies, sizes, 100 * body.energy_shares)
-    rows = [
+    return [
         [
             coordinate,
             f"{hertz:.4f}",
@@ -310,7 +360,6 @@ def contributions(name: str, body: FlexibleBody) -> TextBlock:
             names, *columns, body.labels, strict=False
         )
     ]
-    return text_table(header, rows)
 
 
 def _result_span(result: Result) -> tuple[float, float, int]:
@@ -363,8 +412,11 @@ MAX_LEADING_COORDINATES, AMPLITUDE_DECIMALS = 3, 6
 DAMPING_ROUNDING = 1e-12
 
 
-def describe_equilibrium(equilibrium: Equilibrium) -> str:
-    """Describe an equilibrium: cost, residual, notes, outputs, forces of the joints."""
+def describe_equilibrium(equilibrium: Equilibrium, verbose: bool = False) -> str:
+    """Describe an equilibrium: cost, residual, notes, outputs, forces of the joints.
+
+    verbose : all outputs and multipliers
+    """
     result = equilibrium.result()
     entries = [
         ("cost", counted_noun(equilibrium.iterations, "iteration")),
@@ -382,14 +434,17 @@ def describe_equilibrium(equilibrium: Equilibrium) -> str:
     ]
     outputs = [[n, f"{x:.10g}", unit] for n, x, unit in found if n in result.names]
     if outputs:
-        parts.append(text_table(["output", "value", "unit"], outputs))
+        most = None if verbose else MAX_OUTPUTS
+        parts.append(text_table(["output", "value", "unit"], outputs, most))
     forces = [row for row in found if row[0] not in result.names]
     if forces:
-        parts.append(_force_table(forces))
+        parts.append(_force_table(forces, None if verbose else MAX_FORCES))
     return "\n\n".join(parts)
 
 
-def _force_table(forces: Iterable[tuple[str, float, str]]) -> TextBlock:
+def _force_table(
+    forces: Iterable[tuple[str, float, str]], most: int | None
+) -> TextBlock:
     """Tabulate the multipliers of each joint and drive, those of one unit in a row."""
     of_owner: dict[tuple[str, str], dict[str, float]] = {}
     for name, value, unit in forces:
@@ -404,7 +459,7 @@ def _force_table(forces: Iterable[tuple[str, float, str]]) -> TextBlock:
         ]
         for (owner, unit), values in sorted(of_owner.items())
     ]
-    return text_table(["joint or drive", "multipliers", "values", "unit"], rows)
+    return text_table(["joint or drive", "multipliers", "values", "unit"], rows, most)
 
 
 def state_rows(result: Result) -> list[tuple[str, float, str]]:
@@ -428,15 +483,21 @@ _STATES = {
 }
 
 
-def describe_modes(modes: Linearisation, about: str = "static") -> str:
+def describe_modes(
+    modes: Linearisation, about: str = "static", verbose: bool = False
+) -> str:
     """Describe natural modes: a table with the leading coordinates of each, and
     notes.
+
+    verbose : all modes
     """
     rows = mode_rows(modes)
     if not rows:
         return "no natural modes: nothing can move"
     count = counted_noun(len(rows), "natural mode")
-    parts = [f"{count} about {_STATES[about]}", text_table(mode_header(modes), rows)]
+    most = None if verbose else MAX_MODES
+    table = text_table(mode_header(modes), rows, most)
+    parts = [f"{count} about {_STATES[about]}", table]
     parts.append(wrapped(axes_of_frequencies(modes), "    "))
     return "\n\n".join([*parts, *plain_notes(modes)])
 
@@ -458,7 +519,9 @@ def mode_header(modes: Linearisation) -> tuple[str, ...]:
 def axes_of_frequencies(modes: Linearisation) -> str:
     """Return a text on what the frequencies are, and the axes they are measured in."""
     if not has_rotating_axes(modes):
-        return f"frame: {modes.frame} axes; Hz: undamped, |eigenvalue| / 2 pi"
+        still = "; without oscillation the decay time"
+        still = still if any(map(_has_no_oscillation, modes.eigenvalues)) else ""
+        return f"frame: {modes.frame} axes; Hz: undamped, |eigenvalue| / 2 pi{still}"
     return (
         f"frame: modes are solved in axes {modes.frame}"
         if modes.frame != "inertial"
@@ -492,11 +555,23 @@ def mode_rows(modes: Linearisation) -> list[list[str]]:
                 *columns,
                 "rigid"
                 if modes.rigid[k]
-                else f"{ratio if abs(ratio) > DAMPING_ROUNDING else 0.0:.4g}",
+                else _damping_text(modes.eigenvalues[k], ratio),
                 leading,
             ]
         )
     return rows
+
+
+def _has_no_oscillation(eigenvalue: complex) -> bool:
+    return bool(eigenvalue.real and not eigenvalue.imag)
+
+
+def _damping_text(eigenvalue: complex, ratio: float) -> str:
+    """The damping ratio; of a mode without oscillation the time of its decay."""
+    if _has_no_oscillation(eigenvalue):
+        kind = "decay" if eigenvalue.real < 0 else "growth"
+        return f"{kind} in {1 / abs(eigenvalue.real):.3g} s"
+    return f"{ratio if abs(ratio) > DAMPING_ROUNDING else 0.0:.4g}"
 
 
 def modes_as_data(modes: Linearisation) -> dict[str, Any]:
@@ -523,8 +598,11 @@ def modes_as_data(modes: Linearisation) -> dict[str, Any]:
     }
 
 
-def describe_inverse(result: Result) -> str:
-    """Describe inverse dynamics: the largest force of each constraint, and notes."""
+def describe_inverse(result: Result, verbose: bool = False) -> str:
+    """Describe inverse dynamics: the largest force of each constraint, and notes.
+
+    verbose : all forces
+    """
     first, last, count = _result_span(result)
     times = counted_noun(count, "time")
     outcome = f"inverse dynamics, {first:g} to {last:g} s, {times}"
@@ -538,7 +616,11 @@ def describe_inverse(result: Result) -> str:
     return "\n\n".join(
         [
             title_line(result.title, outcome),
-            text_table(["force", "least", "greatest", "unit"], rows),
+            text_table(
+                ["force", "least", "greatest", "unit"],
+                rows,
+                None if verbose else MAX_MODES,
+            ),
             *plain_notes(result),
         ]
     )

@@ -41,17 +41,24 @@ _COMPLETE = 5e-4
 _LISTED_FREQUENCIES = 5
 
 
-def describe_sid(sid: SID) -> str:
-    """Describe a SID by lines and tables."""
+#: Largest numbers of modes and of nodes in a description.
+MAX_MODES, MAX_NODES = 12, 8
+
+
+def describe_sid(sid: SID, verbose: bool = False) -> str:
+    """Describe a SID by lines and tables.
+
+    verbose : all modes and nodes
+    """
     parts = [_overview_lines(sid)]
     modes = natural_modes(sid)
     if modes:
         rows = [_mode_row(number, mode, sid) for number, mode in enumerate(modes, 1)]
         header = ["mode", "Hz", "kind", "m_eff x %", "y %", "z %"]
         header += ["share %", "label"]
-        parts.append(text_table(header, rows))
+        parts.append(text_table(header, rows, None if verbose else MAX_MODES))
     if sid.nodes:
-        parts.append(_node_table(sid))
+        parts.append(_node_table(sid, None if verbose else MAX_NODES))
     return "\n\n".join(parts)
 
 
@@ -206,7 +213,7 @@ def label_without_frequency(label: str, frequency: float) -> str:
     return ", ".join(filter(None, parts[::2]))
 
 
-def _node_table(sid: SID, most: int = 12) -> str:
+def _node_table(sid: SID, most: int | None) -> str:
     dead = dead_nodes(sid)
     size = _body_reach(sid)
     rows = [
@@ -215,11 +222,9 @@ def _node_table(sid: SID, most: int = 12) -> str:
             *format_numbers(node.position, size, " ").split(),
             _node_note(node, sid, dead),
         ]
-        for node in sid.nodes[:most]
+        for node in sid.nodes
     ]
-    text = text_table(["node", "x", "y", "z", ""], rows)
-    more = len(sid.nodes) - most
-    return f"{text}\n... and {more} more" if more > 0 else text
+    return text_table(["node", "x", "y", "z", ""], rows, most)
 
 
 def _body_reach(sid: SID) -> float:

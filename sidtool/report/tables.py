@@ -76,19 +76,39 @@ class TextBlock(str):
         return block
 
 
-def text_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> TextBlock:
+def text_table(
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    most: int | None = None,
+    rest: str = "more (-v prints all)",
+    brief: bool = False,
+) -> TextBlock:
     """Return aligned columns under a header and a line; numbers right, texts left.
 
     Texts continue below where a line would not fit on a screen.
+
+    Parameters
+    ----------
+    most : largest number of rows of the text, if it is limited; pages hold all
+    rest : text behind the number of rows that are left out
+    brief : one line for each row; texts that do not fit end in "..."
     """
-    body = [[printable(cell) for cell in row] for row in rows]
+    whole = [[printable(cell) for cell in row] for row in rows]
+    body = whole if most is None or len(whole) <= most + 1 else whole[:most]
     columns = list(zip(header, *body, strict=True))
     widths = [max(map(len, column)) for column in columns]
     right = [all(_is_number(cell) for cell in column[1:]) for column in columns]
     widths = _widths_on_screen(widths, right)
     lines = [list(header), ["-" * width for width in widths], *body]
+    if brief:
+        lines = [
+            [_shortened(*cell) for cell in zip(c, widths, right, strict=True)]
+            for c in lines
+        ]
     text = "\n".join(_table_lines(cells, widths, right) for cells in lines)
-    return TextBlock(text, html_table(body, header))
+    if whole[len(body) :]:
+        text += f"\n... and {len(whole) - len(body)} {rest}"
+    return TextBlock(text, html_table(whole, header))
 
 
 def name_with_unit(name: str, unit: str) -> str:
@@ -124,6 +144,11 @@ def _widths_on_screen(widths: Sequence[int], right: Sequence[bool]) -> list[int]
             narrow = min(fitted[column], _NARROWEST_TEXT)
             fitted[column] = max(fitted[column] - excess, narrow)
     return fitted
+
+
+def _shortened(cell: str, width: int, numeric: bool) -> str:
+    fits = numeric or len(cell) <= width
+    return cell if fits else cell[: width - 3].rstrip(" ,(") + "..."
 
 
 def _table_lines(

@@ -111,15 +111,18 @@ class Study:
         """Return the fastest point with at most this relative error, or None."""
         return recommend_point(self.points, wanted)
 
-    def report(self, wanted: Sequence[float] = RECOMMENDED_ERRORS) -> str:
+    def report(
+        self, wanted: Sequence[float] = RECOMMENDED_ERRORS, verbose: bool = False
+    ) -> str:
         """Return tables and notes as `sidtool study` prints them.
 
         Parameters
         ----------
         wanted : relative errors for which settings are recommended
+        verbose : all points, not only those with the least error for their time
         """
 
-        return study_report(self, wanted)
+        return study_report(self, wanted, verbose)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a pandas table: a row per point; units in `attrs`. A column `error
@@ -192,24 +195,16 @@ COSTS = ("size", "dofs", "conversion")
 SHARP_UNCERTAINTY, LIMITING_SHARE = 1e-3, 0.1
 
 
-def study_report(result: Study, wanted: Sequence[float]) -> str:
-    """Return the printed text: fronts or all points, recommendations, notes on
-    errors.
+def study_report(result: Study, wanted: Sequence[float], verbose: bool = False) -> str:
+    """Return the printed text: fronts, recommendations, notes on errors, all points.
+
+    verbose : all points, too
     """
-    parts = [] if result.of_integrators else _pareto_tables(result)
-    if result.of_integrators:
-        parts.append(study_table(result.points, ()))
-    parts.append(recommendation_table(result.points, wanted))
-    return "\n\n".join([*parts, *study_notes(result)])
-
-
-def full_report(result: Study, wanted: Sequence[float]) -> str:
-    """Return the report with all points."""
-    text = study_report(result, wanted)
-    if result.of_integrators:
-        return text
-    points = study_table(result.points, varied_axes(result))
-    return f"{text}\n\nAll points\n\n{points}"
+    parts = [*_pareto_tables(result), recommendation_table(result.points, wanted)]
+    parts += study_notes(result)
+    if verbose:
+        parts += ["All points", study_table(result.points, varied_axes(result))]
+    return "\n\n".join(parts)
 
 
 def varied_axes(result: Study) -> tuple[str, ...]:
@@ -220,10 +215,15 @@ def varied_axes(result: Study) -> tuple[str, ...]:
 def _pareto_tables(result: Study) -> list[str]:
     axes, points = varied_axes(result), result.points
     fast = pareto_front(points, lambda p: p.seconds)
-    small = pareto_front(points, lambda p: p.size)
-    return [
+    fastest = [
         f"Least error for the time: {len(fast)} of {len(points)} points",
         study_table(fast, axes),
+    ]
+    if result.of_integrators:
+        return fastest
+    small = pareto_front(points, lambda p: p.size)
+    return [
+        *fastest,
         f"Least error for the size: {len(small)} of {len(points)} points",
         study_table(small, axes),
         "One choice at a time",
@@ -322,6 +322,10 @@ def study_notes(result: Study) -> list[str]:
         )
     ]
     infos = [d for d in study_diagnostics(result) if not d.is_warning]
+    failed = [point for point in result.points if point.message]
+    if failed:
+        parts[0] += f"\nfailed     {len(failed)} of {len(result.points)} points: "
+        parts[0] += f"{failed[0].setting.key}: {failed[0].message}"
     parts += [diagnostic_lines(infos)] if infos else []
     table = table_of_codes(result.runs)
     parts += [table] if table else []
@@ -427,7 +431,9 @@ def write_all(folder: Path, result: Study, wanted: Sequence[float]) -> list[str]
     text, numbers, data, *pictures = (folder / name for name in names)
     content = study_file(result)
     with atomic_path(text) as temporary:
-        temporary.write_text(full_report(result, wanted) + "\n", encoding="utf-8")
+        temporary.write_text(
+            study_report(result, wanted, True) + "\n", encoding="utf-8"
+        )
         for picture in pictures:
             plot_study(picture, content)
         write_table(numbers, content)

@@ -4,7 +4,7 @@ Many runs of one scene are made for their numbers only. Therefore recorded rows 
 stored, as far as they are few, and evaluated together.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -188,19 +188,90 @@ def _assemble_with_warnings(system: System) -> tuple[System, assembly.StateVecto
 
 #: Relative size below which stiffening at markers counts as zero.
 _NEGLIGIBLE = 1e-6
+QUADRATIC_INERTIA = "quadratic inertia"
+#: Terms beyond those of the undeformed body, by the bits of their flags.
 _TERMS = {
-    at.HAS_CR1: "first-order terms of Cr and Ge",
-    at.HAS_OE1: "first-order term of Oe",
-    at.HAS_CT1: "geometric stiffening by acceleration (Ct1)",
-    at.HAS_KE1: "elastic forces quadratic in the coordinates (Ke1)",
-    at.HAS_QUADRATIC_J: "quadratic inertia",
+    at.HAS_CR1: "Cr1, Ge1",
+    at.HAS_OE1: "Oe1",
+    at.HAS_CT1: "Ct1",
+    at.HAS_KE1: "Ke1",
+    at.HAS_QUADRATIC_J: QUADRATIC_INERTIA,
 }
 #: Terms that the inertia of a stiffened body always has, in mean axes.
 _STIFFENED_TERMS = at.HAS_CR1 | at.HAS_OE1 | at.HAS_CT1 | at.HAS_QUADRATIC_J
 
 
+class BodyEquations(NamedTuple):
+    """What is integrated of a body.
+
+    Attributes
+    ----------
+    name
+    frame
+        Its coordinates.
+    elastic
+        Number of elastic coordinates.
+    terms
+        Of a flexible body, terms beyond those of the undeformed one: "yes" if its
+        equations have them, "off" if the scene omits them, "-" if the SID has none.
+    stiffened
+        Markers whose forces or moments stiffen it.
+    expected
+        Its frequencies, excitation and stiffening before the run, if it is flexible.
+    """
+
+    name: str
+    frame: str
+    elastic: int
+    terms: dict[str, str]
+    stiffened: tuple[str, ...]
+    expected: FlexibleBody | None
+
+
+_FRAMES = {0: "prescribed", 2: "2", 3: "3", 6: "6"}
+
+
+def describe_bodies(system: System) -> list[BodyEquations]:
+    """Describe what is integrated of each body.
+
+    Raises
+    ------
+    InputError
+        No start position meets the constraints.
+    """
+    system, start = assemble(system)
+    expected = expected_bodies(system, start)
+    found = []
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if not data.is_scene_body:
+            continue
+        flags, terms = int(row[at.FLAGS]), dict[str, str]()
+        if row[at.NQ]:
+            if flags & at.STIFFENED:
+                flags |= _STIFFENED_TERMS
+            body = system.scene.bodies[data.name]
+            off = {at.HAS_QUADRATIC_J}
+            if not getattr(body, "geometric_stiffening", True):
+                off.add(at.HAS_CT1)
+            terms = {
+                text: "yes" if flags & bit else "off" if bit in off else "-"
+                for bit, text in _TERMS.items()
+            }
+        found.append(
+            BodyEquations(
+                data.name,
+                _FRAMES[int(row[at.RD])],
+                int(row[at.NQ]),
+                terms,
+                _stiffening_markers(system, data) if terms else (),
+                expected.get(data.name),
+            )
+        )
+    return found
+
+
 def describe(system: System) -> list[str]:
-    """Lines that describe what is integrated.
+    """Lines that describe what is integrated, without those of each body.
 
     Raises
     ------
@@ -209,29 +280,12 @@ def describe(system: System) -> list[str]:
     """
     compiled = system
     system, start = assemble(compiled)
-    kind = "planar" if system.planar else "spatial"
-    positions = system.n_positions - system.n_rotation_counters
-    lines = [
-        f"{kind} scene: "
-        f"{counted_noun(positions, 'position coordinate')}, "
-        f"{counted_noun(system.n_velocities, 'velocity coordinate')}, "
-        f"{counted_noun(system.n_rows, 'constraint')}"
-    ]
-    lines += [_degrees_of_freedom(system), _total_mass(system)]
-    texts: list[tuple[str, str]] = []
-    for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if data.is_scene_body:
-            found = [
-                _body_text(row, data),
-                *_marker_stiffening_texts(system, data),
-                *_prestress_texts(data),
-            ]
-            texts += [(data.name, text) for text in found]
-    expected = expected_bodies(system, start)
-    texts += [(name, body.before) for name, body in expected.items()]
+    lines = [_degrees_of_freedom(system), _total_mass(system)]
     lines += [
-        f"{'body' if len(names) == 1 else 'bodies'} {', '.join(names)}: {text}"
-        for text, names in _names_by_text(texts).items()
+        f"body {data.name}: {text}"
+        for data in system.bodies
+        if data.is_scene_body
+        for text in _prestress_texts(data)
     ]
     lines += _defect_lines(system)
     least = system.scene.accuracy.rtol
@@ -241,10 +295,12 @@ def describe(system: System) -> list[str]:
         *displacement_notes(system, new_work_arrays(system), start, least),
     )
     lines += [each.line for each in without(warnings, system.scene.diagnostics.ignore)]
-    dropped = "dropped from the constraints, the frame of {} is prescribed"
-    eliminated = [(n, dropped.format(of)) for n, of in system.eliminated.items()]
-    for text, owners in _names_by_text(eliminated).items():
-        lines.append(f"{', '.join(owners)}: {text}")
+    frames: dict[str, list[str]] = {}
+    for name, of in system.eliminated.items():
+        frames.setdefault(of, []).append(name)
+    if frames:
+        listed = ", ".join(f"{of} ({', '.join(n)})" for of, n in frames.items())
+        lines.append(f"frames that joints and drives prescribe: {listed}")
     if system.redundant:
         names = ", ".join(dict.fromkeys(row_names(system, system.redundant)))
         count = counted_noun(len(system.redundant), "redundant constraint")
@@ -252,18 +308,7 @@ def describe(system: System) -> list[str]:
             f"{count} ({names}): met by the others; of "
             "all multipliers that hold the mechanism the smallest are reported"
         )
-    lines += [each.line for each in callable_notes(system)]
-    used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
-    lines.append(f"markers: {used} used of {counted_noun(total, 'exported node')}")
-    return lines
-
-
-def _names_by_text(texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """Names that share a text, by the text."""
-    names: dict[str, list[str]] = {}
-    for name, text in texts:
-        names.setdefault(text, []).append(name)
-    return names
+    return [*lines, *(each.line for each in callable_notes(system))]
 
 
 def _degrees_of_freedom(system: System) -> str:
@@ -289,25 +334,16 @@ def _total_mass(system: System) -> str:
     return f"total mass: {mass:.6g} kg"
 
 
-def _marker_stiffening_texts(system: System, data: BodyData) -> list[str]:
-    """Geometric stiffening by forces and moments at markers that are used."""
-    markers = [marker for body, marker in system.markers if body == data.name]
+def _stiffening_markers(system: System, data: BodyData) -> tuple[str, ...]:
+    """Markers that are used and whose forces or moments stiffen the body."""
     sizes = {
         (marker, entry): np.abs(getattr(data.node(marker), entry).m1).max(initial=0.0)
-        for marker in markers
+        for marker in [m for body, m in system.markers if body == data.name]
         for entry in ("phi", "psi")
         if getattr(data.node(marker), entry).m1 is not None
     }
     least = _NEGLIGIBLE * max(sizes.values(), default=0.0)
-    texts = []
-    for shape_matrix, title in (("phi", "forces kept"), ("psi", "moments kept")):
-        stiffened = [
-            m for (m, entry), s in sizes.items() if entry == shape_matrix and s > least
-        ]
-        if stiffened:
-            listed = ", ".join(stiffened)
-            texts.append(f"stiffening by {title} at {listed}")
-    return texts
+    return tuple(dict.fromkeys(m for (m, _), size in sizes.items() if size > least))
 
 
 def _prestress_texts(data: BodyData) -> list[str]:
@@ -327,22 +363,3 @@ def _defect_lines(system: System) -> list[str]:
     except InputError as error:
         return [f"{error.problem} (--accept-defects)"]
     return []
-
-
-def _body_text(row: object, data: BodyData) -> str:
-    nq, rigid = int(row[at.NQ]), int(row[at.RD])  # type: ignore[index]
-    flags = int(row[at.FLAGS])  # type: ignore[index]
-    frame = {0: "prescribed frame, no coordinates", 2: "point mass, 2 coordinates"}
-    frame |= {3: "3 frame coordinates", 6: "6 frame coordinates"}
-    parts = [frame[rigid]]
-    if nq:
-        if flags & at.STIFFENED:
-            flags |= _STIFFENED_TERMS
-        included = [text for bit, text in _TERMS.items() if flags & bit]
-        omitted = [text for bit, text in _TERMS.items() if not flags & bit]
-        parts.append(counted_noun(nq, "elastic coordinate"))
-        parts.append(f"kept: {', '.join(included) or 'nothing beyond zeroth order'}")
-        parts.append(
-            f"dropped, zero or not requested: {', '.join(omitted) or 'nothing'}"
-        )
-    return "; ".join(parts)

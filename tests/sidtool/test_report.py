@@ -17,7 +17,11 @@ from sidtool.formats.base.sid import SID, Taylor, rigid_node, rigid_sid
 from sidtool.formats.result import Result
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.text import counted_noun
-from sidtool.report.result import describe_equilibrium, describe_result
+from sidtool.report.result import (
+    _damping_text,
+    describe_equilibrium,
+    describe_result,
+)
 from sidtool.report.sid import (
     describe_sid,
     frame_kind_of,
@@ -190,3 +194,20 @@ def test_labels_repeat_no_frequency() -> None:
     assert label_without_frequency(label, 73.9037) == short
     assert label_without_frequency(label, 74.9) == label
     assert label_without_frequency("Eigen Mode 2 : 16.709 Hz", 16.709) == "Eigen Mode 2"
+
+
+def test_long_tables_say_what_they_leave_out() -> None:
+    rows = [[f"q{k}", "1"] for k in range(50)]
+    table = text_table(["output", "value"], rows, 8)
+    assert table.splitlines()[-1] == "... and 42 more (-v prints all)"
+    assert len(table.splitlines()) == 11 and table.html.count("<tr>") == 51
+    assert len(text_table(["output", "value"], rows[:9], 8).splitlines()) == 11
+    brief = text_table(["name", "law"], [["f", "x" * 300]], 8, brief=True)
+    assert len(brief.splitlines()) == 3 and brief.endswith("...")
+
+
+def test_modes_without_oscillation_have_a_decay_time() -> None:
+    """Of eigenvalues -2 and 0.5 1/s."""
+    texts = [_damping_text(complex(x), np.sign(-x)) for x in (-2.0, 0.5)]
+    assert texts == ["decay in 0.5 s", "growth in 2 s"]
+    assert _damping_text(complex(-3.0, 4.0), 0.6) == "0.6"

@@ -265,9 +265,8 @@ def test_a_scene_that_pulls_counts_the_pull_once(force: float) -> None:
 
 def test_a_scene_notes_a_prestressed_body() -> None:
     sids = {"rod": sid_from_model(beam(IGA, stiffening=tension(5.0)))}
-    description = "\n".join(describe(compile_scene(pulled_rod(5.0), ".", sids)))
-    assert "body rod: prestressed (ksigma)" in description
-    assert "body rod: stiffening by forces kept at tip" in description
+    system = compile_scene(pulled_rod(5.0), ".", sids)
+    assert "body rod: prestressed (ksigma)" in "\n".join(describe(system))
 
 
 @pytest.mark.parametrize("carriers", CARRIERS[::2])
