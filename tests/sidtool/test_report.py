@@ -211,3 +211,15 @@ def test_modes_without_oscillation_have_a_decay_time() -> None:
     texts = [_damping_text(complex(x), np.sign(-x)) for x in (-2.0, 0.5)]
     assert texts == ["decay in 0.5 s", "growth in 2 s"]
     assert _damping_text(complex(-3.0, 4.0), 0.6) == "0.6"
+
+
+def test_a_reference_without_tolerance_is_not_judged() -> None:
+    """But for values of the table that have one; 'missed' counts judged ones only."""
+    reference = SLIDER_CRANK / "rod_iga.SID_FEM"
+    sid = read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")
+    last = judgement_as_text(judge_sid(sid, reference), strict=False).splitlines()[-1]
+    assert last.endswith("reference not judged: no --tolerance given")
+    judged = judge_sid(sid, reference, tolerance=1e-12)
+    last = judgement_as_text(judged, strict=False).splitlines()[-1]
+    missed = re.search(r"(\d+) of (\d+) judged reference values missed", last)
+    assert missed and 0 < int(missed[1]) <= int(missed[2]) and last.startswith("bad")
