@@ -12,7 +12,8 @@ ENTRIES = (
         "joints leave free. Residual: norm of what is unbalanced over the largest "
         "forces met; an equilibrium is below 1e-10. The body is that on which the "
         "unbalanced forces do most work.",
-        remedy="Hold what may fall or fly away, or start nearer to an equilibrium.",
+        remedy="Hold what may fall or fly away, or start nearer to an equilibrium. "
+        "Modes of free bodies: --about start.",
         example={"iterations": 200, "residual": 1.0, "body": "satellite"},
     ),
     Entry(

@@ -54,8 +54,8 @@ def severity_counts(diagnostics: Iterable[Diagnostic]) -> str:
     )
 
 
-#: Columns of a run and of its diagnostic in a table of many runs.
-_FIRST_RUN, _FACT = 30, 40
+#: Columns of a run in a table of many runs.
+_FIRST_RUN = 30
 #: Runs under their names, with their diagnostics.
 Runs = Sequence[tuple[str, Sequence[Diagnostic]]]
 
@@ -87,14 +87,12 @@ def table_of_codes(runs: Runs) -> str:
             each.severity,
             f"{len(names[each.code])} of {len(runs)}",
             textwrap.shorten(names[each.code][0], _FIRST_RUN, placeholder="..."),
-            textwrap.shorten(
-                each.message_line.partition(" ")[2], _FACT, placeholder="..."
-            ),
+            each.message_line.partition(" ")[2],
         ]
         for each in first_of_each_code(runs)
     ]
     header = ("code", "severity", "runs", "first run", "what the first run says")
-    return text_table(header, rows) if rows else ""
+    return text_table(header, rows, brief=True) if rows else ""
 
 
 def explain(code: str) -> str:

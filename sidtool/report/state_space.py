@@ -14,9 +14,10 @@ from sidtool.formats.file_names import check_ending
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.text import counted_noun
 
+from .diagnostics import severity_counts
 from .json_data import write_json
 from .result import plain_notes
-from .tables import name_with_unit, named_values, text_table
+from .tables import name_with_unit, named_values, text_table, title_line
 
 if TYPE_CHECKING:
     from sidtool.solver.analyses.frequency_response import FrequencyResponse, Peak
@@ -30,7 +31,11 @@ FREQUENCY_COLUMN = "frequency [Hz]"
 #: motions are double, so that rounding moves them by its square root.
 _ROUNDING = 1e-8
 #: Eigenvalues and state rates in a printed table.
-MAX_LISTED = 20
+MAX_LISTED = 12
+#: Real parts below this share of an eigenvalue are printed as zero.
+_NO_DAMPING = 1e-12
+#: Operating points by their option.
+_POINTS = {"static": "the static equilibrium", "start": "the initial state"}
 
 
 def describe_state_space(space: StateSpace) -> str:
@@ -38,17 +43,20 @@ def describe_state_space(space: StateSpace) -> str:
     eigenvalues and notes.
     """
     about = space.about
-    point = f"t = {about:.9g} s of a run" if isinstance(about, float) else about
-    parts: list[str] = [
-        named_values(
-            [
-                ("operating point", point + ("" if space.is_steady else " (frozen)")),
-                ("states", str(len(space.A))),
-                ("inputs", str(len(space.input_names))),
-                ("outputs", str(len(space.output_names))),
-            ]
-        )
-    ]
+    point = _POINTS.get(
+        str(about),
+        f"t = {about:.9g} s of a run" if isinstance(about, float) else str(about),
+    )
+    frozen = "" if space.is_steady else " (frozen)"
+    counts = {
+        "state": len(space.A),
+        "input": len(space.input_names),
+        "output": len(space.output_names),
+    }
+    sizes = ", ".join(counted_noun(count, noun) for noun, count in counts.items())
+    entries = [("size", sizes), ("diagnostics", severity_counts(space.diagnostics))]
+    title = title_line(space.title, f"linearised about {point}{frozen}")
+    parts: list[str] = [f"{title}\n{named_values(entries)}"]
     header = ["", "name", "unit", "at the operating point"]
     rows = [
         [kind, name, unit or "-", f"{value:.6g}"]
@@ -69,6 +77,8 @@ def describe_state_space(space: StateSpace) -> str:
     values = values[values.imag >= 0.0]
     rounding = _ROUNDING * np.abs(values).max(initial=0.0)
     values = np.where(np.abs(values) > rounding, values, 0.0)
+    undamped = np.abs(values.real) < _NO_DAMPING * np.abs(values)
+    values = np.where(undamped, 1j * values.imag, values)
     table = [[f"{v.real:.6g}", f"{v.imag:.6g}", *_frequency_texts(v)] for v in values]
     parts.append(
         text_table(
@@ -89,7 +99,7 @@ def _shortened(rows: list[list[str]]) -> list[list[str]]:
 def _frequency_texts(value: complex) -> tuple[str, str]:
     size = abs(value)
     hertz = f"{size / (2.0 * math.pi):.6g}" if value.imag else "-"
-    return hertz, f"{-value.real / size:.4g}" if size else "-"
+    return hertz, f"{-value.real / size + 0.0:.4g}" if size else "-"
 
 
 def state_space_arrays(space: StateSpace) -> dict[str, Any]:
