@@ -17,6 +17,7 @@ from sidtool.formats.result import Result, write_csv, write_result
 from sidtool.formats.scene import read_scene
 from sidtool.formats.sid_files import write_sid
 from sidtool.formats.storage.unreadable import failure_reason
+from sidtool.formats.text import wrapped
 
 from ..pipeline.examples import example_folder
 from ..pipeline.model_to_sid import field_from_model
@@ -243,7 +244,7 @@ def _write_page(path: Path, result: Result, field: Field) -> str:
     try:
         animate(result, path, fields={"rod": field}, colour="stress")
     except InputError as error:
-        return f"No page {path.name}: {error}."
+        return wrapped(f"No page {path.name}: {error}.")
     return f"{path} plays the mechanism in a browser."
 
 
