@@ -243,7 +243,7 @@ def pin_is_in_millimetres() -> str:
     return friction_joint_scene(change)
 
 
-@mistake("N411 bar: .*500 % of its size")
+@mistake("N414 bar: .*500 % of its size")
 def deformation_at_the_start_is_in_millimetres() -> str:
     """The tip of the bar starts 5 m off, for 5 mm."""
     shapes = bar().nodes[1].phi.m0[1]
