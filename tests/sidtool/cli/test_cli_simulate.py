@@ -94,7 +94,7 @@ def test_a_result_lists_the_contribution_of_each_shape_function(
     assert run(["info", str(files / "r.h5")]) == 0
     text = capsys.readouterr().out
     assert "max |q|  energy %  label" in text
-    assert "q1     31.7011  0.000999" in text
+    assert "rod.q1        31.7011  0.000999" in text
 
 
 def test_many_flexible_bodies_fit_on_a_page() -> None:
