@@ -96,7 +96,9 @@ DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 #: What stands for the loads by its own inertia, where nodes have their ids.
 INERTIA_KEY = "*"
 
-_ENTRY = re.compile(r"([^\s=\[\];]+)=([\d,-]+)", re.ASCII)
+_ENTRY = re.compile(r"([^\s=\[\];]+)=([\d.e,-]+)", re.ASCII)
+#: Per cents below this are rounding.
+_LEAST_PERCENT = 1e-6
 
 SixComponents = tuple[float | None, ...]
 
@@ -111,9 +113,10 @@ class ComplianceShares:
         no momentum; else the body was fixed by its frame
     shares : node id -> (6,) by `DIRECTIONS`: share of the displacement (or rotation)
         along a unit load there that the shape functions represent; None if not known
-    lost : (6,) missing compliance under its own inertia when its frame is accelerated
-        along and about its axes; over the largest one of the body of the same kind,
-        forces or moments; empty if not known
+    lost : (9,) missing strain energy under its own inertia when its frame is
+        accelerated along and about its axes, and when it rotates steadily about them,
+        by the units of `inertia_load_scales`; over the largest one of the body; empty
+        if not known
     """
 
     free: bool
@@ -133,7 +136,7 @@ class ComplianceShares:
 
     def _entries(self) -> Iterator[str]:
         if self.lost:
-            yield _entry(INERTIA_KEY, self.lost)
+            yield f"{INERTIA_KEY}={','.join(map(_percent, self.lost))}"
         for name, row in sorted(self._rows(), key=lambda named: _poorest(named[1])):
             yield _entry(name, row)
 
@@ -157,9 +160,11 @@ def parse_compliance_shares(text: str) -> ComplianceShares | None:
             return None
         if match[1] == INERTIA_KEY:
             lost = tuple(_is_known(row))
-        else:
+        elif len(row) == len(DIRECTIONS):
             shares[match[1]] = row
-    return ComplianceShares(kind == "free", shares, lost if len(lost) == 6 else ())
+        else:
+            return None
+    return ComplianceShares(kind == "free", shares, lost if len(lost) == 9 else ())
 
 
 def _is_known(row: SixComponents) -> list[float]:
@@ -176,11 +181,17 @@ def _entry(name: str, row: SixComponents) -> str:
     return f"{name}={','.join(cells)}"
 
 
+def _percent(share: float) -> str:
+    percent = 100.0 * share if 100.0 * share > _LEAST_PERCENT else 0.0
+    return f"{percent:.0f}" if percent >= 10.0 else f"{percent:.2g}"
+
+
 def _row(text: str) -> SixComponents | None:
     cells = text.split(",")
-    if len(cells) != 6 or not all(c == "-" or c.isdecimal() for c in cells):
+    try:
+        return tuple(None if c == "-" else float(c[:8]) / 100.0 for c in cells)
+    except ValueError:
         return None
-    return tuple(None if c == "-" else float(c[:4]) / 100.0 for c in cells)
 
 
 def orientation_fault(AP: Array) -> str:

@@ -469,14 +469,20 @@ ENTRIES = (
     Entry(
         "N422",
         WARNING,
-        "{missing:.2g} of the sag under its own inertia {directions} is missing",
-        "Share of the static deformation by gravity and by accelerations of the frame "
-        "(from drives and the start) that the shape functions lack, which the SID "
-        "states. Reported above 10 % in directions with at least half of the largest "
-        "acceleration.",
-        remedy="Use more modes, or attachment modes.",
+        "{missing:.2g} of the strain energy by {causes} is missing",
+        "Share of the static strain energy under gravity and by the acceleration and "
+        "rotation of the frame (from drives and the start) that the shape functions "
+        "lack, which the SID states. Deformation and stress lack it: one linear shape "
+        "function of a hanging bar has 3/4 of the energy, 1/2 of the largest stress. "
+        "Reported above 10 % of a load, where that is 1 % of the largest such energy, "
+        "and above 99.9 % of bodies with stress only.",
+        remedy="Use attachment modes, with centrifugal = true for rotations.",
         units={"missing": "%"},
-        example={"subject": "rod", "missing": 0.2, "directions": "along y"},
+        example={
+            "subject": "rod",
+            "missing": 0.25,
+            "causes": "acceleration along x",
+        },
     ),
     Entry(
         "N423",

@@ -25,7 +25,10 @@ from sidtool.formats.model.reduction import (
     HertingReduction,
     ReductionSettings,
 )
-from sidtool.formats.static_compliance import missing_inertia_shares
+from sidtool.formats.static_compliance import (
+    inertia_load_scales,
+    missing_inertia_shares,
+)
 
 from ..elements.finite_element_model import FiniteElementModel, MarkerRows
 from .admissible_space import AdmissibleSpace
@@ -220,17 +223,10 @@ def spin_stress_note(
         return None
     if not stiffening.centrifugal:
         return None
-    loads = (body.mass @ body.linear_fields(frame.origin)).real
-    axes: tuple[str, ...] = ("z",)
-    if body.dimension == 3:
-        # columns of S in the order xx, xy, xz, yy, yz, zz
-        axes, squares = ("x", "y", "z"), loads[:, [0, 3, 5]]
-        loads = squares.sum(axis=1)[:, None] - squares
+    axes = ("x", "y", "z") if body.dimension == 3 else ("z",)
+    loads = _rotation_loads(body, frame)
     space = basis.space.for_comparison()
-    full = np.einsum("ij,ij->j", loads, space.static(loads))
-    felt = basis.shapes.T @ loads
-    stiffness = (basis.shapes.T @ (body.stiffness @ basis.shapes)).real
-    own = np.einsum("ij,ij->j", felt, scipy.linalg.solve(stiffness, felt))
+    full, own = _static_energies(body, space, basis, loads)
     counts = full > _NO_ENERGY * full.max(initial=0.0)
     missing = np.where(counts, 1.0 - own / np.where(counts, full, 1.0), 0.0)
     poor = missing > _POOR_ERROR
@@ -318,13 +314,39 @@ def _missing_inertia_shares(
     """Return the missing inertia shares, see `ComplianceShares.lost`."""
     motions = body.rigid_body_modes(frame.origin)
     loads = body.mass @ motions
-    stiffness = basis.shapes.T @ (body.stiffness @ basis.shapes)
-    felt = basis.shapes.T @ loads
-    ways = [0, 1, 5] if body.dimension == 2 else list(range(6))
-    full, own = np.zeros(6), np.zeros(6)
-    full[ways] = np.einsum("ij,ij->j", loads, space.static(loads))
-    own[ways] = np.einsum("ij,ij->j", felt, scipy.linalg.solve(stiffness, felt))
+    inertia = np.einsum("ij,ij->j", motions, loads)
+    ways = [0, 1, 5, 8] if body.dimension == 2 else list(range(9))
+    scales = inertia_load_scales(inertia[0], inertia[body.dimension :])[ways]
+    loads = np.hstack([loads, _rotation_loads(body, frame)]) * scales
+    full, own = np.zeros(9), np.zeros(9)
+    full[ways], own[ways] = _static_energies(body, space, basis, loads)
     return missing_inertia_shares(full, own)
+
+
+def _rotation_loads(body: FiniteElementModel, frame: Frame) -> Array:
+    """Loads (ndof, 3) of a steady rotation about each axis, (ndof, 1) of a plane body,
+    up to their sign.
+    """
+    loads = (body.mass @ body.linear_fields(frame.origin)).real
+    if body.dimension == 2:
+        return np.asarray(loads)
+    # columns of S in the order xx, xy, xz, yy, yz, zz
+    squares = loads[:, [0, 3, 5]]
+    return np.asarray(squares.sum(axis=1)[:, None] - squares)
+
+
+def _static_energies(
+    body: FiniteElementModel, space: AdmissibleSpace, basis: ReducedBasis, loads: Array
+) -> tuple[Array, Array]:
+    """Twice the strain energy under loads (ndof, n) of the full body and of its shape
+    functions.
+    """
+    felt = (basis.shapes.T @ loads).real
+    stiffness = (basis.shapes.T @ (body.stiffness @ basis.shapes)).real
+    return (
+        np.einsum("ij,ij->j", loads, space.static(loads)).real,
+        np.einsum("ij,ij->j", felt, scipy.linalg.solve(stiffness, felt)),
+    )
 
 
 def _is_poor(errors: BasisErrors, settings: ReductionSettings) -> bool:

@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.base.sid import DIRECTIONS, SID, Array, Node
+from sidtool.formats.base.stress import stress_nodes
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import PointForce, SceneFile, marker_names, marker_reference
 from sidtool.formats.static_compliance import (
+    inertia_load_scales,
     inertia_work_of_full_body,
     unit_load_compliances,
 )
@@ -311,10 +313,20 @@ MIN_SHARE = 0.9
 SMALL_FRACTION, HALF_SHARE = 0.01, 0.5
 #: A direction is loaded if this much of it lies in what the loads span.
 LOADED_FRACTION = 0.5
+#: A body without stress may be rigid under a load, as inextensible blades: its shape
+#: functions carry less than this share.
+RIGID_SHARE = 1e-3
 #: Shapes that carry less than this share are missing, not poor.
 MISSING_SHARE = 1e-12
 
 _FORCES, _MOMENTS = slice(0, 3), slice(3, 6)
+
+#: Loads of a body by its own inertia.
+INERTIA_LOADS = (
+    *(f"acceleration along {axis}" for axis in "xyz"),
+    *(f"acceleration about {axis}" for axis in "xyz"),
+    *(f"rotation about {axis}" for axis in "xyz"),
+)
 
 #: What loads a body: body and marker, force and moment in body axes, what exerts them.
 Load = tuple[tuple[str, str], Array, Array, str]
@@ -374,12 +386,14 @@ def _poor_shares(
     compliance = data.sid.carried
     if not data.is_scene_body or not data.sid.nq or compliance is None:
         return {}
-    node = data.node(marker).id
-    row = compliance.shares.get(node)
+    node = data.node(marker)
+    row = compliance.shares.get(node.id)
     if row is None or min((x for x in row if x is not None), default=1.0) >= MIN_SHARE:
         return {}
     known = np.array([np.nan if x is None else x for x in row])
-    own = unit_load_compliances(data.sid, compliance.free)[0][node]
+    # loads at the node that a free body's frame follows deform the body, too
+    is_free_frame = compliance.free and not (node.phi.m0.any() or node.psi.m0.any())
+    own = unit_load_compliances(data.sid, compliance.free)[0][node.id]
     full = own / np.maximum(known, MISSING_SHARE)
     shares: dict[int, float] = {}
     for directions in load_directions(system):
@@ -388,7 +402,11 @@ def _poor_shares(
         largest = np.nanmax(full[kind], initial=0.0)
         for k in kind:
             small = full[k] - own[k] <= SMALL_FRACTION * largest
-            if MISSING_SHARE < known[k] < (HALF_SHARE if small else MIN_SHARE):
+            if known[k] <= MISSING_SHARE:
+                poor = is_free_frame
+            else:
+                poor = known[k] < (HALF_SHARE if small else MIN_SHARE)
+            if poor:
                 shares[k] = float(known[k])
     return shares
 
@@ -432,7 +450,8 @@ def suggested_shapes(sid: SID) -> str:
 def poor_inertia_notes(system: System, start: StateVectors) -> Iterator[Diagnostic]:
     """Bodies whose own inertia deforms them as no shape function does (N422).
 
-    Gravity and, as far as they are known, accelerations of its frame load it.
+    Gravity and, as far as they are known, accelerations and rotations of its frame
+    load it.
     """
     poor = [
         data for data in system.bodies if data.is_scene_body and _has_poor_inertia(data)
@@ -446,38 +465,42 @@ def poor_inertia_notes(system: System, start: StateVectors) -> Iterator[Diagnost
         if frame is None:
             frame = start_frame(system, start.z, start.v, data.name)
         loads = expected_loads(system, frame, history.times, data.name)
-        both = np.hstack([loads.acceleration, loads.angular_acceleration])
-        shares = _poor_inertia_shares(system, data, np.abs(both).max(axis=0))
+        accelerations = (loads.acceleration, loads.angular_acceleration)
+        sizes = np.hstack([*accelerations, loads.angular_velocity**2])
+        shares = _poor_inertia_shares(system, data, np.abs(sizes).max(axis=0))
         if shares:
-            missing, directions = _missing_shares(shares)
-            yield diagnose("N422", data.name, missing=missing, directions=directions)
+            causes = " and ".join(INERTIA_LOADS[k] for k in shares)
+            missing = 1.0 - min(shares.values())
+            yield diagnose("N422", data.name, missing=missing, causes=causes)
 
 
 def _has_poor_inertia(data: BodyData) -> bool:
     compliance = data.sid.carried
-    return bool(
-        data.sid.nq and compliance and max(compliance.lost, default=0.0) > 1 - MIN_SHARE
-    )
+    return bool(data.sid.nq and compliance and max(compliance.lost, default=0.0) > 0.0)
 
 
 def _poor_inertia_shares(
     system: System, data: BodyData, size: Array
 ) -> dict[int, float]:
-    """Shares that are carried of accelerations (6,) under which much is lost."""
+    """Shares that are carried of the energy under loads of `size` (9,), where much of
+    what all of them cause is missing.
+    """
     compliance = data.sid.carried
     assert compliance is not None
     own = unit_load_compliances(data.sid, compliance.free)[1]
     full = inertia_work_of_full_body(compliance.lost, own)
-    poor = {}
-    for kind, directions in zip(
-        (_FORCES, _MOMENTS), load_directions(system), strict=True
-    ):
-        largest = size[kind].max()
-        for k in directions:
-            loaded = largest > 0.0 and size[k] > LOADED_FRACTION * largest
-            if loaded and compliance.lost[k] > 1.0 - MIN_SHARE:
-                poor[k] = float(own[k] / full[k]) if full[k] else 0.0
-    return poor
+    size = size / inertia_load_scales(data.sid.mass, data.sid.J.m0[:3, 0])
+    full, own = full * size**2, own * size**2
+    possible = [0, 1, 5, 8] if system.planar else list(range(9))
+    largest = full[possible].max()
+    least = 0.0 if stress_nodes(data.sid) else RIGID_SHARE
+    return {
+        k: float(own[k] / full[k])
+        for k in possible
+        if own[k] >= least * full[k]
+        and full[k] - own[k]
+        > max((1.0 - MIN_SHARE) * full[k], SMALL_FRACTION * largest)
+    }
 
 
 #: Words of labels of shape functions that are answers to static loads.

@@ -165,20 +165,93 @@ def test_craig_bampton_of_a_free_part() -> None:
 # Inertia ---------------------------------------------------------------------------
 
 
-def weighed(numbers: list[int], gravity: list[float]) -> list[Diagnostic]:
-    body = {"sid": "-", "markers": {"a": 1}, "shape_functions": numbers}
-    joints = {"wall": {"type": "fixed", "markers": ["ground", "rod.a"]}}
+def weighed(
+    sid: SID,
+    gravity: list[float],
+    numbers: list[int] | None = None,
+    turning: dict[str, Any] | None = None,
+    code: str = "N422",
+) -> list[Diagnostic]:
+    body: dict[str, Any] = {"sid": "-", "markers": {"a": 1}}
+    if numbers:
+        body["shape_functions"] = numbers
+    joint = {"type": "fixed", "markers": ["ground", "rod.a"]}
+    drives = {}
+    if turning:
+        joint |= {"type": "revolute", "axis": [0.0, 0.0, 1.0]}
+        drives = {"motor": {"joint": "wall", "function": turning}}
     described = scene(
-        {"rod": body}, joints, gravity=gravity, end=1e-4, steps=1, dimension="spatial"
-    )
-    return with_code(simulate(compiled(described, rod=stout())), "N422")
+        {"rod": body}, {"wall": joint}, gravity=gravity, drives=drives, end=1e-4,
+        steps=1, dimension="spatial",
+    )  # fmt: skip
+    return with_code(simulate(compiled(described, rod=sid)), code)
 
 
 def test_weight_that_no_shape_bends_under_is_told() -> None:
     """Without the first modes of bending next to nothing is left of its sagging."""
-    assert weighed([*BENDING], [0.0, -9.81, 0.0]) == []
+    assert weighed(stout(), [0.0, -9.81, 0.0], BENDING) == []
     lacking = [k for k in BENDING if k not in (1, 2)]
-    (found,) = weighed(lacking, [0.0, -9.81, 0.0])
-    assert found.subject == "rod" and found.data["directions"] == "along y"
+    (found,) = weighed(stout(), [0.0, -9.81, 0.0], lacking)
+    assert found.subject == "rod"
+    assert found.data["causes"] == "acceleration along y"
     assert 0.9 < found.data["missing"] < 1.0
-    assert weighed(lacking, [-9.81, 0.0, 0.0]) == []  # a stretch of a thousandth
+
+
+def test_weight_along_a_bar_is_not_small_beside_bending_that_nothing_causes() -> None:
+    """A hanging bar: its linear shape has (1/2)^2 of the energy 1/3, and bending none.
+
+    Both were silent: the stress of the second was 0, that of the first 1/2 at the wall.
+    """
+    hung = [-9.81, 0.0, 0.0]
+    (found,) = weighed(stressed(), hung, BENDING)
+    assert found.data["missing"] == 1.0
+    assert weighed(stressed(), [-9.81, -9.81, 0.0], BENDING) == []  # a thousandth
+    assert weighed(stout(), hung, BENDING) == []  # without stress, inextensible
+    first = 96 / np.pi**4
+    assert first > 0.98 and weighed(stout(), hung, [*BENDING, STRETCHING[0]]) == []
+    (found,) = weighed(linear(), hung)
+    assert found.data["causes"] == "acceleration along x"
+    assert found.data["missing"] == pytest.approx(0.25, rel=0.01)
+
+
+@cache
+def stressed() -> SID:
+    reduction = {"method": "modal", "modes": 14}
+    return steel_bar(width=0.1, height=0.1, elements=16, reduction=reduction, stress={})
+
+
+@cache
+def linear() -> SID:
+    """A clamped bar whose only axial shape is linear."""
+    reduction = {"method": "craig_bampton", "interfaces": ["tip"], "modes": 2}
+    return steel_bar(width=0.1, height=0.1, elements=16, reduction=reduction)
+
+
+def test_rotation_that_stretches_points_between_interfaces_is_told(
+    tmp_path: Any,
+) -> None:
+    """(1/3)^2 of the energy 2/15: the middle moved by 27 % too little, silently."""
+    write_sid(tmp_path / "rod.SID_FEM", linear())
+    for sid in (linear(), read_sid(tmp_path / "rod.SID_FEM")):
+        (found,) = weighed(sid, [0.0, 0.0, 0.0], turning=polynomial(0.0, 20.0))
+        assert found.data["causes"] == "rotation about z"
+        assert found.data["missing"] == pytest.approx(1 / 6, rel=0.02)
+    (found,) = weighed(stressed(), [0.0] * 3, BENDING, turning=polynomial(0.0, 20.0))
+    assert found.data["missing"] == 1.0
+    assert weighed(linear(), [0.0, -9.81, 0.0], turning=polynomial(0.0, 0.1)) == []
+
+
+def polynomial(*coefficients: float) -> dict[str, Any]:
+    pieces = [{"from": 0.0, "coefficients": list(coefficients)}]
+    return {"type": "polynomial", "pieces": pieces}
+
+
+def test_loads_at_the_frame_of_a_free_body_are_told() -> None:
+    """Free modes of bending in a frame at an end, which hangs there, do not stretch."""
+    sid = steel_bar(
+        width=0.1, height=0.1, frame={"type": "tangent", "marker": "root"},
+        reduction={"method": "modal", "modes": 4},
+    )  # fmt: skip
+    found = weighed(sid, [-9.81, 0.0, 0.0], code="N420")
+    (along,) = (each for each in found if "along x" in each.data["directions"])
+    assert along.data["missing"] == 1.0
