@@ -190,7 +190,7 @@ class Equilibrium(_NamedNumbers, SolverEquilibrium):
 
     def rows(self) -> list[tuple[str, float, str]]:
         """Return recorded outputs and all multipliers with their values and units."""
-        from ..report.result import state_rows
+        from ..report.analyses import state_rows
 
         return state_rows(self.result())
 
@@ -268,7 +268,7 @@ class Linearisation(_NamedNumbers, SolverLinearisation):
         return f"<Linearisation: {count}, {first}{more} Hz>"
 
     def _repr_html_(self) -> str:
-        from ..report.result import axes_of_frequencies, mode_header, mode_rows
+        from ..report.analyses import axes_of_frequencies, mode_header, mode_rows
 
         header = mode_header(self)
         notes = html_table([("note", text) for text in self.notes])

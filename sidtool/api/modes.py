@@ -134,7 +134,7 @@ class CampbellDiagram(SolverCampbellDiagram):
         if kind_by_ending(path, "campbell", "picture") == "picture":
             self.plot(path=path)
             return
-        from ..report.modes import write_campbell
+        from ..report.analyses import write_campbell
 
         check_ending(path, "campbell")
         write_campbell(path, self)
@@ -169,7 +169,7 @@ class CampbellDiagram(SolverCampbellDiagram):
         )
 
     def _repr_html_(self) -> str:
-        from ..report.modes import CRITICAL_COLUMNS, critical_rows
+        from ..report.analyses import CRITICAL_COLUMNS, critical_rows
 
         notes = html_table([("note", text) for text in self.notes])
         return html_table(critical_rows(self), CRITICAL_COLUMNS) + notes
@@ -262,7 +262,7 @@ class FloquetModes(SolverFloquetModes):
         return f"<FloquetModes of period {self.period:.6g} s: {found}>"
 
     def _repr_html_(self) -> str:
-        from ..report.modes import FLOQUET_COLUMNS, floquet_rows
+        from ..report.analyses import FLOQUET_COLUMNS, floquet_rows
 
         notes = html_table([("note", text) for text in self.notes])
         return html_table(floquet_rows(self), FLOQUET_COLUMNS) + notes

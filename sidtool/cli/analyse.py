@@ -82,8 +82,8 @@ def static(
     body deforms by more than its own size; 2 the input is wrong.
     """
     from ..api.analyses import static_equilibrium
+    from ..report.analyses import describe_equilibrium
     from ..report.json_data import equilibrium_data
-    from ..report.result import describe_equilibrium
 
     check_targets([result_target(output)], input_files(scene), force)
     equilibrium = run_analysis(
@@ -186,7 +186,7 @@ def modes(
     in time); 2 the input is wrong.
     """
     from ..api.analyses import linearise
-    from ..report.result import describe_modes, modes_as_data
+    from ..report.analyses import describe_modes, modes_as_data
 
     if over is not None:
         settings = {"about": about, "frozen": frozen, "accept_defects": accept_defects}
@@ -221,7 +221,7 @@ def _analyse_over(
 ) -> None:
     """Follow the modes over a key; print and write their diagram."""
     from ..api.modes import campbell
-    from ..report.modes import campbell_data, describe_campbell
+    from ..report.analyses import campbell_data, describe_campbell
 
     check_targets([picture_target(output, "campbell")], input_files(scene), force)
     numbers = [_order(text) for text in listed_names(orders)]
@@ -293,8 +293,8 @@ def inverse(
     configuration (the file holds what comes before), 2 the input is wrong.
     """
     from ..api.analyses import inverse_dynamics
+    from ..report.analyses import describe_inverse
     from ..report.json_data import result_data
-    from ..report.result import describe_inverse
 
     check_targets([result_target(output)], input_files(scene), force)
     result = run_analysis(
@@ -352,7 +352,7 @@ def floquet(
     is wrong.
     """
     from ..api.modes import floquet as find_multipliers
-    from ..report.modes import describe_floquet, floquet_data
+    from ..report.analyses import describe_floquet, floquet_data
 
     check_targets([Target("-o", output, "modes")], input_files(scene), force)
     found = run_analysis(

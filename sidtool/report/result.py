@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,15 +30,13 @@ from .diagnostics import diagnostic_lines, severity_counts
 from .sid import label_without_frequency
 from .tables import (
     TextBlock,
-    named_values,
     text_table,
     title_line,
     without_rounding,
 )
 
 if TYPE_CHECKING:
-    from sidtool.solver.analyses.linearisation import Linearisation
-    from sidtool.solver.analyses.static_equilibrium import Equilibrium
+    pass
 
 #: Counters in the order of a summary, with their texts
 COUNTERS = {
@@ -86,7 +84,7 @@ def run_overview(
     verbose: bool = False,
 ) -> TextBlock:
     """Return the summary without the tables of the accuracy."""
-    first, last, count = span or _result_span(result)
+    first, last, count = span or result_span(result)
     before = [
         ("method", f"{_settings_text(result)}, {counted_noun(count, 'output time')}"),
         ("cost", _cost_text(result, verbose)),
@@ -273,10 +271,8 @@ def event_lines(events: Sequence[Event]) -> list[tuple[str, str]]:
     return lines
 
 
-#: Largest numbers of elastic coordinates, of outputs and of modes in a description.
-MAX_COORDINATES, MAX_OUTPUTS, MAX_MODES = 8, 12, 30
-#: Largest number of rows of multipliers.
-MAX_FORCES = 12
+#: Largest numbers of elastic coordinates and of outputs in a description.
+MAX_COORDINATES, MAX_OUTPUTS = 8, 12
 
 
 def describe_result(result: Result, verbose: bool = False) -> str:
@@ -362,7 +358,7 @@ def _contribution_rows(body: FlexibleBody) -> list[list[str]]:
     ]
 
 
-def _result_span(result: Result) -> tuple[float, float, int]:
+def result_span(result: Result) -> tuple[float, float, int]:
     count = len(result.t)
     return (float(result.t[0]), float(result.t[-1]), count) if count else (0.0, 0.0, 0)
 
@@ -405,237 +401,12 @@ def _drift_text(result: Result) -> str:
     return "joints closed to " + ", ".join(parts) if parts else "not measured"
 
 
-#: Largest number of leading coordinates of a mode, and the decimals of their amplitudes
-#: relative to the largest one: those that agree to them keep the order of the names.
-MAX_LEADING_COORDINATES, AMPLITUDE_DECIMALS = 3, 6
-#: Damping ratios below this are rounding.
-DAMPING_ROUNDING = 1e-12
-
-
-def describe_equilibrium(equilibrium: Equilibrium, verbose: bool = False) -> str:
-    """Describe an equilibrium: cost, residual, notes, outputs, forces of the joints.
-
-    verbose : all outputs and multipliers
-    """
-    result = equilibrium.result()
-    entries = [
-        ("cost", counted_noun(equilibrium.iterations, "iteration")),
-        ("residual", f"{equilibrium.residual:.1e} of the forces"),
-        ("diagnostics", severity_counts(result.diagnostics)),
-    ]
-    title = title_line(result.title, "static equilibrium found")
-    parts = [f"{title}\n{named_values(entries)}", *plain_notes(result)]
-    rows = state_rows(result)
-    units = [unit for _, _, unit in rows]
-    values = without_rounding([value for _, value, _ in rows], units)
-    found = [
-        (name, float(value), unit)
-        for (name, _, unit), value in zip(rows, values, strict=True)
-    ]
-    outputs = [[n, f"{x:.10g}", unit] for n, x, unit in found if n in result.names]
-    if outputs:
-        most = None if verbose else MAX_OUTPUTS
-        parts.append(text_table(["output", "value", "unit"], outputs, most))
-    forces = [row for row in found if row[0] not in result.names]
-    if forces:
-        parts.append(_force_table(forces, None if verbose else MAX_FORCES))
-    return "\n\n".join(parts)
-
-
-def _force_table(
-    forces: Iterable[tuple[str, float, str]], most: int | None
-) -> TextBlock:
-    """Tabulate the multipliers of each joint and drive, those of one unit in a row."""
-    of_owner: dict[tuple[str, str], dict[str, float]] = {}
-    for name, value, unit in forces:
-        owner, _, component = name.rpartition(".")
-        of_owner.setdefault((owner, unit), {})[component] = value
-    rows = [
-        [
-            owner,
-            ", ".join(sorted(values)),
-            ", ".join(f"{values[component]:.6g}" for component in sorted(values)),
-            unit,
-        ]
-        for (owner, unit), values in sorted(of_owner.items())
-    ]
-    return text_table(["joint or drive", "multipliers", "values", "unit"], rows, most)
-
-
-def state_rows(result: Result) -> list[tuple[str, float, str]]:
-    """Return recorded outputs and all multipliers of a result of one time.
-
-    Returns
-    -------
-    names, values and units
-    """
-    names = (*result.names, *result.multiplier_names)
-    values = [*result.values[0], *result.multipliers[0]]
-    unit = units_in(result)
-    value_of = dict(zip(names, map(float, values), strict=True))
-    return [(name, value, unit(name)) for name, value in value_of.items()]
-
-
-#: States that modes are about, by their option.
-_STATES = {
-    "static": "the static equilibrium, at rest",
-    "start": "the initial state, with its velocities",
-}
-
-
-def describe_modes(
-    modes: Linearisation, about: str = "static", verbose: bool = False
-) -> str:
-    """Describe natural modes: a table with the leading coordinates of each, and
-    notes.
-
-    verbose : all modes
-    """
-    rows = mode_rows(modes)
-    if not rows:
-        return "no natural modes: nothing can move"
-    count = counted_noun(len(rows), "natural mode")
-    most = None if verbose else MAX_MODES
-    table = text_table(mode_header(modes), rows, most)
-    parts = [f"{count} about {_STATES[about]}", table]
-    parts.append(wrapped(axes_of_frequencies(modes), "    "))
-    return "\n\n".join([*parts, *plain_notes(modes)])
-
-
-def has_rotating_axes(modes: Linearisation) -> bool:
-    """Return whether frequencies differ between inertial and body axes."""
-    difference = modes.inertial_frequencies - modes.rotating_frequencies
-    return bool(any(modes.whirl) or difference.any())
-
-
-def mode_header(modes: Linearisation) -> tuple[str, ...]:
-    """Return the header of `mode_rows`."""
-    columns: tuple[str, ...] = ("Hz",)
-    if has_rotating_axes(modes):
-        columns = ("inertial Hz", "rotating Hz", "whirl")
-    return ("mode", *columns, "damping ratio", "moved most by")
-
-
-def axes_of_frequencies(modes: Linearisation) -> str:
-    """Return a text on what the frequencies are, and the axes they are measured in."""
-    if not has_rotating_axes(modes):
-        still = "; without oscillation the decay time"
-        still = still if any(map(_has_no_oscillation, modes.eigenvalues)) else ""
-        return f"frame: {modes.frame} axes; Hz: undamped, |eigenvalue| / 2 pi{still}"
-    return (
-        f"frame: modes are solved in axes {modes.frame}"
-        if modes.frame != "inertial"
-        else "frame: modes are solved in inertial axes"
-    ) + (
-        "; inertial Hz is what fixed sensors see, rotating Hz what strain gauges on "
-        "the body see, both of the damped motion"
-    )
-
-
-def mode_rows(modes: Linearisation) -> list[list[str]]:
-    """Return number, frequency, damping ratio and leading coordinates of each mode."""
-    rows = []
-    for k, (hertz, ratio) in enumerate(
-        zip(modes.frequencies, modes.damping_ratios, strict=True)
-    ):
-        sizes = np.abs(modes.shapes[k])
-        sizes = np.round(sizes / sizes.max(), AMPLITUDE_DECIMALS)
-        order = [i for i in np.argsort(-sizes, kind="stable") if sizes[i] > 0.0]
-        leading = ", ".join(modes.names[i] for i in order[:MAX_LEADING_COORDINATES])
-        columns = [f"{hertz:.6g}"]
-        if has_rotating_axes(modes):
-            columns = [
-                f"{modes.inertial_frequencies[k]:.6g}",
-                f"{modes.rotating_frequencies[k]:.6g}",
-                modes.whirl[k],
-            ]
-        rows.append(
-            [
-                str(k + 1),
-                *columns,
-                "rigid"
-                if modes.rigid[k]
-                else _damping_text(modes.eigenvalues[k], ratio),
-                leading,
-            ]
-        )
-    return rows
-
-
-def _has_no_oscillation(eigenvalue: complex) -> bool:
-    return bool(eigenvalue.real and not eigenvalue.imag)
-
-
-def _damping_text(eigenvalue: complex, ratio: float) -> str:
-    """The damping ratio; of a mode without oscillation the time of its decay."""
-    if _has_no_oscillation(eigenvalue):
-        kind = "decay" if eigenvalue.real < 0 else "growth"
-        return f"{kind} in {1 / abs(eigenvalue.real):.3g} s"
-    return f"{ratio if abs(ratio) > DAMPING_ROUNDING else 0.0:.4g}"
-
-
-def modes_as_data(modes: Linearisation) -> dict[str, Any]:
-    """Return natural modes as data for JSON; complex numbers are pairs."""
-    return {
-        "coordinates": list(modes.names),
-        "position": modes.z.tolist(),
-        "velocity": modes.v.tolist(),
-        "diagnostics": [each.as_data() for each in modes.diagnostics],
-        "frame": modes.frame,
-        "modes": [
-            {
-                "frequency": float(modes.frequencies[k]),
-                "inertial_frequency": float(modes.inertial_frequencies[k]),
-                "rotating_frequency": float(modes.rotating_frequencies[k]),
-                "whirl": modes.whirl[k],
-                "rigid": bool(modes.rigid[k]),
-                "damping_ratio": float(modes.damping_ratios[k]),
-                "eigenvalue": _complex_pair(value),
-                "shape": [_complex_pair(entry) for entry in modes.shapes[k]],
-            }
-            for k, value in enumerate(modes.eigenvalues)
-        ],
-    }
-
-
-def describe_inverse(result: Result, verbose: bool = False) -> str:
-    """Describe inverse dynamics: the largest force of each constraint, and notes.
-
-    verbose : all forces
-    """
-    first, last, count = _result_span(result)
-    times = counted_noun(count, "time")
-    outcome = f"inverse dynamics, {first:g} to {last:g} s, {times}"
-    unit = units_in(result)
-    units = [unit(name) for name in result.multiplier_names]
-    columns = without_rounding(result.multipliers.T, units)
-    rows = [
-        [name, f"{np.min(column):.10g}", f"{np.max(column):.10g}", unit(name)]
-        for name, column in zip(result.multiplier_names, columns, strict=True)
-    ]
-    return "\n\n".join(
-        [
-            title_line(result.title, outcome),
-            text_table(
-                ["force", "least", "greatest", "unit"],
-                rows,
-                None if verbose else MAX_MODES,
-            ),
-            *plain_notes(result),
-        ]
-    )
-
-
 def plain_notes(result: WithDiagnostics) -> list[str]:
     """Return the diagnostics without the warnings, which are printed before, as one
     paragraph.
     """
     infos = [each for each in result.diagnostics if not each.is_warning]
     return [diagnostic_lines(infos)] if infos else []
-
-
-def _complex_pair(value: complex) -> list[float]:
-    return [float(np.real(value)), float(np.imag(value))]
 
 
 def describe_accuracy(report: AccuracyReport) -> str:

@@ -17,11 +17,8 @@ from sidtool.formats.base.sid import SID, Taylor, rigid_node, rigid_sid
 from sidtool.formats.result import Result
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.text import counted_noun
-from sidtool.report.result import (
-    _damping_text,
-    describe_equilibrium,
-    describe_result,
-)
+from sidtool.report.analyses import _damping_text, describe_equilibrium
+from sidtool.report.result import describe_result
 from sidtool.report.sid import (
     describe_sid,
     frame_kind_of,

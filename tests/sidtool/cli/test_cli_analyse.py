@@ -13,7 +13,7 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.result import read_result
-from sidtool.report.result import mode_rows
+from sidtool.report.analyses import mode_rows
 from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
 

@@ -16,8 +16,8 @@ import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
+from sidtool.report.analyses import describe_floquet, floquet_data
 from sidtool.report.json_data import to_json_text
-from sidtool.report.modes import describe_floquet, floquet_data
 from tests.codes import codes
 
 from .state_space_scenes import pendulum
