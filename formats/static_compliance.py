@@ -73,9 +73,11 @@ def remaining_compliance_shares(sid: SID, small: SID) -> ComplianceShares | None
         if name in before
         for pairs in [(after[name], before[name])]
     }
-    return ComplianceShares(
-        sid.carried.free, shares, _missing_shares(sid.carried.lost, inertia, less)
-    )
+    lost: tuple[float, ...] = ()
+    if sid.carried.knows_inertia:
+        full = inertia_work_of_full_body(sid.carried.lost, inertia)
+        lost = missing_inertia_shares(full, less)
+    return ComplianceShares(sid.carried.free, shares, lost)
 
 
 def _share_product(share: float | None, after: float, before: float) -> float | None:
@@ -87,16 +89,6 @@ def inertia_work_of_full_body(lost: tuple[float, ...], inertia: Array) -> Array:
     missing = np.array(lost)
     largest = (inertia / np.maximum(1.0 - missing, 1e-300)).max()
     return np.asarray(inertia + missing * largest)
-
-
-def _missing_shares(
-    lost: tuple[float, ...], inertia: Array, less: Array
-) -> tuple[float, ...]:
-    return (
-        missing_inertia_shares(inertia_work_of_full_body(lost, inertia), less)
-        if lost
-        else ()
-    )
 
 
 def missing_inertia_shares(full: Array, carried: Array) -> tuple[float, ...]:

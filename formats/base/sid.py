@@ -116,12 +116,17 @@ class ComplianceShares:
     lost : (9,) missing strain energy under its own inertia when its frame is
         accelerated along and about its axes, and when it rotates steadily about them,
         by the units of `inertia_load_scales`; over the largest one of the body; empty
-        if not known
+        if not known, (6,) of another measure in older files, which is kept
     """
 
     free: bool
     shares: Mapping[str, SixComponents] = field(default_factory=dict)
     lost: tuple[float, ...] = ()
+
+    @property
+    def knows_inertia(self) -> bool:
+        """Whether the missing strain energy under own inertia is known."""
+        return len(self.lost) == 9
 
     def text(self, room: int) -> str:
         """Return the shares in per cent, the poorest nodes first, limited to `room`
@@ -164,7 +169,7 @@ def parse_compliance_shares(text: str) -> ComplianceShares | None:
             shares[match[1]] = row
         else:
             return None
-    return ComplianceShares(kind == "free", shares, lost if len(lost) == 9 else ())
+    return ComplianceShares(kind == "free", shares, lost if len(lost) in (6, 9) else ())
 
 
 def _is_known(row: SixComponents) -> list[float]:

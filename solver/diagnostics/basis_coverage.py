@@ -476,7 +476,12 @@ def poor_inertia_notes(system: System, start: StateVectors) -> Iterator[Diagnost
 
 def _has_poor_inertia(data: BodyData) -> bool:
     compliance = data.sid.carried
-    return bool(data.sid.nq and compliance and max(compliance.lost, default=0.0) > 0.0)
+    return bool(
+        data.sid.nq
+        and compliance
+        and compliance.knows_inertia
+        and max(compliance.lost) > 0.0
+    )
 
 
 def _poor_inertia_shares(

@@ -36,8 +36,9 @@ from .step_limits import store_measures
 from .step_size import time_resolution
 
 #: Where constraints are less independent than this, multipliers are recorded if their
-#: relative change within the tolerance of the constraints is at most so large.
-NEARLY_SINGULAR, MULTIPLIER_ERROR = 0.01, 1e-3
+#: relative change within the tolerance of the constraints is at most so large, or, for
+#: those without load, the change is so small a part of the largest one of the scene.
+NEARLY_SINGULAR, MULTIPLIER_ERROR, UNLOADED = 0.01, 1e-3, 1e-6
 
 
 @inner(boolean(CONTROL, int64, float64))
@@ -201,12 +202,13 @@ def _remove_uncertain_multipliers(
     """Set multipliers to NaN that change within the tolerance of the constraints.
 
     A change counts relative to the largest multiplier of those constraints that act on
-    each other, each measured by the acceleration that it causes. It is that by what is
-    left of the constraints, and by violations of their rates within the tolerance that
-    change the multipliers most, by a step of the power method; states with once and
-    twice of both are looked at. (Violations of positions would load stiff bodies.) The
-    state must have been evaluated; z, v and what was evaluated are overwritten, dz,
-    dv and the last three, of one entry per row, are scratch.
+    each other, or to a small part of the largest one of all, each measured by the
+    acceleration that it causes. It is that by what is left of the constraints, and by
+    violations of their rates within the tolerance that change the multipliers most, by
+    a step of the power method; states with once and twice of both are looked at.
+    (Violations of positions would load stiff bodies.) The state must have been
+    evaluated; z, v and what was evaluated are overwritten, dz, dv and the last three,
+    of one entry per row, are scratch.
     """
     n = system.n_rows
     constraint_blocks(system, memory, block)
@@ -218,6 +220,9 @@ def _remove_uncertain_multipliers(
         if row_independence(system, memory, i) < SINGULAR:
             is_uncertain[block[i]] = 1
         memory.multiplier[i] = 1.0 / (1.0 + i)
+    least = 0.0
+    for i in range(n):
+        least = max(least, UNLOADED * largest[i])
     failed = False
     for attempt in range(2):
         for i in range(n):
@@ -238,7 +243,7 @@ def _remove_uncertain_multipliers(
         for i in range(n):
             change = constraint_scale(system, memory, i)
             change *= abs(memory.multiplier[i] - multiplier[i])
-            if not change <= MULTIPLIER_ERROR * largest[block[i]]:
+            if not change <= max(MULTIPLIER_ERROR * largest[block[i]], least):
                 is_uncertain[block[i]] = 1
     for i in range(n):
         if failed or is_uncertain[block[i]] == 1:

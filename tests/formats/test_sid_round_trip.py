@@ -277,3 +277,14 @@ def test_marks_of_earlier_versions_are_known(tmp_path: Path, mark: str) -> None:
 def test_files_of_others_are_not_taken_for_our_own(title: str) -> None:
     assert not is_own(FOREIGN.format(title).encode())
     assert not is_own(b"\x89HDF\r\n")
+
+
+@pytest.mark.parametrize("ending", ["SID_FEM", "h5"])
+def test_older_measures_of_inertia_loads_are_kept(tmp_path: Path, ending: str) -> None:
+    """Files had six numbers of another measure, which nothing is judged by."""
+    lost = (0.0, 0.25, 1.0, 0.0, 0.0, 0.07)
+    sid = replace(particle_body(2, 5), carried=ComplianceShares(False, {}, lost))
+    write_sid(tmp_path / f"arm.{ending}", sid)
+    found = read_sid(tmp_path / f"arm.{ending}")
+    assert found.carried is not None and found.carried.lost == lost
+    assert not found.carried.knows_inertia
