@@ -42,6 +42,18 @@ def test_every_block_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     run_page(page, tmp_path)
 
 
+def test_pictures_stand_behind_the_blocks_that_draw_them(tmp_path: Path) -> None:
+    """Below a block of commands, as far from the margin as it, where they are drawn."""
+    pictures = loaded("page_pictures")
+    page = DOCS / "howto" / "rotors.md"
+    assert page in pictures.pages()
+    block = "  ```sh\n  sidtool plot a.h5 -o a.png\n  sidtool plot b.h5 -o b.png\n  ```"
+    (tmp_path / "rotors_b.png").touch()
+    shown = pictures.with_pictures(page, f"{block}\nmore", tmp_path)
+    name = "rotors_b.png"
+    assert shown == f"{block}\n\n  ![{name}](../{tmp_path.name}/{name})\nmore"
+
+
 @pytest.mark.parametrize(
     ("page", "package"),
     [
