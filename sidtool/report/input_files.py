@@ -441,10 +441,10 @@ def format_parameters(part: Table) -> str:
     Functions of time are described by their kind, tables by the number of their points.
     """
     texts = []
-    for name in type(part).model_fields:
+    for name, key in type(part).model_fields.items():
         value = getattr(part, name)
         if name in part.model_fields_set and name not in _NO_NUMBERS:
-            texts.append(f"{name} {_format_amount(value)}")
+            texts.append(f"{key.alias or name} {_format_amount(value)}")
     return ", ".join(texts)
 
 

@@ -57,6 +57,12 @@ def four_bar(spatial: bool, drives: dict[str, Any]) -> sidtool.Scene:
     )
 
 
+def test_functions_have_the_names_of_their_keys() -> None:
+    turn = {"type": "smooth_step", "from": 0.1, "to": 0.4, "end": 2.0}
+    scene = four_bar(False, {"motor": {"joint": "p", "function": turn}})
+    assert "smooth_step (from 0.1, to 0.4, end 2)" in describe_scene(scene)
+
+
 @pytest.mark.parametrize("spatial", [False, True])
 @pytest.mark.parametrize("driven", [False, True])
 def test_degrees_of_freedom_are_counted(spatial: bool, driven: bool) -> None:
