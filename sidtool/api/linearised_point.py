@@ -28,7 +28,8 @@ from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
 
 from ..sensitivity.differences import Difference
-from ..sensitivity.functionals import History, Term
+from ..sensitivity.functionals import Term
+from ..sensitivity.history import History
 from ..sensitivity.seeds import LinearFunctional, functional_seeds, linear_functional
 
 ADJOINT, DIRECT, DIFFERENCES, AUTO = "adjoint", "direct", "differences", "auto"

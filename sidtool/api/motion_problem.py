@@ -40,7 +40,8 @@ from ..sensitivity.differences import (
     differentiate,
     rounding_of,
 )
-from ..sensitivity.functionals import Functional, History, Term, recorded_outputs
+from ..sensitivity.functionals import Functional, Term, recorded_outputs
+from ..sensitivity.history import History
 from ..sensitivity.sensitivity_result import Sensitivities
 from ..sensitivity.variables import (
     Variable,

@@ -1,5 +1,6 @@
 """Derivatives of a motion by numbers of its scene, and what is made of them.
 
+history             outputs over a motion: integrals, peaks, settling
 functionals         numbers that a motion gives, such as `max_abs(rod.q1)`
 seeds               derivatives of functionals by the states of a motion
 variables           numbers of a scene and of models, by their keys

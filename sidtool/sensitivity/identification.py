@@ -30,7 +30,8 @@ from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.file_names import kind_by_ending
 from sidtool.formats.scene import SceneFile
 
-from .functionals import Functional, History, Peak, parse_functionals
+from .functionals import Functional, parse_functionals
+from .history import History, Peak
 from .measurements import Measurement
 from .optimisation import Evaluation
 

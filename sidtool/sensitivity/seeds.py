@@ -14,7 +14,8 @@ from sidtool.solver.simulation.frozen_run import Motion
 from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.spatial.system_arrays import IntTable
 
-from .functionals import Functional, History, Peak
+from .functionals import Functional
+from .history import History, Peak
 
 #: Coordinates that change an output by less than this part are not among its states.
 NEGLIGIBLE = 1e-14
