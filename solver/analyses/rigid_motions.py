@@ -106,7 +106,7 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
     fastest = float(own.max(initial=0.0))
     rounding = ROUNDING * float(np.abs(matrix).max(initial=0.0))
     tolerance = FREE_MOTION * (fastest**2 + preload) + rounding
-    candidates = [(free, tolerance)]
+    candidates: list[tuple[Array, float]] = [(free, float(tolerance))]
     if with_laws.shape[1] > free.shape[1]:
         candidates.append((with_laws, rounding))
     known: list[tuple[complex, np.ndarray]] = []

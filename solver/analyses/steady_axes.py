@@ -207,7 +207,7 @@ def _changing_mode(mechanics: DenseEquations, small: SmallMotions, dt: float) ->
     change = np.linalg.solve(X, later_matrix @ X) - matrix
     values, vectors = np.linalg.eig(matrix)
 
-    def speeds(positions: Array, velocities: Array) -> Array:
+    def speeds(positions: np.ndarray, velocities: np.ndarray) -> Array:
         norms = [np.linalg.norm(part, axis=0) for part in (positions, velocities)]
         return np.asarray(spin * norms[0] + norms[1])
 
