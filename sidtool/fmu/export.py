@@ -267,7 +267,8 @@ def export_linear_unit(
     check_version(version)
     for name in names:
         choose_linker(name, linker)
-    header = _matrices_header(space)
+    sizes = state_sizes(space)
+    header = _matrices_header(space, sizes)
     token = unit_token(header, *c_sources(LINEAR_SOURCES).values())
     headers = {"matrices.h": header, "token.h": f'#define TOKEN "{token}"\n'}
     libraries = {
@@ -279,7 +280,7 @@ def export_linear_unit(
         identifier=identifier,
         token=token,
         tool=tool,
-        variables=_linear_variables(space),
+        variables=_linear_variables(space, sizes),
         start=0.0,
         end=_END,
         step=_STEP,
@@ -289,7 +290,7 @@ def export_linear_unit(
     write_archive(path, description, version, libraries)
 
 
-def _linear_variables(space: StateSpace) -> tuple[Variable, ...]:
+def _linear_variables(space: StateSpace, sizes: Array) -> tuple[Variable, ...]:
     """Inputs, states, outputs and rates."""
     inputs = [
         Variable(name, unit, start=float(value))
@@ -300,7 +301,7 @@ def _linear_variables(space: StateSpace) -> tuple[Variable, ...]:
     states = [
         Variable(f"states.{name}", unit, start=0.0, is_state=True, nominal=float(size))
         for name, unit, size in zip(
-            space.state_names, space.state_units, state_sizes(space), strict=True
+            space.state_names, space.state_units, sizes, strict=True
         )
     ]
     outputs = [
@@ -338,7 +339,7 @@ def _rate_unit(unit: str) -> str:
     return f"{unit}/s" if unit else "1/s"
 
 
-def _matrices_header(space: StateSpace) -> str:
+def _matrices_header(space: StateSpace, nominals: Array) -> str:
     """The matrices as constants of C."""
     tables = {
         "A": space.A,
@@ -348,7 +349,7 @@ def _matrices_header(space: StateSpace) -> str:
         "INPUTS": space.inputs,
         "OUTPUTS": space.outputs,
         "RATES": space.state_rates,
-        "NOMINALS": state_sizes(space),
+        "NOMINALS": nominals,
     }
     sizes = zip(
         ("N_STATES", "N_INPUTS", "N_OUTPUTS"),
