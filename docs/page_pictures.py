@@ -12,8 +12,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from tests.commands import BLOCK, blocks, run_page
+
 DOCS = Path(__file__).resolve().parent
-_BLOCK = re.compile(r"^( *)```sh\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 _PICTURE = re.compile(r"sidtool .* -o ([\w.]+\.(?:png|svg|gif))")
 
 
@@ -25,8 +26,8 @@ def pages() -> list[Path]:
 
 def drawn_by(text: str) -> list[str]:
     """Names of the pictures that the commands of a text draw."""
-    blocks = _BLOCK.finditer(text)
-    return [name for block in blocks for name in _PICTURE.findall(block[2])]
+    codes = (code for language, code, _ in blocks(text) if language == "sh")
+    return [name for code in codes for name in _PICTURE.findall(code)]
 
 
 def draw(folder: Path) -> Iterator[Path]:
@@ -37,8 +38,6 @@ def draw(folder: Path) -> Iterator[Path]:
 
 def draw_page(page: Path, folder: Path) -> Iterator[Path]:
     """Run a page with the examples beside it, in a folder of its own."""
-    from tests.commands import run_page
-
     with tempfile.TemporaryDirectory() as name:
         shutil.copytree(DOCS.parent / "examples", Path(name) / "examples")
         run_page(page, Path(name))
@@ -54,7 +53,7 @@ def with_pictures(page: Path, text: str, folder: Path) -> str:
     up = "../" * (len(page.relative_to(DOCS).parts) - 1)
 
     def shown(match: re.Match[str]) -> str:
-        found = [f"{page.stem}_{name}" for name in _PICTURE.findall(match[2])]
+        found = [f"{page.stem}_{name}" for name in drawn_by(match[0])]
         lines = (
             f"\n\n{match[1]}![{name}]({up}{folder.name}/{name})"
             for name in found
@@ -62,4 +61,4 @@ def with_pictures(page: Path, text: str, folder: Path) -> str:
         )
         return match[0] + "".join(lines)
 
-    return _BLOCK.sub(shown, text)
+    return BLOCK.sub(shown, text)

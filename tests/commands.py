@@ -20,7 +20,8 @@ from tests.places import ROOT
 
 #: The exit status that a page promises for the commands that follow it.
 _STATUS = re.compile(r"exit\s+status\s+(\d)")
-_BLOCK = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
+#: Indent, language and code of a block.
+BLOCK = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 _FILE = re.compile(r"# (in )?(\S+\.toml)\n")
 #: Commands that install, or need what a test does not have: their grammar is looked at.
 _NOT_RUN = ("pip", "mpirun", "export", "eval", "git", "source")
@@ -30,7 +31,7 @@ _SLOW = ("warmup", "demo")
 def blocks(text: str) -> Iterator[tuple[str, str, str]]:
     """(language, code, text since the last block) of every block of a page."""
     end = 0
-    for match in _BLOCK.finditer(text):
+    for match in BLOCK.finditer(text):
         indent = len(match[1])
         code = "".join(line[indent:] for line in match[3].splitlines(keepends=True))
         yield match[2], code, text[end : match.start()]
