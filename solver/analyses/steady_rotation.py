@@ -282,7 +282,7 @@ class _SteadyRotationSearch:
             spins = self._rotation_velocities(z, groups)
             self.mechanics.evaluate(z, np.zeros(self.n))
             C = self.mechanics.jacobian
-            N = null_space(np.vstack([C, *spins]))
+            N = null_space(np.vstack([C, spins]))
             stiffness = N.T @ self._force_changes(z, N)
             values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
             sizes = np.maximum(np.abs(values), MIN_STIFFNESS * np.abs(values).max())

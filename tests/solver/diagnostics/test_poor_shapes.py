@@ -197,7 +197,7 @@ def test_weight_that_no_shape_bends_under_is_told() -> None:
     assert 0.9 < found.data["missing"] < 1.0
 
 
-def test_weight_along_a_bar_is_not_small_beside_bending_that_nothing_causes() -> None:
+def test_the_loads_of_a_scene_weigh_the_strain_energy_that_is_missing() -> None:
     """A hanging bar: its linear shape has (1/2)^2 of the energy 1/3, and bending none.
 
     Both were silent: the stress of the second was 0, that of the first 1/2 at the wall.
@@ -227,7 +227,7 @@ def linear() -> SID:
     return steel_bar(width=0.1, height=0.1, elements=16, reduction=reduction)
 
 
-def test_rotation_that_stretches_points_between_interfaces_is_told(
+def test_missing_stretch_by_rotation_is_reported(
     tmp_path: Any,
 ) -> None:
     """(1/3)^2 of the energy 2/15: the middle moved by 27 % too little, silently."""
@@ -246,7 +246,7 @@ def polynomial(*coefficients: float) -> dict[str, Any]:
     return {"type": "polynomial", "pieces": pieces}
 
 
-def test_loads_at_the_frame_of_a_free_body_are_told() -> None:
+def test_missing_stretch_by_loads_at_a_free_frame_is_reported() -> None:
     """Free modes of bending in a frame at an end, which hangs there, do not stretch."""
     sid = steel_bar(
         width=0.1, height=0.1, frame={"type": "tangent", "marker": "root"},
