@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
-#: Columns of a screen.
-WIDTH = 100
+#: Columns and lines of a screen.
+WIDTH, HEIGHT = 100, 45
 #: Stands for a space at which no line ends.
 _FIXED_SPACE = "\x00"
 
@@ -46,6 +46,21 @@ def _continued(line: str) -> str:
     text = line.lstrip(" ")
     first = line[: len(line) - len(text)]
     return wrapped(text, f"{first}    ", first)
+
+
+def fit_on_screen(describe: Callable[[int], str], most: int) -> str:
+    """Return a text with as many rows in each of its tables as fit on a screen.
+
+    Parameters
+    ----------
+    describe : returns the text with at most so many rows in each table
+    most : largest number of rows; the least is 1, whatever its lines
+    """
+    texts = (describe(rows) for rows in range(most, 0, -1))
+    for text in texts:
+        if len(text.splitlines()) <= HEIGHT:
+            break
+    return text
 
 
 def counted_noun(count: int, noun: str) -> str:

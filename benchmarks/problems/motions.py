@@ -136,7 +136,7 @@ def _steady_blade() -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as temporary:
         file = Path(temporary) / "blade.SID_FEM"
         sidtool.write(file, sidtool.convert(folder / "blade.toml"))
-        scene = read_scene(folder / "steady.toml")
+        scene = read_scene(folder / "steady.toml").with_({"dimension": "spatial"})
         for speed, flap, lag in _STEADY:
             pieces = [{"from": 0.0, "coefficients": [0.0, speed * unit]}]
             function = {"type": "polynomial", "pieces": pieces}

@@ -57,7 +57,7 @@ def info(file: Path, verbose: bool) -> None:
     kind = expect_kind(file, "sid", "model", "scene", "result")
     content = read(file)
     if kind == "model":
-        _describe_model_file(content, file)
+        _describe_model_file(content, file, verbose)
     else:
         text = DESCRIBERS[kind](content, file, verbose)
         print_result(text, lambda: content_data(content))
@@ -69,7 +69,7 @@ def _describe_sid_file(content: Any, _: Path, verbose: bool) -> str:
     return describe_sid(content, verbose)
 
 
-def _describe_model_file(content: Any, path: Path) -> None:
+def _describe_model_file(content: Any, path: Path, verbose: bool) -> None:
     """Print the content of a model file, also if its body cannot be discretised.
 
     Raises
@@ -77,18 +77,32 @@ def _describe_model_file(content: Any, path: Path) -> None:
     InputError : the body cannot be discretised.
     """
     from sidtool.formats.base.errors import InputError
+    from sidtool.formats.text import fit_on_screen
 
     from ..discretisation.registry import finite_element_model
-    from ..report.input_files import describe_import, describe_model
+    from ..report.input_files import (
+        MAX_MARKERS,
+        describe_import,
+        describe_model,
+        node_set_table,
+    )
 
+    body = failure = None
+    imported = ""
     try:
         body = finite_element_model(content)
-        text = describe_model(content, body)
         if content.geometry.type in ("mesh", "matrices"):
-            text += f"\n\n{describe_import(body)}"
-        failure = None
+            imported = describe_import(body)
     except InputError as error:
-        text, failure = describe_model(content), error
+        failure = error
+
+    def description(most: int | None) -> str:
+        parts = [describe_model(content, body, most)]
+        if body is not None and imported:
+            parts += [imported, node_set_table(body, most)]
+        return "\n\n".join(parts)
+
+    text = description(None) if verbose else fit_on_screen(description, MAX_MARKERS)
     print_result(text, content.file_data)
     if failure is not None:
         raise failure.located(path)
@@ -96,13 +110,13 @@ def _describe_model_file(content: Any, path: Path) -> None:
 
 def _describe_scene_file(content: Any, path: Path, verbose: bool) -> str:
     from sidtool.formats.base.errors import InputError
-    from sidtool.formats.text import wrapped
+    from sidtool.formats.text import fit_on_screen, wrapped
     from sidtool.solver import compile_scene, describe
     from sidtool.solver.diagnostics.run_summary import describe_bodies
 
     from ..pipeline.model_cache import convert_bodies
     from ..pipeline.scene_changes import with_initial_state
-    from ..report.input_files import describe_scene, equation_tables
+    from ..report.input_files import MAX_ROWS, describe_scene, equation_tables
 
     folder = path.parent
     try:
@@ -114,9 +128,13 @@ def _describe_scene_file(content: Any, path: Path, verbose: bool) -> str:
     except InputError as error:
         raise error.located(path) from None
     converted = [each.line for of_body in notes.values() for each in of_body]
-    texts = (wrapped(line, "    ") for line in [*converted, *lines])
-    tables = [describe_scene(content, verbose), *equation_tables(bodies, verbose)]
-    return "\n\n".join([*tables, "\n".join(texts)])
+    texts = "\n".join(wrapped(line, "    ") for line in [*converted, *lines])
+
+    def description(most: int | None) -> str:
+        tables = equation_tables(bodies, most)
+        return "\n\n".join([describe_scene(content, most), *tables, texts])
+
+    return description(None) if verbose else fit_on_screen(description, MAX_ROWS)
 
 
 def _describe_result_file(content: Any, _: Path, verbose: bool) -> str:

@@ -39,10 +39,16 @@ def remark_line(sentence: str) -> str:
     return diagnostic_line(plain_text(sentence))
 
 
-def diagnostic_lines(diagnostics: Iterable[Diagnostic]) -> str:
-    """Return the lines of diagnostics, errors and warnings first."""
+def diagnostic_lines(diagnostics: Iterable[Diagnostic], most: int | None = None) -> str:
+    """Return the lines of diagnostics, errors and warnings first.
+
+    most : largest number of diagnostics, if it is limited
+    """
     ordered = sorted(diagnostics, key=lambda each: SEVERITIES.index(each.severity))
-    return "\n".join(map(diagnostic_line, ordered))
+    lines = [diagnostic_line(each) for each in ordered[:most]]
+    if len(ordered) > len(lines):
+        lines.append(f"... and {len(ordered) - len(lines)} more (-v prints all)")
+    return "\n".join(lines)
 
 
 def severity_counts(diagnostics: Iterable[Diagnostic]) -> str:

@@ -42,17 +42,25 @@ if TYPE_CHECKING:
     from sidtool.solver.diagnostics.run_summary import BodyEquations
 
 
-def describe_model(model: ModelFile, body: FiniteElementModel | None = None) -> str:
+def describe_model(
+    model: ModelFile,
+    body: FiniteElementModel | None = None,
+    most: int | None = None,
+) -> str:
     """Describe a model by lines and a table of markers; with the body also their
     positions.
+
+    most : largest number of markers and of diagnostics, if it is limited
     """
-    parts: list[str] = [*model_parts(model, body)]
-    parts += [diagnostic_lines(body.diagnostics)] if body else []
+    parts: list[str] = [*model_parts(model, body, most)]
+    parts += [diagnostic_lines(body.diagnostics, most)] if body else []
     return "\n\n".join(part for part in parts if part)
 
 
 def model_parts(
-    model: ModelFile, body: FiniteElementModel | None = None
+    model: ModelFile,
+    body: FiniteElementModel | None = None,
+    most: int | None = None,
 ) -> list[TextBlock]:
     """The same, one by one."""
     entries = [
@@ -75,7 +83,7 @@ def model_parts(
         size = float(np.abs(body.positions).max())
         for row in rows:
             row.append(format_numbers(body.marker(row[0]).position, size))
-    return [named_values(entries), text_table(heads, rows)]
+    return [named_values(entries), text_table(heads, rows, most)]
 
 
 def _thickness_text(model: ModelFile) -> list[tuple[str, str]]:
@@ -178,9 +186,7 @@ _FREQUENCIES = 10
 
 
 def describe_import(body: FiniteElementModel) -> str:
-    """Describe mass, centre of mass, inertia, free frequencies and node sets of
-    a body.
-    """
+    """Describe mass, centre of mass, inertia and free frequencies of a body."""
     mass, centre, inertia = _body_inertia(body)
     rigid, elastic = _free_frequencies(body, centre)
     size = float(np.abs(body.positions).max())
@@ -198,15 +204,20 @@ def describe_import(body: FiniteElementModel) -> str:
             f"{format_numbers(elastic)} Hz" if elastic.size else "(none)",
         ),
     ]
+    return named_values(entries)
+
+
+def node_set_table(body: FiniteElementModel, most: int | None = None) -> str:
+    """Tabulate the node sets of a body; `most` limits their number."""
+    size = float(np.abs(body.positions).max())
     rows = [
         [name, str(len(nodes)), *_extent_text(body.positions[nodes], size)]
         for name, nodes in body.node_sets.items()
         if len(nodes)
     ]
-    lines = named_values(entries)
     if not rows:
-        return f"{lines}\n\nno node sets"
-    return f"{lines}\n\n{text_table(['node set', 'nodes', 'from [m]', 'to [m]'], rows)}"
+        return "no node sets"
+    return text_table(["node set", "nodes", "from [m]", "to [m]"], rows, most)
 
 
 def _body_inertia(body: FiniteElementModel) -> tuple[float, Array, Array]:
@@ -259,26 +270,25 @@ _NO_NUMBERS = frozenset(["type", "marker", "markers", "joint", "coordinate"])
 _LONG = frozenset(["polynomial", "spline", "table", "sum", "callable"])
 
 
-#: Largest number of rows of each table of a scene.
-MAX_ROWS = 6
+#: Largest numbers of rows of each table of a scene, and of markers, on a screen.
+MAX_ROWS, MAX_MARKERS = 6, 40
 
 
-def describe_scene(scene: SceneFile, verbose: bool = True) -> str:
+def describe_scene(scene: SceneFile, most: int | None = None) -> str:
     """Describe a scene by lines and tables of bodies, joints, drives and forces.
 
-    verbose : all rows of the tables
+    most : largest number of rows of each table, if it is limited
     """
-    return "\n\n".join(scene_parts(scene, None if verbose else MAX_ROWS))
+    return "\n\n".join(scene_parts(scene, most))
 
 
 def equation_tables(
-    bodies: Sequence[BodyEquations], verbose: bool = True
+    bodies: Sequence[BodyEquations], most: int | None = None
 ) -> list[TextBlock]:
     """Tabulate what is integrated of each body, and what is expected of flexible ones.
 
-    Bodies that are alike share a row.
+    Bodies that are alike share a row; `most` limits the rows of each table.
     """
-    most = None if verbose else MAX_ROWS
     terms = list(next((body.terms for body in bodies if body.terms), ()))
     rows = [
         [body.frame, str(body.elastic or "")]

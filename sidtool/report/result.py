@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +25,7 @@ from sidtool.formats.result import (
     has_meaningless_numbers,
     units_in,
 )
-from sidtool.formats.text import counted_noun, wrapped
+from sidtool.formats.text import counted_noun, fit_on_screen, wrapped
 
 from .diagnostics import diagnostic_lines, severity_counts
 from .sid import label_without_frequency
@@ -61,6 +62,7 @@ def run_summary(
     span: tuple[float, float, int] | None = None,
     files: Sequence[str] = (),
     verbose: bool = False,
+    most: int | None = None,
 ) -> str:
     """Return how a run ended, its cost and accuracy, its bodies and diagnostics.
 
@@ -70,11 +72,13 @@ def run_summary(
     files : what was written, with sizes
     verbose : also all counters, why the run stopped, all diagnostics, and the tables
         of a requested accuracy
+    most : largest number of events, bodies, diagnostics and rows of a table, if it is
+        limited
     """
-    known = run_overview(result, span, files, verbose)
+    known = run_overview(result, span, files, verbose, most)
     if result.accuracy is None or not verbose:
         return known
-    return f"{known}\n\n{describe_accuracy(result.accuracy)}"
+    return f"{known}\n\n{describe_accuracy(result.accuracy, most)}"
 
 
 def run_overview(
@@ -82,6 +86,7 @@ def run_overview(
     span: tuple[float, float, int] | None = None,
     files: Sequence[str] = (),
     verbose: bool = False,
+    most: int | None = None,
 ) -> TextBlock:
     """Return the summary without the tables of the accuracy."""
     first, last, count = span or result_span(result)
@@ -94,8 +99,8 @@ def run_overview(
         before.append(("ended", result.message))
     if result.accuracy is not None:
         before += accuracy_lines(result.accuracy, result.diagnostics)
-    before += event_lines(result.events)
-    table = body_table(result.bodies)
+    before += event_lines(result.events, most)
+    table = body_table(result.bodies, most)
     after = [("diagnostics", severity_counts(result.diagnostics))]
     after += [("files", ", ".join(files))] if files else []
     labels = [*before, *after]
@@ -104,7 +109,7 @@ def run_overview(
     parts += [str(table)] if table else []
     parts.append(_labelled_lines(after, width))
     if verbose and result.diagnostics:
-        parts.append(diagnostic_lines(result.diagnostics))
+        parts.append(diagnostic_lines(result.diagnostics, most))
     html = html_table([(label, printable(text)) for label, text in labels])
     found = [(each.severity, each.line) for each in result.diagnostics]
     html += (table.html if table else "") + (html_table(found) if found else "")
@@ -141,16 +146,19 @@ def _labelled_lines(entries: Sequence[tuple[str, str]], width: int) -> str:
     )
 
 
-def body_table(bodies: Mapping[str, FlexibleBody]) -> TextBlock | None:
+def body_table(
+    bodies: Mapping[str, FlexibleBody], most: int | None = None
+) -> TextBlock | None:
     """Deflection, stiffness change and frequencies of flexible bodies, the least
-    reliable first.
+    reliable first; at most `most` and `MAX_BODIES` of them.
     """
     if not bodies:
         return None
     order = sorted(bodies, key=lambda name: bodies[name].severity, reverse=True)
-    rows = [_body_row(name, bodies[name]) for name in order[:MAX_BODIES]]
-    if order[MAX_BODIES:]:
-        more = counted_noun(len(order) - MAX_BODIES, "body")
+    shown = min(MAX_BODIES, most or MAX_BODIES)
+    rows = [_body_row(name, bodies[name]) for name in order[:shown]]
+    if order[shown:]:
+        more = counted_noun(len(order) - shown, "body")
         rows.append([f"and {more} with less", "", "", "", ""])
     header = ("body", "deflection", "geometric stiffness", "highest mode", "excitation")
     return text_table(header, rows)
@@ -261,11 +269,14 @@ def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
     return rows
 
 
-def event_lines(events: Sequence[Event]) -> list[tuple[str, str]]:
-    """Return lines on the first crossings of events."""
+def event_lines(
+    events: Sequence[Event], most: int | None = None
+) -> list[tuple[str, str]]:
+    """Return lines on the first crossings of events, at most `most` of them."""
     crossings = [e for e in events if e.kind != "break"]
-    lines = [(e.name, f"{e.kind} at t = {e.t:.12g} s") for e in crossings[:MAX_EVENTS]]
-    more = len(crossings) - MAX_EVENTS
+    shown = min(MAX_EVENTS, most or MAX_EVENTS)
+    lines = [(e.name, f"{e.kind} at t = {e.t:.12g} s") for e in crossings[:shown]]
+    more = len(crossings) - shown
     if more > 0:
         lines.append(("...", f"and {counted_noun(more, 'event')} later"))
     return lines
@@ -278,16 +289,23 @@ MAX_COORDINATES, MAX_OUTPUTS = 8, 12
 def describe_result(result: Result, verbose: bool = False) -> str:
     """Return the summary, the outputs with their range, and the versions.
 
-    verbose : all elastic coordinates and outputs
+    verbose : all elastic coordinates, outputs and diagnostics
     """
-    parts = [run_summary(result, verbose=True)]
     if verbose:
+        return _description(result, None)
+    return fit_on_screen(partial(_description, result), MAX_OUTPUTS)
+
+
+def _description(result: Result, most: int | None) -> str:
+    """The description of a result with at most so many rows in each of its tables."""
+    parts = [run_summary(result, verbose=True, most=most)]
+    if most is None:
         parts += [contributions(name, body) for name, body in result.bodies.items()]
     elif result.bodies:
-        parts.append(largest_contributions(result.bodies))
+        rows = min(most, MAX_COORDINATES)
+        parts.append(largest_contributions(result.bodies, rows))
     if result.names and len(result.t):
         columns = dict(zip(result.names, result.values.T, strict=True))
-        most = None if verbose else MAX_OUTPUTS
         parts.append(output_ranges(columns, units_in(result), most))
     if result.versions:
         own = f"sidtool {result.versions.get('sidtool', '')}".rstrip()
@@ -327,8 +345,8 @@ def contributions(name: str, body: FlexibleBody) -> TextBlock:
     return text_table([name, *_CONTRIBUTION_HEADER], _contribution_rows(body))
 
 
-def largest_contributions(bodies: Mapping[str, FlexibleBody]) -> TextBlock:
-    """Tabulate the elastic coordinates with the largest shares of the energies."""
+def largest_contributions(bodies: Mapping[str, FlexibleBody], most: int) -> TextBlock:
+    """Tabulate the `most` elastic coordinates with the largest energies."""
     ranked = [
         (share, f"{name}.{row[0]}", row[1:])
         for name, body in bodies.items()
@@ -337,7 +355,7 @@ def largest_contributions(bodies: Mapping[str, FlexibleBody]) -> TextBlock:
     ranked.sort(key=lambda each: -each[0])
     rows = [[name, *cells] for _, name, cells in ranked]
     header = ("coordinate", *_CONTRIBUTION_HEADER)
-    return text_table(header, rows, MAX_COORDINATES, "with less (-v prints all)")
+    return text_table(header, rows, most, "with less (-v prints all)")
 
 
 def _contribution_rows(body: FlexibleBody) -> list[list[str]]:
@@ -409,14 +427,14 @@ def plain_notes(result: WithDiagnostics) -> list[str]:
     return [diagnostic_lines(infos)] if infos else []
 
 
-def describe_accuracy(report: AccuracyReport) -> str:
+def describe_accuracy(report: AccuracyReport, most: int | None = None) -> str:
     """Tabulate the error of each output, the budget, and the decisions."""
-    tables = [error_table(report), budget_table(report)]
-    tables += [decision_table(report)] if report.decisions else []
+    tables = [error_table(report, most), budget_table(report)]
+    tables += [decision_table(report, most)] if report.decisions else []
     return "\n\n".join(tables)
 
 
-def error_table(report: AccuracyReport) -> TextBlock:
+def error_table(report: AccuracyReport, most: int | None = None) -> TextBlock:
     """Tabulate outputs with their error, in their unit and relative to their variation.
 
     Known bounds and terms neglected by linear theory have a column.
@@ -436,7 +454,7 @@ def error_table(report: AccuracyReport) -> TextBlock:
         for k, o in enumerate(report.outputs)
     ]
     header = ["output", "error", *known, "allowed", "unit", "of its variation"]
-    return text_table(header, rows)
+    return text_table(header, rows, most)
 
 
 def _format_number(value: float | None) -> str:
@@ -464,11 +482,11 @@ def _budget_row(line: BudgetLine, report: AccuracyReport) -> list[str]:
     ]
 
 
-def decision_table(report: AccuracyReport) -> TextBlock:
+def decision_table(report: AccuracyReport, most: int | None = None) -> TextBlock:
     """Tabulate what could be left out of the model, its effect, and the choice."""
     header = ["part of the model", "effect of leaving it out", "of what is allowed"]
     rows = [_decision_row(decision) for decision in report.decisions]
-    return text_table([*header, "choice"], rows)
+    return text_table([*header, "choice"], rows, most)
 
 
 def _decision_row(decision: Decision) -> list[str]:

@@ -23,7 +23,7 @@ from sidtool.formats.motion_kinds import (
     motion_scale,
     node_extent,
 )
-from sidtool.formats.text import counted_noun
+from sidtool.formats.text import counted_noun, fit_on_screen
 
 from ..eigensolvers.eigenpairs import equal_frequencies, rotation_to_axes
 from ..validate.frequencies import held_modes, to_hertz
@@ -50,16 +50,21 @@ def describe_sid(sid: SID, verbose: bool = False) -> str:
 
     verbose : all modes and nodes
     """
-    parts = [_overview_lines(sid)]
-    modes = natural_modes(sid)
-    if modes:
-        rows = [_mode_row(number, mode, sid) for number, mode in enumerate(modes, 1)]
-        header = ["mode", "Hz", "kind", "m_eff x %", "y %", "z %"]
-        header += ["share %", "label"]
-        parts.append(text_table(header, rows, None if verbose else MAX_MODES))
-    if sid.nodes:
-        parts.append(_node_table(sid, None if verbose else MAX_NODES))
-    return "\n\n".join(parts)
+    overview, modes = _overview_lines(sid), natural_modes(sid)
+    rows = [_mode_row(number, mode, sid) for number, mode in enumerate(modes, 1)]
+    header = ["mode", "Hz", "kind", "m_eff x %", "y %", "z %", "share %", "label"]
+    nodes = _node_rows(sid)
+
+    def description(most: int | None) -> str:
+        parts = [overview]
+        parts += [text_table(header, rows, most)] if rows else []
+        fewer = None if most is None else min(most, MAX_NODES)
+        parts += (
+            [text_table(["node", "x", "y", "z", ""], nodes, fewer)] if nodes else []
+        )
+        return "\n\n".join(parts)
+
+    return description(None) if verbose else fit_on_screen(description, MAX_MODES)
 
 
 def describe_conversion(
@@ -213,10 +218,11 @@ def label_without_frequency(label: str, frequency: float) -> str:
     return ", ".join(filter(None, parts[::2]))
 
 
-def _node_table(sid: SID, most: int | None) -> str:
+def _node_rows(sid: SID) -> list[list[str]]:
+    """Name, position and remark of each node."""
     dead = dead_nodes(sid)
     size = _body_reach(sid)
-    rows = [
+    return [
         [
             node.id,
             *format_numbers(node.position, size, " ").split(),
@@ -224,7 +230,6 @@ def _node_table(sid: SID, most: int | None) -> str:
         ]
         for node in sid.nodes
     ]
-    return text_table(["node", "x", "y", "z", ""], rows, most)
 
 
 def _body_reach(sid: SID) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any, Self
 
@@ -132,6 +132,24 @@ def named_values(entries: Iterable[tuple[str, str]]) -> TextBlock:
         for name, text in pairs
     )
     return TextBlock(lines, html_table(pairs))
+
+
+def set_options(
+    scene: Mapping[str, float], models: Mapping[str, Mapping[str, float]]
+) -> list[str]:
+    """Return options of the command line that change a scene, and models by body.
+
+    Options that do not fit on a line continue on others, as a shell reads them.
+    """
+    lines = []
+    named = {"Scene": scene} | {f"Model of {body}": models[body] for body in models}
+    for name, changes in named.items():
+        options = [f"--set {key}={value!r}" for key, value in changes.items()]
+        line = f"{name}: {' '.join(options)}"
+        if len(line) > WIDTH:
+            line = f"{name}:\n    " + " \\\n    ".join(options)
+        lines += [line] if options else []
+    return lines
 
 
 def _widths_on_screen(widths: Sequence[int], right: Sequence[bool]) -> list[int]:

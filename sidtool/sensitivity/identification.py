@@ -90,7 +90,7 @@ class Identification:
 
     def report(self) -> str:
         """Return the result as text, as `sidtool identify` prints it."""
-        from ..report.tables import text_table
+        from ..report.tables import set_options, text_table
 
         parts = [text_table(self._VARIABLES, self._variable_rows()), ""]
         parts += [text_table(self._OUTPUTS, self._output_rows()), ""]
@@ -98,12 +98,7 @@ class Identification:
             "Converged" if self.fit.converged else f"Not converged: {self.fit.message}"
         )
         parts += [f"{end}. {self.runs} runs, {self.seconds:.2g} s.", ""]
-        for where, changes in (("Scene", self.changes), *self.model_changes.items()):
-            options = [f"--set {key}={value!r}" for key, value in changes.items()]
-            if options:
-                name = where if where == "Scene" else f"Model of {where}"
-                parts.append(f"{name}: {' '.join(options)}")
-        return "\n".join(parts)
+        return "\n".join([*parts, *set_options(self.changes, self.model_changes)])
 
     _VARIABLES = ("variable", "start", "value", "unit", "95 % interval", "+- %")
     _OUTPUTS = ("measured", "values", "noise or distance", "unit")

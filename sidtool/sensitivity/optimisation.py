@@ -85,7 +85,7 @@ class Optimum:
         """Return the result as text, as `sidtool optimise` prints it."""
         from sidtool.formats.text import counted_noun
 
-        from ..report.tables import text_table
+        from ..report.tables import set_options, text_table
 
         end = "Converged" if self.converged else f"Not converged: {self.message}"
         cost = f"{counted_noun(len(self.history) - 1, 'iteration')}, {self.runs} runs"
@@ -96,7 +96,7 @@ class Optimum:
             "",
             f"{end}. {cost}, {self.seconds:.2g} s.",
             "",
-            *self._settings(),
+            *set_options(self.changes, self.model_changes),
         ]
         return "\n".join(parts)
 
@@ -148,17 +148,6 @@ class Optimum:
         first, best = self.history[0].values[k], self.best.values[k]
         unit = self.units.get(name, "")
         return name, f"{first:.6g}", f"{best:.6g}", unit, limit, state
-
-    def _settings(self) -> list[str]:
-        """Options of the command line that make the best design."""
-        lines = []
-        if self.changes:
-            options = [f"--set {key}={value!r}" for key, value in self.changes.items()]
-            lines.append(f"Scene: {' '.join(options)}")
-        for body, changes in self.model_changes.items():
-            options = [f"--set {key}={value!r}" for key, value in changes.items()]
-            lines.append(f"Model of {body}: {' '.join(options)}")
-        return lines
 
     def data(self) -> dict[str, Any]:
         """Return the data that `--json` prints, and that `save` writes."""

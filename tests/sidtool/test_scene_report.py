@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import sidtool
-from sidtool.formats.result import Event
+from sidtool.cli.main import run
+from sidtool.formats.diagnostics.record import plain_text
+from sidtool.formats.result import Event, Result
 from sidtool.report.input_files import describe_scene
-from sidtool.report.result import event_rows
+from sidtool.report.result import describe_result, event_rows
 from sidtool.solver import compile_scene, describe
 
 COUNTED = re.compile(
@@ -119,3 +123,55 @@ def test_knots_of_a_function_are_one_row() -> None:
         ("dead_centre", "rising", "0.35"),
         ("cam", "199 breaks", "0.1 to 19.9"),
     ]
+
+
+def test_a_large_scene_and_a_long_result_fit_on_a_screen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """45 lines, with fewer rows in each table; `-v` has all. A robot had 54 lines."""
+    names = [f"bar{k}" for k in range(12)]
+    scene = four_bar(True, {}).with_(
+        {
+            "bodies": {name: bar(0.0, 0.0, False, True) for name in names},
+            "joints": {
+                f"pin_of_{name}": {
+                    "type": "spherical",
+                    "markers": ["ground", f"{name}.a"],
+                }
+                for name in names
+            },
+            "forces": {
+                f"pull_of_{name}": {
+                    "type": "force",
+                    "marker": f"{name}.b",
+                    "force": [1, 0, 0],
+                }
+                for name in names
+            },
+            "events": {f"stop_of_{name}": {"quantity": f"{name}.x"} for name in names},
+            "outputs.record": [f"{name}.*" for name in names],
+        }
+    )
+    scene.save(tmp_path / "scene.toml")
+    for options, fits in (([], True), (["-v"], False)):
+        assert run(["info", str(tmp_path / "scene.toml"), *options]) == 0
+        text = capsys.readouterr().out
+        assert (len(text.splitlines()) <= 45) == fits
+        assert ("stop_of_bar11" in text) != fits
+        assert "total mass: 18 kg" in text
+    none = np.zeros(0)
+    result = Result(
+        title="Long",
+        t=np.linspace(0.0, 1.0, 3),
+        names=tuple(f"{name}.x" for name in names),
+        values=np.ones((3, 12)),
+        positions=np.zeros((3, 0)),
+        velocities=np.zeros((3, 0)),
+        multipliers=np.zeros((3, 0)),
+        events=tuple(
+            Event(f"e{k}", "rising", 0.1, none, none, none) for k in range(30)
+        ),
+        diagnostics=tuple(plain_text(f"fact {k}") for k in range(30)),
+    )
+    assert len(describe_result(result).splitlines()) <= 45
+    assert "fact 29" in describe_result(result, verbose=True)
