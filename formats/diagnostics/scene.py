@@ -408,9 +408,9 @@ ENTRIES = (
         "depend on each other, this system is singular. Close to such a configuration "
         "(sine of the angle between constraints below 0.01) the forces are solved for "
         "again with constraints whose rates are violated by their tolerance. Forces "
-        "are not recorded where one changes by more than 0.1 % of the largest, nor "
-        "where the sine is below 1e-6. Those of mechanisms beside it are. The state "
-        "itself is valid.",
+        "are not recorded where one changes by more than 0.1 % of the largest (without "
+        "any load, by more than 1e-6 of the largest of the run), nor where the sine is "
+        "below 1e-6. Those of mechanisms beside it are. The state itself is valid.",
         remedy="Shift the output times.",
         example={"subject": "pin.fx, pin.fy", "count": 1, "t": 0.25},
     ),

@@ -37,7 +37,8 @@ from .step_size import time_resolution
 
 #: Where constraints are less independent than this, multipliers are recorded if their
 #: relative change within the tolerance of the constraints is at most so large, or, for
-#: those without load, the change is so small a part of the largest one of the scene.
+#: those without load, the change is so small a part of the largest one of the scene,
+#: or of all states where the whole scene is without load.
 NEARLY_SINGULAR, MULTIPLIER_ERROR, UNLOADED = 0.01, 1e-3, 1e-6
 
 
@@ -180,7 +181,8 @@ def evaluate_jacobians(kernels, system, work, times, interval_times, z, v, C):
 
 @inner(
     types.void(
-        *[KERNELS, SYSTEM, WORK, MEMORY, F2, float64, F1, F1, F1, F1, F1, I1, I1, F1]
+        *[KERNELS, SYSTEM, WORK, MEMORY, F2, float64, float64],
+        *[F1, F1, F1, F1, F1, I1, I1, F1],
     )
 )
 def _remove_uncertain_multipliers(
@@ -189,6 +191,7 @@ def _remove_uncertain_multipliers(
     work,
     memory,
     constraint_tolerance,
+    least,
     t,
     z,
     v,
@@ -203,9 +206,10 @@ def _remove_uncertain_multipliers(
 
     A change counts relative to the largest multiplier of those constraints that act on
     each other, or to a small part of the largest one of all, each measured by the
-    acceleration that it causes. It is that by what is left of the constraints, and by
-    violations of their rates within the tolerance that change the multipliers most, by
-    a step of the power method; states with once and twice of both are looked at.
+    acceleration that it causes; changes below `least` do not count. It is that by what
+    is left of the constraints, and by violations of their rates within the tolerance
+    that change the multipliers most, by a step of the power method; states with once
+    and twice of both are looked at.
     (Violations of positions would load stiff bodies.) The state must have been
     evaluated; z, v and what was evaluated are overwritten, dz, dv and the last three,
     of one entry per row, are scratch.
@@ -220,7 +224,6 @@ def _remove_uncertain_multipliers(
         if row_independence(system, memory, i) < SINGULAR:
             is_uncertain[block[i]] = 1
         memory.multiplier[i] = 1.0 / (1.0 + i)
-    least = 0.0
     for i in range(n):
         least = max(least, UNLOADED * largest[i])
     failed = False
@@ -250,10 +253,30 @@ def _remove_uncertain_multipliers(
             multiplier[i] = math.nan
 
 
+@inner(float64(F1, float64))
+def _inside_interval(edges, t):
+    """A time inside the smooth interval of t."""
+    i = 0
+    while i + 2 < len(edges) and edges[i + 1] < t:
+        i += 1
+    return 0.5 * (edges[i] + edges[i + 1])
+
+
+@inner(float64(SYSTEM, MEMORY, F1))
+def _largest_multiplier(system, memory, multiplier):
+    """The largest acceleration by one of them that has a value."""
+    largest = 0.0
+    for i in range(len(multiplier)):
+        if not math.isnan(multiplier[i]):
+            size = constraint_scale(system, memory, i) * abs(multiplier[i])
+            largest = max(largest, size)
+    return largest
+
+
 @entry(
     types.void(
         *[KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3],
-        *[F2, F2, F2, F3, I2, F1],
+        *[F2, F2, F2, F3, I2, F1, F1],
     )
 )
 def sample(
@@ -276,6 +299,7 @@ def sample(
     output,
     row_blocks,
     row_sizes,
+    sizes,
 ):
     """Projects recorded states onto the constraints and solves eq. (3) there.
 
@@ -283,13 +307,12 @@ def sample(
     recorded meets them to `constraint_tolerance`, see `StepLoopState`. States that
     cannot be projected stay as they are; accelerations are NaN where eq. (3) is
     singular, multipliers also near such states where they are uncertain. step_z and
-    step_v are scratch, of one and three rows, as are row_blocks, of two, and row_sizes.
+    step_v are scratch, of one and three rows, as are row_blocks, of two, row_sizes, and
+    sizes, of one entry per state.
     """
+    largest = 0.0
     for k in range(len(times)):
-        i = 0
-        while i + 2 < len(edges) and edges[i + 1] < times[k]:
-            i += 1
-        work.interval_time[0] = 0.5 * (edges[i] + edges[i + 1])
+        work.interval_time[0] = _inside_interval(edges, times[k])
         copy(z[k], step_z[0])
         copy(v[k], step_v[0])
         status = project_state(
@@ -324,12 +347,14 @@ def sample(
             for n in range(lambda_.shape[1]):
                 lambda_[k, n] = math.nan
         elif constraint_independence(system, memory) < NEARLY_SINGULAR:
+            sizes[k] = _largest_multiplier(system, memory, lambda_[k])
             _remove_uncertain_multipliers(
                 kernels,
                 system,
                 work,
                 memory,
                 constraint_tolerance,
+                0.0,
                 times[k],
                 step_z[0],
                 step_v[0],
@@ -341,8 +366,36 @@ def sample(
                 row_sizes,
             )
             evaluate_accelerations(kernels, system, work, memory, times[k], z[k], v[k])
+        largest = max(largest, _largest_multiplier(system, memory, lambda_[k]))
         kernels.complete(system, work, acc[k])
         for b in range(work.frame.shape[0]):
             copy(work.frame[b], frames[k, b])
         for m in range(work.point.shape[0]):
             copy(work.point[m], points[k, m])
+    for k in range(len(times)):
+        if not 0.0 <= sizes[k] <= UNLOADED * largest:
+            continue
+        work.interval_time[0] = _inside_interval(edges, times[k])
+        copy(z[k], step_z[0])
+        copy(v[k], step_v[0])
+        evaluate_accelerations(
+            kernels, system, work, memory, times[k], step_z[0], step_v[0]
+        )
+        copy(memory.multiplier, lambda_[k])
+        _remove_uncertain_multipliers(
+            kernels,
+            system,
+            work,
+            memory,
+            constraint_tolerance,
+            UNLOADED * largest,
+            times[k],
+            step_z[0],
+            step_v[0],
+            step_v[1],
+            step_v[2],
+            lambda_[k],
+            row_blocks[0],
+            row_blocks[1],
+            row_sizes,
+        )

@@ -126,6 +126,7 @@ class StateSampler:
                     friction[part],
                     np.zeros((2, system.n_rows), np.int64),
                     np.zeros(system.n_rows),
+                    np.full(len(times[part]), -1.0),
                 )
                 slip_direction, rest_rates = (
                     history.current_states[:, at.SLIP_DIRECTION],

@@ -20,6 +20,7 @@ from sidtool.solver import simulate
 from sidtool.solver.integrators.registry import INTEGRATORS
 from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
+from tests.codes import with_code
 from tests.solver.scenes import (
     GRAVITY,
     Probe,
@@ -322,6 +323,47 @@ def test_forces_near_a_singular_position_are_right_or_missing(integrator: str) -
     assert {"foot.fx", "foot.fy"} <= set(note.subject.split(", "))
     assert note.data["count"] == np.count_nonzero(~has_value)
     assert note.t == times[~has_value][0]
+
+
+def test_a_load_that_begins_at_zero_has_forces_from_the_start() -> None:
+    """A heavy body (2 kg m^2 about its centre, 1.36 kg m^2 more about the pin) on a
+    light one in a pin, whose constraints are nearly dependent in the metric of masses.
+    """
+    system = compiled(
+        scene(
+            {
+                "light": {"mass": 1e-6, "inertia": 1.0},
+                "heavy": {
+                    "mass": 4.0,
+                    "inertia": 2.0,
+                    "markers": {"seat": {"position": [-0.5, -0.3]}},
+                    "initial": {"position": [0.5, 0.3]},
+                },
+            },
+            {
+                "pin": {"type": "revolute", "markers": ["ground", "light"]},
+                "seat": {"type": "fixed", "markers": ["light", "heavy.seat"]},
+            },
+            end=0.1,
+            steps=2,
+            record=["seat.mz"],
+            forces={
+                "torque": {
+                    "type": "actuator",
+                    "joint": "pin",
+                    "function": {
+                        "type": "table",
+                        "times": [0.0, 0.1],
+                        "values": [0.0, 10.0],
+                    },
+                }
+            },
+        )
+    )
+    result = simulate(system)
+    wanted = 3.36 / 4.36 * np.array([0.0, 5.0, 10.0])
+    assert result["seat.mz"] == pytest.approx(wanted, rel=1e-9, abs=1e-12)
+    assert with_code(result, "N234") == []
 
 
 def test_joints_that_contradict_each_other_are_refused() -> None:
