@@ -85,10 +85,11 @@ ENTRIES = (
         "N841",
         WARNING,
         "no identity proves the order of its columns: read {layout}-major",
-        "Writers order the columns of Gr and Ge by axis or by mode. The reader takes "
-        "the order for which I6 (J1 = Gr + Cr0~) and I7 (Ge = 2 Cr1) have the smaller "
-        "residual. Where both residuals are alike the order of the writer or "
-        "axis-major is taken; Coriolis forces depend on it.",
+        "Writers order the columns of Gr and Ge by axis or by mode. An order is known "
+        "if I6 (Gr_l + Gr_l^T = 2 J1_l) or I7 (Ge_l = 2 Cr1_l) holds to 1e-3 of the "
+        "block and ten times better than in the other order, or if the title names "
+        "the writer. Otherwise the order with the smaller residual is taken, or "
+        "axis-major without J1 or Cr1. Coriolis forces depend on it.",
         remedy="`convert --repair` rebuilds Gr and Ge.",
         example={"subject": "Ge", "layout": "axis"},
     ),
