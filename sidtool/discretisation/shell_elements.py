@@ -5,11 +5,12 @@ element's surface at its nodes, which move by u = sum_i N_i (u_i + z theta_i x n
 rigid motion is free of strain, of warped elements too. Transverse shear strains of
 quad4 are those of MITC4 (K.-J. Bathe, E. N. Dvorkin, Int. J. Numer. Methods Eng. 21,
 1985), of tri3 those of MITC3 (P.-S. Lee, K.-J. Bathe, Comput. Struct. 82, 2004), whose
-shear stiffness is reduced by t^2/(t^2 + 0.1 h^2) (M. Lyly, R. Stenberg, T. Vihinen,
-Comput. Methods Appl. Mech. Eng. 110, 1993). The membrane of quad4 has the incompatible
-modes of Taylor, Beresford and Wilson (1976). Rotations about the normal follow the
-rotation of the surface by a penalty (T. J. R. Hughes, F. Brezzi, Comput. Methods Appl.
-Mech. Eng. 72, 1989).
+shear flexibility has a part h^2 of that in bending added (after M. Lyly, R. Stenberg,
+T. Vihinen, Comput. Methods Appl. Mech. Eng. 110, 1993, there of isotropic plates), by
+sum_c F_acbc of the flexibility tensor F, so that neither stiff fibres lock nor soft
+cores soften. The membrane of quad4 has the incompatible modes of Taylor, Beresford and
+Wilson (1976). Rotations about the normal follow the rotation of the surface by a
+penalty (T. J. R. Hughes, F. Brezzi, Comput. Methods Appl. Mech. Eng. 72, 1989).
 """
 
 from __future__ import annotations
@@ -37,8 +38,9 @@ _NODES = {
     "quad4": np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]),
     "tri3": np.array([[0.0, 0], [1, 0], [0, 1]]),
 }
-#: Stabilisation of the shear of triangles.
-_STABLE = 0.1
+#: The part of the longest side squared: of triangles as a stabilisation, else against
+#: loss of digits.
+_SHARES = {"quad4": 1e-7, "tri3": 0.0158}
 #: Penalty of the mean rotation about the normal, and of its differences, as shares of
 #: the shear stiffness of the membrane.
 _MEAN, _DIFFERENCES = 1.0, 1e-3
@@ -131,7 +133,7 @@ def shell_batch(kind: str, corners: Array, laws: ShellLaws) -> ShellBatch:
     inner = 4 if kind == "quad4" else 0
     total = np.zeros((ne, size + inner, size + inner))
     sampled = _sampled_shear(kind, corners, normals)
-    shear_law = _stabilised(kind, corners, laws) * laws.flexural[:, None, None]
+    shear_law = _shear_law(kind, corners, laws) * laws.flexural[:, None, None]
     places, masses, tensors, moves, turns = [], [], [], [], []
     points, weights = _RULES[kind]
     for reference, weight in zip(points, weights, strict=True):
@@ -292,14 +294,20 @@ def _interpolated(kind: str, reference: Array, sampled: list[Array]) -> Array:
     return np.stack([first, second], axis=1)
 
 
-def _stabilised(kind: str, corners: Array, laws: ShellLaws) -> Array:
-    """(ne, 2, 2) the law of transverse shear."""
-    if kind == "quad4":
-        return laws.shear
+def _shear_law(kind: str, corners: Array, laws: ShellLaws) -> Array:
+    """(ne, 2, 2) the law of transverse shear, in series with bending of the element."""
+    bending, trace = laws.bending, np.trace(laws.bending, axis1=1, axis2=2)
+    if laws.coupling.any():
+        shift = np.linalg.pinv(laws.membrane) @ laws.coupling
+        bending = bending - np.swapaxes(laws.coupling, 1, 2) @ shift
+    bends = (laws.flexural & (trace > 0))[:, None, None]
+    least = 1e-12 * trace[:, None, None]
+    soft = np.linalg.inv(np.where(bends, bending + least * np.eye(3), np.eye(3)))
+    twist, mixed = soft[:, 2, 2] / 4, (soft[:, 0, 2] + soft[:, 1, 2]) / 2
+    part = np.array([[soft[:, 0, 0] + twist, mixed], [mixed, soft[:, 1, 1] + twist]])
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    square, longest = laws.thickness**2, sides.max(axis=1)
-    share = square / (square + _STABLE * longest**2)
-    return share[:, None, None] * laws.shear
+    part = np.moveaxis(_SHARES[kind] * sides.max(axis=1) ** 2 * part, 2, 0)
+    return np.linalg.solve(np.eye(2) + laws.shear @ part, laws.shear)
 
 
 def _inner(reference: Array, at: _Point, centre: _Point) -> Array:

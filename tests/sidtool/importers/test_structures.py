@@ -14,11 +14,25 @@ from scipy.spatial.transform import Rotation
 
 from sidtool.discretisation.bars_body import _hinges
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.model import read_model
 from sidtool.importers.nastran import shells
 from sidtool.importers.nastran.bulk_data import read_bdf
+from sidtool.pipeline.model_to_sid import finite_element_model
 from tests.codes import with_code
 
-from .bars.decks import MATERIAL, NU, PBAR, PLACES, RHO, E, G, body, bulk, frame
+from .bars.decks import (
+    MATERIAL,
+    NU,
+    PBAR,
+    PLACES,
+    RHO,
+    E,
+    G,
+    body,
+    bulk,
+    frame,
+    model,
+)
 from .decks import frequencies
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -175,6 +189,66 @@ def test_layers_bend_by_laminate_theory(tmp_path: Path) -> None:
     expected = beam_hertz(bending, rho * WIDTH * DEPTH, BEAM[0])
     assert sid.mass == pytest.approx(rho * WIDTH * DEPTH * LENGTH, rel=1e-9)
     assert frequencies(sid)[0] == pytest.approx(expected, rel=1e-2)
+
+
+def layered_strip(
+    count: int, rows: int, width: float, *cards: str, triangles: bool
+) -> str:
+    """The material axis x is along the strip."""
+    axes = (",".join(map(repr, v)) for v in TURN[:, [2, 0]].T.tolist())
+    shells = strip(count, rows, (LENGTH, width), triangles=triangles, tail=",5")
+    system = "CORD2R,5,,0.,0.,0.," + "\n,".join(axes)
+    return bulk(*shells, system, "PCOMP,1,,,,,,,", *cards)
+
+
+@pytest.mark.parametrize("triangles", [False, True])
+def test_a_coarse_sandwich_bends_and_shears_as_a_cantilever(
+    triangles: bool, tmp_path: Path
+) -> None:
+    """P L^3/(3 E I) + P L/(G A) with two skins on a soft core."""
+    stiff, skin, core, g, width = 2e11, 0.001, 0.04, 4e7, 0.1
+    deck = layered_strip(
+        *(10, 1, width, f",1,{skin},,,2,{core},,\n,1,{skin},"),
+        f"MAT8,1,{stiff},{stiff},,{stiff / 2},,,1600.",
+        f"MAT8,2,100.,100.,,50.,{g},{g},100.",
+        triangles=triangles,
+    )
+    fem = finite_element_model(read_model(model(tmp_path, deck)))
+    stiffness, along = fem.stiffness.toarray(), fem.positions @ TURN[:, 0]
+    free = fem.dof_table[along > 1e-9].ravel()
+    tip = fem.dof_table[along > LENGTH - 1e-9][:, :3]
+    load, moved = np.zeros((2, len(stiffness)))
+    load[tip] = TURN[:, 2] / len(tip)
+    moved[free] = np.linalg.solve(stiffness[np.ix_(free, free)], load[free])
+    bending = stiff * skin * (core + skin) ** 2 / 2
+    shear = g * (core + skin) ** 2 / core
+    expected = (LENGTH**3 / (3 * bending) + LENGTH / shear) / width
+    assert load @ moved == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("triangles", [False, True])
+def test_stiff_fibres_do_not_lock_a_coarse_plate(
+    triangles: bool, tmp_path: Path
+) -> None:
+    """Free motions w = y g(x) of a square with fibres along y, which they do not
+    bend; g by polynomials (Ritz). The shear is rigid (1e15 Pa).
+    """
+    e, g, depth, rho = 5e9, 2.5e9, 0.004, 1000.0
+    law = f"MAT8,1,{40 * e},{e},,{g},1.+15,1.+15,{rho}"
+    cards = (f",1,{depth},90.", law)
+    sid = body(tmp_path, layered_strip(6, 6, LENGTH, *cards, triangles=triangles))
+    x, weights = np.polynomial.legendre.leggauss(12)
+    weights = weights / 2
+    basis = [np.polynomial.Legendre.basis(k) for k in range(8)]
+    shapes, slopes, bends = (
+        np.array([2**order * p.deriv(order)(x) for p in basis]) for order in range(3)
+    )
+    mass = rho * depth / 12 * (weights * shapes) @ shapes.T
+    twisted = 4 * g * depth**3 / 12 * (weights * slopes) @ slopes.T
+    bent = e * depth**3 / 12 / 12 * (weights * bends) @ bends.T
+    values = scipy.linalg.eigh(twisted + bent, mass, eigvals_only=True)
+    expected = np.sqrt(values[1:3]) / (2 * np.pi)
+    assert_allclose(frequencies(sid)[[0, 2]], expected, rtol=0.06)
 
 
 def test_where_the_nodes_of_a_plate_lie_does_not_matter(tmp_path: Path) -> None:
