@@ -2,6 +2,11 @@
 
 from .entry import INFO, WARNING, Entry
 
+#: Of bodies that vibrate about their equilibrium from the start.
+EQUILIBRIUM_REMEDY = (
+    'Ramp the loads, or set initial.state = "static" where the mechanism can rest.'
+)
+
 ENTRIES = (
     Entry(
         "N201",
@@ -219,12 +224,11 @@ ENTRIES = (
         INFO,
         "vibrates about equilibrium from the start, with about {share:.2g} of its size",
         "As N220, below 1 % of the size of the body.",
-        remedy="{remedy}",
+        remedy=EQUILIBRIUM_REMEDY,
         units={"share": "%"},
         example={
             "subject": "rod",
             "share": 0.0021,
-            "remedy": 'Set initial.state = "static", or ramp the loads.',
         },
     ),
     Entry(
@@ -235,12 +239,11 @@ ENTRIES = (
         "acceleration at the start (W Ke dq = q'', with W the acceleration by unit "
         "forces), as the largest displacement of a node over the size of the body. "
         "Reported from 10 % of the largest deflection in the run and 1 % of the size.",
-        remedy="{remedy}",
+        remedy=EQUILIBRIUM_REMEDY,
         units={"share": "%"},
         example={
             "subject": "rod",
             "share": 0.021,
-            "remedy": 'Set initial.state = "static", or ramp the loads.',
         },
     ),
     Entry(

@@ -21,11 +21,11 @@ from .dense_equations import DenseEquations, least_squares, null_space
 from .frozen_inputs import is_state, with_integrated_drives
 from .inverse_dynamics import PrescribedMotion, refuse_law_states, relative_equilibrium
 from .joint_friction import friction_forces, with_friction_states_of
-from .static_equilibrium import MAX_ITERATIONS, static_equilibrium
+from .static_equilibrium import static_equilibrium
 
 
 def start_in_equilibrium(
-    system: System, max_iterations: int = MAX_ITERATIONS
+    system: System,
 ) -> tuple[SceneFile, tuple[Diagnostic, ...]]:
     """The scene of a system with its bodies and the states of its laws in equilibrium,
     and what is reported of it.
@@ -39,8 +39,6 @@ def start_in_equilibrium(
     ----------
     system
         With all of its joints.
-    max_iterations
-        Newton steps after which there is none.
 
     Raises
     ------
@@ -53,7 +51,7 @@ def start_in_equilibrium(
         if z is not None:
             found = with_bodies(system, scene_at(integrated, z))
             return found, assembly_notes(*assemble(integrated))
-        equilibrium = static_equilibrium(system, max_iterations)
+        equilibrium = static_equilibrium(system)
     except SimulationError as error:
         raise InputError(
             str(error), place="initial.state", expected="a scene that can rest"

@@ -109,18 +109,11 @@ class Equilibrium(WithDiagnostics):
         )
 
 
-def static_equilibrium(
-    system: System, max_iterations: int = MAX_ITERATIONS
-) -> Equilibrium:
+def static_equilibrium(system: System) -> Equilibrium:
     """The static equilibrium nearest downhill from the start of a scene.
 
     Drives and functions of time hold their values at the start: nothing moves, and no
     inertia of their rates is left. So do the states of the laws of drives.
-
-    Parameters
-    ----------
-    max_iterations
-        Newton steps after which there is no equilibrium near.
 
     Raises
     ------
@@ -146,13 +139,13 @@ def static_equilibrium(
     start.z[state_positions] = start.v[velocities]
     z = mechanics.closed(start.z)
     best, largest, is_refined = np.inf, mechanics.force_size(z), False
-    for iteration in range(max_iterations):
+    for iteration in range(MAX_ITERATIONS):
         motion, force, multipliers, size = _force_balance(mechanics, z)
         largest = max(largest, size)
         if np.linalg.norm(force) >= FORCE_TOLERANCE * largest:
             largest = max(largest, mechanics.force_size(z))
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
-        may_refine = not is_refined and iteration + 1 < max_iterations
+        may_refine = not is_refined and iteration + 1 < MAX_ITERATIONS
         if FORCE_ROUNDING < residual < FORCE_TOLERANCE and may_refine:
             # one step more, which is quadratic here, as derivatives see what is left
             step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
@@ -188,7 +181,7 @@ def static_equilibrium(
         best = min(best, residual)
     none = diagnose(
         "N701",
-        iterations=max_iterations,
+        iterations=MAX_ITERATIONS,
         residual=best,
         body=_most_loaded_body(system, motion @ force),
     )

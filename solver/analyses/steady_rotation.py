@@ -82,7 +82,7 @@ LISTED = 4
 
 
 def steady_rotation(
-    system: System, *, stable: bool = True
+    system: System,
 ) -> tuple[SceneFile | None, tuple[Diagnostic, ...]]:
     """The scene of a system that starts in steady rotation, and why there is none, or
     what the assembly moved.
@@ -95,8 +95,6 @@ def steady_rotation(
     ----------
     system
         With all of its joints.
-    stable
-        Look for another one where the nearest is unstable or too far.
     """
     try:
         assembled, start = assemble(with_integrated_drives(system))
@@ -119,8 +117,8 @@ def steady_rotation(
             names = ", ".join(rub.joint for rub in assembled.friction_joints)
             return None, (_failure_note(search, f"the friction of {names} is in it"),)
         found, reason = search.solve(search.start)
-        rate = search.growth_rate(*found) if found and stable else 0.0
-        if rate > 0.0 or (reason == TOO_SOFT and stable):
+        rate = search.growth_rate(*found) if found else 0.0
+        if rate > 0.0 or reason == TOO_SOFT:
             downhill, _ = search.solve(search.downhill())
             if downhill and search.growth_rate(*downhill) == 0.0:
                 found, rate = downhill, 0.0

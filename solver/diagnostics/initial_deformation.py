@@ -1,6 +1,6 @@
 """Initial deformations of flexible bodies that are far from their equilibrium."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -31,10 +31,7 @@ UNIT_FORCE_FACTOR = 1e-5
 
 
 def initial_deformation_notes(
-    system: System,
-    first: Samples,
-    bodies: Mapping[str, FlexibleBody],
-    has_static_equilibrium: Callable[[], bool],
+    system: System, first: Samples, bodies: Mapping[str, FlexibleBody]
 ) -> Iterator[Diagnostic]:
     """Bodies that are far from quasi-static equilibrium at the start (N220).
 
@@ -48,8 +45,6 @@ def initial_deformation_notes(
     ----------
     first
         The state at the start (nt = 1) with its accelerations.
-    has_static_equilibrium
-        Whether the scene has a static equilibrium to start in.
     """
     shares = {}
     for name, body in bodies.items():
@@ -79,12 +74,9 @@ def initial_deformation_notes(
             distance = relative_deflection(sid, missing_deformation[None], 0.0)
         if np.isfinite(distance) and distance > LARGE_FRACTION * body.deflection:
             shares[name] = float(distance)
-    remedy = "Ramp the loads."
-    if shares and has_static_equilibrium():
-        remedy = 'Set initial.state = "static", or ramp the loads.'
     for name, share in shares.items():
         code = "N220" if share > LARGE_VIBRATION else "N219"
-        yield diagnose(code, name, share=share, remedy=remedy)
+        yield diagnose(code, name, share=share)
 
 
 def _with_sampled_friction_states(system: System, first: Samples) -> System:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose, stop_message, without
 from sidtool.formats.result import Result
@@ -47,19 +46,12 @@ from ..output.samples import Samples
 from ..system.control_laws import law_failure, rejected_trials
 from .run_loop import Run, Stepper, Stop
 
-if TYPE_CHECKING:
-    from ..system.system import System
-
 #: Causes of a stop after which loads and stiffness are those of no body, and the
 #: diagnostics of such loads.
 LOST_INERTIA_CODES = frozenset({"N307", "N312"})
 LOAD_CODES = frozenset({"N405", "N406", "N407", "N408"})
 #: A scene is stiff if stability limits at least one step in this number.
 STIFF_STEP_SHARE = 4
-#: Velocity coordinates up to which a static start is tried before it is advised.
-MAX_TRIED_COORDINATES = 300
-#: Newton steps of that trial; an equilibrium that is near takes about ten.
-TRIED_ITERATIONS = 40
 
 
 def build_result(
@@ -246,32 +238,7 @@ def _run_diagnostics(run: Run) -> Iterator[Diagnostic]:
         )
     bodies = recorder.bodies
     if bodies and run.current_time > system.scene.time.start:
-        yield from initial_deformation_notes(
-            system, _initial_samples(run), bodies, lambda: _has_static_start(system)
-        )
-
-
-def _has_static_start(system: System) -> bool:
-    """True if the scene can start in a static equilibrium, and does not yet.
-
-    It is tried: a free mechanism has none, or has one by its springs. Not for large
-    scenes, nor where a program gives functions, and with few iterations first, as those
-    of a mechanism that falls take longer than many a run.
-    """
-    from ..analyses.initial_equilibrium import start_in_equilibrium
-    from ..analyses.steady_rotation import steady_rotation
-
-    scene = system.scene
-    is_excluded = scene.initial.state == "static" or bool(system.shortest_features)
-    if is_excluded or system.n_velocities > MAX_TRIED_COORDINATES:
-        return False
-    try:
-        full_system = system.full_joint_system
-        if steady_rotation(full_system, stable=False)[0] is None:
-            start_in_equilibrium(full_system, TRIED_ITERATIONS)
-    except InputError:
-        return False
-    return True
+        yield from initial_deformation_notes(system, _initial_samples(run), bodies)
 
 
 def _stability_limit_notes(run: Run) -> Iterator[Diagnostic]:
