@@ -55,20 +55,24 @@ def fit_kink(
     begin, end = bracket
     width = end - begin
     nodes = np.cos(np.pi * (np.arange(FITTED_VALUES) + 0.5) / FITTED_VALUES)[::-1]
+    smooth = np.asarray(chebyshev.chebvander(nodes, SMOOTH_DEGREE), np.float64)
+    basis = np.linalg.qr(smooth)[0]
     for reach in BRACKET_WIDTHS:
         first = max(low, begin - reach * width)
         last = min(high, end + reach * width)
         middle, half = 0.5 * (first + last), 0.5 * (last - first)
+        if half == 0.0:
+            return None
         values = evaluate(np.clip(middle + half * nodes, first, last))
-        smooth = np.asarray(chebyshev.chebvander(nodes, SMOOTH_DEGREE), np.float64)
         bracket_positions = (begin - middle) / half, (end - middle) / half
-        smooth_residual = _solve_fit(smooth, values)[1]
+        remainder = _without(basis, values)
+        smooth_residual = float(np.abs(remainder).max())
         if smooth_residual <= REJECTED_RESIDUAL * limit:
             continue
         accepted = min(ACCEPTED_RESIDUAL * limit, smooth_residual / REDUCTION_BY_KINK)
         for order in KINK_ORDERS:
             position = _fit_kink_of_order(
-                nodes, values, smooth, order, bracket_positions, accepted
+                nodes, remainder, basis, order, bracket_positions, accepted
             )
             if position is not None:
                 return float(middle + half * position)
@@ -77,20 +81,28 @@ def fit_kink(
 
 def _fit_kink_of_order(
     x: Array,
-    values: Array,
-    smooth: Array,
+    remainder: Array,
+    basis: Array,
     order: int,
     bracket_positions: tuple[float, float],
     limit: float,
 ) -> float | None:
-    """Where in [-1, 1] a kink of one order lies, between two places."""
+    """Where in [-1, 1] a kink of one order lies, between two places.
+
+    Parameters
+    ----------
+    remainder
+        Values (nx,) without their part P.
+    basis
+        Orthonormal columns (nx, terms of P).
+    """
     begin, end = bracket_positions
     trials = np.linspace(begin, end, TRIAL_POSITIONS)
-    sizes = [_residual_size(x, values, smooth, order, place) for place in trials]
+    sizes = [_residual_size(x, remainder, basis, order, place) for place in trials]
     position = float(trials[int(np.argmin(sizes))])
     before, stagnating = np.inf, 0
     for _ in range(MAX_ITERATIONS):
-        step, size = _gauss_newton_step(x, values, smooth, order, position)
+        step, size = _gauss_newton_step(x, remainder, basis, order, position)
         stagnating, before = (
             (stagnating + 1 if size > REDUCTION_FACTOR * before else 0),
             size,
@@ -103,16 +115,16 @@ def _fit_kink_of_order(
     inside = begin < position < end
     if not inside:
         return None
-    size = _residual_size(x, values, smooth, order, position)
+    size = _residual_size(x, remainder, basis, order, position)
     return position if size <= limit else None
 
 
 def _residual_size(
-    x: Array, values: Array, smooth: Array, order: int, position: float
+    x: Array, remainder: Array, basis: Array, order: int, position: float
 ) -> float:
     """The largest residual with the kink at a place."""
-    columns = np.hstack([smooth, _powers_beyond(x, order, position)])
-    return _solve_fit(columns, values)[1]
+    powers = _without(basis, _powers_beyond(x, order, position))
+    return float(np.abs(_solve_fit(powers, remainder)[1]).max())
 
 
 def _powers_beyond(x: Array, order: int, position: float) -> Array:
@@ -121,28 +133,31 @@ def _powers_beyond(x: Array, order: int, position: float) -> Array:
     return np.asarray(beyond[:, None] ** (order + np.arange(KINK_DEGREE + 1)))
 
 
+def _without(basis: Array, columns: Array) -> Array:
+    """Columns without their part in an orthonormal basis."""
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
 def _gauss_newton_step(
-    x: Array, values: Array, smooth: Array, order: int, position: float
+    x: Array, remainder: Array, basis: Array, order: int, position: float
 ) -> tuple[float, float]:
     """The step to a better place of the kink, and the largest residual at this one."""
-    columns = np.hstack([smooth, _powers_beyond(x, order, position)])
-    coefficients, size, residual = _solve_fit(columns, values)
-    slopes = (order + np.arange(KINK_DEGREE + 1)) * coefficients[smooth.shape[1] :]
+    powers = _without(basis, _powers_beyond(x, order, position))
+    coefficients, residual = _solve_fit(powers, remainder)
+    slopes = (order + np.arange(KINK_DEGREE + 1)) * coefficients
     lower = (x > position)[:, None] * _powers_beyond(x, order - 1, position)
-    slope = -lower @ slopes
-    _, _, projected = _solve_fit(columns, slope)
+    _, projected = _solve_fit(powers, _without(basis, -lower @ slopes))
     steepness = float(projected @ projected)
     step = float(projected @ residual) / steepness if steepness > 0.0 else 0.0
-    return step, size
+    return step, float(np.abs(residual).max())
 
 
-def _solve_fit(columns: Array, values: Array) -> tuple[Array, float, Array]:
-    """Coefficients of a fit, its largest residual, and all residuals."""
+def _solve_fit(columns: Array, values: Array) -> tuple[Array, Array]:
+    """Coefficients of a fit, and its residuals."""
     scales = np.linalg.norm(columns, axis=0)
     scales[scales == 0.0] = 1.0
     solution = np.linalg.lstsq(columns / scales, values, rcond=1e-14)[0]
-    residual = values - columns / scales @ solution
-    return solution / scales, float(np.abs(residual).max()), residual
+    return solution / scales, values - columns / scales @ solution
 
 
 #: Pieces around a kink are shorter than this part of the longest one.
