@@ -108,14 +108,6 @@ ENTRIES = (
         },
     ),
     Entry(
-        "N115",
-        INFO,
-        "numbered {sense} and turned round: {count:element}",
-        "Nodes in the opposite order describe the same element. It is turned if the "
-        "Jacobian determinant is negative at all of its quadrature points.",
-        example={"count": 12, "sense": "clockwise"},
-    ),
-    Entry(
         "N116",
         INFO,
         "{key} replaces {replaced} of the mesh file",
@@ -252,14 +244,6 @@ ENTRIES = (
         "given).",
         remedy="Correct the sets if you need them.",
         example={"sets": ("TOP (node 9999)",)},
-    ),
-    Entry(
-        "N131",
-        INFO,
-        "mean of the corners: {count:midside node} that elements leave out",
-        "Nodes with number 0 of quadratic elements are midway between the corners of "
-        "their edge and move by their mean.",
-        example={"count": 8},
     ),
     Entry(
         "N132",

@@ -118,7 +118,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
             found = (*body.diagnostics, *_density_notes(geometry, known))
             return replace(body, diagnostics=found)
         _check_element_choices(geometry, settings, imported)
-        upright, turned = counter_clockwise(imported.mesh)
+        upright = counter_clockwise(imported.mesh)
         whole = _scale_mesh(upright, geometry, settings, units)
         mesh = without_free_nodes(whole)
         couplings = body_couplings(imported, whole, mesh, model)
@@ -174,7 +174,6 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         diagnostics=(
             *imported.diagnostics,
             *undefined_notes(imported.undefined),
-            *turned,
             *equation_notes,
             *_import_notes(model, imported, own),
         ),

@@ -133,10 +133,6 @@ class MidsideNodes:
                 self.equations.append(RawEquation(terms, place))
         return self.added[key]
 
-    def note(self) -> list[Diagnostic]:
-        """N131 on the nodes that were added, if there are some."""
-        return [diagnose("N131", count=len(self.added))] if self.added else []
-
 
 def linear_kind(kind: str) -> str:
     """The linear element with the corners of a quadratic one."""

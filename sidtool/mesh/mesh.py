@@ -12,7 +12,6 @@ from scipy.sparse.csgraph import connected_components
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from .reference_elements import reference_element
 
@@ -101,16 +100,15 @@ def check_mesh(
     _check_connected(mesh, place, joined)
 
 
-def counter_clockwise(mesh: Mesh) -> tuple[Mesh, tuple[Diagnostic, ...]]:
-    """Return a plane mesh with clockwise elements reversed.
+def counter_clockwise(mesh: Mesh) -> Mesh:
+    """Return a plane mesh with clockwise elements reversed; others as they are.
 
-    Returns
-    -------
-    mesh, and N115 on the elements that were turned, if there are some
+    An element counts as clockwise if the Jacobian determinant is negative at all of its
+    quadrature points.
     """
     if mesh.dimension != 2:
-        return mesh, ()
-    blocks, count = [], 0
+        return mesh
+    blocks = []
     for block in mesh.blocks:
         element = reference_element(block.kind)
         jacobians = np.einsum(
@@ -123,11 +121,7 @@ def counter_clockwise(mesh: Mesh) -> tuple[Mesh, tuple[Diagnostic, ...]]:
         nodes = block.nodes.copy()
         nodes[clockwise] = nodes[clockwise][:, order]
         blocks.append(replace(block, nodes=nodes))
-        count += int(clockwise.sum())
-    if not count:
-        return mesh, ()
-    turned = diagnose("N115", count=count, sense="clockwise")
-    return replace(mesh, blocks=tuple(blocks)), (turned,)
+    return replace(mesh, blocks=tuple(blocks))
 
 
 def without_free_nodes(mesh: Mesh) -> Mesh:

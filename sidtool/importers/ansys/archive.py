@@ -530,7 +530,6 @@ def _imported_mesh(content: ArchiveContent) -> ImportedMesh:
         raise InputError("mixes states of plane elements", expected="one of them")
     mesh = assemble_mesh(middles.nodes, raw, content.sets)
     found = [*reading_notes(middles.nodes, raw, len(raw)), *replaced]
-    found += middles.note()
     found += unread_keyword_notes(content.unread_keywords)
     labels = {element.label for element in raw}
     idle = {values[10] for values, _ in content.elements} - labels

@@ -48,9 +48,9 @@ from .content import (
     ALTERNATIVES,
     WITHOUT_EFFECT,
     BulkData,
-    count_right_handed,
     duplicate_error,
     property_node_sets,
+    reorder_left_handed,
 )
 from .coordinate_systems import CoordinateSystems, systems_of
 from .laminates import mat2, mat8, pcomp, shells_of
@@ -432,7 +432,7 @@ def _imported_mesh(content: BulkData, bending: bool) -> ImportedMesh:
     if bending or is_structure(content) or _is_tilted(content):
         return _structure(content)
     middles = _completed_middles(content)
-    turned = count_right_handed(content)
+    reorder_left_handed(content)
     stops, raw = content.stops, []
     equations: tuple[RawEquation, ...] = ()
     for label, property_, kind, nodes, place in content.elements:
@@ -455,7 +455,7 @@ def _imported_mesh(content: BulkData, bending: bool) -> ImportedMesh:
         materials_of(content)
     stops.check()
     found = reading_notes(content.nodes, raw, len(raw))
-    found += [*content.name_only, *turned, *middles.note(), *_notes(content)]
+    found += [*content.name_only, *_notes(content)]
     return ImportedMesh(
         assemble_mesh(content.nodes, raw, content.sets),
         materials_of(content),
@@ -514,7 +514,7 @@ def _structure(content: BulkData) -> ImportedMesh:
         springs = springs_of(content)
     content.elements = [e for e in content.elements if not _is_flat(e[2])]
     middles = _completed_middles(content)
-    turned = count_right_handed(content)
+    reorder_left_handed(content)
     solids = []
     for label, property_, kind, nodes, place in content.elements:
         with stops.collect_errors():
@@ -539,7 +539,7 @@ def _structure(content: BulkData) -> ImportedMesh:
     everything = [*solids, *shells, *bars, *springs]
     check_unique_labels(everything)
     found = reading_notes(content.nodes, everything, len(everything))
-    found += [*content.name_only, *turned, *middles.note(), *_notes(content)]
+    found += [*content.name_only, *_notes(content)]
     return ImportedMesh(
         assemble_mesh(content.nodes, solids, content.sets)
         if solids

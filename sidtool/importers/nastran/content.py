@@ -316,33 +316,22 @@ _MIRRORED = {
 }
 
 
-def count_right_handed(content: BulkData) -> tuple[Diagnostic, ...]:
-    """Give the nodes of left-handed solids in the order of right-handed ones.
+def reorder_left_handed(content: BulkData) -> None:
+    """Give the nodes of left-handed solids the order of right-handed ones.
 
-    An element counts as left-handed if all its quadrature points are mirrored; others
-    that are not right are refused elsewhere.
-
-    Returns
-    -------
-    N115 on the elements that were turned, if there are some
+    An element counts as left-handed if the Jacobian determinant is negative at all of
+    its quadrature points. Elements of mixed sign are refused elsewhere.
     """
     by_kind: dict[str, list[int]] = {}
     for row, (_, _, kind, nodes, _) in enumerate(content.elements):
         if shape_of(kind) in _MIRRORED and content.nodes.keys() >= set(nodes):
             by_kind.setdefault(kind, []).append(row)
-    turned = []
     for kind, rows in by_kind.items():
         listed = [content.elements[row][3] for row in rows]
-        turned += [rows[k] for k in _is_left_handed(kind, listed, content.nodes)]
-    for row in turned:
-        label, property_, kind, nodes, place = content.elements[row]
-        order = [nodes[k] for k in mirrored_order(kind)]
-        content.elements[row] = label, property_, kind, order, place
-    if not turned:
-        return ()
-    first = content.elements[min(turned)][0]
-    sense = f"left-handed (the first is {first})"
-    return (diagnose("N115", count=len(turned), sense=sense),)
+        for k in _is_left_handed(kind, listed, content.nodes):
+            label, property_, _, nodes, place = content.elements[rows[k]]
+            order = [nodes[i] for i in mirrored_order(kind)]
+            content.elements[rows[k]] = label, property_, kind, order, place
 
 
 def _is_left_handed(

@@ -441,7 +441,6 @@ def test_solids_of_nastran_counted_left_handed(tmp_path: Path, kind: str) -> Non
         path.write_text(bdf_text(mesh), encoding="utf-8")
         imported = read_mesh(path)
         check_mesh(imported.mesh)
-        assert ("N115" in codes(imported)) == (name == "left")
         found.append(mesh_matrices(imported.mesh, {"5": STEEL}, "solid"))
     for right, turned in zip(*found, strict=True):
         size = np.abs(right).max()

@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.pipeline.model_to_sid import sid_from_model
-from tests.codes import only
 
 from .decks import MATERIAL, STEEL, Block, frequencies
 from .decks import deck as inp_deck
@@ -115,7 +114,6 @@ def test_edge_without_its_middle_stays_straight(tmp_path: Path) -> None:
     missing = {elements[0][4], elements[5][6]}
     plain = [[0 if n in missing else n for n in e] for e in elements]
     found = converted(tmp_path, "a.bdf", plane_bdf(plain, points, "CQUAD8"), **STATE)
-    assert only(found, "N131").data["count"] == len(missing)
     ties = []
     for n in missing:
         e = next(e for e in elements if n in e)
