@@ -31,8 +31,9 @@ RECOMPUTED = "another program, all digits"
 def _rod_frequencies() -> Iterator[Row]:
     """The founding rod (Hz).
 
-    Clamped at its left edge; A. Held, A. Hildebrandt. The published row of IGA lies 0.7
-    to 1.4 % above the converged values of the exact geometry.
+    Clamped at its left edge; A. Held, A. Hildebrandt. The published bending frequencies
+    f1 to f4 of IGA are 0.7 to 1.4 % above the converged values of the exact geometry,
+    the longitudinal one f5 0.05 %.
     """
     folder = example_folder("slider_crank")
     known = {
@@ -73,9 +74,10 @@ def _tower() -> Iterator[Row]:
 
     Ten elements with mass and bending stiffness linear in each, or averaged, as in the
     tests of E. Branlard's welib; imported as matrices. One mode in either plane, scaled
-    to one at the top. Bodies that come as matrices do not know their stress: K0omega,
-    stiffening by rotation, is that of a beam of 80 elements with polynomials of degree
-    10 through the stations, so that only two or three digits can agree.
+    to one at the top. Bodies from matrices have no stress, and so no geometric
+    stiffness. K0omega, stiffening by rotation, is therefore that of a beam of 80
+    elements with polynomials of degree 10 through the stations, so that only two or
+    three digits can agree.
     """
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -95,8 +97,9 @@ def _turbine() -> Iterator[Row]:
 
     Example `wind_turbine`: blades and tower by stations, shaft tilt, precone, flexible
     drivetrain and yaw bearing, gravity. J. Jonkman et al., NREL/TP-500-38060, 2009,
-    table 9-1: MSC.ADAMS has beams as sidtool; FAST has two bending modes of each blade
-    and four of the tower, without torsion. Both differ by up to 17 %.
+    table 9-1: MSC.ADAMS has beams, as sidtool does; FAST has two flapwise modes and one
+    edgewise mode of each blade and four modes of the tower, without torsion. The two
+    programs differ from each other by up to 17 %.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -109,9 +112,9 @@ def _turbine() -> Iterator[Row]:
 def _analytic_beam() -> Iterator[Row]:
     """A uniform beam with the exact shapes of a cantilever.
 
-    L = 60 m, EI = 2e10 N m^2, 500 kg/m, `test_flexibility.py` of welib, which
-    integrates by the trapezoidal rule at 30 points: what deviates is that rule, exact
-    is Me = m L / 4. Signs are those of the shapes.
+    L = 60 m, EI = 2e10 N m^2, 500 kg/m, `test_flexibility.py` of welib. It integrates
+    by the trapezoidal rule at 30 points, which causes the deviations; the exact Me is
+    m L / 4. Signs are those of the shapes.
     """
     section = {"area": 1.0, "iy": 2e-5, "iz": 1e-5}
     shapes = {"method": "modal", "modes": 6}
@@ -142,8 +145,8 @@ _KE = (286478.07306, 11281454.27909, 88662737.01300)
 def _interface_beam() -> Iterator[Row]:
     """Craig and Bampton's reduction of one beam element (Hz).
 
-    `test_reduction.py` of welib. The static mode is the element's answer to a turn of
-    its upper end, its lower end on a pin.
+    `test_reduction.py` of welib. The static mode is the deformation by a rotation of
+    the upper end, with the lower end pinned.
     """
     problem = test_interface_beam
     with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
@@ -168,7 +171,7 @@ def _rotor() -> Iterator[Row]:
 
     Friswell, Penny, Garvey and Lees, Dynamics of Rotating Machines, example 5.9.1:
     frequencies of backward and forward whirl at rest and at 4000 rpm, 24 Timoshenko
-    elements. Sidtool reduces the shaft to 48 fixed-interface modes, which leave the
+    elements. sidtool reduces the shaft to 48 fixed-interface modes, which causes the
     deviations.
     """
     found = test_rotor.whirl(0.0)[::2]
@@ -186,9 +189,9 @@ def _tight_string() -> Iterator[Row]:
 
     Regression case BeamModes of the FEDEM solver: 100 elements, 54.6 MN, transverse
     ends held. FEDEM lengthens the bar by the force, has no bending stiffness and lumps
-    the mass; set up in this way sidtool finds its numbers. Its Young's modulus is not
-    printed in our source and taken as 2.1e11 Pa. The bar for the string keeps some
-    bending stiffness, 5e-6 in the fifth frequency.
+    the mass. The same assumptions in sidtool give its numbers. Its Young's modulus is
+    not printed in the source; it is taken as 2.1e11 Pa. The bar of the string has a
+    small bending stiffness, which changes the fifth frequency by 5e-6.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -241,8 +244,8 @@ def _derivatives() -> Iterator[Row]:
     """Derivatives with respect to parameters.
 
     Of the example `beam`, by central differences of 1e-4 of the parameter, times
-    parameter over value: frequencies of bending go with the height and with the root of
-    Young's modulus, the mass with the height.
+    parameter over value. Bending frequencies are proportional to the height and to the
+    root of Young's modulus, the mass to the height.
     """
     folder = example_folder("beam")
     data = tomllib.loads((folder / "beam.toml").read_text(encoding="utf-8"))

@@ -39,8 +39,8 @@ def _founding_motion() -> Iterator[Row]:
 def _simeon() -> Iterator[Row]:
     """Slider-crank of the IVP test set (flexible rod, index 2).
 
-    B. Simeon, at 0.1 s. The place of the piston carries a fixed offset of 2e-10 from
-    the rounded start of the source. Lagrange multipliers are compared in size.
+    B. Simeon, at 0.1 s. The position of the piston has a constant offset of 2e-10 by
+    the rounded start of the source. Lagrange multipliers are compared by magnitude.
     """
     result = simeon.run(quadratic_inertia=True)
     for name, value in simeon.END.items():
@@ -59,7 +59,7 @@ def _simeon() -> Iterator[Row]:
 def _andrews() -> Iterator[Row]:
     """Andrews' squeezing mechanism (seven rigid bodies).
 
-    Angles at 0.03 s; published digits are good to 1e-10.
+    Angles at 0.03 s; the published digits are accurate to 1e-10.
     """
     result = simulate(
         compile_scene(andrews.squeezer()), integrator="radau9", rtol=1e-11
@@ -76,7 +76,7 @@ def _andrews() -> Iterator[Row]:
 def _rigid() -> Iterator[Row]:
     """Rigid benchmarks of the IFToMM library.
 
-    A01: simple pendulum; A02: linked four-bars that pass singular positions; A04:
+    A01: simple pendulum; A02: linked four-bars through singular configurations; A04:
     Bricard's mechanism with a redundant hinge, whose energy is constant.
     """
     pendulum = simulate(rigid.massless_rod_pendulum(), rtol=1e-11)
@@ -99,7 +99,7 @@ def _spin_up() -> Iterator[Row]:
     Kane, Ryan and Banerjee's beam: tip deflection [m] against a geometrically exact
     beam, and the least one against floating frames with the centrifugal term and as
     many bending modes. A SID with few shape functions has an error of 0.1 to 0.2 %.
-    Without the term the body diverges, as it has to.
+    Without the term the deflection diverges.
     """
     exact = {5.0: -0.4684420, 7.5: -0.5590392, 10.0: -0.3627654}
     for modes, published in (
