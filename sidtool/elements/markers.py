@@ -130,11 +130,20 @@ def _gradient_rows(patch: NurbsPatch, where: Array) -> sp.csr_matrix:
     return sp.csr_matrix(total / len(choices))
 
 
+def _degenerates(jacobian: Array) -> bool:
+    """Whether its columns, tangents of the geometry, are dependent or one has no length
+    beside the others.
+    """
+    lengths = np.linalg.norm(jacobian, axis=0)
+    least = 1e-10 * lengths.max()
+    flat = abs(np.linalg.det(jacobian)) <= 1e-10 * lengths.prod()
+    return bool(flat or lengths.min() <= least)
+
+
 def _span_gradient(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
     nodes = patch.points[basis.nodes]
     jacobian = nodes.T @ basis.gradients
-    scale = np.linalg.norm(jacobian, axis=0).prod()
-    if abs(np.linalg.det(jacobian)) <= 1e-10 * scale:
+    if _degenerates(jacobian):
         raise InputError(
             "the geometry degenerates here, so that a rotation is not defined",
             expected="a place where the two parameter lines cross at an angle",
@@ -337,8 +346,7 @@ class MeshPoints:
         element = reference_element(self.mesh.blocks[number].kind)
         _, gradients = element.at(where[None])
         jacobian = self.mesh.positions[nodes].T @ gradients[0]
-        scale = np.linalg.norm(jacobian, axis=0).prod()
-        if abs(np.linalg.det(jacobian)) <= 1e-10 * scale:
+        if _degenerates(jacobian):
             raise InputError(
                 "the geometry degenerates here, so that a rotation is not defined",
                 expected="a place where the edges of the element cross at an angle",

@@ -94,7 +94,7 @@ def read_arrays(path: str) -> ImportedMatrices:
     """
     arrays = _load_arrays(path)
     nodes = _checked_array(arrays, "nodes", path, 4)
-    dofs = _checked_array(arrays, "dofs", path, 2).astype(np.int64)
+    dofs = _integers(_checked_array(arrays, "dofs", path, 2), "dofs", path)
     size = len(dofs)
     matrices = []
     for name in ("stiffness", "mass"):
@@ -102,7 +102,7 @@ def read_arrays(path: str) -> ImportedMatrices:
         if value.shape == (size, size):
             matrices.append(sp.csr_matrix(value))
         elif value.shape[1] == 3:
-            i, j = value[:, :2].astype(np.int64).T
+            i, j = _integers(value[:, :2], name, path).T
             _check_range(i, j, size, name, path)
             shape = (size, size)
             matrices.append(sp.csr_matrix((value[:, 2], (i, j)), shape=shape))
@@ -112,7 +112,7 @@ def read_arrays(path: str) -> ImportedMatrices:
                 source=path,
                 expected=f"({size}, {size}) or (entries, 3)",
             )
-    labels = nodes[:, 0].astype(np.int64)
+    labels = _integers(nodes[:, 0], "nodes", path)
     sets = {
         name.removeprefix(_SET): _rows_of_set(value, labels, name, path)
         for name, value in arrays.items()
@@ -346,3 +346,12 @@ def _checked_array(
             "is not finite", source=path, place=name, expected="finite numbers"
         )
     return np.asarray(value, float)
+
+
+def _integers(values: Array, name: str, path: str) -> Indices:
+    """Numbers of nodes, directions, rows and columns in an array."""
+    try:
+        return _as_integers(values)
+    except InputError as error:
+        problem, expected = error.problem, error.expected
+    raise InputError(problem, source=path, place=name, expected=expected)

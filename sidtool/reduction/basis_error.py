@@ -343,9 +343,11 @@ def _static_energies(
     """
     felt = (basis.shapes.T @ loads).real
     stiffness = (basis.shapes.T @ (body.stiffness @ basis.shapes)).real
+    sizes = np.sqrt(np.maximum(np.diag(stiffness), np.finfo(float).tiny))
+    balanced, share = stiffness / np.outer(sizes, sizes), felt / sizes[:, None]
     return (
         np.einsum("ij,ij->j", loads, space.static(loads)).real,
-        np.einsum("ij,ij->j", felt, scipy.linalg.solve(stiffness, felt)),
+        np.einsum("ij,ij->j", share, np.linalg.lstsq(balanced, share, rcond=None)[0]),
     )
 
 

@@ -280,6 +280,7 @@ class PrescribedMotion:
         friction = prescribed_friction(mechanics, multipliers, responses)
         return multipliers + friction @ responses, friction
 
+    @np.errstate(over="ignore", invalid="ignore")  # of what is not finite, see below
     def deformed(self, z: Array) -> StateVectors | None:
         """The closed state near z whose elastic coordinates are in equilibrium."""
         size, first, measured = np.inf, np.inf, False

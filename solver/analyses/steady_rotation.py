@@ -365,6 +365,7 @@ class _SteadyRotationSearch:
             "them without symmetry, or that whirl and do not turn, as housings do"
         )
 
+    @np.errstate(over="ignore", invalid="ignore")  # callers judge what it becomes
     def _residual(
         self,
         z: Array,

@@ -231,6 +231,8 @@ def lose_direction(data: dict[str, np.ndarray]) -> None:
         (lambda data: data.pop("dofs"), "dofs: is missing"),
         (lambda data: data["dofs"].__setitem__(0, [999, 1]), "belongs to node 999"),
         (lambda data: data["dofs"].__setitem__(0, [2, 1]), "direction 1 twice"),
+        (lambda data: data["mass"].__setitem__((0, 0), 1e20), "mass: has a row"),
+        (lambda data: data["nodes"].__setitem__((0, 0), 1.5), "nodes: has a row"),
     ],
 )
 def test_unsound_matrices(

@@ -179,10 +179,11 @@ def test_a_frame_whose_marker_moves_is_refused() -> None:
     assert_allclose(tangent_frame(body, both).origin, [1, 0, 0])
 
 
-def test_a_point_cannot_clamp_a_body() -> None:
+@pytest.mark.parametrize("height", [0.0, 1e-12])
+def test_a_point_cannot_clamp_a_body(height: float) -> None:
     """A triangle, its left edge collapsed: no rotation to hold there."""
     data = rod_data()
-    data["geometry"]["control_points"][0] = [[0, 0], [0, 0]]
+    data["geometry"]["control_points"][0] = [[0, -height], [0, height]]
     data["geometry"]["control_points"][1] = [[0.5, -0.1], [0.5, 0.1]]
     with pytest.raises(InputError, match="markers.crank_pin: the geometry degenerates"):
         finite_element_model(rod(Q4, geometry=data["geometry"]))
