@@ -334,14 +334,16 @@ class StickSlipEvents(StickSlipDecision):
         output = self.friction_output(*states)
         margins, bounds = self._margins(states, output), self._margin_bounds(output)
         first, changing = np.inf, list[int]()
-        sticking = np.flatnonzero(self._is_sticking)
+        count = len(self.friction_state)
+        moves = margins[0, :count] < -self.is_at_rest  # with a rate that is rounding
+        leaves_bound = np.flatnonzero(self._is_sticking | moves)
         for j, bound in enumerate(bounds):
             negative = np.flatnonzero(margins[:, j] < -bound)
             if not len(negative):
                 continue
             last = int(negative[0])
             before = np.flatnonzero(margins[:last, j] > 0.0)
-            if len(before) or last == 0 or j not in sticking:
+            if len(before) or last == 0 or j not in leaves_bound:
                 begin = int(before[-1]) if len(before) else 0
                 time = self._change_time(steps, j, begin, last)
             else:  # a joint without load, whose limit and force are zero until then
@@ -350,7 +352,6 @@ class StickSlipEvents(StickSlipDecision):
                 first, changing = time, []
             if time <= first:
                 changing.append(j)
-        count = len(self.friction_state)
         self.changing_joints = [j for j in changing if j < count]
         self.reversing_contacts = [j - count for j in changing if j >= count]
         return first if changing else None

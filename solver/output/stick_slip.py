@@ -42,7 +42,8 @@ LIMIT_TOLERANCE = 1e-9
 MAX_SIMULTANEOUS = 100
 #: Progress in time that is none, relative to the time and the span of a run.
 TIME_ROUNDING = 4.0 * float(np.finfo(float).eps)
-#: A joint that was seen to break loose does so also where its limit seems so far.
+#: A joint that was seen to break loose does so also where its limit seems so far, or as
+#: far as the tolerance of the run.
 OBSERVED_SLIP = 1e-6
 #: A joint turns round where to stop it would take so many times what its load holds.
 CLEAR_REVERSAL = 2.0
@@ -378,10 +379,11 @@ class StickSlipDecision:
         Parameters
         ----------
         observed_slips
-            Joints that were seen to break loose.
+            Joints that were seen to break loose. Once released they may be braked:
+            their limit is met but for rounding, and to hold them again is no way out.
         """
         slip_direction = self.friction_state[:, at.SLIP_DIRECTION]
-        held = np.zeros(len(slip_direction), bool)
+        held, may_brake = np.zeros((2, len(slip_direction)), bool)
         for _ in range(4 * len(slip_direction) + 1):
             self._mark_shared()
             output = self.friction_output(*states)[0]
@@ -400,7 +402,7 @@ class StickSlipDecision:
             negligible = self._negligible()
             excess = np.abs(output[:, OUTPUT_FRICTION]) - limits - negligible
             excess[observed_slips] += (
-                OBSERVED_SLIP * limits[observed_slips]
+                self._observed_margin * limits[observed_slips]
                 + 2.0 * negligible[observed_slips]
             )
             excess[~self._is_sticking | held] = -np.inf
@@ -409,12 +411,15 @@ class StickSlipDecision:
                 slip_direction[most_loaded] = -np.sign(
                     output[most_loaded, OUTPUT_FRICTION]
                 )
+                may_brake[most_loaded] = most_loaded in observed_slips
                 continue
             least = self.memory.friction_P.diagonal() * (
                 LIMIT_TOLERANCE * limits + negligible
             )
-            must_stick = at_rest & (
-                slip_direction * output[:, OUTPUT_ACCELERATION] < -least
+            must_stick = (
+                at_rest
+                & ~may_brake
+                & (slip_direction * output[:, OUTPUT_ACCELERATION] < -least)
             )
             if not must_stick.any():
                 return True
@@ -475,16 +480,28 @@ class StickSlipDecision:
         """
         forces = self.released_forces(states, group)[:, 0]
         bound = self.group_bound(group, load)
-        if forces.max() <= (-bound if observed else bound):
+        if observed:
+            bound = -bound - self._observed_margin * self._group_limit(group, load)
+        if forces.max() <= bound:
             return False
         self._let_slide(group, (1.0, -1.0)[int(forces.argmax())])
         return True
 
     def group_bound(self, group: JointGroup, load: Array) -> float:
         """Force along the first coordinate of a group that is rounding."""
+        negligible = float(self._negligible()[group.joints[0]])
+        return LIMIT_TOLERANCE * self._group_limit(group, load) + negligible
+
+    def _group_limit(self, group: JointGroup, load: Array) -> float:
+        """What holds a group at most, along its first coordinate."""
         limits = self.rest_speed * load
-        limit = float(np.abs(group.ratios) @ limits[group.joints])
-        return LIMIT_TOLERANCE * limit + float(self._negligible()[group.joints[0]])
+        return float(np.abs(group.ratios) @ limits[group.joints])
+
+    @property
+    def _observed_margin(self) -> float:
+        """See `OBSERVED_SLIP`: at the instant that steps show, the constraints are
+        closed once more, which moves what a joint holds by a part of the tolerance."""
+        return max(OBSERVED_SLIP, self.rtol)
 
     def _negligible(self) -> Array:
         """Friction forces that are rounding, (n_frictions,).
