@@ -73,8 +73,7 @@ NAMES = [
 ]
 
 
-@pytest.mark.parametrize("error", [0.0, 1.25e-5])
-@pytest.mark.parametrize("width", [5.2, 7.5])
+@pytest.mark.parametrize(("error", "width"), [(1.25e-5, 5.2), (0.0, 7.5)])
 def test_legends_and_labels_of_many_outputs(error: float, width: float) -> None:
     t = np.linspace(0.0, 1.0, 50)
     columns = {name: np.sin(k * t) for k, name in enumerate(NAMES)}
@@ -160,8 +159,9 @@ def test_names_of_many_markers_of_a_model(pages: list[Any]) -> None:
     assert f"{left} of 32 names of markers have no room in the picture" in notes
 
 
-@pytest.mark.parametrize("decades", [0.4, 1.5, 4.0])
-@pytest.mark.parametrize("over", ["integrator", "modes"])
+@pytest.mark.parametrize(
+    ("over", "decades"), [("integrator", 0.4), ("integrator", 4.0), ("modes", 1.5)]
+)
 def test_studies_of_many_points(over: str, decades: float, pages: list[Any]) -> None:
     rng = np.random.default_rng(1)
     points = [
