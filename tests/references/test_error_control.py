@@ -14,8 +14,8 @@ from sidtool.solver.system.errors import SimulationError
 
 from .error_control import CASES, compiled, relative_error
 
-TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-7, 1e-10)
-LOOSE = (1e-3, 1e-4, 1e-5)
+TOLERANCES = (1e-3, 1e-6, 1e-10)
+LOOSE = (1e-3, 1e-5)
 HONEST = 10.0
 
 
