@@ -87,6 +87,19 @@ method_option = click.option(
 verbose_option = click.option(
     "-v", "--verbose", is_flag=True, help="Print all rows of long tables."
 )
+#: Largest number of rows of a table on a screen.
+MAX_ROWS = 38
+
+
+def table_on_screen(report: Callable[[int | None], str], verbose: bool) -> str:
+    """Return a report with as many rows as fit on a screen, or with all.
+
+    report : returns the text with at most so many rows in each table
+    """
+    from sidtool.formats.text import fit_on_screen
+
+    return report(None) if verbose else fit_on_screen(report, MAX_ROWS)
+
 
 rigid_option = click.option(
     "--rigid",

@@ -28,7 +28,9 @@ from .common import (
     print_on_stderr,
     print_result,
     read_scene_with_changes,
+    table_on_screen,
     threads_option,
+    verbose_option,
 )
 from .study import print_progress
 
@@ -70,6 +72,7 @@ if TYPE_CHECKING:
 @method_option
 @changes_option
 @force_option
+@verbose_option
 def sensitivity(
     file: Path,
     variables: tuple[str, ...],
@@ -79,6 +82,7 @@ def sensitivity(
     method: str,
     changes: tuple[str, ...],
     force: bool,
+    verbose: bool,
 ) -> None:
     """Differentiate a motion by numbers of its SCENE, or a body by those of its MODEL.
 
@@ -143,7 +147,9 @@ def sensitivity(
     from ..pipeline.files import expect_kind
 
     if expect_kind(file, "scene", "model") == "model":
-        _model_sensitivity(file, variables, functionals, output, changes, force)
+        _model_sensitivity(
+            file, variables, functionals, output, changes, force, verbose
+        )
         return
     from ..api.sensitivity import sensitivity as differentiate
 
@@ -160,7 +166,7 @@ def sensitivity(
             method=method,
             progress=lambda key, done, count: say(key, done, count, None),
         )
-    print_result(found.report(), found.data)
+    print_result(table_on_screen(found.report, verbose), found.data)
     if output is not None:
         found.save(output)
         click.echo(f"{output} written")
@@ -175,6 +181,7 @@ def _model_sensitivity(
     output: Path | None,
     changes: tuple[str, ...],
     force: bool,
+    verbose: bool,
 ) -> None:
     """Differentiate a body by numbers of its model."""
     from sidtool.formats.file_names import kind_by_ending
@@ -192,7 +199,7 @@ def _model_sensitivity(
     found, derivatives = model_sensitivities(
         model, variables, quantities or DEFAULT_QUANTITIES
     )
-    print_result(found.report(), found.data)
+    print_result(table_on_screen(found.report, verbose), found.data)
     if output is not None:
         (derivatives if kind == "derivatives" else found).save(output)
         click.echo(f"{output} written")

@@ -33,6 +33,7 @@ from .common import (
     print_on_stderr,
     print_result,
     read_scene_with_changes,
+    table_on_screen,
     verbose_option,
 )
 
@@ -370,6 +371,7 @@ def _print_study(
 )
 @changes_option
 @force_option
+@verbose_option
 def sweep(
     scene: Path,
     over: tuple[str, ...],
@@ -379,6 +381,7 @@ def sweep(
     dask: str | None,
     changes: tuple[str, ...],
     force: bool,
+    verbose: bool,
 ) -> None:
     """Simulate a SCENE for values of its design parameters.
 
@@ -445,7 +448,7 @@ def sweep(
             rest = _finished_files_text("run", folder, folder)
             print_on_stderr(f"sidtool: {scene}: {why}; {rest}", [str(scene)])
             raise click.exceptions.Exit(128 + stop.number) from None
-    print_result(result.report(), result.data)
+    print_result(table_on_screen(result.report, verbose), result.data)
     if result.failed:
         runs = counted_noun(len(result.points), "run")
         count = f"{len(result.failed)} of {runs} failed"

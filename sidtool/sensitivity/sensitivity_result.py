@@ -131,15 +131,18 @@ class Sensitivities:
             else (f"{above or '1'}/{below}" if below else above)
         )
 
-    def report(self) -> str:
-        """Return the table as text, as `sidtool sensitivity` prints it."""
+    def report(self, most: int | None = None) -> str:
+        """Return the table as text, as `sidtool sensitivity` prints it.
+
+        most : largest number of variables of each functional, if it is limited
+        """
         from ..report.tables import text_table
 
         parts = []
         for i, of in enumerate(self.functionals):
             unit = self.units.get(of, "")
             parts.append(f"{of} = {self.values[i]:.9g} {unit}".rstrip())
-            parts.append(text_table(self._header, self._lines(i)))
+            parts.append(text_table(self._header, self._lines(i), most))
             parts.append("")
         cost = ""
         if self.runs:

@@ -185,12 +185,15 @@ class Sweep(Mapping[str, np.ndarray]):
         table.attrs["units"] = dict(self.units)
         return table
 
-    def report(self) -> str:
-        """Return the table as text, as `sidtool sweep` prints it."""
+    def report(self, most: int | None = None) -> str:
+        """Return the table as text, as `sidtool sweep` prints it.
+
+        most : largest number of rows, if it is limited
+        """
         from ..report.diagnostics import table_of_codes
         from ..report.tables import text_table
 
-        table: str = text_table(self._shown(), self._rows())
+        table: str = text_table(self._shown(), self._rows(), most)
         codes = table_of_codes(self.runs)
         return f"{table}\n\n{codes}" if codes else table
 

@@ -14,10 +14,11 @@ from scipy.special import ellipk
 
 import sidtool
 from sidtool.api.sweep import sweep
+from sidtool.cli.common import table_on_screen
 from sidtool.cli.main import run
 from sidtool.formats.base.errors import InputError
 from sidtool.study import StudyInterrupted
-from sidtool.sweep import Sweep
+from sidtool.sweep import Sweep, SweepPoint
 from sidtool.sweep.design import parse_axes
 from tests.codes import unwrapped, with_code
 
@@ -101,6 +102,15 @@ def test_a_run_beyond_linear_theory_is_seen_among_others() -> None:
     assert has_code == [False, True]
     assert found.data()["codes"]["N411"] == 1 and with_code(found, "N411")
     assert "N411" in found["message"][1] and "1 of 2" in found.report()
+
+
+def test_a_long_sweep_fits_on_a_screen() -> None:
+    """45 lines, the first rows; `-v` has all of 60."""
+    points = [SweepPoint({"h": float(k)}, {"y.max": 1.0}) for k in range(60)]
+    found = Sweep(points=tuple(points), axes=("h",), measures=("y.max",))
+    text = table_on_screen(found.report, verbose=False)
+    assert len(text.splitlines()) <= 45 and "... and 22 more (-v prints all)" in text
+    assert len(table_on_screen(found.report, verbose=True).splitlines()) == 62
 
 
 def test_deflection_of_a_cantilever_over_load_and_height_of_its_model(
