@@ -15,8 +15,6 @@ from sidtool.formats.result import FlexibleBody, Result, units_in
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.toml.files import File
 
-from .sid import natural_modes
-
 if TYPE_CHECKING:
     from sidtool.solver.analyses.static_equilibrium import Equilibrium
     from sidtool.solver.system.errors import SimulationError
@@ -46,6 +44,8 @@ def content_data(content: Any) -> Any:
 
 def sid_data(sid: SID) -> dict[str, Any]:
     """Return sizes, mass properties, modes and nodes of a SID."""
+    from .sid import natural_modes  # loads the eigensolvers
+
     return {
         "title": sid.title,
         "written_by": sid.written_by or None,

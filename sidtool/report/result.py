@@ -28,9 +28,9 @@ from sidtool.formats.result import (
 from sidtool.formats.text import counted_noun, fit_on_screen, wrapped
 
 from .diagnostics import diagnostic_lines, severity_counts
-from .sid import label_without_frequency
 from .tables import (
     TextBlock,
+    label_without_frequency,
     text_table,
     title_line,
     without_rounding,

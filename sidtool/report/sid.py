@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -28,7 +27,13 @@ from sidtool.formats.text import counted_noun, fit_on_screen
 from ..eigensolvers.eigenpairs import equal_frequencies, rotation_to_axes
 from ..validate.frequencies import held_modes, to_hertz
 from .diagnostics import severity_counts
-from .tables import format_numbers, named_values, text_table, title_line
+from .tables import (
+    format_numbers,
+    label_without_frequency,
+    named_values,
+    text_table,
+    title_line,
+)
 
 if TYPE_CHECKING:
     from sidtool.formats.model import ModelFile
@@ -208,14 +213,6 @@ def _mode_row(number: int, mode: NaturalMode, sid: SID) -> list[str]:
         f"{100 * mode.contribution:.2f}",
         label_without_frequency(mode.label, mode.frequency),
     ]
-
-
-def label_without_frequency(label: str, frequency: float) -> str:
-    """Return a label without the frequency [Hz] that it names, if it is this one."""
-    parts = re.split(r" : ([\d.]+) Hz,? ?", label, maxsplit=1)
-    if len(parts) < 3 or abs(float(parts[1]) - frequency) > 1e-3 * frequency:
-        return label
-    return ", ".join(filter(None, parts[::2]))
 
 
 def _node_rows(sid: SID) -> list[list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
@@ -191,3 +192,11 @@ def _table_lines(
 
 def _is_number(cell: str) -> bool:
     return not cell or cell[0] in "+-.0123456789"
+
+
+def label_without_frequency(label: str, frequency: float) -> str:
+    """Return a label without the frequency [Hz] that it names, if it is this one."""
+    parts = re.split(r" : ([\d.]+) Hz,? ?", label, maxsplit=1)
+    if len(parts) < 3 or abs(float(parts[1]) - frequency) > 1e-3 * frequency:
+        return label
+    return ", ".join(filter(None, parts[::2]))
