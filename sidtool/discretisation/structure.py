@@ -437,6 +437,9 @@ def _least_energies(body: FiniteElementModel, count: int) -> tuple[Array, Array]
     )
     stiffness = sp.csr_matrix(free.T @ body.stiffness @ free)
     size, diagonal = stiffness.shape[0], stiffness.diagonal()
+    # one that is a rigid motion by itself has the scale of what follows it
+    parts = free.power(2).T @ body.stiffness.diagonal()
+    diagonal = np.where(diagonal > 1e-12 * parts, diagonal, parts)
     count = min(count, size)
     if diagonal.min() <= 0:
         unit = np.eye(size, 1, -int(diagonal.argmin()))

@@ -10,7 +10,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 
-from ...mesh.connections import BarSection, RawBar, Vector
+from ...mesh.connections import BarSection, RawBar, RawEquation, Vector
 from .cards import Card, is_real
 from .content import BarProperty, BulkData, duplicate_error
 
@@ -82,16 +82,15 @@ def bars_of(content: BulkData) -> tuple[RawBar, ...]:
     return elements
 
 
-def check_twist(content: BulkData, bars: tuple[RawBar, ...]) -> None:
-    """Check that bars on one line resist torsion, as nothing else holds them there.
-
-    Raises
-    ------
-    InputError : J of bars alone on one line is zero.
+def with_rigid_twist(
+    content: BulkData, bars: tuple[RawBar, ...]
+) -> tuple[tuple[RawBar, ...], tuple[RawEquation, ...]]:
+    """The bars and equations that turn the ends of bars without torsion alike, if all
+    bars are on one line, where nothing else holds them (as AUTOSPC does).
     """
-    loose = [bar for bar in bars if bar.label in content.torsionless]
+    loose = content.torsionless.intersection(bar.label for bar in bars)
     if not loose or content.elements or content.springs or content.couplings:
-        return
+        return bars, ()
     places = np.array(
         [
             np.add(content.nodes[n], share * np.array(offset))
@@ -100,14 +99,24 @@ def check_twist(content: BulkData, bars: tuple[RawBar, ...]) -> None:
             for share in (0, 1)
         ]
     )
-    sizes = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-    if sizes[1] <= _ON_LINE * sizes[0]:
-        raise InputError(
-            f"bar {loose[0].label} is on one line with all others and has no torsion, "
-            "so that nothing holds the rotation of its nodes about the line",
-            place=loose[0].place,
-            expected="J above zero in its property",
-        )
+    _, sizes, axes = np.linalg.svd(places - places.mean(axis=0))
+    if sizes[1] > _ON_LINE * sizes[0]:
+        return bars, ()
+    content.unread_keywords["J = 0 of bars on one line: their twist is rigid"] = None
+    x, y, z = axes[0].tolist()
+    turned, equations = [], []
+    for bar in bars:
+        if bar.label in loose:
+            first, second = bar.nodes
+            ends = (first, (x, y, z)), (second, (-x, -y, -z))
+            equations.append(RawEquation((), bar.place, ends))
+            # any torsion: its polar inertia remains
+            section = replace(bar.section, torsion=bar.section.iy or bar.section.iz)
+            first_pins, second_pins = ({*pins} - {4} for pins in bar.pins)
+            pins = (tuple(sorted(first_pins)), tuple(sorted(second_pins)))
+            bar = replace(bar, section=section, pins=pins)
+        turned.append(bar)
+    return tuple(turned), tuple(equations)
 
 
 def _read_bar(content: BulkData, card: Card) -> RawBar:

@@ -33,7 +33,7 @@ from ...mesh.imported_mesh import (
 )
 from ...mesh.reference_elements import reference_element
 from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
-from .bars import bar, bar_defaults, bars_of, check_twist, fill_bar_defaults
+from .bars import bar, bar_defaults, bars_of, fill_bar_defaults, with_rigid_twist
 from .cards import CASE_CONTROL, Card, current_cards, read_cards
 from .constraints import (
     equations_of,
@@ -524,8 +524,8 @@ def _structure(content: BulkData) -> ImportedMesh:
     with stops.collect_errors():
         equations = equations_of(content)
     with stops.collect_errors():
-        bars = bars_of(content)
-        check_twist(content, bars)
+        bars, twists = with_rigid_twist(content, bars_of(content))
+        equations = (*equations, *twists)
     for coupling in content.couplings:
         with stops.collect_errors():
             _check_axes(content, coupling)

@@ -16,6 +16,7 @@ from sidtool.importers.nastran.bar_sections import section_of
 from sidtool.importers.nastran.bulk_data import read_bdf
 from sidtool.mesh.unit_systems import unit_system
 from sidtool.pipeline.model_to_sid import sid_from_model
+from tests.codes import only
 
 from ..decks import frequencies
 from .decks import AREA, IY, IZ, MATERIAL, RHO, TORSION, E, body, bulk, grids, model
@@ -302,12 +303,19 @@ def test_pins_beside_a_hinge_about_a_principal_axis_are_refused(tmp_path: Path) 
         read_bdf(tmp_path / "part.bdf")
 
 
-def test_bars_on_one_line_without_torsion_are_named(tmp_path: Path) -> None:
-    """The body has no inertia about its line there, whatever its density is."""
-    places = np.outer([0.0, 0.3, 0.7, 1.0], [0.3, -0.5, 0.8])
-    bars = [f"CBAR,{k},1,{k},{k + 1},0.9,0.1,0." for k in (1, 2, 3)]
+@pytest.mark.parametrize("axis", [(0.3, -0.5, 0.8), (1.0, 0.0, 0.0)])
+def test_bars_on_one_line_without_torsion_turn_about_it_as_one(
+    axis: tuple[float, float, float], tmp_path: Path
+) -> None:
+    """They bend as those with torsion do, and have the same inertia."""
+    places = np.outer([0.0, 0.3, 0.7, 1.0], axis)
+    bars = [f"CBAR,{k},1,{k},{k + 1},0.1,0.9,0." for k in (1, 2, 3)]
     pbar = f"PBAR,1,1,{AREA!r},{IZ!r},{IY!r}"
-    with pytest.raises(InputError, match="bar 1 .* J above zero"):
-        body(tmp_path, bulk(*grids(places), *bars, pbar, MATERIAL))
-    pbar += f",{TORSION!r}"
-    assert body(tmp_path, bulk(*grids(places), *bars, pbar, MATERIAL)).mass > 0
+    cards = [*grids(places), *bars, MATERIAL]
+    rigid, twisted = (
+        body(tmp_path, bulk(*cards, pbar + end)) for end in ("", f",{TORSION!r}")
+    )
+    assert "J = 0" in str(only(rigid, "N112").data)
+    size = np.abs(twisted.J.m0).max()
+    assert_allclose(rigid.J.m0, twisted.J.m0, atol=1e-12 * size)
+    assert_allclose(frequencies(rigid)[:4], frequencies(twisted)[:4], rtol=1e-9)
