@@ -23,7 +23,7 @@ _MOMENTS = 6
 
 
 def read_coupling(deck: Deck, block: Block) -> None:
-    """*COUPLING, *RIGID BODY, *KINEMATIC COUPLING."""
+    """*COUPLING, *RIGID BODY, *KINEMATIC COUPLING, *DISTRIBUTING COUPLING."""
     deck.coupling_definitions.append(CouplingDefinition(block, deck.scope))
 
 
@@ -88,6 +88,10 @@ def _make_couplings(
     block, options = definition.block, definition.block.options
     name = deck.name(options.get("CONSTRAINT NAME", "")) or f"{block.keyword} {number}"
     rigid = definition.kind is None or definition.kind.keyword == "KINEMATIC"
+    reference = options.get("REF NODE")
+    if block.keyword == "DISTRIBUTING COUPLING":
+        own, node = _weighted_nodes(deck, definition, body, instance)
+        return [RawCoupling(name, False, tuple(dict.fromkeys(own)), node, block.place)]
     if block.keyword == "COUPLING":
         if definition.kind is None:
             raise InputError(
@@ -111,7 +115,6 @@ def _make_couplings(
             groups.setdefault(held, []).extend(own)
     else:
         groups = _rigid_body_couplings(deck, definition, body, instance)
-    reference = options.get("REF NODE")
     label = (
         None
         if reference is None
@@ -176,6 +179,37 @@ def _surface_coupling(
         expected="a *SURFACE of faces S1, S2, ... of solids, of sides SPOS, SNEG or "
         "edges E1, E2, ... of shells, or of nodes",
     )
+
+
+def _weighted_nodes(
+    deck: Deck, definition: CouplingDefinition, body: Namespace, instance: str
+) -> tuple[list[int], int]:
+    """Return the nodes of *DISTRIBUTING COUPLING, and that of its element DCOUP3D.
+
+    Raises
+    ------
+    InputError : it has not one element, or nodes of different weights.
+    """
+    block = definition.block
+    name = deck.name(block.options.get("ELSET", ""))
+    labels = [label for _, label in definition.scope.elsets.get(name, [])]
+    elements = defined_elements(deck, body, labels, f"the coupling {name!r}")
+    weights = {
+        parse_numbers(words[1:2], place, "a weight")[0] for words, place in block.rows
+    }
+    if len(elements) != 1 or len(weights) != 1 or min(weights) <= 0:
+        raise InputError(
+            f"*DISTRIBUTING COUPLING has {len(elements)} elements and "
+            f"{len(weights)} different weights",
+            place=block.place,
+            expected="one element DCOUP3D, and nodes of one weight above zero",
+        )
+    nodes = [
+        n
+        for words, _ in block.rows
+        for n in resolve_nodes(deck, definition.scope, instance, words[0])
+    ]
+    return nodes, elements[0].nodes[0]
 
 
 def _rigid_body_couplings(

@@ -41,9 +41,11 @@ _KINDS = {
 _SUFFIXES = "IRHMTSEPLV"
 #: Types of point masses and of their inertia.
 POINTS = ("MASS", "ROTARYI")
+#: Types of reference nodes of *DISTRIBUTING COUPLING.
+REFERENCES = ("DCOUP2D", "DCOUP3D")
 #: Types of lines, triangles and quadrilaterals that pre-processors leave in a deck.
 _LOWER = {
-    **dict.fromkeys(POINTS, (0, 1)),
+    **dict.fromkeys((*POINTS, *REFERENCES), (0, 1)),
     **dict.fromkeys(("T2D2", "T3D2", "B21", "B31", "B31R", "SPRINGA"), (1, 2)),
     **dict.fromkeys(("T3D3", "T2D3", "B22", "B32", "B32R"), (1, 3)),
     **dict.fromkeys(("S3", "S3R", "M3D3", "STRI3", "SFM3D3", "R3D3"), (2, 3)),
@@ -129,7 +131,6 @@ _FOREIGN = (
     (r"CAX|SAX|MAX|RAX", "is axisymmetric", "the whole body in solids"),
     (r"CG?PEG|CGAX", "has generalised plane strain", "CPE or solids"),
     (r"SPRING|DASHPOT|GAP|CONN", "joins two points", "a force between markers"),
-    (r"DCOUP", "couples nodes", "*COUPLING with *DISTRIBUTING"),
     (r"COH|C3D\d+P", "is not elastic alone", "elements with displacements"),
 )
 

@@ -257,8 +257,13 @@ def _multi_point_constraints(
     positions: dict[int, tuple[float, float, float]],
     turning: bool,
 ) -> Iterator[RawEquation | RawCoupling]:
+    is_mean = False
     for words, place in definition.block.rows:
         kind, *names = [word for word in words if word]
+        is_mean = kind.upper() == "MEANROT" or (is_mean and kind == "0")
+        if is_mean:
+            deck.unread_keywords["*MPC MEANROT: a mean rotation holds nothing"] = None
+            continue
         groups = [
             labels_named(deck, definition, body, instance, name) for name in names
         ]

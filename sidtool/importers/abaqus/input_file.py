@@ -269,6 +269,7 @@ _READERS = {
     "TIE": read_tie,
     **dict.fromkeys(("EQUATION", "MPC", "TRANSFORM"), read_equation),
     **dict.fromkeys(("COUPLING", "RIGID BODY", "KINEMATIC COUPLING"), read_coupling),
+    "DISTRIBUTING COUPLING": read_coupling,
 }
 
 

@@ -188,6 +188,7 @@ READ: dict[str, tuple[str, ...]] = {
     "KINEMATIC": (),
     "DISTRIBUTING": ("COUPLING", "WEIGHTING METHOD", "CYCLIC SYMMETRY"),
     "KINEMATIC COUPLING": ("REF NODE",),
+    "DISTRIBUTING COUPLING": ("ELSET",),
     "RIGID BODY": (
         *("NSET", "TIE NSET", "PIN NSET", "ELSET"),
         *("REF NODE", "ROT NODE", "POSITION"),
@@ -265,7 +266,6 @@ _ALTERNATIVES = {
     _without_blanks(keyword): advice
     for keyword, advice in {
         "CYCLIC SYMMETRY MODEL": "a mesh of the whole body",
-        "DISTRIBUTING COUPLING": "a marker with a distributing tie",
         "NONSTRUCTURAL MASS": "densities that hold all mass",
         "SPRING": "a force in the scene between markers",
         "DASHPOT": "a force in the scene between markers",

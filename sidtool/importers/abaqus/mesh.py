@@ -21,6 +21,7 @@ from ...mesh.imported_mesh import (
 from .couplings import couplings_of, masses_of, reference_labels
 from .deck import (
     POINTS,
+    REFERENCES,
     Deck,
     Element,
     Member,
@@ -127,7 +128,8 @@ def _body_scope(deck: Deck) -> tuple[Namespace, str]:
                 expected="an *INSTANCE that names the part which is the body",
             )
         return deck.assembly, ""
-    own = [e for e in deck.assembly.elements.values() if e.given not in POINTS]
+    points = (*POINTS, *REFERENCES)
+    own = [e for e in deck.assembly.elements.values() if e.given not in points]
     if own:
         element = own[0]
         raise InputError(
@@ -178,6 +180,8 @@ def _split_elements(
     solids, plates, name_only = [], [], []
     for element in elements:
         section = sections.get(element.label)
+        if element.given in REFERENCES:
+            continue
         of_shell = section is not None and section.is_shell
         if element.type.kind and element.type.dimension == top and not of_shell:
             solids.append(element)

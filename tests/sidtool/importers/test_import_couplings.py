@@ -278,6 +278,33 @@ def test_means_of_some_directions_leave_the_body_as_it_is(tmp_path: Path) -> Non
         body(tmp_path, text, file="part.inp")
 
 
+def test_a_reference_element_takes_a_mean_motion(tmp_path: Path) -> None:
+    """DCOUP3D of CalculiX is *DISTRIBUTING of equal weights; MEANROT holds nothing."""
+    block = Block(COUNTS, SIZE)
+    nodes = "".join(f"{n}, 2.0\n" for n in block.right)
+    end = "*NODE\n9000, 0.7, 0.03, 0.01\n"
+    text = f"{end}*ELEMENT, TYPE=DCOUP3D, ELSET=R\n9001, 9000\n"
+    text += f"*DISTRIBUTING COUPLING, ELSET=R\n{nodes}"
+    text += "*MPC\nMEANROT, 1, 1, 1, 2, 2, 2\n0, 3, 3, 3, 9000\n"
+    markers = {"p": {"node": 7, "mesh_node": 9000}}
+    sid = body(tmp_path, flat(block, text), file="part.inp", markers=markers)
+    assert "*MPC MEANROT" in str(only(sid, "N112").data)
+    names = "".join(f"{n},\n" for n in block.right)
+    text = f"{end}*SURFACE, NAME=S, TYPE=NODE\n{names}*COUPLING, CONSTRAINT NAME=C, "
+    text += "REF NODE=9000, SURFACE=S\n*DISTRIBUTING\n"
+    same = body(tmp_path, flat(block, text), file="part.inp", markers=markers)
+    assert_allclose(sid.nodes[-1].phi.m0, same.nodes[-1].phi.m0, rtol=1e-12, atol=1e-15)
+    assert_allclose(sid.nodes[-1].psi.m0, same.nodes[-1].psi.m0, rtol=1e-12, atol=1e-15)
+
+
+def test_unequal_weights_of_a_reference_element_are_refused(tmp_path: Path) -> None:
+    block = Block(COUNTS, SIZE)
+    text = "*NODE\n9000, 0.7, 0.03, 0.01\n*ELEMENT, TYPE=DCOUP3D, ELSET=R\n9001, 9000\n"
+    text += "*DISTRIBUTING COUPLING, ELSET=R\n1, 2.0\n2, 1.0\n"
+    with pytest.raises(InputError, match="2 different weights"):
+        body(tmp_path, flat(block, text), file="part.inp")
+
+
 def test_a_part_where_its_instance_has_it(tmp_path: Path) -> None:
     """Moved by (1, 2, 3), then turned by 90 degrees about an axis along z."""
     block = Block(COUNTS, SIZE)

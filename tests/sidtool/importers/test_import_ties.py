@@ -291,7 +291,7 @@ def test_a_clamp_may_lie_on_a_tied_side(slave: str, tmp_path: Path) -> None:
         ("*EQUATION\n2\n1, 1, 1.\n", "terms"),
         ("*EQUATION\n2\n1, 1, 1., 3, 1\n", "entries"),
         ("*EQUATION\n2\n1, 1, 1., 77, 1, -1.\n", "77"),
-        ("*MPC\nMEANROT, 1, 1, 1, 3\n", "MEANROT"),
+        ("*MPC\nSTRAIGHT, 1, 2, 3\n", "STRAIGHT"),
         ("*MPC\nTIE, 1, 3\n", "resists a rigid motion"),
         ("*TIE, NAME=T\nNO, B\n", "names the surface 'NO'"),
         ("*TIE, NAME=T, CYCLIC SYMMETRY\nNO, B\n", "cyclic symmetry"),
