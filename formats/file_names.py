@@ -100,7 +100,9 @@ OUTPUT_KINDS = {
     "derivatives": OutputFileKind("a SID with derivatives (HDF5)", _HDF5, chooses=True),
     "study": OutputFileKind("a study (JSON)", (".json",)),
     "optimisation": OutputFileKind(
-        "a history (JSON) or its picture (PNG, SVG or PDF)", (".json",), chooses=True
+        "numbers (JSON), their picture (PNG, SVG or PDF) or a report (HTML)",
+        (".json",),
+        chooses=True,
     ),
     "unit": OutputFileKind("a functional mock-up unit (FMU)", (".fmu",), chooses=True),
     "folder": OutputFileKind("a folder", ()),
@@ -117,6 +119,13 @@ OUTPUT_KINDS = {
         (".mat", ".op4", ".dmig", ".bdf", ".dat", ".fem", ".npz"),
         chooses=True,
     ),
+}
+#: Kinds that a command writes instead, by the ending.
+INSTEAD = {
+    "sweep": ("picture",),
+    "response": ("picture",),
+    "campbell": ("picture",),
+    "optimisation": ("picture", "page"),
 }
 #: Endings of files that people or other programs write.
 _OTHERS = {".toml", ".py", ".inp", ".msh", ".bdf", ".jpg", ".jpeg", ".vtk", ".vtu"}
@@ -148,9 +157,8 @@ def check_ending(path: str | os.PathLike[str], kind: str, place: str = "") -> No
     )
     expected = f"an ending such as {written.endings[0]}"
     if written.chooses:
-        has_picture = kind in ("sweep", "response", "campbell")
-        pictures = OUTPUT_KINDS["picture"].endings if has_picture else ()
-        expected = f"an ending out of {', '.join((*written.endings, *pictures))}"
+        others = [OUTPUT_KINDS[other].endings for other in INSTEAD.get(kind, ())]
+        expected = f"an ending out of {', '.join(sum(others, written.endings))}"
     raise InputError(
         f"is to hold {written.name}, which {reason}",
         source=path,

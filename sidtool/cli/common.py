@@ -17,7 +17,12 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.file_names import OUTPUT_KINDS, check_ending, kind_by_ending
+from sidtool.formats.file_names import (
+    INSTEAD,
+    OUTPUT_KINDS,
+    check_ending,
+    kind_by_ending,
+)
 from sidtool.formats.storage.operating_system import (
     STANDARD_OUTPUT,
     is_open_in_other_program,
@@ -140,9 +145,9 @@ def result_target(path: Path | None) -> Target:
 
 def picture_target(path: Path | None, kind: str) -> Target:
     """Return the target of an option -o that takes a file of a kind or, by its ending,
-    its picture.
+    its picture, or its report.
     """
-    return Target("-o", path, kind_by_ending(path, kind, "picture"))
+    return Target("-o", path, kind_by_ending(path, kind, *INSTEAD[kind]))
 
 
 def read_scene_with_changes(path: Path, changes: Sequence[str]) -> Scene:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -196,10 +196,6 @@ def report(result: Path, output: Path, fields: tuple[str, ...], force: bool) -> 
         raise error.located(result) from None
     print_remarks(notes)
     click.echo(f"{output} written")
-
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command()

@@ -214,8 +214,8 @@ def _model_sensitivity(
     type=output_path,
     multiple=True,
     help=(
-        "File to write: history (.json) or its picture (.png, .svg, .pdf); may be given"
-        " for each."
+        "File to write: history (.json), its picture (.png, .svg, .pdf), or a report"
+        " (.html); may be given for each."
     ),
 )
 @click.option(
@@ -269,7 +269,7 @@ def optimise(
     \b
     Examples:
       sidtool optimise design.toml
-      sidtool optimise design.toml -o history.json -o history.png
+      sidtool optimise design.toml -o history.json -o report.html
       sidtool optimise design.toml -o history.json --continue
 
     Exit status: 0 done; 1 not converged, or a limit is exceeded, or the run of the
@@ -358,8 +358,8 @@ def optimise(
     type=output_path,
     multiple=True,
     help=(
-        "File to write: numbers (.json), or a picture of measurement and fit (.png,"
-        " .svg, .pdf); may be given for each."
+        "File to write: numbers (.json), a picture of measurement and fit (.png, .svg,"
+        " .pdf), or a report (.html); may be given for each."
     ),
 )
 @threads_option

@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,9 +34,6 @@ from .tables import (
     title_line,
     without_rounding,
 )
-
-if TYPE_CHECKING:
-    pass
 
 #: Counters in the order of a summary, with their texts
 COUNTERS = {

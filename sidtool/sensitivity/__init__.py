@@ -7,6 +7,7 @@ variables           numbers of a scene and of models, by their keys
 model_sensitivity   derivatives of a body by numbers of its model, without a motion
 differences         central differences with an estimate of their error
 sensitivity_result  values, derivatives and errors, as table, data and file
+search_result       what both of the following results share
 optimisation        scaled objective and limits, search for the best design
 measurements        measured outputs in tables
 identification      least squares, numbers with intervals

@@ -14,7 +14,7 @@ Result of an identification: numbers with intervals, as table, data and picture.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -27,17 +27,17 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic
-from sidtool.formats.file_names import kind_by_ending
 from sidtool.formats.scene import SceneFile
 
 from .functionals import Functional, parse_functionals
 from .history import History, Peak
 from .measurements import Measurement
 from .optimisation import Evaluation
+from .search_result import SearchResult
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Identification:
+class Identification(SearchResult):
     """Numbers of a scene that fit a measurement best.
 
         found = sidtool.identify("scene.toml", ["spring.stiffness"], "measured.csv")
@@ -94,11 +94,13 @@ class Identification:
 
         parts = [text_table(self._VARIABLES, self._variable_rows()), ""]
         parts += [text_table(self._OUTPUTS, self._output_rows()), ""]
-        end = (
-            "Converged" if self.fit.converged else f"Not converged: {self.fit.message}"
-        )
-        parts += [f"{end}. {self.runs} runs, {self.seconds:.2g} s.", ""]
+        parts += [self._end_line(), ""]
         return "\n".join([*parts, *set_options(self.changes, self.model_changes)])
+
+    def _end_line(self) -> str:
+        fit = self.fit
+        end = "Converged" if fit.converged else f"Not converged: {fit.message}"
+        return f"{end}. {self.runs} runs, {self.seconds:.2g} s."
 
     _VARIABLES = ("variable", "start", "value", "unit", "95 % interval", "+- %")
     _OUTPUTS = ("measured", "values", "noise or distance", "unit")
@@ -178,19 +180,27 @@ class Identification:
         ]
         return plot_fit(None if path is None else Path(path), panels)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the data (.json), or the picture (.png, .svg, .pdf).
+    def _heading(self) -> str:
+        return self.title or "Identification"
 
-        Raises
-        ------
-        InputError, OSError : the file cannot be written.
-        """
-        if kind_by_ending(path, "optimisation", "picture") == "picture":
-            self.plot(path)
-            return
-        from ..report.json_data import write_json
+    def _outcome(self) -> tuple[str, bool]:
+        return self._end_line(), self.fit.converged
 
-        write_json(Path(path), self.data())
+    def _sections(self) -> Iterator[tuple[str, str]]:
+        yield "Variables", html_table(self._variable_rows(), self._VARIABLES)
+        yield "Measured", html_table(self._output_rows(), self._OUTPUTS)
+        yield (
+            "Correlation of the errors",
+            html_table(
+                (
+                    (name, *(f"{x:.3f}" for x in row))
+                    for name, row in zip(
+                        self.variables, self.fit.correlation, strict=True
+                    )
+                ),
+                ("", *self.variables),
+            ),
+        )
 
     def __repr__(self) -> str:
         return f"<Identification {self.title!r}: {self.x}>"

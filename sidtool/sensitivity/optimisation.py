@@ -24,15 +24,17 @@ from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
 from sidtool.formats.design import DesignFile, VariableRange
 from sidtool.formats.diagnostics import Diagnostic
-from sidtool.formats.file_names import kind_by_ending
+from sidtool.formats.text import counted_noun
 from sidtool.solver.system.errors import SimulationError
+
+from .search_result import SearchResult
 
 #: `format` of files of histories.
 HISTORY_FORMAT = "sidtool optimisation"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Optimum:
+class Optimum(SearchResult):
     """The best design that was found.
 
         found = sidtool.optimise("design.toml")
@@ -83,22 +85,23 @@ class Optimum:
 
     def report(self) -> str:
         """Return the result as text, as `sidtool optimise` prints it."""
-        from sidtool.formats.text import counted_noun
-
         from ..report.tables import set_options, text_table
 
-        end = "Converged" if self.converged else f"Not converged: {self.message}"
-        cost = f"{counted_noun(len(self.history) - 1, 'iteration')}, {self.runs} runs"
         parts = [
             text_table(self._VARIABLES, self._variable_rows()),
             "",
             text_table(self._FUNCTIONALS, self._functional_rows()),
             "",
-            f"{end}. {cost}, {self.seconds:.2g} s.",
+            self._end_line(),
             "",
             *set_options(self.changes, self.model_changes),
         ]
         return "\n".join(parts)
+
+    def _end_line(self) -> str:
+        end = "Converged" if self.converged else f"Not converged: {self.message}"
+        cost = f"{counted_noun(len(self.history) - 1, 'iteration')}, {self.runs} runs"
+        return f"{end}. {cost}, {self.seconds:.2g} s."
 
     _VARIABLES = ("variable", "start", "best", "unit", "range", "")
     _FUNCTIONALS = ("functional", "start", "best", "unit", "limit", "")
@@ -204,19 +207,34 @@ class Optimum:
             )
         return plot_history(None if path is None else Path(path), panels)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the history (.json), or its picture (.png, .svg, .pdf).
+    def _heading(self) -> str:
+        return self.design.title or "Optimisation"
 
-        Raises
-        ------
-        InputError, OSError : the file cannot be written.
-        """
-        if kind_by_ending(path, "optimisation", "picture") == "picture":
-            self.plot(path)
-            return
-        from ..report.json_data import write_json
+    def _outcome(self) -> tuple[str, bool]:
+        exceeded = "" if self.is_feasible else "A limit is exceeded. "
+        return exceeded + self._end_line(), self.converged and self.is_feasible
 
-        write_json(Path(path), self.data())
+    def _sections(self) -> Iterator[tuple[str, str]]:
+        design = self.design
+        method = f"{design.method.name}, tolerance {design.method.tolerance:g}"
+        rows = [("scene", design.scene), ("method", method)]
+        rows += [(key, str(value)) for key, value in design.changes.items()]
+        yield "Design", html_table(rows)
+        yield "Variables", html_table(self._variable_rows(), self._VARIABLES)
+        yield (
+            "Objective and limits",
+            html_table(self._functional_rows(), self._FUNCTIONALS),
+        )
+        yield (
+            "Iterations",
+            html_table(
+                (
+                    (k, *(f"{x:.6g}" for x in (*point.values, *point.x)))
+                    for k, point in enumerate(self.history)
+                ),
+                ("", *self.functionals, *design.variables),
+            ),
+        )
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else "not converged"

@@ -6,5 +6,6 @@ links         springs, dampers, actuators and rods between markers
 film          the motion as GIF or MP4
 body_fields   fields of flexible bodies, colours, peak stresses
 export        export for ParaView
+html_page     pages that need no other files
 html_report   report of a run
 """

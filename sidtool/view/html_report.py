@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sidtool import __version__
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.html import escape, html_table
 from sidtool.formats.base.sid import SID
@@ -21,7 +19,6 @@ from sidtool.formats.file_names import check_ending
 from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.result import Result, has_meaningless_numbers, units_in
 from sidtool.formats.scene import RigidBody, SceneFile, SidBody
-from sidtool.formats.storage.atomic import atomic_path
 from sidtool.solver.simulation.replay import scene_of
 from sidtool.solver.system.sid_terms import has_quadratic_inertia
 
@@ -40,25 +37,7 @@ from ..report.tables import TextBlock, named_values, text_table
 from .animation import animation_data
 from .body_fields import fitting_scale
 from .film import snapshots
-
-_STYLE = """
-@page { size: A4; margin: 18mm 15mm; }
-body { font: 10.5pt/1.45 "DejaVu Sans", Arial, sans-serif; color: #111;
-       max-width: 180mm; margin: 1.5em auto; padding: 0 1em; }
-h1 { font-size: 17pt; margin: 0; }
-h2 { font-size: 12.5pt; margin: 1.6em 0 .4em; border-bottom: 1px solid #888;
-     break-after: avoid; }
-table { border-collapse: collapse; margin: .5em 0; font-size: 9pt; width: 100%; }
-th, td { text-align: left; vertical-align: top; padding: 2px 8px 2px 0;
-         border-bottom: 1px solid #ddd; overflow-wrap: break-word; }
-td:first-child { white-space: nowrap; }
-thead { display: table-header-group; }
-tr, figure { break-inside: avoid; }
-figure { margin: .5em 0; } figure svg, figure img { max-width: 100%; height: auto; }
-figcaption { font-size: 9pt; color: #444; }
-.pictures { display: grid; grid-template-columns: 1fr 1fr 1fr; gap: 4px; }
-.state { font-weight: bold; } .bad { color: #a00; }
-"""
+from .html_page import figure_markup, write_page
 
 
 def write_report(
@@ -75,13 +54,13 @@ def write_report(
     """
     check_ending(path, "page")
     scene, notes = scene_of(result), list[Diagnostic]()
-    title = escape(result.title or "Simulation")
+    title = result.title or "Simulation"
     ended = escape(result.message) or "complete"
     state = "state" if result.completed else "state bad"
     kind = "failed: " if has_meaningless_numbers(result) else "unfinished: "
     kind = "" if result.completed else kind
     parts = [
-        f"<h1>{title}</h1><p class='{state}'>{kind}{ended}</p>",
+        f"<h1>{escape(title)}</h1><p class='{state}'>{kind}{ended}</p>",
         *_snapshots(result, fields, folder, notes),
         "<h2>Scene</h2>",
         *(part.html for part in scene_parts(scene)),
@@ -96,14 +75,7 @@ def write_report(
         "<h2>Versions</h2>",
         named_values(result.versions.items()).html,
     ]
-    page = (
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
-        f'<meta name="generator" content="sidtool {__version__}">'
-        f"<title>{title}</title><style>{_STYLE}</style></head>"
-        f"<body>{''.join(parts)}</body></html>\n"
-    )
-    with atomic_path(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_page(path, title, parts)
     warn_of_each(notes)
     return [each.line for each in notes if not each.is_warning]
 
@@ -173,11 +145,8 @@ def _output_section(result: Result, remarks: list[Diagnostic]) -> Iterator[str]:
         return
     with figure_style():
         page, notes = draw_result(result)
-        stream = io.StringIO()
-        page.savefig(stream, format="svg", metadata={"Date": None})
     remarks += notes
-    svg = stream.getvalue()
-    yield f"<figure>{svg[svg.index('<svg') :]}</figure>"
+    yield figure_markup(page)
     yield "".join(f"<p>{escape(note.line)}</p>" for note in notes)
 
 

@@ -11,6 +11,7 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from tests.codes import codes
+from tests.pages import tables_of
 
 from . import scenes
 from .test_derivatives import position, velocity
@@ -91,15 +92,20 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     rows = np.column_stack([T, data["block.x"]]).tolist()
     lines = [f"{t!r},{x!r}" for t, x in rows] + ["2.0,"]
     table.write_text("t [s],block.x [m]\n" + "\n".join(lines), encoding="utf-8")
-    files = [str(tmp_path / name) for name in ("fit.png", "fit.json")]
+    files = [str(tmp_path / name) for name in ("fit.png", "fit.json", "fit.html")]
     words = ["identify", str(scene), "--with", "spring.stiffness", "--json"]
     words += ["--measured", str(table), "--range", "spring.stiffness=10:100"]
     words += ["--target", "mass(block)=2+-0.1", "-o", files[0], "-o", files[1]]
+    words += ["-o", files[2]]
     assert run(words) == 0
     found = json.loads(capsys.readouterr().out)
     low, high = found["variables"]["spring.stiffness"]["interval"]
     assert abs(low + high - 100.0) < 2.0 * (high - low) < 2.0
     assert all(Path(name).stat().st_size > 300 for name in files)
+    tables = tables_of(Path(files[2]).read_text(encoding="utf-8"))
+    value = found["variables"]["spring.stiffness"]["value"]
+    assert tables["Variables"][1][2] == f"{value:.8g}"
+    assert [row[0] for row in tables["Measured"][1:]] == ["block.x", "mass(block)"]
 
 
 def test_measurements_in_other_units(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.design import DesignFile
 from sidtool.sensitivity.optimisation import Iteration, write_history
+from tests.pages import tables_of
 from tests.places import ROOT
 
 from . import scenes
@@ -72,6 +73,18 @@ def test_the_lightest_bar_of_a_deflection(tmp_path: Path) -> None:
     assert "at its bound" in found.report() and "reached" in found.report()
     found.save(tmp_path / "way.png")
     assert (tmp_path / "way.png").stat().st_size > 1000
+    found.save(tmp_path / "report.html")
+    tables = tables_of((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert tables["Variables"][1][:3] == ["height", *_numbers(found, "height")]
+    assert tables["Objective and limits"][2][-1] == "reached"
+    assert len(tables["Iterations"]) == 1 + len(found.history)
+    best = {**found.values, **found.x}
+    assert tables["Iterations"][-1][1:] == [f"{x:.6g}" for x in best.values()]
+
+
+def _numbers(found: sidtool.Optimum, name: str) -> list[str]:
+    start = found.history[0].x[[*found.design.variables].index(name)]
+    return [f"{start:.6g}", f"{found.x[name]:.6g}"]
 
 
 def test_the_command_and_its_restart(
