@@ -256,8 +256,8 @@ ENTRIES = (
         WARNING,
         "nothing moves by more than rounding, {rounding:.0e} m: {reason}",
         "Largest motion of a coordinate against the rounding of coordinates. The "
-        "reason follows from the rank of the constraints: no free coordinate, or no "
-        "force along the free ones.",
+        "reason follows from the rank of the constraints: no free coordinate, joints "
+        "that friction holds, or no force along the free ones.",
         remedy="{remedy}",
         example={
             "rounding": 1e-15,

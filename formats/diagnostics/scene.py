@@ -1,6 +1,6 @@
 """Diagnostics N2xx and N5xx: the scene, its start, its force and control laws."""
 
-from .entry import INFO, WARNING, Entry
+from .entry import ERROR, INFO, WARNING, Entry
 
 #: Of bodies that vibrate about their equilibrium from the start.
 EQUILIBRIUM_REMEDY = (
@@ -467,6 +467,24 @@ ENTRIES = (
         "the equilibrium is that without its friction",
         "Statics are solved with friction left out. With friction the scene rests in a "
         "range of states around this one.",
+        example={"subject": "slide"},
+    ),
+    Entry(
+        "N516",
+        INFO,
+        "held by friction in this equilibrium",
+        "Without friction there is no equilibrium (N701). The joints rest where the "
+        "scene starts, by forces t with |t| <= mu_s N; they rest in a range of states "
+        "around this one, too.",
+        example={"subject": "slide"},
+    ),
+    Entry(
+        "N517",
+        ERROR,
+        "friction does not hold the scene where it starts",
+        "There is no equilibrium without friction (N701), and joints that stick where "
+        "they start would need forces t with |t| > mu_s N.",
+        remedy="Start without initial.state, give a spring, or more friction.",
         example={"subject": "slide"},
     ),
 )

@@ -106,7 +106,7 @@ class DenseEquations:
     @property
     def scaled_residual(self) -> float:
         """How far the constraints are open, relative to their sizes."""
-        sizes = constraint_sizes(self.system)
+        sizes = self.constraint_sizes
         return float(np.max(np.abs(self.residual) / sizes, initial=0.0))
 
     @property

@@ -7,6 +7,7 @@ multipliers, eq. (32), and thus depends on all that changes the load of the join
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
@@ -14,7 +15,7 @@ from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ..initial_state.assembly import StateVectors
 from ..initial_state.initial_friction import with_prescribed_friction
-from ..integrators.output_sampling import OUTPUT_LOAD, OUTPUT_RATE
+from ..integrators.output_sampling import OUTPUT_FRICTION, OUTPUT_LOAD, OUTPUT_RATE
 from ..linear.accelerations import solve_prescribed_friction
 from ..linear.joint_friction import friction_limit
 from ..output.stick_slip import StickSlipDecision, with_friction_states
@@ -110,13 +111,74 @@ def with_friction_states_of(system: System, t: float, start: StateVectors) -> Sy
     return system
 
 
-class FrictionEquations(DenseEquations):
+class StickingEquations(DenseEquations):
+    """The equations in which some joints with friction do not move.
+
+    Attributes
+    ----------
+    sticking_joints
+        Their rows among the joints with friction.
+    """
+
+    sticking_joints: NDArray[np.intp]
+
+    @property
+    def jacobian(self) -> Array:
+        return np.vstack([super().jacobian, self.directions[self.sticking_joints]])
+
+    @property
+    def constraint_rates(self) -> Array:
+        return np.append(super().constraint_rates, self._sticking_rows(at.C_RATE))
+
+    @property
+    def gamma(self) -> Array:
+        return np.append(super().gamma, self._sticking_rows(at.C_GAMMA))
+
+    def _sticking_rows(self, column: int) -> Array:
+        return np.asarray(
+            self.work.friction_subsystem.row[self.sticking_joints, column]
+        )
+
+    @property
+    def constraint_sizes(self) -> Array:
+        return np.append(
+            super().constraint_sizes,
+            friction_coordinate_sizes(self.system)[self.sticking_joints],
+        )
+
+
+class HeldEquations(StickingEquations):
+    """The equations in which joints with friction stay where they were in a position.
+
+    Parameters
+    ----------
+    joints
+        Their rows among the joints with friction.
+    z : (n positions,)
+        The position.
+    """
+
+    def __init__(
+        self, system: System, t: float, clock: float, joints: NDArray[np.intp], z: Array
+    ) -> None:
+        super().__init__(system, t, clock)
+        self.sticking_joints = joints
+        self.evaluate(z, np.zeros(system.n_velocities))
+        self._places = self._sticking_rows(at.C_VALUE).copy()
+
+    @property
+    def residual(self) -> Array:
+        moved = self._sticking_rows(at.C_VALUE) - self._places
+        return np.append(super().residual, moved)
+
+
+class FrictionEquations(StickingEquations):
     """The equations near a state in which joints stick or slide.
 
     Attributes
     ----------
-    sticking_joints, sliding_joints
-        Joints with friction that do, the latter with a load.
+    sliding_joints
+        Joints with friction and a load that slide.
 
     Raises
     ------
@@ -180,30 +242,6 @@ class FrictionEquations(DenseEquations):
                 )
 
     @property
-    def jacobian(self) -> Array:
-        return np.vstack([super().jacobian, self.directions[self.sticking_joints]])
-
-    @property
-    def constraint_rates(self) -> Array:
-        return np.append(super().constraint_rates, self._sticking_rows(at.C_RATE))
-
-    @property
-    def gamma(self) -> Array:
-        return np.append(super().gamma, self._sticking_rows(at.C_GAMMA))
-
-    def _sticking_rows(self, column: int) -> Array:
-        return np.asarray(
-            self.work.friction_subsystem.row[self.sticking_joints, column]
-        )
-
-    @property
-    def constraint_sizes(self) -> Array:
-        return np.append(
-            super().constraint_sizes,
-            friction_coordinate_sizes(self.system)[self.sticking_joints],
-        )
-
-    @property
     def force(self) -> Array:
         """With that of what slides, of the loads in the state."""
         return (
@@ -255,6 +293,27 @@ class FrictionEquations(DenseEquations):
         return tuple(
             diagnose("N514", names, state=state) for names, state in states if names
         )
+
+
+def friction_that_holds(
+    system: System, t: float, z: Array
+) -> tuple[NDArray[np.bool_], Array]:
+    """Which joints friction holds at rest in a position (frictions,), and its forces.
+
+    Raises
+    ------
+    InputError
+        The load of a joint is statically indeterminate.
+    SimulationError
+        Friction has no solution there.
+    """
+    rest = StateVectors(z, np.zeros(system.n_velocities))
+    system = with_friction_states_of(system, t, rest)
+    states = system.arrays.friction_state[:, [at.SLIP_DIRECTION, at.REST_RATE]]
+    sticks = np.asarray((states == 0.0).all(axis=1), bool)
+    decision = StickSlipDecision(system)
+    output = decision.friction_output(np.array([t]), z[None], rest.v[None])[0]
+    return sticks, output[:, OUTPUT_FRICTION]
 
 
 def equations_at(system: System, t: float, z: Array, v: Array) -> DenseEquations:

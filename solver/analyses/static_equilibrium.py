@@ -6,6 +6,9 @@ by central differences; where it is not positive definite, its absolute value, s
 stable equilibria attract and unstable ones do not. With control laws the stiffness is
 not symmetric: it is shifted until x' = force decays in its neighbourhood.
 
+Friction of joints is left out. Where there is no equilibrium without it, joints are
+held where they start, if friction can.
+
 References
 ----------
 Y. Dauphin et al.: Identifying and attacking the saddle point problem in
@@ -30,9 +33,10 @@ from sidtool.formats.scene.laws import Expression, Pid
 from ..diagnostics.body_loads import find_state_failure, find_state_warnings
 from ..diagnostics.failure_causes import lost_inertia_cause
 from ..diagnostics.implausible_values import implausible_value_warnings
-from ..initial_state.assembly import assemble
+from ..initial_state.assembly import StateVectors, assemble
 from ..initial_state.constraint_jacobian import largest_residuals_text
 from ..initial_state.displacement_report import position_notes
+from ..initial_state.initial_friction import with_prescribed_friction
 from ..output.columns import velocity_names
 from ..spatial import system_arrays as at
 from ..system.characteristic_sizes import coordinate_sizes
@@ -48,6 +52,7 @@ from .frozen_inputs import (
     with_continuous_laws,
     with_law_states,
 )
+from .joint_friction import HeldEquations, friction_that_holds
 
 MAX_ITERATIONS = 300
 #: Forces that drive the motion vanish when below this part of the single forces, the
@@ -79,6 +84,8 @@ class Equilibrium(WithDiagnostics):
         (n velocities,); only states of laws have a v.
     multipliers : (rows,)
         Forces of the joints and drives.
+    friction : (frictions,)
+        Forces of joints that friction holds, else zero.
     residual
         What is left of the forces, relative to them.
     iterations
@@ -92,6 +99,7 @@ class Equilibrium(WithDiagnostics):
     z: Array
     v: Array
     multipliers: Array
+    friction: Array
     residual: float
     iterations: int
     system: System
@@ -100,8 +108,7 @@ class Equilibrium(WithDiagnostics):
     def result(self) -> Result:
         """The scene's outputs in equilibrium, as a result of one time."""
         nothing = np.zeros(self.system.n_velocities)
-        no_friction = np.zeros(len(self.system.friction_joints))
-        state = MotionState(self.z, self.v, nothing, self.multipliers, no_friction)
+        state = MotionState(self.z, self.v, nothing, self.multipliers, self.friction)
         times = np.array([self.system.scene.time.start])
         kind = "static equilibrium"
         return result_of_states(
@@ -133,11 +140,80 @@ def static_equilibrium(system: System) -> Equilibrium:
     )
     system, t = with_constant_inputs(system), system.scene.time.start
     at_rest = with_constant_drives(with_law_states(system))
-    mechanics = DenseEquations(at_rest, t, 0.5 * (t + system.breaks[0]))
-    mechanics.set_scale(start.z)
+    clock = 0.5 * (t + system.breaks[0])
     state_positions, velocities = state_entries(system)
     start.z[state_positions] = start.v[velocities]
-    z = mechanics.closed(start.z)
+    mechanics = DenseEquations(at_rest, t, clock)
+    mechanics.set_scale(start.z)
+    try:
+        balance = _balance(mechanics, start.z)
+    except SimulationError as error:
+        balance = _held_by_friction(mechanics, clock, start.z, error)
+    z, mechanics, motion = balance.z, balance.mechanics, balance.motion
+    found = (
+        *find_state_warnings(system, z[None]),
+        *_check_equilibrium(mechanics, motion),
+        *force_limit_notes(system, mechanics.work),
+        *_stability_notes(mechanics, z, motion, balance.multipliers),
+        *implausible_value_warnings(system),
+        *assembly_notes,
+        *law_notes,
+        *_friction_notes(system, mechanics),
+    )
+    diagnostics = without(found, system.scene.diagnostics.ignore)
+    v = np.zeros(system.n_velocities)
+    v[velocities] = z[state_positions]
+    multipliers = balance.multipliers[: system.n_rows]
+    equilibrium = Equilibrium(
+        z,
+        v,
+        multipliers,
+        balance.friction,
+        balance.residual,
+        balance.iterations,
+        system,
+        diagnostics,
+    )
+    if failure := find_state_failure(system, z[None]):
+        meaningless = with_failure(equilibrium.result(), failure)
+        raise SimulationError(failure, meaningless)
+    return equilibrium
+
+
+@dataclass(frozen=True, eq=False)
+class _Balance:
+    """A position in which forces balance.
+
+    Attributes
+    ----------
+    mechanics
+        The equations, evaluated there.
+    motion : (n velocities, n free)
+        Directions that the constraints leave.
+    multipliers : (rows,)
+    friction : (frictions,)
+        Forces of joints that friction holds.
+    """
+
+    z: Array
+    mechanics: DenseEquations
+    motion: Array
+    multipliers: Array
+    residual: float
+    iterations: int
+    friction: Array
+
+
+def _balance(mechanics: DenseEquations, z: Array) -> _Balance:
+    """The position nearest downhill in which forces balance.
+
+    Raises
+    ------
+    SimulationError
+        There is none (N701).
+    """
+    system = mechanics.system
+    z = mechanics.closed(z)
     best, largest, is_refined = np.inf, mechanics.force_size(z), False
     for iteration in range(MAX_ITERATIONS):
         motion, force, multipliers, size = _force_balance(mechanics, z)
@@ -156,26 +232,10 @@ def static_equilibrium(system: System) -> Equilibrium:
             is_refined = True
             continue
         if motion.shape[1] == 0 or residual < FORCE_TOLERANCE or size == 0.0:
-            found = (
-                *find_state_warnings(system, z[None]),
-                *_check_equilibrium(mechanics, motion),
-                *force_limit_notes(system, mechanics.work),
-                *_stability_notes(mechanics, z, motion, multipliers),
-                *implausible_value_warnings(system),
-                *assembly_notes,
-                *law_notes,
-                *_friction_notes(system),
+            no_friction = np.zeros(len(system.friction_joints))
+            return _Balance(
+                z, mechanics, motion, multipliers, residual, iteration, no_friction
             )
-            diagnostics = without(found, system.scene.diagnostics.ignore)
-            v = np.zeros(system.n_velocities)
-            v[velocities] = z[state_positions]
-            equilibrium = Equilibrium(
-                z, v, multipliers, residual, iteration, system, diagnostics
-            )
-            if failure := find_state_failure(system, z[None]):
-                meaningless = with_failure(equilibrium.result(), failure)
-                raise SimulationError(failure, meaningless)
-            return equilibrium
         step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
@@ -187,6 +247,56 @@ def static_equilibrium(system: System) -> Equilibrium:
     )
     limits = force_limit_notes(system, mechanics.work)
     raise SimulationError((none, *limits, *implausible_value_warnings(system)))
+
+
+def _held_by_friction(
+    plain: DenseEquations,
+    clock: float,
+    start: Array,
+    error: SimulationError,
+) -> _Balance:
+    """The balance of forces with joints that stick where they start.
+
+    Joints that their friction does not hold there are released, without friction.
+
+    Parameters
+    ----------
+    plain
+        The equations without friction.
+    error
+        Why there is no balance without friction.
+
+    Raises
+    ------
+    SimulationError
+        Friction holds none of the joints (`error` with N517), or does not matter.
+    """
+    system, t = plain.system, plain.t
+    if not system.friction_joints:
+        raise error
+    z = plain.closed(start)
+    rest = StateVectors(z, np.zeros(system.n_velocities))
+    prescribed = with_prescribed_friction(system, rest).arrays.friction_state
+    held = np.flatnonzero(prescribed[:, at.REST_RATE] == 0.0)
+    while len(held):
+        mechanics = HeldEquations(system, t, clock, held, z)
+        mechanics.scale = plain.scale
+        try:
+            balance = _balance(mechanics, z)
+        except SimulationError:
+            raise error from None
+        sticks, friction = friction_that_holds(system, t, balance.z)
+        if sticks[held].all():
+            plain.evaluate(balance.z, rest.v)
+            rest_of_force = plain.force + friction @ plain.directions
+            multipliers = plain.multipliers(-rest_of_force), friction[held]
+            mechanics.evaluate(balance.z, rest.v)
+            return replace(
+                balance, multipliers=np.concatenate(multipliers), friction=friction
+            )
+        held = held[sticks[held]]
+    slipping = ", ".join(rub.joint for rub in system.friction_joints)
+    raise SimulationError((*error.diagnostics, diagnose("N517", slipping)))
 
 
 def _most_loaded_body(system: System, force: Array) -> str:
@@ -215,7 +325,8 @@ def _check_equilibrium(
         Joints are open in it.
     """
     if mechanics.scaled_residual > RESIDUAL_TOLERANCE:
-        where = largest_residuals_text(mechanics.system, mechanics.residual)
+        rows = mechanics.residual[: mechanics.system.n_rows]
+        where = largest_residuals_text(mechanics.system, rows)
         raise SimulationError(diagnose("N702", gaps=where))
     cause = lost_inertia_cause(mechanics.system, mechanics.work)
     if cause is None or _has_inertia(mechanics, motion):
@@ -235,10 +346,16 @@ def _has_inertia(mechanics: DenseEquations, motion: Array) -> bool:
     return bool((values > 0.0).all())
 
 
-def _friction_notes(system: System) -> Iterator[Diagnostic]:
-    """Joints whose friction is left out (N515)."""
-    if system.friction_joints:
-        yield diagnose("N515", ", ".join(rub.joint for rub in system.friction_joints))
+def _friction_notes(system: System, mechanics: DenseEquations) -> Iterator[Diagnostic]:
+    """Joints that friction holds (N516), and whose friction is left out (N515)."""
+    names = [rub.joint for rub in system.friction_joints]
+    held = list[str]()
+    if isinstance(mechanics, HeldEquations):
+        held = [names[j] for j in mechanics.sticking_joints]
+    others = [name for name in names if name not in held]
+    for code, joints in (("N516", held), ("N515", others)):
+        if joints:
+            yield diagnose(code, ", ".join(joints))
 
 
 def _stability_notes(

@@ -158,6 +158,14 @@ def inactive_constraint_notes(system: System, largest: float) -> Iterator[Diagno
         )
 
 
+def _sticks(system: System) -> bool:
+    """True if friction holds a joint at the end of a run."""
+    if system.friction_history is None:
+        return False
+    states = system.friction_history.current_states
+    return bool((states[:, [at.SLIP_DIRECTION, at.REST_RATE]] == 0.0).all(1).any())
+
+
 def rounding_notes(
     system: System, control: loop_state.StepLoopState, rtol: float, steps: int
 ) -> Iterator[Diagnostic]:
@@ -178,7 +186,10 @@ def rounding_notes(
         count = counted_noun(free, "free coordinate")
         reason = f"no force acts along the {count}"
         remedy = "Give a force, gravity or an initial velocity."
-        if not free:
+        if free and _sticks(system):
+            reason = "friction holds its joints"
+            remedy = "Give a larger force, or less friction."
+        elif not free:
             reason = "joints and drives leave no motion"
             remedy = "Free a joint, or move a drive."
         yield diagnose(

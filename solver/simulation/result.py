@@ -154,13 +154,14 @@ def stop_causes(run: Stepper, stop: Stop) -> tuple[Diagnostic, ...]:
     failure = step_loop_failure(stop.code, fastest, run.settings, t)
     if stop.code in (loop_state.TOO_SMALL, loop_state.OFF_CONSTRAINTS):
         failure = lost_rotation(system, work, control) or failure
-    cause = (
-        infeasible_drive_cause(system, t, *_last_sound_state(run))
-        or lost_inertia_cause(system, work, t)
-        or mass_rounding_cause(system, work)
-    )
-    if cause is not None:
-        return (failure, cause)
+    found = [
+        infeasible_drive_cause(system, t, *_last_sound_state(run)),
+        lost_inertia_cause(system, work, t),
+    ]
+    if not any(found):
+        found = [mass_rounding_cause(system, work)]
+    if causes := tuple(cause for cause in found if cause is not None):
+        return (failure, *causes)
     if locked := friction_lock_causes(system, run.memory, t, control):
         return (failure, *locked)
     passes = bool(run.method.singular_loop)

@@ -28,7 +28,7 @@ DRIVEN = {
 #: How often drives are halved before a scene is given up, and the request of the runs
 #: that tell; a loop is blocked where its constraints are hardly independent.
 HALVINGS, RTOL, BLOCKED = 6, 1e-7, 1e-3
-FORCED = "N330"
+FORCED, LOST = "N330", "N307"
 #: Scenes that a process keeps; whoever changes one changes a copy.
 KEPT = 100
 
@@ -90,8 +90,9 @@ def placed(case: Case) -> Case:
 
 def within_reach(case: Case) -> Case:
     """The case with drives that its loops can follow without bending: halved until none
-    is blocked or forced. A run that is followed to its end, but in which a body deforms
-    by more than its size, as blades do that spin apart, is made half as long.
+    is blocked or forced, or stretches a body until its inertia is lost. A run that is
+    followed to its end, but in which a body deforms by more than its size, as blades do
+    that spin apart, is made half as long.
 
     What is forced is thrown about, and magnifies what disturbs it: a thousand times in
     scene 454 as drawn, once in the halved one.
@@ -110,7 +111,8 @@ def within_reach(case: Case) -> Case:
             ):
                 case = replace(case, table=case.table | {"time": _halved(case)})
                 continue
-            if least(constraints(case, stop.result)) > BLOCKED:
+            stretched = any(each.code == LOST for each in stop.diagnostics)
+            if not stretched and least(constraints(case, stop.result)) > BLOCKED:
                 raise
         else:
             if not with_code(result, FORCED):

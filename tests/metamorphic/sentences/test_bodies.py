@@ -19,9 +19,12 @@ from sidtool.formats.result import Result
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, linearise, simulate
 from sidtool.solver.diagnostics.run_summary import initialise
+from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
 from tests.bodies import particle_body
 from tests.codes import codes
+from tests.metamorphic.generator import case as cases
+from tests.metamorphic.generator import scenes
 from tests.sidtool.beams import IGA, beam
 from tests.solver.scenes import compiled, polynomial, scene
 
@@ -236,3 +239,15 @@ def test_too_few_shape_functions_are_those_that_more_of_them_correct(seed: int) 
     assert "N412" not in codes(many)
     assert error < 0.02 or share > 1.0 / 3.0
     assert error > 0.1 or share < 1.0
+
+
+def test_a_drive_that_stretches_a_body_until_its_inertia_is_lost_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The distance of two of its nodes grows from 0.27 m to 0.50 m. The least
+    eigenvalue of its mass matrix, 1.4e-2 at the start, is 6e-16 at the stop."""
+    monkeypatch.setattr(scenes, "within_reach", lambda case: case)
+    case = scenes.random_scene.__wrapped__(61101)
+    with pytest.raises(SimulationError) as stop:
+        simulate(cases.compiled(case, keep_joints=True), rtol=1e-5)
+    assert {"N307", "N313"} <= {each.code for each in stop.value.diagnostics}
