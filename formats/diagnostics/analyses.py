@@ -49,10 +49,14 @@ ENTRIES = (
         "N710",
         WARNING,
         "the state is not steady ({coordinate} accelerates): modes are not its motion",
-        "Accelerations remain in axes that rotate with the bodies, and a Newton step "
-        "leads to no steady state within 5 % of the size of the mechanism.",
-        remedy='Use about = "static", or "start" with a scene in steady motion.',
-        example={"coordinate": "arm.wz_body"},
+        "Accelerations remain in axes that rotate with the bodies. Drives demand them "
+        "(above 1e-8 of those by forces), or a Newton step leads to no steady state "
+        "within 5 % of the size of the mechanism.",
+        remedy="{remedy}",
+        example={
+            "coordinate": "arm.wz_body",
+            "remedy": 'Use about = "static", or "start" with a scene in steady motion.',
+        },
     ),
     Entry(
         "N711",

@@ -21,7 +21,7 @@ from sidtool.formats.diagnostics import (
 from ..diagnostics.body_loads import find_state_warnings
 from ..output.columns import velocity_names
 from ..spatial import system_arrays as at
-from ..system.characteristic_sizes import coordinate_sizes
+from ..system.characteristic_sizes import RESTING_RATE, coordinate_sizes
 from ..system.errors import SimulationError
 from ..system.system import System
 from .dense_equations import DenseEquations, least_squares
@@ -42,6 +42,8 @@ from .whirl import Whirl, mode_whirl
 #: A state is near another one that differs by less than this part of the sizes; what is
 #: left of the accelerations there, relative to them.
 NEAR_STATE, STEADY_RESIDUAL = 0.05, 1e-6
+#: Accelerations that drives demand are rounding below this part of the others.
+DRIVEN = 1e-8
 #: Singular values of the state matrix that are cut on the way to it, of the largest.
 SOFT_DIRECTIONS = (1e-10, 1e-13)
 #: Ways below this share of the sizes lead nowhere; frequencies that differ by less than
@@ -57,6 +59,8 @@ SAG_ADVICE = (
     'Analyse the straight shaft, without state = "static": one that sags would '
     "rotate about its bent axis."
 )
+STEADY_ADVICE = 'Use about = "static", or "start" with a scene in steady motion.'
+HELD_ADVICE = 'Use about = "static": there drives hold their values.'
 FROZEN_ADVICE = "With --frozen (frozen = true) they are those of one instant."
 #: Axes in which modes are seen.
 INERTIAL, ROTATING = "inertial", "rotating with each body"
@@ -154,9 +158,9 @@ def linearise(
     mechanics, axes, small, causes = linearised_at(system, t, z, v, multi_blade=True)
     if causes and not frozen:
         mechanics.evaluate(z, v)
-        is_rotating = axis_angular_velocities(mechanics).any()
-        is_static = is_rotating and system.scene.initial.state == "static"
-        remedy = SAG_ADVICE if is_static else FROZEN_ADVICE
+        is_static = system.scene.initial.state == "static"
+        sags = is_static and _is_rotating(mechanics)
+        remedy = SAG_ADVICE if sags else FROZEN_ADVICE
         raise SimulationError((diagnose("N718", t=t, remedy=remedy), *causes))
     modes = _natural_modes(mechanics, small, axes.highest)
     found = (
@@ -227,6 +231,19 @@ def steady_residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
     return np.concatenate([small.drift, small.free_directions.T @ (a - W @ slow)])
 
 
+def driven_accelerations(mechanics: DenseEquations, z: Array) -> Array:
+    """Scaled accelerations (n,) at a position that functions of time of drives demand,
+    zero but for rounding where they are steady; those of laws are not known."""
+    system = mechanics.system
+    none = np.zeros(system.n_velocities)
+    if system.drive_law_rows:
+        return none
+    mechanics.evaluate(z, none)
+    a = least_squares(mechanics.jacobian, mechanics.gamma)
+    least = DRIVEN * mechanics.force_size(z)
+    return a if np.abs(a).max(initial=0.0) > least else none
+
+
 def near_steady_motion(
     mechanics: DenseEquations, small: SmallMotions
 ) -> tuple[SmallMotions, tuple[Diagnostic, ...]]:
@@ -238,6 +255,12 @@ def near_steady_motion(
     About a state that is not quite steady the equations lack what its own accelerations
     contribute, and modes that keep their energy seem to grow.
     """
+    names = velocity_names(mechanics.system)
+    sizes = coordinate_sizes(mechanics.system) / mechanics.scale
+    driven = np.abs(driven_accelerations(mechanics, small.z)) / sizes
+    mechanics.evaluate(small.z, small.v)
+    if driven.any():
+        return small, (_unsteady(mechanics, names[int(driven.argmax())]),)
     residual = steady_residual(mechanics, small)[len(small.drift) :]
     force = np.abs(mechanics.force).max(initial=0.0)
     force = max(force, mechanics.force_size(small.z))
@@ -245,13 +268,11 @@ def near_steady_motion(
     if np.abs(residual).max(initial=0.0) <= FORCE_ROUNDING * force:
         return small, ()
     shift, displacement, remaining = _steady_shift(mechanics, small)
-    names = velocity_names(mechanics.system)
-    sizes = coordinate_sizes(mechanics.system) / mechanics.scale
     first = names[int(np.argmax(np.abs(small.free_directions @ residual) / sizes))]
     if displacement >= NEAR_STATE or remaining > STEADY_RESIDUAL * np.abs(residual).max(
         initial=0.0
     ):
-        return small, (diagnose("N710", coordinate=first),)
+        return small, (_unsteady(mechanics, first),)
     if displacement < NO_DISPLACEMENT:
         return small, ()
     steady = _shifted(mechanics, small, shift)
@@ -268,6 +289,21 @@ def near_steady_motion(
             break
         steady = _shifted(mechanics, steady, shift)
     return steady, ()
+
+
+def _unsteady(mechanics: DenseEquations, coordinate: str) -> Diagnostic:
+    """What the state evaluated last is not (N710)."""
+    advice = STEADY_ADVICE
+    if mechanics.system.scene.initial.state == "static":
+        advice = SAG_ADVICE if _is_rotating(mechanics) else HELD_ADVICE
+    return diagnose("N710", coordinate=coordinate, remedy=advice)
+
+
+def _is_rotating(mechanics: DenseEquations) -> bool:
+    """True if axes of a body rotate in the state evaluated last, beyond rounding."""
+    time = mechanics.system.scene.time
+    rates = np.abs(axis_angular_velocities(mechanics)).max(initial=0.0)
+    return bool(rates * (time.end - time.start) > RESTING_RATE)
 
 
 def _steady_shift(

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.solver import describe, linearise, simulate, static_equilibrium
+from sidtool.solver import (
+    compile_scene,
+    describe,
+    linearise,
+    simulate,
+    static_equilibrium,
+)
 from tests.codes import codes, only, with_code
 from tests.metamorphic.generator.case import compiled, measured
 from tests.metamorphic.generator.said import copied, with_table
@@ -172,3 +178,34 @@ def test_modes_about_a_start_that_does_not_stay_there_say_so(seed: int) -> None:
         away = 0.5 * np.ptp(simulate(system).values)
         assert bool(with_code(modes, "N710")) == (away > 0.05)
         assert not linearise(system).diagnostics
+
+
+@pytest.mark.parametrize("state", ["stated", "static"])
+def test_a_start_that_a_drive_accelerates_is_not_steady(state: str) -> None:
+    """An arm hangs at a trolley that is shaken: at rest omega^2 = m g l / J."""
+    function = {
+        "type": "harmonic",
+        "amplitude": 0.01,
+        "frequency": 5.0,
+        "phase": 0.5 * math.pi,
+    }
+    arm = {"mass": 2.0, "inertia": 0.05, "centre_of_mass": [0.0, -0.5]}
+    system = compile_scene(
+        scene(
+            {"trolley": {"mass": 1.0, "inertia": 0.1}, "arm": arm},
+            {
+                "rail": {"type": "prismatic", "markers": ["ground", "trolley"]},
+                "pin": {"type": "revolute", "markers": ["trolley", "arm"]},
+            },
+            {"shake": {"joint": "rail", "function": function}},
+            gravity=[0.0, -9.81],
+            initial={"state": state},
+        ),
+        keep_joints=True,
+    )
+    modes = linearise(system)
+    assert not with_code(modes, "N710")
+    frequency = math.sqrt(2.0 * 9.81 * 0.5 / (0.05 + 2.0 * 0.5**2)) / (2.0 * math.pi)
+    np.testing.assert_allclose(modes.frequencies, [frequency], rtol=1e-9)
+    found = only(linearise(system, "start", frozen=True), "N710")
+    assert ("drives hold" in found.remedy) == (state == "static")
