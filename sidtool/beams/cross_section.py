@@ -133,6 +133,8 @@ _INTERPOLATIONS: dict[str, Callable[[Array], Profile]] = {
 LARGEST_SECTION = 1e9
 #: Gauss points per direction of a rectangle, and terms of its warping.
 _POINTS, _TERMS = 10, 6
+#: Terms of the series of torsion of a rectangle, of which the first left out is 3e-9.
+_TORSION_TERMS = 25
 
 
 @dataclass(frozen=True)
@@ -313,8 +315,7 @@ def section_at(
     """The cross-section at a fraction of the length.
 
     Named sections have properties of `section_shapes`; Poisson's ratio enters the shear
-    of circles and tubes. The torsion constant of a rectangle a x b, a >= b, is
-    a b^3 (1/3 - 0.21 b/a (1 - (b/a)^4 / 12)) (Roark, table 10.1).
+    of circles and tubes. The torsion constant of a rectangle is that of a series.
 
     Raises
     ------
@@ -372,14 +373,14 @@ def sections_along(
 
 
 def _torsion_of_rectangle(h: Any, w: Any) -> Any:
-    """Return the torsion constant; its slope at a square is the mean of both sides."""
-    orders = [(h, w), (w, h)]
-    if h.real != w.real:
-        orders = [(h, w)] if h.real > w.real else [(w, h)]
-    values = [
-        a * b**3 * (1 / 3 - 0.21 * b / a * (1 - (b / a) ** 4 / 12)) for a, b in orders
-    ]
-    return sum(values) / len(values)
+    """Return the torsion constant of de Saint-Venant's theory, by its series.
+
+    S. P. Timoshenko, J. N. Goodier: Theory of Elasticity, section 109.
+    """
+    a, b = (h, w) if h.real > w.real else (w, h)
+    odd = np.arange(1, 2 * _TORSION_TERMS, 2)
+    total = np.sum(np.tanh(0.5 * np.pi * odd * (a / b)) / odd**5)
+    return a * b**3 * (1 / 3 - 64 / np.pi**5 * (b / a) * total)
 
 
 def _side_at(geometry: BeamGeometry, name: str, fraction: float) -> Any:

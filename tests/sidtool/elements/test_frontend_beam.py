@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from sidtool.beams.cross_section import section_at
 from sidtool.conversion.inertia_integrals import body_inertia
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.elements.mass_properties import GeometryMass, geometry_mass_notes
@@ -78,12 +79,27 @@ def test_an_end_of_a_beam_is_a_place_of_its_own() -> None:
 def test_torsion_and_stretch() -> None:
     """First torsion (pi/2) sqrt(G It / (rho Ip)) / L of the cantilever."""
     body = finite_element_model(uniform("euler_bernoulli", 40))
-    g, it = 2.1e11 / 2.6, 0.01**3 * 0.02 * (1 / 3 - 0.105 * (1 - 1 / 192))
+    g, it = 2.1e11 / 2.6, 0.01**3 * 0.02 * 0.228682
     ip = 0.01 * 0.02 * (0.01**2 + 0.02**2) / 12
     twist = np.arange(3, body.ndof, 6)[1:]
     k, m = (x[twist][:, twist].toarray() for x in (body.stiffness, body.mass))
     lowest = np.sqrt(np.linalg.eigvals(np.linalg.solve(m, k)).real.min())
     assert lowest == pytest.approx(np.pi / 2 * np.sqrt(g * it / (7850 * ip)), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "table", "digits"),
+    [(1.0, 0.1406, 4), (1.2, 0.166, 3), (1.5, 0.196, 3), (3.0, 0.263, 3)],
+)
+def test_torsion_constants_of_rectangles(
+    ratio: float, table: float, digits: int
+) -> None:
+    """J / (a b^3) of a table of Timoshenko and Goodier, for either side along y."""
+    for height, width in ((ratio, 1.0), (1.0, ratio)):
+        sides = {"shape": "rectangle", "height": height, "width": width}
+        model = uniform("euler_bernoulli", 1, section=sides)
+        found = section_at(model.geometry, 0.0, 0.3).torsion / ratio
+        assert round(found, digits) == table
 
 
 def test_shear_lowers_a_stubby_beam() -> None:
