@@ -12,6 +12,14 @@ from .base.errors import InputError
 if TYPE_CHECKING:
     from .scene import SceneFile
 
+#: Kinds that a command writes instead, by the ending.
+INSTEAD = {
+    "sweep": ("picture",),
+    "response": ("picture",),
+    "campbell": ("picture",),
+    "optimisation": ("picture", "page"),
+}
+
 
 def path_of(value: Any, argument: str, instead: str = "") -> Path:
     """Return the path of an argument.
@@ -119,13 +127,6 @@ OUTPUT_KINDS = {
         (".mat", ".op4", ".dmig", ".bdf", ".dat", ".fem", ".npz"),
         chooses=True,
     ),
-}
-#: Kinds that a command writes instead, by the ending.
-INSTEAD = {
-    "sweep": ("picture",),
-    "response": ("picture",),
-    "campbell": ("picture",),
-    "optimisation": ("picture", "page"),
 }
 #: Endings of files that people or other programs write.
 _OTHERS = {".toml", ".py", ".inp", ".msh", ".bdf", ".jpg", ".jpeg", ".vtk", ".vtu"}

@@ -14,6 +14,19 @@ from .storage.cache import cached_by_identity
 #: Relative size below which a shape function counts as zero.
 _ZERO_SHAPE_TOLERANCE = 1e-9
 
+Array = NDArray[np.float64]
+AXES = "xyz"
+#: A mode moves along one axis if nothing else reaches this share of the motion.
+_SECONDARY_SHARE = 0.5
+#: A body is slender if its smallest central inertia is below this share of the largest.
+_SLENDERNESS_RATIO = 0.3
+#: Part of the body's length over which a node's rotation counts as displacement.
+ROTATION_ARM_SHARE = 0.1
+#: Relative size below which shape functions and couplings count as zero.
+ZERO_MOTION_TOLERANCE = 1e-9
+#: What no node shows has no name.
+NO_NODE_MOTION = "not seen at the nodes"
+
 
 @cached_by_identity
 def dead_nodes(sid: SID) -> tuple[str, ...]:
@@ -78,20 +91,6 @@ def motion_scale(sid: SID) -> float:
 def _is_at_rest(node: Node, phi: float, psi: float) -> bool:
     still = np.abs(node.phi.m0).max(initial=0.0) <= phi
     return bool(still and np.abs(node.psi.m0).max(initial=0.0) <= psi)
-
-
-Array = NDArray[np.float64]
-AXES = "xyz"
-#: A mode moves along one axis if nothing else reaches this share of the motion.
-_SECONDARY_SHARE = 0.5
-#: A body is slender if its smallest central inertia is below this share of the largest.
-_SLENDERNESS_RATIO = 0.3
-#: Part of the body's length over which a node's rotation counts as displacement.
-ROTATION_ARM_SHARE = 0.1
-#: Relative size below which shape functions and couplings count as zero.
-ZERO_MOTION_TOLERANCE = 1e-9
-#: What no node shows has no name.
-NO_NODE_MOTION = "not seen at the nodes"
 
 
 def motion_kinds(sid: SID) -> tuple[str, ...]:

@@ -66,6 +66,9 @@ _DAMAGE = (
     MemoryError,
 )
 
+#: The parts of an expansion that may be missing.
+PARTS = ("m1", "mn")
+
 
 def write_hdf5(path: str | os.PathLike[str], sid: SID) -> None:
     """Store a SID completely, with its dialect; the file appears wholly or not at all.
@@ -206,10 +209,6 @@ def _write_entries(group: h5py.Group, entries: dict[int, Taylor]) -> None:
 def _first_line(error: BaseException) -> str:
     lines = str(error).splitlines() or [type(error).__name__]
     return lines[0][:120]
-
-
-#: The parts of an expansion that may be missing.
-PARTS = ("m1", "mn")
 
 
 class SidReader:

@@ -45,6 +45,16 @@ if TYPE_CHECKING:
     from .simulation.simulate import simulate as simulate
     from .system.system import System
 
+_ELSEWHERE = {
+    "simulate": "sidtool.solver.simulation.simulate",
+    "describe": "sidtool.solver.diagnostics.run_summary",
+    "static_equilibrium": "sidtool.solver.analyses.static_equilibrium",
+    "linearise": "sidtool.solver.analyses.linearisation",
+    "inverse_dynamics": "sidtool.solver.analyses.inverse_dynamics",
+    "Law": "sidtool.solver.functions.control_laws",
+    "Timed": "sidtool.solver.functions.callables",
+}
+
 
 def compile_scene(
     scene: SceneFile,
@@ -167,17 +177,6 @@ def _same_files(before: System, scene: SceneFile) -> dict[str, SID]:
         if name in previous
         and (body.sid, body.model) == (previous[name].sid, previous[name].model)
     }
-
-
-_ELSEWHERE = {
-    "simulate": "sidtool.solver.simulation.simulate",
-    "describe": "sidtool.solver.diagnostics.run_summary",
-    "static_equilibrium": "sidtool.solver.analyses.static_equilibrium",
-    "linearise": "sidtool.solver.analyses.linearisation",
-    "inverse_dynamics": "sidtool.solver.analyses.inverse_dynamics",
-    "Law": "sidtool.solver.functions.control_laws",
-    "Timed": "sidtool.solver.functions.callables",
-}
 
 
 def __getattr__(name: str) -> object:

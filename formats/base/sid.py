@@ -35,6 +35,45 @@ from .html import html_table
 
 Array = NDArray[np.float64]
 
+#: The directions of loads: forces along the body axes, moments about them.
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+#: What stands for the loads by its own inertia, where nodes have their ids.
+INERTIA_KEY = "*"
+_ENTRY = re.compile(r"([^\s=\[\];]+)=([\d.e,-]+)", re.ASCII)
+#: Per cents below this are rounding.
+_LEAST_PERCENT = 1e-6
+SixComponents = tuple[float | None, ...]
+#: Body blocks in file order. Rows and columns; "q" stands for nq.
+#: Units: mdCM kg m; J kg m2; Ct kg m/[q]; Cr kg m2/[q]; Me kg m2/[q]2;
+#: Gr kg m2/[q]; Ge kg m2/[q]2; Oe kg m2/[q]; ksigma N m/[q]; Ke N m/[q]2;
+#: De N m s/[q]2. With m1 of Ke the elastic force is Ke(q) q.
+BLOCK_SHAPES: Mapping[str, tuple[int | str, int | str]] = MappingProxyType(
+    {
+        "mdCM": (3, 1),
+        "J": (6, 1),
+        "Ct": ("q", 3),
+        "Cr": ("q", 3),
+        "Me": ("q", "q"),
+        "Gr": (3, "3q"),
+        "Ge": ("q", "3q"),
+        "Oe": ("q", 6),
+        "ksigma": ("q", 1),
+        "Ke": ("q", "q"),
+        "De": ("q", "q"),
+    }
+)
+#: Node entries in file order. Units: origin m; phi m/[q]; psi rad/[q]; AP 1;
+#: sigma stress or section force (optional).
+NODE_SHAPES: Mapping[str, tuple[int | str, int | str]] = MappingProxyType(
+    {"origin": (3, 1), "phi": (3, "q"), "psi": (3, "q"), "AP": (3, 3), "sigma": (6, 1)}
+)
+#: J is stored as (xx, yy, zz, xy, xz, yz), tensor elements.
+J_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+#: Oe columns multiply (wx wx, wy wy, wz wz, wx wy, wy wz, wx wz): yz before xz.
+OE_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+#: Further shape functions of a section that leaves the body connected.
+JUMPS = 6
+
 
 @dataclass(frozen=True, eq=False)
 class Taylor:
@@ -89,18 +128,6 @@ def _read_only(value: ArrayLike) -> Array:
     array = np.array(value, dtype=number_type(value), order="C")
     array.setflags(write=False)
     return array
-
-
-#: The directions of loads: forces along the body axes, moments about them.
-DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
-#: What stands for the loads by its own inertia, where nodes have their ids.
-INERTIA_KEY = "*"
-
-_ENTRY = re.compile(r"([^\s=\[\];]+)=([\d.e,-]+)", re.ASCII)
-#: Per cents below this are rounding.
-_LEAST_PERCENT = 1e-6
-
-SixComponents = tuple[float | None, ...]
 
 
 @dataclass(frozen=True)
@@ -213,38 +240,6 @@ def orientation_deviation(AP: Array) -> float:
     return float(np.abs(AP.T @ AP - np.eye(3)).max())
 
 
-#: Body blocks in file order. Rows and columns; "q" stands for nq.
-#: Units: mdCM kg m; J kg m2; Ct kg m/[q]; Cr kg m2/[q]; Me kg m2/[q]2;
-#: Gr kg m2/[q]; Ge kg m2/[q]2; Oe kg m2/[q]; ksigma N m/[q]; Ke N m/[q]2;
-#: De N m s/[q]2. With m1 of Ke the elastic force is Ke(q) q.
-BLOCK_SHAPES: Mapping[str, tuple[int | str, int | str]] = MappingProxyType(
-    {
-        "mdCM": (3, 1),
-        "J": (6, 1),
-        "Ct": ("q", 3),
-        "Cr": ("q", 3),
-        "Me": ("q", "q"),
-        "Gr": (3, "3q"),
-        "Ge": ("q", "3q"),
-        "Oe": ("q", 6),
-        "ksigma": ("q", 1),
-        "Ke": ("q", "q"),
-        "De": ("q", "q"),
-    }
-)
-
-#: Node entries in file order. Units: origin m; phi m/[q]; psi rad/[q]; AP 1;
-#: sigma stress or section force (optional).
-NODE_SHAPES: Mapping[str, tuple[int | str, int | str]] = MappingProxyType(
-    {"origin": (3, 1), "phi": (3, "q"), "psi": (3, "q"), "AP": (3, 3), "sigma": (6, 1)}
-)
-
-#: J is stored as (xx, yy, zz, xy, xz, yz), tensor elements.
-J_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-#: Oe columns multiply (wx wx, wy wy, wz wz, wx wy, wy wz, wx wz): yz before xz.
-OE_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
-
-
 @lru_cache(maxsize=4096)
 def block_shape(name: str, nq: int) -> tuple[int, int]:
     """Rows and columns of a body block or node entry for nq elastic coordinates."""
@@ -306,10 +301,6 @@ class Dialect:
     symmetric: str = "both"
     exponent: str = "D"
     name: str = ""
-
-
-#: Further shape functions of a section that leaves the body connected.
-JUMPS = 6
 
 
 @dataclass(frozen=True, eq=False)

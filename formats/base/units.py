@@ -8,6 +8,12 @@ from .errors import InputError
 
 Exponents = tuple[int, int, int, int]
 
+#: The unit in brackets behind the name of a column.
+_IN_BRACKETS = re.compile(r"\s*[\[(]((?:[^][()]|\([^][()]*\))*)[\])]\s*$")
+#: Units of a column that mean something else as well: gravity, a minimum, revolutions.
+_AMBIGUOUS = ("g", "min", "1/min")
+_SEPARATORS = re.compile(r"[\s*\N{MIDDLE DOT}\N{DOT OPERATOR}]+")
+
 
 class Unit(NamedTuple):
     """A unit by its factor to SI, and its exponents of metre, kilogram, second and
@@ -74,11 +80,6 @@ _NAMES = "|".join(
 )
 #: A unit with its power, or one of 1 / ( ).
 _TOKEN = re.compile(rf"({_NAMES})(?:\s*\^?\s*(-?\d+))?|1(?=\s*/)|[/()]")
-#: The unit in brackets behind the name of a column.
-_IN_BRACKETS = re.compile(r"\s*[\[(]((?:[^][()]|\([^][()]*\))*)[\])]\s*$")
-#: Units of a column that mean something else as well: gravity, a minimum, revolutions.
-_AMBIGUOUS = ("g", "min", "1/min")
-_SEPARATORS = re.compile(r"[\s*\N{MIDDLE DOT}\N{DOT OPERATOR}]+")
 
 
 def parse_unit(text: str) -> Unit | None:

@@ -13,6 +13,8 @@ from .tables import NonNegative, Point3, Positive
 Stations = Annotated[tuple[Positive, ...], Field(min_length=1)]
 Twist = float | Annotated[tuple[float, ...], Field(min_length=1)]
 
+_Length = Takes[Positive, float | str]
+
 
 class RectangularSection(Table):
     """A rectangular cross-section that may vary along a beam.
@@ -48,9 +50,6 @@ class GeneralSection(Table):
     torsion: Takes[Positive | None, float | str | None] = Field(default=None)
     shear_y: Takes[Positive, float | str] = Field(default=5 / 6)
     shear_z: Takes[Positive, float | str] = Field(default=5 / 6)
-
-
-_Length = Takes[Positive, float | str]
 
 
 class CircularSection(Table):

@@ -11,6 +11,17 @@ from .tables import Count
 Formulation = Literal["full_integration", "incompatible_modes"]
 Counts = tuple[Count, Count] | tuple[Count, Count, Count]
 
+#: Which discretisations a geometry has.
+FITTING: dict[str, tuple[str, ...]] = {
+    "nurbs": ("q4", "iga"),
+    "nurbs_volume": ("iga", "hex8", "hex20", "tet4", "tet10"),
+    "patches": ("iga",),
+    "beam": ("beam",),
+    "frame": ("beam",),
+    "mesh": ("mesh",),
+    "matrices": ("matrices",),
+}
+
 
 class Q4Discretisation(Table):
     """Bilinear quadrilaterals that sample the geometry at equal parameter steps.
@@ -142,14 +153,3 @@ Discretisation = Annotated[
     | MatricesDiscretisation,
     Field(discriminator="type"),
 ]
-
-#: Which discretisations a geometry has.
-FITTING: dict[str, tuple[str, ...]] = {
-    "nurbs": ("q4", "iga"),
-    "nurbs_volume": ("iga", "hex8", "hex20", "tet4", "tet10"),
-    "patches": ("iga",),
-    "beam": ("beam",),
-    "frame": ("beam",),
-    "mesh": ("mesh",),
-    "matrices": ("matrices",),
-}

@@ -28,6 +28,12 @@ from .tables import (
 
 Point2 = tuple[float, float]
 
+Knots = tuple[float, ...]
+#: The four sides of a patch with parameters (u, v) in [0, 1]: direction, end.
+SIDES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)}
+#: The six faces of a volume with parameters (u, v, w).
+FACES = SIDES | {"back": (2, 0), "front": (2, 1)}
+
 
 class PlaneCut(Table):
     """A plane through a solid body, and the part beyond it.
@@ -81,14 +87,6 @@ class SectionForces(Table):
         if isinstance(values, int):
             values = tuple(k / (values - 1) for k in range(values))
         return {f"s{k}": value for k, value in enumerate(values, 1)}
-
-
-Knots = tuple[float, ...]
-
-#: The four sides of a patch with parameters (u, v) in [0, 1]: direction, end.
-SIDES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)}
-#: The six faces of a volume with parameters (u, v, w).
-FACES = SIDES | {"back": (2, 0), "front": (2, 1)}
 
 
 class NamesOfFile(Mapping[str, Any]):

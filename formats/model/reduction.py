@@ -20,6 +20,8 @@ from .tables import Count, Names, NonNegative, as_tuple, check_name
 
 Modes = Annotated[int, Field(ge=0, description="the number of modes, 0 or more")]
 
+Vector = tuple[float, ...]
+
 
 class TangentFrame(Table):
     """A frame that moves and turns with a marker; its axes are the global ones.
@@ -244,9 +246,6 @@ class Tie(Table):
     def names(self) -> tuple[str, ...]:
         """The names in `to`."""
         return as_tuple(self.to)
-
-
-Vector = tuple[float, ...]
 
 
 class Prestress(Table):

@@ -39,6 +39,26 @@ from ..toml.reading import load, validate_data
 
 _SHARED = ("source", "tolerance")
 
+_COLUMNS = (
+    "quantity",
+    "value",
+    "mode",
+    "row",
+    "column",
+    "node",
+    "tolerance",
+    "name",
+    "source",
+)
+_NUMBER, _WHOLE = (float, "a number"), (int, "a whole number")
+_KINDS: dict[str, tuple[type, str]] = {
+    "value": _NUMBER,
+    "tolerance": _NUMBER,
+    "mode": _WHOLE,
+    "row": _WHOLE,
+    "column": _WHOLE,
+}
+
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -188,27 +208,6 @@ def _add_entry(
 def _with_line(error: InputError, line: int) -> InputError:
     place = f"line {line}" + (f", {error.place}" if error.place else "")
     return InputError(error.problem, place=place, expected=error.expected)
-
-
-_COLUMNS = (
-    "quantity",
-    "value",
-    "mode",
-    "row",
-    "column",
-    "node",
-    "tolerance",
-    "name",
-    "source",
-)
-_NUMBER, _WHOLE = (float, "a number"), (int, "a whole number")
-_KINDS: dict[str, tuple[type, str]] = {
-    "value": _NUMBER,
-    "tolerance": _NUMBER,
-    "mode": _WHOLE,
-    "row": _WHOLE,
-    "column": _WHOLE,
-}
 
 
 def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:

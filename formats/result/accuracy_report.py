@@ -17,6 +17,21 @@ from ..geometric_stiffening import (
 )
 from ..scene.base import Table
 
+Array = NDArray[np.float64]
+#: Linear theory holds to this elastic displacement over the size of a body, and to
+#: this elastic rotation [rad].
+MAX_DEFLECTION, MAX_ROTATION = 0.1, 0.15
+#: Elastic displacement over the size of a body from which numbers mean nothing.
+MEANINGLESS_DEFLECTION = 1.0
+#: Diagnostics of flexible bodies, found for the whole of a run.
+BODY_CODES = frozenset(
+    {"N404", "N405", "N406", "N407", "N408", "N411", "N412", "N413", "N419"}
+)
+#: Bodies beyond linear theory that have diagnostics of their own.
+MAX_WARNINGS = 8
+#: The highest retained frequency should be this many times the excitation.
+MIN_FREQUENCY_RATIO = 3.0
+
 
 class OutputError(Table):
     """The error of one output: the largest difference over time to the finest model."""
@@ -118,22 +133,6 @@ class AccuracyReport(Table):
     def absolute(self) -> dict[str, float]:
         """Errors by output, in the unit of the output."""
         return {output.name: output.error for output in self.outputs}
-
-
-Array = NDArray[np.float64]
-#: Linear theory holds to this elastic displacement over the size of a body, and to
-#: this elastic rotation [rad].
-MAX_DEFLECTION, MAX_ROTATION = 0.1, 0.15
-#: Elastic displacement over the size of a body from which numbers mean nothing.
-MEANINGLESS_DEFLECTION = 1.0
-#: Diagnostics of flexible bodies, found for the whole of a run.
-BODY_CODES = frozenset(
-    {"N404", "N405", "N406", "N407", "N408", "N411", "N412", "N413", "N419"}
-)
-#: Bodies beyond linear theory that have diagnostics of their own.
-MAX_WARNINGS = 8
-#: The highest retained frequency should be this many times the excitation.
-MIN_FREQUENCY_RATIO = 3.0
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,16 @@ Columns = Mapping[str, tuple[str, ...]]
 #: Rows that are written together.
 ROWS_PER_BLOCK = 4096
 
+_TEXT_FIELDS, _ROW_FIELDS = ("name", "kind"), ("t", "values", "positions", "velocities")
+Scalar = bool | int | float | str
+#: the arrays of a result and where the names of their columns stand
+TABLES = {
+    "values": "names",
+    "positions": "position_names",
+    "velocities": "velocity_names",
+    "multipliers": "multiplier_names",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -94,9 +104,6 @@ def write_rows(result: Result, sink: Sink) -> None:
     sink.finish(result)
 
 
-_TEXT_FIELDS, _ROW_FIELDS = ("name", "kind"), ("t", "values", "positions", "velocities")
-
-
 @dataclass(frozen=True, eq=False)
 class Event:
     """An event at one instant of a run.
@@ -138,9 +145,6 @@ def read_events(group: h5py.Group | None) -> tuple[Event, ...]:
         Event(str(name), str(kind), float(t), *states)
         for name, kind, t, *states in zip(*texts, *rows, strict=True)
     )
-
-
-Scalar = bool | int | float | str
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,12 +299,3 @@ class Result(WithDiagnostics):
             expected = f"one of {', '.join(self.names) or 'no outputs'}"
             raise InputError(f"there is no output {name!r}", expected=expected)
         return self.values[:, self.names.index(name)]
-
-
-#: the arrays of a result and where the names of their columns stand
-TABLES = {
-    "values": "names",
-    "positions": "position_names",
-    "velocities": "velocity_names",
-    "multipliers": "multiplier_names",
-}

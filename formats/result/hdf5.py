@@ -58,6 +58,15 @@ from .data import (
     write_rows,
 )
 
+FORMAT = "sidtool result"
+VERSION = 2
+READABLE = (1, 2)
+#: Numbers that are stored together, so that a chunk fits into the cache of libhdf5.
+CHUNK = 1 << 17
+_GROUPS = ("counters", "drift", "settings", "versions")
+_UNITS = "t: s; other quantities in SI units, angles in radians"
+_PARTS = {"excitation": Excitation, "expected": LoadStiffening, "found": LoadStiffening}
+
 
 class TableFile:
     """A header ``t,NAME,...`` and one row per output time, written during a run.
@@ -128,15 +137,6 @@ def _units_of_scene(text: str) -> Callable[[str], str]:
         return partial(unit_of, scene=validate_data(json.loads(text), SceneFile))
     except (ValueError, InputError):
         return unit_of
-
-
-FORMAT = "sidtool result"
-VERSION = 2
-READABLE = (1, 2)
-#: Numbers that are stored together, so that a chunk fits into the cache of libhdf5.
-CHUNK = 1 << 17
-_GROUPS = ("counters", "drift", "settings", "versions")
-_UNITS = "t: s; other quantities in SI units, angles in radians"
 
 
 class ResultFile:
@@ -351,9 +351,6 @@ def _scalar_value(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.decode()
     return value.item() if isinstance(value, np.generic) else value
-
-
-_PARTS = {"excitation": Excitation, "expected": LoadStiffening, "found": LoadStiffening}
 
 
 def write_bodies(group: h5py.Group, bodies: Mapping[str, FlexibleBody]) -> None:

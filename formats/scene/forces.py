@@ -13,6 +13,10 @@ Values = tuple[float, ...]
 #: Rows of a matrix.
 Rows = tuple[Values, ...]
 
+_MARKERS = "two markers: the force acts on the second, and backwards on the first"
+_JOINT = "a joint instead of markers: the force acts on its coordinate"
+_COORDINATE = "coordinate of the joint, such as angle, default the first it has"
+
 
 def _numbers(value: Any) -> Any:
     """One number stands for a sequence of one."""
@@ -28,9 +32,6 @@ Powers = Annotated[
     BeforeValidator(_numbers, json_schema_input_type=float | Values),
     Field(min_length=1),
 ]
-_MARKERS = "two markers: the force acts on the second, and backwards on the first"
-_JOINT = "a joint instead of markers: the force acts on its coordinate"
-_COORDINATE = "coordinate of the joint, such as angle, default the first it has"
 
 
 class Characteristic(Table):

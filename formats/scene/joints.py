@@ -31,6 +31,8 @@ MARKER_COORDINATES = {
     "spatial": ("x", "y", "z", "rotation"),
 }
 
+_MARKERS = "two markers, as BODY.MARKER or ground or ground.MARKER"
+
 
 class Drive(Table):
     """Prescribes a coordinate of `joint`, or of `marker` seen from `reference`.
@@ -133,9 +135,6 @@ class JointFriction(Table):
         ge=0,
         description="resistance to the rate of the coordinate [N s/m], [N m s/rad]",
     )
-
-
-_MARKERS = "two markers, as BODY.MARKER or ground or ground.MARKER"
 
 
 class _Joint(Table):

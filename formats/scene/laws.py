@@ -41,6 +41,12 @@ from .signal_files import SCALE, SignalTable
 #: plus one.
 INTERPOLATIONS = ("hold", "linear", "smooth")
 
+_LIMITS = "lower and upper bound of the value"
+_SAMPLE = (
+    "time between two samples [s]: the value is computed from what is measured at a "
+    "sample and held until the next; default none, all the time"
+)
+
 
 class Input(SignalTable):
     """A signal that comes from outside of the scene.
@@ -88,13 +94,6 @@ def without_tables(inputs: Mapping[str, Input]) -> dict[str, None]:
     return {
         f"inputs.{name}.{key}": None for name in named for key in ("times", "values")
     }
-
-
-_LIMITS = "lower and upper bound of the value"
-_SAMPLE = (
-    "time between two samples [s]: the value is computed from what is measured at a "
-    "sample and held until the next; default none, all the time"
-)
 
 
 class State(Table):

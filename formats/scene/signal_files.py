@@ -22,6 +22,22 @@ from ..storage.unreadable import read_text
 from ..toml.messages import nearest_key
 from .base import Table, as_tuples
 
+#: Columns of a signal: key of the column -> key of its numbers.
+SIGNAL_KEYS = {"time": "times", "value": "values"}
+#: A column by its name in the header or by its number from 1; None: the default one.
+Column = str | int | None
+Values = tuple[float, ...]
+#: A cell between spaces; that of a header with its unit in brackets.
+_SPACED = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|\S+")
+_HDF5 = (".h5", ".hdf5")
+#: Attributes of a dataset that name its unit.
+_UNIT_KEYS = ("units", "unit")
+SCALE = (
+    "factor of the values of a file, instead of that of the unit in its header to SI"
+)
+#: Tables of a scene whose entries may name files of signals.
+SIGNAL_TABLES = ("drives", "forces", "inputs", "tables")
+
 
 class SignalTable(Table):
     """A table with the keys `times` and `values`, or `file` and its columns."""
@@ -47,24 +63,6 @@ class SignalTable(Table):
     def unit_of_file(self) -> str:
         """The unit that its file states, or ""."""
         return self._unit_of_file
-
-
-#: Columns of a signal: key of the column -> key of its numbers.
-SIGNAL_KEYS = {"time": "times", "value": "values"}
-#: A column by its name in the header or by its number from 1; None: the default one.
-Column = str | int | None
-Values = tuple[float, ...]
-
-#: A cell between spaces; that of a header with its unit in brackets.
-_SPACED = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|\S+")
-_HDF5 = (".h5", ".hdf5")
-#: Attributes of a dataset that name its unit.
-_UNIT_KEYS = ("units", "unit")
-SCALE = (
-    "factor of the values of a file, instead of that of the unit in its header to SI"
-)
-#: Tables of a scene whose entries may name files of signals.
-SIGNAL_TABLES = ("drives", "forces", "inputs", "tables")
 
 
 class SignalColumn(NamedTuple):

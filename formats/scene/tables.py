@@ -35,6 +35,8 @@ from .lookup import LookupTable
 from .outputs import INSTANTANEOUS, SCENE_QUANTITIES, parse_output
 from .values import raise_failure
 
+MAX_OUTPUT_TIMES = 10_000_000
+
 
 class Event(Table):
     """A crossing of `value` by a quantity, found inside the steps of the run.
@@ -73,9 +75,6 @@ def check_quantity(text: str, place: str) -> None:
     if name.owner in SCENE_QUANTITIES and name.quantity not in INSTANTANEOUS:
         listed = ", ".join(f"energy.{quantity}" for quantity in INSTANTANEOUS[:3])
         raise_failure(place, f"{text} is nothing that an event can look at", listed)
-
-
-MAX_OUTPUT_TIMES = 10_000_000
 
 
 class OutputTimes:

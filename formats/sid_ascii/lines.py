@@ -25,6 +25,22 @@ from .title import Layout
 CERTAIN_ERROR = 1e-3
 WORSE_RATIO = 10.0
 
+HEADER_ITEMS = ("order", "nrow", "ncol", "nq", "nqn", "structure")
+#: Entries that may stand as Python objects, at ten times the memory of packed ones.
+BATCH = 8192
+CHUNK = 1 << 18
+MAX_TITLE_LENGTH = 100_000
+MAX_LINE_LENGTH = 4_096
+#: Texts of `ahead` that are not skipped before the file is read line by line.
+_MAX_UNUSED_READS = 100
+_NOT_TEXT = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
+_BYTE_ORDER_MARK = "\xef\xbb\xbf"
+_NUMBER = re.compile(
+    r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]([+-]?\d+)|([+-]\d+))?", re.ASCII
+)
+_INTEGER = re.compile(r"[+-]?\d{1,9}", re.ASCII)
+REAL_EXPECTED = "a finite number such as 1.5, -7.065D+02 or 1.0-100"
+
 
 def detect_m1_index(
     expansions: Iterable[tuple[RawTaylor, int]], nq: int, hint: Layout | None
@@ -201,10 +217,6 @@ class RawFile:
         yield from self.blocks.items()
 
 
-HEADER_ITEMS = ("order", "nrow", "ncol", "nq", "nqn", "structure")
-#: Entries that may stand as Python objects, at ten times the memory of packed ones.
-BATCH = 8192
-
 _PLAIN = str.maketrans("dD", "ee")
 
 
@@ -337,15 +349,7 @@ def _concatenate(
     return together, np.concatenate(values), np.concatenate(numbers)
 
 
-CHUNK = 1 << 18
-MAX_TITLE_LENGTH = 100_000
-MAX_LINE_LENGTH = 4_096
-#: Texts of `ahead` that are not skipped before the file is read line by line.
-_MAX_UNUSED_READS = 100
-
-_NOT_TEXT = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 _NOT_TEXT_BYTES = bytes([*range(9), *range(14, 32), 127])
-_BYTE_ORDER_MARK = "\xef\xbb\xbf"
 
 
 class LineReader:
@@ -450,14 +454,6 @@ class LineReader:
             "one keyword or one 'key = value' a line",
             number,
         )
-
-
-_NUMBER = re.compile(
-    r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]([+-]?\d+)|([+-]\d+))?", re.ASCII
-)
-_INTEGER = re.compile(r"[+-]?\d{1,9}", re.ASCII)
-
-REAL_EXPECTED = "a finite number such as 1.5, -7.065D+02 or 1.0-100"
 
 
 def parse_reals(

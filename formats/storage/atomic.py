@@ -52,6 +52,9 @@ LEFTOVER_PATTERN = re.compile(
 _living: set[Path] = set()
 _lock = threading.Lock()
 
+#: Bytes that are held in memory together.
+PAGE = 4096
+
 
 class StoredUnderOtherName(OSError):
     """Raised when a complete file could not replace another one and is stored beside
@@ -254,10 +257,6 @@ def _copy_into_device(source: Path, target: Path) -> None:
     """Writes a file into a device or a pipe."""
     with source.open("rb") as reader, target.open("wb", buffering=0) as writer:
         shutil.copyfileobj(reader, writer)
-
-
-#: Bytes that are held in memory together.
-PAGE = 4096
 
 
 class Discarded(Exception):

@@ -37,6 +37,12 @@ from .atomic import GrowingFile, undisturbed
 if TYPE_CHECKING:
     import h5py
 
+BLOCK = 512
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+SEAL_SIGNATURE = b"\x89SID\r\n\x1a\n"
+#: A packed dataset has at most this many times the size of its file.
+PACKED = 100
+
 
 def check_finite(sid: SID) -> None:
     """Refuse NaN and infinity anywhere in the body.
@@ -64,11 +70,6 @@ def named_expansions(sid: SID) -> Iterator[tuple[str, Taylor]]:
             entry = getattr(node, name)
             if entry is not None:
                 yield f"node {node.id}, {name}", entry
-
-
-BLOCK = 512
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-SEAL_SIGNATURE = b"\x89SID\r\n\x1a\n"
 
 
 class NewFile:
@@ -223,10 +224,6 @@ def versions() -> dict[str, str]:
     """Versions of this program and of what computes under it."""
     packages = ("sidtool", "numpy", "scipy", "numba")
     return {"python": platform.python_version()} | {p: version_of(p) for p in packages}
-
-
-#: A packed dataset has at most this many times the size of its file.
-PACKED = 100
 
 
 def check_own_data(file: h5py.File) -> None:

@@ -49,6 +49,10 @@ _DEVICES = {"CON", "PRN", "AUX", "NUL", "CONIN$", "CONOUT$"} | {
 
 # Files
 
+Handler = Any
+DEFAULT, IGNORED = signal.SIG_DFL, signal.SIG_IGN
+INTERRUPT = signal.SIGINT
+
 
 class Untrusted(PermissionError):
     """Another user may have written a file that only this one is to have written."""
@@ -471,10 +475,6 @@ def end_children_with_this_process() -> None:
 
 
 # Signals
-
-Handler = Any
-DEFAULT, IGNORED = signal.SIG_DFL, signal.SIG_IGN
-INTERRUPT = signal.SIGINT
 
 
 def present_signals(names: Any) -> list[signal.Signals]:

@@ -50,6 +50,8 @@ DEEPEST = 30
 #: Most instructions of a formula with its terms.
 MOST_INSTRUCTIONS = 10_000
 
+_OF_TWO = ("+", "-", "*", "/", "**", "min", "max", "atan2")
+
 
 class Instruction(NamedTuple):
     """`kind` is number, name, time, or an operator or function that takes its operands
@@ -206,7 +208,6 @@ _OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "min": min,
     "max": max,
 }
-_OF_TWO = ("+", "-", "*", "/", "**", "min", "max", "atan2")
 
 
 class _Parser:

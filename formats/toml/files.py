@@ -23,6 +23,8 @@ from .messages import nearest_key
 from .reading import read_data, with_formulas
 from .tables import Field, Table, Takes, named_object, to_plain, toml_text
 
+_PART = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
+
 
 class Diagnostics(Table):
     """Which diagnostics are not reported."""
@@ -61,9 +63,6 @@ def ignoring(file: Kind, codes: Iterable[str]) -> Kind:
     both = (*file.diagnostics.ignore, *codes)
     table = file.diagnostics.model_copy(update={"ignore": both})
     return file.model_copy(update={"diagnostics": table})
-
-
-_PART = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
 
 
 class File(Table):

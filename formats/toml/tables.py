@@ -85,6 +85,12 @@ OptionalTwoNumbers = Takes[tuple[float, float] | None, ArrayLike | None]
 #: Objects by their texts, as long as the process runs: scenes hold texts alone.
 _OBJECTS: dict[str, Any] = {}
 
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+#: Width of a line; longer lists have one entry per line.
+WIDTH = 88
+#: Tables in each other that get a header of their own, such as [bodies.rod].
+HEADERS = 2
+
 
 def name_object(value: Any) -> str:
     """Return the text that refers to an object, the same one each time."""
@@ -184,13 +190,6 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, list | tuple | range):
         return [to_plain(part) for part in value]
     return os.fspath(value) if isinstance(value, os.PathLike) else value
-
-
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
-#: Width of a line; longer lists have one entry per line.
-WIDTH = 88
-#: Tables in each other that get a header of their own, such as [bodies.rod].
-HEADERS = 2
 
 
 def toml_text(data: Mapping[str, Any]) -> str:

@@ -45,6 +45,18 @@ if TYPE_CHECKING:
     from sidtool.solver.analyses.dense_equations import DenseEquations
     from sidtool.solver.system.system import System
 
+#: Intervals between states of the selected run: first number and largest number. It is
+#: doubled while the bound decreases to this factor.
+MIN_INTERVALS, MAX_INTERVALS, SUFFICIENT_DECREASE = 128, 4096, 0.7
+#: Relative tolerance for linear and for constant equations.
+LINEARITY_TOLERANCE = 1e-7
+#: Tolerance for negative damping, relative to critical damping.
+DAMPING_ROUNDING = 1e-12
+#: Intervals between samples of a varying stiffness: first and largest number. The
+#: number is doubled until the interpolation error at the probe times changes an energy
+#: by at most `MAX_ENERGY_CHANGE` in the run.
+MIN_SAMPLES, MAX_SAMPLES, PROBE_COUNT, MAX_ENERGY_CHANGE = 32, 1024, 12, 0.01
+
 
 def error_budget(
     runs: Runs,
@@ -154,9 +166,6 @@ def _terms_text(choice: Choice, reference: Reference) -> str:
 
 #: Integration of the motion that the bounds are based on.
 BASE_SETTING = Setting("radau13", 1e-11)
-#: Intervals between states of the selected run: first number and largest number. It is
-#: doubled while the bound decreases to this factor.
-MIN_INTERVALS, MAX_INTERVALS, SUFFICIENT_DECREASE = 128, 4096, 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,16 +351,6 @@ def _interval_midpoints(
     place = (q0 + q1) / 2 + 5 * h / 32 * (v0 - v1) + h**2 / 64 * (a0 + a1)
     rate = 15 / 8 * (q1 - q0) / h - 7 / 16 * (v0 + v1) + h / 32 * (a1 - a0)
     return place, rate, 1.5 * (v1 - v0) / h - (a0 + a1) / 4
-
-
-#: Relative tolerance for linear and for constant equations.
-LINEARITY_TOLERANCE = 1e-7
-#: Tolerance for negative damping, relative to critical damping.
-DAMPING_ROUNDING = 1e-12
-#: Intervals between samples of a varying stiffness: first and largest number. The
-#: number is doubled until the interpolation error at the probe times changes an energy
-#: by at most `MAX_ENERGY_CHANGE` in the run.
-MIN_SAMPLES, MAX_SAMPLES, PROBE_COUNT, MAX_ENERGY_CHANGE = 32, 1024, 12, 0.01
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,6 +55,11 @@ BETTER_FRAME_RATIO = 0.8
 #: in one that is not known to be better; measured were 1.3 and 2.1 at most.
 NEGLECT_SAFETY, NEGLECT_SAFETY_UNKNOWN = 2.0, 3.0
 
+#: Name of the node at the former position of the frame; letters make it unique.
+FRAME_NODE_NAME = "frame"
+#: Quantities relative to the body frame.
+RELATIVE_QUANTITIES = ("ux", "uy", "uz")
+
 
 @dataclass(frozen=True, eq=False)
 class AlternativeFrame:
@@ -282,10 +287,6 @@ def _max_displacement(sid: SID, change: FrameChange, q: Array) -> float:
     return float(np.linalg.norm(phi @ q.T, axis=1).max(initial=0.0))
 
 
-#: Name of the node at the former position of the frame; letters make it unique.
-FRAME_NODE_NAME = "frame"
-#: Quantities relative to the body frame.
-RELATIVE_QUANTITIES = ("ux", "uy", "uz")
 #: Quantities of a body that do not depend on its frame.
 BODY_QUANTITIES_OF_FRAME = (*MOMENTA, *BODY_STRESSES)
 

@@ -70,6 +70,12 @@ OWN_ERROR_SHARE = 0.3
 #: Text on the origin of the errors of the reference.
 TIGHTER_RUN_TEXT = "a tighter run"
 
+#: Largest number of loose full runs; smallest and largest ratio of the next tolerance;
+#: safety factor on the tolerance that would just be sufficient.
+MAX_LEVELS, MIN_RTOL_RATIO, MAX_RTOL_RATIO, RTOL_SAFETY = 4, 0.03, 0.5, 0.6
+#: Number of models with fewer shape functions that are tried.
+MAX_TRIALS = 2
+
 
 @dataclass(frozen=True, eq=False)
 class VerifiedChoice:
@@ -217,13 +223,6 @@ def verify_full_interval(
     return verified_reference, replace(
         selected, accepted_run=there, errors=estimate_errors(errors, verified_reference)
     )
-
-
-#: Largest number of loose full runs; smallest and largest ratio of the next tolerance;
-#: safety factor on the tolerance that would just be sufficient.
-MAX_LEVELS, MIN_RTOL_RATIO, MAX_RTOL_RATIO, RTOL_SAFETY = 4, 0.03, 0.5, 0.6
-#: Number of models with fewer shape functions that are tried.
-MAX_TRIALS = 2
 
 
 def select_with_few_runs(

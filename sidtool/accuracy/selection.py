@@ -50,6 +50,26 @@ DEFAULT_INTEGRATOR, EXPLICIT_INTEGRATOR = "radau9", "auto"
 #: Requests from which on integrators of lower and of higher order are tried as well.
 LOW_ORDER, HIGH_ORDER = ("radau5", 1e-5), ("radau13", 1e-4)
 
+#: Shares of the allowed error: for the plane, for rigid bodies, with groups of shape
+#: functions, with single ones, with terms, with integration.
+PLANE_SHARE, RIGID_SHARE, GROUP_SHARE, SHAPE_SHARE, MODEL_SHARE, FULL_SHARE = (
+    0.05,
+    0.2,
+    0.25,
+    0.4,
+    0.5,
+    0.95,
+)
+#: Shape functions of one body that are tested one by one; of more, those of least
+#: elastic energy are omitted in groups first.
+MAX_SINGLE_SHAPES = 10
+#: Factor on differences that are reported as errors.
+ERROR_SAFETY = 1.01
+#: A term is omitted if its omission alone uses at most this share.
+TERM_SHARE = 0.1
+#: Shape functions that are tested one by one after the first that must remain.
+MAX_LATER_TRIALS = 6
+
 
 @dataclass(frozen=True, eq=False)
 class AcceptedRun:
@@ -152,27 +172,6 @@ def _tightest_request(reference: Reference) -> float:
     with np.errstate(divide="ignore"):
         parts = reference.allowed / reference.variation
     return float(np.clip(parts.min(), TIGHTEST_RTOL, 1.0))
-
-
-#: Shares of the allowed error: for the plane, for rigid bodies, with groups of shape
-#: functions, with single ones, with terms, with integration.
-PLANE_SHARE, RIGID_SHARE, GROUP_SHARE, SHAPE_SHARE, MODEL_SHARE, FULL_SHARE = (
-    0.05,
-    0.2,
-    0.25,
-    0.4,
-    0.5,
-    0.95,
-)
-#: Shape functions of one body that are tested one by one; of more, those of least
-#: elastic energy are omitted in groups first.
-MAX_SINGLE_SHAPES = 10
-#: Factor on differences that are reported as errors.
-ERROR_SAFETY = 1.01
-#: A term is omitted if its omission alone uses at most this share.
-TERM_SHARE = 0.1
-#: Shape functions that are tested one by one after the first that must remain.
-MAX_LATER_TRIALS = 6
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,6 +54,19 @@ EXACT_AREA_DEGREE = 6
 #: Gauss points of a panel of an axis, and the least number of panels.
 _POINTS, _PANELS = 16, 32
 
+Indices = NDArray[np.int64]
+_SHEAR_AREAS = {"shear_y", "shear_z"}
+#: Positions of markers this near to the axis, relative to its length, are on it: a
+#: spline follows a curve only so well.
+_ON_LINE, _ON_CURVE = 1e-9, 1e-4
+#: Fractions of the length as near as this are the same.
+_SAME_PLACE = 1e-9
+#: Elements do not end at a marker that is nearer than this to another end, relative to
+#: the length of an element.
+_LEAST_ELEMENT = 0.01
+#: Least number of pieces that pictures draw a beam in.
+_SECTIONS = 48
+
 
 def beam_mass(
     geometry: BeamGeometry,
@@ -92,20 +105,6 @@ def _area(geometry: BeamGeometry) -> Profile:
     if not isinstance(geometry.section, RectangularSection):
         return profile(section_at(geometry, 0.0).area, "linear")
     return side_profile(geometry, "height") * side_profile(geometry, "width")
-
-
-Indices = NDArray[np.int64]
-_SHEAR_AREAS = {"shear_y", "shear_z"}
-#: Positions of markers this near to the axis, relative to its length, are on it: a
-#: spline follows a curve only so well.
-_ON_LINE, _ON_CURVE = 1e-9, 1e-4
-#: Fractions of the length as near as this are the same.
-_SAME_PLACE = 1e-9
-#: Elements do not end at a marker that is nearer than this to another end, relative to
-#: the length of an element.
-_LEAST_ELEMENT = 0.01
-#: Least number of pieces that pictures draw a beam in.
-_SECTIONS = 48
 
 
 def beam_model(model: ModelFile) -> FiniteElementModel:

@@ -23,6 +23,13 @@ from sidtool.formats.sid_mass import skew
 from ..mesh.reference_elements import gauss_legendre
 from .section_shapes import named_properties
 
+#: Sections are smaller than this [m].
+LARGEST_SECTION = 1e9
+#: Gauss points per direction of a rectangle, and terms of its warping.
+_POINTS, _TERMS = 10, 6
+#: Terms of the series of torsion of a rectangle, of which the first left out is 3e-9.
+_TORSION_TERMS = 25
+
 
 @dataclass(frozen=True)
 class Profile:
@@ -127,14 +134,6 @@ _INTERPOLATIONS: dict[str, Callable[[Array], Profile]] = {
     "smooth": _spline_profile,
     "polynomial": _polynomial_profile,
 }
-
-
-#: Sections are smaller than this [m].
-LARGEST_SECTION = 1e9
-#: Gauss points per direction of a rectangle, and terms of its warping.
-_POINTS, _TERMS = 10, 6
-#: Terms of the series of torsion of a rectangle, of which the first left out is 3e-9.
-_TORSION_TERMS = 25
 
 
 @dataclass(frozen=True)

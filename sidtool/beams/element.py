@@ -25,6 +25,8 @@ _X, _W = np.polynomial.legendre.leggauss(4)
 GAUSS_POINTS, GAUSS_WEIGHTS = (_X + 1) / 2, _W / 2
 _CUTS = np.concatenate([[0.0], GAUSS_POINTS, [1.0]])
 
+Indices = NDArray[np.int64]
+
 
 @dataclass(frozen=True, eq=False)
 class BeamProperties:
@@ -180,9 +182,6 @@ def translate_motion(arm: Array) -> Array:
     result[..., range(6), range(6)] = 1.0
     result[..., :3, 3:] = -skew(arm)
     return result
-
-
-Indices = NDArray[np.int64]
 
 
 class RowCollector:

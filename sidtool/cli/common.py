@@ -95,6 +95,9 @@ verbose_option = click.option(
 #: Largest number of rows of a table on a screen.
 MAX_ROWS = 38
 
+_QUIET, _JSON = "sidtool.quiet", "sidtool.json"
+_IGNORED, _STRICT, _WARNED = "sidtool.ignored", "sidtool.strict", "sidtool.warned"
+
 
 def table_on_screen(report: Callable[[int | None], str], verbose: bool) -> str:
     """Return a report with as many rows as fit on a screen, or with all.
@@ -404,8 +407,6 @@ JSON = click.Option(
     callback=set_json,
     help="Print the numbers as JSON; all else goes to the standard error.",
 )
-_QUIET, _JSON = "sidtool.quiet", "sidtool.json"
-_IGNORED, _STRICT, _WARNED = "sidtool.ignored", "sidtool.strict", "sidtool.warned"
 
 
 def is_quiet() -> bool:

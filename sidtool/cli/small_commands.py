@@ -20,6 +20,13 @@ from .common import (
     verbose_option,
 )
 
+KINDS = {
+    "model": ("sidtool.formats.model", "ModelFile"),
+    "scene": ("sidtool.formats.scene", "SceneFile"),
+    "reference": ("sidtool.formats.reference", "ReferenceFile"),
+    "design": ("sidtool.formats.design", "DesignFile"),
+}
+
 
 @click.command()
 @click.argument("file", metavar="FILE", type=piped_path)
@@ -187,14 +194,6 @@ def new(name: Path, start: str) -> None:
     for file in copy_example(name, start):
         click.echo(f"  {name / file}")
     click.echo(f"Go on in the folder {name}: README.md has the commands, step by step.")
-
-
-KINDS = {
-    "model": ("sidtool.formats.model", "ModelFile"),
-    "scene": ("sidtool.formats.scene", "SceneFile"),
-    "reference": ("sidtool.formats.reference", "ReferenceFile"),
-    "design": ("sidtool.formats.design", "DesignFile"),
-}
 
 
 @click.command()

@@ -52,6 +52,20 @@ from ..validate.identity import (
 
 Outcome = Literal["passed", "failed", "shown"]
 
+#: Entries below this fraction of the natural size of a block are rounding.
+_ROUNDING_SHARE = 1e-9
+#: Natural modes this close in frequency may mix.
+_CLOSE_FREQUENCIES = 1e-3
+BLOCK_GROUP = "blocks, in the basis of the reference"
+_MAX_MARKERS = 4
+# Deflections below this fraction of the largest are negligible in a relative
+# comparison.
+_NEGLIGIBLE_SHARE = 1e-9
+# Modes this close in frequency may mix; they are compared as one subspace.
+_CLOSE_FREQUENCY_RATIO = 1e-3
+# Differences of the MAC below this do not decide which modes belong together.
+_EQUAL_ASSURANCE = 1e-3
+
 
 @dataclass(frozen=True)
 class ComparisonRow:
@@ -98,13 +112,6 @@ class Comparison:
     def group(self, start: str) -> tuple[ComparisonRow, ...]:
         """The rows of all groups whose name starts so."""
         return tuple(row for row in self.rows if row.group.startswith(start))
-
-
-#: Entries below this fraction of the natural size of a block are rounding.
-_ROUNDING_SHARE = 1e-9
-#: Natural modes this close in frequency may mix.
-_CLOSE_FREQUENCIES = 1e-3
-BLOCK_GROUP = "blocks, in the basis of the reference"
 
 
 def block_rows(
@@ -228,16 +235,6 @@ def _stack_nodes(sid: SID, name: str, nodes: list[int]) -> Taylor | None:
     if any(entry.m1 is not None for entry in entries):
         m1 = np.concatenate([entry.first_order(sid.nq) for entry in entries], axis=1)
     return Taylor(np.vstack([entry.m0 for entry in entries]), m1)
-
-
-_MAX_MARKERS = 4
-# Deflections below this fraction of the largest are negligible in a relative
-# comparison.
-_NEGLIGIBLE_SHARE = 1e-9
-# Modes this close in frequency may mix; they are compared as one subspace.
-_CLOSE_FREQUENCY_RATIO = 1e-3
-# Differences of the MAC below this do not decide which modes belong together.
-_EQUAL_ASSURANCE = 1e-3
 
 
 def compare_sids(

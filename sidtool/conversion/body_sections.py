@@ -19,6 +19,8 @@ from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
 from .inertia_integrals import body_inertia
 
+_INERTIA = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe")
+
 
 def add_sections(
     sid: SID, body: FiniteElementModel, frame: Frame, basis: ReducedBasis
@@ -134,9 +136,6 @@ def _blocks(inertia: Mapping[str, Taylor], nq: int) -> dict[str, Any]:
     none = Taylor(np.zeros((nq, nq)))
     ksigma = Taylor(np.zeros((nq, 1)))
     return {**inertia, "ksigma": ksigma, "Ke": none, "De": none}
-
-
-_INERTIA = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe")
 
 
 def _zero(block: Taylor) -> Taylor:

@@ -57,6 +57,11 @@ from .inertia_integrals import CENTRIFUGAL_PRODUCTS
 #: Replacement of "Hz" in labels with a frequency of another frame.
 _FORMER_HERTZ = "hertz in another frame"
 
+#: Blocks agree that differ by no more than this share of the largest entry.
+_EQUALITY_TOLERANCE = 1e-10
+#: Displacements below this share of the largest are rounding.
+_NO_MOTION = 1e-9
+
 
 def relabel_frequencies(sid: SID) -> SID:
     """The SID with "Hz" in its labels only if the frequencies are those of the body."""
@@ -67,10 +72,6 @@ def relabel_frequencies(sid: SID) -> SID:
         return restored
     labels = tuple(re.sub(r"\bHz\b", _FORMER_HERTZ, label) for label in restored.labels)
     return replace(restored, labels=labels)
-
-
-#: Blocks agree that differ by no more than this share of the largest entry.
-_EQUALITY_TOLERANCE = 1e-10
 
 
 def equalise_blocks(new: SID, old: SID) -> SID:
@@ -127,8 +128,6 @@ def _coriolis_pair(sid: SID) -> Array:
 
 
 _RIGID = slice(0, 6)
-#: Displacements below this share of the largest are rounding.
-_NO_MOTION = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

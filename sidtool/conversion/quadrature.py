@@ -21,6 +21,16 @@ from ..mesh.mesh import Mesh
 
 _PROGRESS_TEXT = "going through the elements"
 
+Indices = NDArray[np.int64]
+#: Terms of the polynomials that are fitted to the values of an element, by dimension,
+#: from the most terms to the constant.
+_TERMS = {
+    2: ("1 x y xy", "1 x y", "1"),
+    3: ("1 x y z xy yz zx", "1 x y z", "1"),
+}
+#: Relative cut-off of singular values of a fit.
+_SINGULAR_VALUE_TOLERANCE = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class QuadraturePart:
@@ -178,18 +188,6 @@ def _internal_mode_data(batch: ElementBatch, law: Array, cut: slice) -> dict[str
         "amplitudes": internal_amplitudes(some, law),
         "element": np.repeat(np.arange(ne), ng),
     }
-
-
-Indices = NDArray[np.int64]
-
-#: Terms of the polynomials that are fitted to the values of an element, by dimension,
-#: from the most terms to the constant.
-_TERMS = {
-    2: ("1 x y xy", "1 x y", "1"),
-    3: ("1 x y z xy yz zx", "1 x y z", "1"),
-}
-#: Relative cut-off of singular values of a fit.
-_SINGULAR_VALUE_TOLERANCE = 1e-9
 
 
 class NodalAverages:

@@ -45,6 +45,9 @@ from .marker_couplings import weighted_rigid_motion
 #: The part before a plane has no mass if it is below this share of the whole.
 _NO_MASS = 1e-12
 
+#: Relative cut-off of singular values of the motion of an end by its node.
+_INDEPENDENT = 1e-9
+
 
 def add_cuts(body: FiniteElementModel, model: ModelFile) -> FiniteElementModel:
     """Add the plane cuts of the model file to a body of solid elements.
@@ -233,10 +236,6 @@ def _nearest_piece(
     near = np.linalg.norm(body.positions - plane.point, axis=1)
     nearest = np.where(beyond, near, np.inf).argmin()
     return np.asarray(beyond & (piece == piece[nearest]))
-
-
-#: Relative cut-off of singular values of the motion of an end by its node.
-_INDEPENDENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,6 +67,12 @@ _PRINTED_PRECISION = 5e-6
 #: Smaller shares of a node in the motion of a marker are zero.
 _NO_SHARE = 1e-9
 
+#: What is left of deformations, unless they may come from the last digits of the
+#: stiffness, as below this share of the largest eigenvalue.
+_RESIDUAL_SHARE, _STIFFNESS_DIGITS = 1e-3, 1e-7
+#: Iterations stop when that eigenvalue changes by less than this fraction.
+_CONVERGENCE_TOLERANCE, _MAX_ITERATIONS = 0.01, 8
+
 
 class DependentNodes(InputError):
     """Raised if constraints make nodes of CalculiX' mesh depend on others."""
@@ -463,13 +469,6 @@ def _without_rounding_shares(marker: MarkerRows) -> MarkerRows:
     rows.data[np.abs(rows.data) < _NO_SHARE] = 0.0
     rows.eliminate_zeros()
     return replace(marker, displacement=rows)
-
-
-#: What is left of deformations, unless they may come from the last digits of the
-#: stiffness, as below this share of the largest eigenvalue.
-_RESIDUAL_SHARE, _STIFFNESS_DIGITS = 1e-3, 1e-7
-#: Iterations stop when that eigenvalue changes by less than this fraction.
-_CONVERGENCE_TOLERANCE, _MAX_ITERATIONS = 0.01, 8
 
 
 def refine_positions(

@@ -26,6 +26,9 @@ from .structure_elements import node_motion
 
 Indices = NDArray[np.int64]
 
+#: Tolerance of equations for rigid motions, relative to coefficients and size.
+_RIGID_MOTION_TOLERANCE = 1e-7
+
 
 def body_couplings(
     imported: ImportedMesh, whole: Mesh, mesh: Mesh, model: ModelFile
@@ -184,10 +187,6 @@ def _check_point_mass(mass: RawMass, coupled: bool, on_element: bool) -> None:
             place=mass.place,
             expected="a plain mass, or one at the reference node of a coupling",
         )
-
-
-#: Tolerance of equations for rigid motions, relative to coefficients and size.
-_RIGID_MOTION_TOLERANCE = 1e-7
 
 
 def body_equations(

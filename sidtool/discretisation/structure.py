@@ -44,6 +44,18 @@ _FREE_STIFFNESS_TOLERANCE = 1e-12
 #: Cosines of bars in one line differ from one by less.
 _COLLINEAR_TOLERANCE = 1e-9
 
+Indices = NDArray[np.int64]
+#: Relative energy below which a deformation has none.
+_MECHANISM_TOLERANCE = 1e-13
+#: Arms below this share of the body are rounding.
+_NO_ARM = 1e-12
+#: Directions whose cosine differs from one by less are the same.
+_SAME_DIRECTION = 1e-12
+#: Relative stiffness to the ground that makes the matrix of the iteration regular.
+_SHIFT = 1e-12
+#: Further vectors of the iteration, and its steps at most.
+_SPARE_VECTORS, _MOST_STEPS = 6, 20
+
 
 def without_unsupported(
     structure: Structure, marked: Callable[[Structure], set[int]]
@@ -191,20 +203,6 @@ def _without(
     remedy = "Hold no moment about them by joints."
     reduced = structure.with_nodes(np.where(table >= 0, number[table], -1))
     return reduced, [diagnose("N129", limit=limit, remedy=remedy)]
-
-
-Indices = NDArray[np.int64]
-
-#: Relative energy below which a deformation has none.
-_MECHANISM_TOLERANCE = 1e-13
-#: Arms below this share of the body are rounding.
-_NO_ARM = 1e-12
-#: Directions whose cosine differs from one by less are the same.
-_SAME_DIRECTION = 1e-12
-#: Relative stiffness to the ground that makes the matrix of the iteration regular.
-_SHIFT = 1e-12
-#: Further vectors of the iteration, and its steps at most.
-_SPARE_VECTORS, _MOST_STEPS = 6, 20
 
 
 @dataclass(frozen=True, eq=False)

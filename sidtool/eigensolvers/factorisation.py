@@ -47,6 +47,26 @@ _SECONDS = {"superlu": 3e-9, "pardiso": 8e-10}
 #: Where pip installs Intel's library, by `platform.machine`.
 _PARDISO_MACHINES = ("x86_64", "AMD64")
 
+#: Parts with at most this number of points are not divided.
+_MIN_PART_SIZE = 3
+#: Digits of base 3 that an integer of 64 bits holds.
+_MOST_CUTS = 39
+#: Fewest points over those on one side of a cut, below which they are taken.
+_WORTH_RAGGED = 0.9
+#: Coordinates that agree in so many digits of a part's length are equal.
+_DIGITS = 7
+#: Bytes per unknown of the matrices and vectors, and of the factors, which grow in the
+#: plane as log2(n), in space as n^(1/3). Fitted to hexahedra (benchmarks/scale.py); the
+#: factors of tetrahedra are smaller. PARDISO keeps copies of the matrix.
+_BYTES = {
+    "superlu": {2: (1100.0, 100.0), 3: (1900.0, 500.0)},
+    "cholmod": {2: (1100.0, 50.0), 3: (1900.0, 180.0)},
+    "pardiso": {2: (1100.0, 75.0), 3: (6300.0, 240.0)},
+    "slepc": {2: (1100.0, 70.0), 3: (1900.0, 180.0)},
+}
+#: Interpreter and libraries.
+_BASE = 0.15e9
+
 
 class Factors(Protocol):
     """Protocol of factors: solve linear systems."""
@@ -210,16 +230,6 @@ ENGINES: dict[str, tuple[str, Callable[[sp.csr_matrix], Factors]]] = {
 }
 
 
-#: Parts with at most this number of points are not divided.
-_MIN_PART_SIZE = 3
-#: Digits of base 3 that an integer of 64 bits holds.
-_MOST_CUTS = 39
-#: Fewest points over those on one side of a cut, below which they are taken.
-_WORTH_RAGGED = 0.9
-#: Coordinates that agree in so many digits of a part's length are equal.
-_DIGITS = 7
-
-
 def nested_dissection(matrix: sp.csr_matrix, places: Array) -> Indices:
     """(n,) the unknowns in an order for elimination.
 
@@ -369,19 +379,6 @@ def _is_above_median(part: Indices, places: Array) -> NDArray[np.bool_]:
     middle = starts + np.diff(starts, append=len(part)) // 2
     threshold = np.maximum(along[order[middle]], 10.0**-_DIGITS)
     return along >= threshold[part]
-
-
-#: Bytes per unknown of the matrices and vectors, and of the factors, which grow in the
-#: plane as log2(n), in space as n^(1/3). Fitted to hexahedra (benchmarks/scale.py); the
-#: factors of tetrahedra are smaller. PARDISO keeps copies of the matrix.
-_BYTES = {
-    "superlu": {2: (1100.0, 100.0), 3: (1900.0, 500.0)},
-    "cholmod": {2: (1100.0, 50.0), 3: (1900.0, 180.0)},
-    "pardiso": {2: (1100.0, 75.0), 3: (6300.0, 240.0)},
-    "slepc": {2: (1100.0, 70.0), 3: (1900.0, 180.0)},
-}
-#: Interpreter and libraries.
-_BASE = 0.15e9
 
 
 def expected_gigabytes(positions: Array, ndof: int) -> float:

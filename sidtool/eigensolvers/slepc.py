@@ -36,6 +36,9 @@ _USUAL_RESTARTS = 10.0
 #: Parallel direct solvers of PETSc and the factorisation each offers, best first.
 _SOLVERS = {"mumps": "cholesky", "superlu_dist": "lu"}
 
+#: Counts of a loop are reported no more often than this [s].
+_REPORT_INTERVAL = 0.5
+
 
 class PartnerFailed(Exception):
     """Another process of this run failed and has reported why."""
@@ -274,8 +277,6 @@ def _gather_vector(petsc: Any, vector: Any) -> Array:
 
 Listener = Callable[[str], None]
 
-#: Counts of a loop are reported no more often than this [s].
-_REPORT_INTERVAL = 0.5
 
 _ENGINE: ContextVar[str | None] = ContextVar("engine", default=None)
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)

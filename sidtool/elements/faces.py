@@ -46,6 +46,19 @@ _NEWTON_STEPS = 12
 #: Number of candidate faces for the face nearest to a point.
 _CANDIDATE_FACES = 4
 
+#: Gauss points per knot span beyond the degree: for curved and rational sides.
+_EXTRA_GAUSS_POINTS = 4
+Polygon = list[tuple[float, float]]
+#: Degree to which integrals over a common part are exact where faces are flat.
+_DEGREE = 5
+#: Smaller common parts, relative to the face, are rounding.
+_MIN_AREA_SHARE = 1e-9
+#: Half-planes u a + v b + c >= 0 that bound a face.
+_SQUARE_BOUNDS = ((1, 0, 0), (-1, 0, 1), (0, 1, 0), (0, -1, 1))
+_TRIANGLE_BOUNDS = ((1, 0, 0), (0, 1, 0), (-1, -1, 1))
+#: Degree to which the quadrature of N_i N_j is exact: quadratic, on curved faces.
+_SURFACE_DEGREE = 7
+
 
 @dataclass(frozen=True, eq=False)
 class FaceGroup:
@@ -226,10 +239,6 @@ def products_of_normals(tangents: Array, weights: Array) -> Array:
     return products
 
 
-#: Gauss points per knot span beyond the degree: for curved and rational sides.
-_EXTRA_GAUSS_POINTS = 4
-
-
 def patch_surface(patch: NurbsPatch, direction: int, end: int) -> Surface:
     """The side where a parameter is 0 or 1."""
     nodes = side_nodes(patch, direction, end)
@@ -280,17 +289,6 @@ def _tensor_products(factors: list[sp.csr_matrix]) -> sp.csr_matrix:
 def _product_weights(weights: list[Array]) -> Array:
     """The weights of a product of rules; the last one runs fastest."""
     return reduce(lambda a, b: np.outer(a, b).ravel(), weights)
-
-
-Polygon = list[tuple[float, float]]
-
-#: Degree to which integrals over a common part are exact where faces are flat.
-_DEGREE = 5
-#: Smaller common parts, relative to the face, are rounding.
-_MIN_AREA_SHARE = 1e-9
-#: Half-planes u a + v b + c >= 0 that bound a face.
-_SQUARE_BOUNDS = ((1, 0, 0), (-1, 0, 1), (0, 1, 0), (0, -1, 1))
-_TRIANGLE_BOUNDS = ((1, 0, 0), (0, 1, 0), (-1, -1, 1))
 
 
 def common_simplices(
@@ -372,10 +370,6 @@ def simplex_quadrature(parts: Array) -> tuple[Array, Array]:
 @cache
 def _simplex_rule(shape: str) -> tuple[Array, Array]:
     return quadrature_rule(shape, _DEGREE)
-
-
-#: Degree to which the quadrature of N_i N_j is exact: quadratic, on curved faces.
-_SURFACE_DEGREE = 7
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,14 @@ from .solid_mesh import element_batches
 
 Indices = NDArray[np.int64]
 
+_ITERATIONS = 30
+#: Slack in reference coordinates within which a point counts as inside an element.
+_PARAMETER_TOLERANCE = 1e-6
+#: Number of candidate elements for the nearest point of the mesh.
+_CANDIDATE_ELEMENTS = 48
+#: Number of a block, row of an element in it, point in the reference element.
+_Holder = tuple[int, int, Array]
+
 
 def markers_with_position(
     markers: Mapping[str, NodeMarker],
@@ -164,18 +172,6 @@ def _sparse_matrix(rows: Array, nodes: Indices, patch: NurbsPatch) -> sp.csr_mat
     matrix = sp.csr_matrix((rows.ravel(), index), shape=(k, patch.points.size))
     matrix.eliminate_zeros()
     return matrix
-
-
-_ITERATIONS = 30
-#: Slack in reference coordinates within which a point counts as inside an element.
-_PARAMETER_TOLERANCE = 1e-6
-
-
-#: Number of candidate elements for the nearest point of the mesh.
-_CANDIDATE_ELEMENTS = 48
-
-#: Number of a block, row of an element in it, point in the reference element.
-_Holder = tuple[int, int, Array]
 
 
 def position_of(mesh: Mesh, marker: NodeMarker) -> Array:

@@ -26,6 +26,10 @@ from .finite_element_model import FiniteElementModel, GeometryMass
 #: Degree of the rule on faces: that of x^2 n on faces with bowed edges.
 _DEGREE = 7
 
+#: Differences of mass, and of the centre relative to the size, above which exact
+#: discretisations are refused and sampled ones get a note.
+_EXACT_TOLERANCE, _NOTED_DIFFERENCE = 1e-6, 1e-3
+
 
 def mesh_moments(
     mesh: Mesh, materials: Mapping[str | None, ElasticMaterial], thickness: float = 1.0
@@ -85,11 +89,6 @@ def _area_normals(tangents: list[Array]) -> Array:
         return np.stack([tangents[0][1], -tangents[0][0]])
     (a, b, c), (x, y, z) = tangents
     return np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
-
-
-#: Differences of mass, and of the centre relative to the size, above which exact
-#: discretisations are refused and sampled ones get a note.
-_EXACT_TOLERANCE, _NOTED_DIFFERENCE = 1e-6, 1e-3
 
 
 def patch_mass(

@@ -31,6 +31,14 @@ _BETWEEN_POINTS = 1.1
 #: Number of pairs of points and elements that are examined together.
 _PAIRS_PER_BATCH = 200_000
 
+#: Depth of samples of a face inside its element, as a fraction of the way to the
+#: centre.
+_SAMPLE_DEPTH = 0.05
+#: Positions of samples between the centre of a face and its corners.
+_SAMPLE_POSITIONS = (0.0, 0.8)
+#: Tolerance in parameters for nodes on the face of an element.
+_CONTACT_TOLERANCE = 1e-5
+
 
 class ElementFinder:
     """Search for the elements that contain given points."""
@@ -176,13 +184,6 @@ def _interpolate(values: Array, nodes: Array) -> Array:
 
 
 _NO_INDICES = np.zeros(0, np.int64)
-#: Depth of samples of a face inside its element, as a fraction of the way to the
-#: centre.
-_SAMPLE_DEPTH = 0.05
-#: Positions of samples between the centre of a face and its corners.
-_SAMPLE_POSITIONS = (0.0, 0.8)
-#: Tolerance in parameters for nodes on the face of an element.
-_CONTACT_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)

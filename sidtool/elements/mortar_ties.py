@@ -53,6 +53,12 @@ _DEFAULT_TIE_DISTANCE = 0.05
 #: Shares of nodes below this are rounding.
 _SHARE_ROUNDING = 1e-11
 
+Row = dict[int, float]
+#: Coefficients below this fraction of the largest are rounding.
+_ROUNDING_OF_ELIMINATION = 1e-11
+#: The preferred unknown is used if its coefficient has this fraction of the largest.
+_PIVOT_SHARE = 0.1
+
 
 class _TieSide:
     """Faces of a tie by their kinds.
@@ -308,14 +314,6 @@ def _master_rows(
         part.eliminate_zeros()
         result.append(part)
     return result, gaps
-
-
-Row = dict[int, float]
-
-#: Coefficients below this fraction of the largest are rounding.
-_ROUNDING_OF_ELIMINATION = 1e-11
-#: The preferred unknown is used if its coefficient has this fraction of the largest.
-_PIVOT_SHARE = 0.1
 
 
 def dependent_unknowns(

@@ -60,6 +60,14 @@ from ..mesh.reference_elements import (
 #: CalculiX' C3D10 and C3D15: what strains of quadratic elements need.
 _REDUCED_RULES = {"tet10": quadrature_rule("tet", 2), "wedge15": prism_rule(2, 4)}
 
+#: Elements with optional incompatible modes.
+KINDS_WITH_INCOMPATIBLE_MODES = ("quad4", "hex8")
+#: Elements that always have incompatible modes.
+KINDS_ALWAYS_INCOMPATIBLE = ("wedge6",)
+Indices = NDArray[np.int64]
+#: Entries of element matrices that are scattered into a sparse matrix at a time.
+_ENTRIES_PER_BATCH = 2_000_000
+
 
 def extrapolation(kind: str, where: Array, *, relieved: bool) -> Array | None:
     """(g,) weights of the stiffness' points for the strain at a reference point.
@@ -121,12 +129,6 @@ def with_reduced_integration(
 def _gradient_integrals(measures: Array, gradients: Array) -> Array:
     """(ne, m, d) of the gradients over each element."""
     return np.asarray(np.einsum("eg,egmd->emd", measures, gradients))
-
-
-#: Elements with optional incompatible modes.
-KINDS_WITH_INCOMPATIBLE_MODES = ("quad4", "hex8")
-#: Elements that always have incompatible modes.
-KINDS_ALWAYS_INCOMPATIBLE = ("wedge6",)
 
 
 def with_incompatible_modes(
@@ -227,12 +229,6 @@ def _allowed_amplitudes(jacobians: Array) -> Array:
             amplitudes[:, k * d : (k + 1) * d, column] = dual[:, across]
             column += 1
     return amplitudes
-
-
-Indices = NDArray[np.int64]
-
-#: Entries of element matrices that are scattered into a sparse matrix at a time.
-_ENTRIES_PER_BATCH = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)

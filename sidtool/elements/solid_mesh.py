@@ -53,6 +53,9 @@ _NEARLY_INCOMPRESSIBLE = 0.49
 Amplitudes = dict[int, list[Array]]
 _FORMULATIONS = ("full_integration", "incompatible_modes")
 
+Indices = NDArray[np.int64]
+_Entries = tuple[Array, Indices, Indices]
+
 
 def mesh_matrices(
     mesh: Mesh,
@@ -197,10 +200,6 @@ def element_batches(
             places = batch.values @ mesh.positions[batch.nodes]
             batch = replace(batch, laws=laws(places))
         yield batch
-
-
-Indices = NDArray[np.int64]
-_Entries = tuple[Array, Indices, Indices]
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,10 @@ from ..reduction.reduced_basis import ReducedBasis
 
 Indices = NDArray[np.int64]
 
+CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
+#: Largest number of points of one patch.
+_MAX_POINTS = 200_000
+
 
 @dataclass(frozen=True, eq=False)
 class SampledPoints:
@@ -85,9 +89,6 @@ def concatenate_points(parts: Iterable[SampledPoints]) -> SampledPoints:
         stress=None if None in stresses else stress,
         transverse=np.concatenate([part.transverse for part in parts]),
     )
-
-
-CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
 
 
 def beam_field(outline: BeamOutline) -> SampledPoints:
@@ -247,10 +248,6 @@ def _stress_at_nodes(body: FiniteElementModel, mesh: Mesh, fields: Array) -> Arr
         six = stress_components(tensor, part.transverse)
         means.add(part, np.swapaxes(six, 1, 2).reshape(len(six), 6 * k))
     return means.values().reshape(-1, 6, k)
-
-
-#: Largest number of points of one patch.
-_MAX_POINTS = 200_000
 
 
 def patch_field(

@@ -41,6 +41,10 @@ _TRIANGLE = np.dtype(
 _NUMBER = rb"([-+0-9.eE]+)"
 _VERTEX = re.compile(rb"vertex\s+" + rb"\s+".join([_NUMBER] * 3))
 
+#: Text in pictures of flexible bodies whose nodes only are known.
+_UNKNOWN_SURFACE_TEXT = "(its surface is not known)"
+_BARS_TEXT = f"joined to their neighbours {_UNKNOWN_SURFACE_TEXT}"
+
 
 def shape_mesh(shape: Shape, folders: Sequence[Path], place: str) -> Mesh:
     """Points (n, 3) in the body frame [m] and triangles (m, 3), which face outwards.
@@ -127,11 +131,6 @@ def _revolved(outline: Array) -> Mesh:
         if outline[ring + 1, 1] > 0:
             triangles.append(np.column_stack([a, b + CIRCLE, a + CIRCLE]))
     return rings.reshape(-1, 3), np.concatenate(triangles)
-
-
-#: Text in pictures of flexible bodies whose nodes only are known.
-_UNKNOWN_SURFACE_TEXT = "(its surface is not known)"
-_BARS_TEXT = f"joined to their neighbours {_UNKNOWN_SURFACE_TEXT}"
 
 
 @dataclass(frozen=True, eq=False)

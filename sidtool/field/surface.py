@@ -16,6 +16,17 @@ from .body_field import CORNERS, tube
 
 Indices = NDArray[np.int64]
 
+Parts = tuple[Array, Indices, Array]
+#: Pieces of a line between two points of a body that bends.
+_PIECES_PER_BAR = 16
+#: More points than this are joined in their order: a spanning tree would take too long.
+_MAX_TREE_POINTS = 2000
+#: Number of candidates for the neighbours of a point; relative tolerance for equal
+#: distances.
+_CANDIDATE_NEIGHBOURS, _EQUAL_DISTANCE_TOLERANCE = 32, 1e-9
+#: Smallest ratio of the spreads of points that fill a volume; see `convex_hull`.
+_MIN_SPREAD_RATIO, _MIN_CURVATURE_RATIO = 0.01, 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class PictureSurface:
@@ -90,19 +101,6 @@ def _merge_points(positions: Array, triangles: Indices, group: Indices) -> Indic
     merged = merged[(a != b) & (b != c) & (c != a)]
     _, first_copies = np.unique(np.sort(merged, axis=1), axis=0, return_index=True)
     return merged[np.sort(first_copies)]
-
-
-Parts = tuple[Array, Indices, Array]
-
-#: Pieces of a line between two points of a body that bends.
-_PIECES_PER_BAR = 16
-#: More points than this are joined in their order: a spanning tree would take too long.
-_MAX_TREE_POINTS = 2000
-#: Number of candidates for the neighbours of a point; relative tolerance for equal
-#: distances.
-_CANDIDATE_NEIGHBOURS, _EQUAL_DISTANCE_TOLERANCE = 32, 1e-9
-#: Smallest ratio of the spreads of points that fill a volume; see `convex_hull`.
-_MIN_SPREAD_RATIO, _MIN_CURVATURE_RATIO = 0.01, 0.01
 
 
 def node_bars(places: Array, phi: Array, psi: Array, width: float) -> Parts:

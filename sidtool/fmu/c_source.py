@@ -40,6 +40,19 @@ _LAPACK = {"factor": "getrf", "solve": "getrs"}
 #: How names of LAPACK begin, by the tables of factors.
 _PRECISION = {"Factors": "d", "ComplexFactors": "z"}
 
+#: Communication points are compared with this tolerance, relative to 1 s and the time.
+TIME_TOLERANCE = 1e-9
+CODES = (
+    "INTERVAL_END",
+    "STEPS_DONE",
+    "TOO_SMALL",
+    "OFF_CONSTRAINTS",
+    "NOT_FINITE",
+    "NO_CONVERGENCE",
+    "BELOW_ROUNDING",
+    "NEAR_SINGULARITY",
+)
+
 
 @dataclass(frozen=True, eq=False)
 class MemoryImage:
@@ -164,20 +177,6 @@ def _offset(places: tuple[tuple[int, int, int], ...], address: int) -> int:
         if begin <= address < end:
             return start + address - begin
     raise LookupError(f"an address that is not in the image: {address}")
-
-
-#: Communication points are compared with this tolerance, relative to 1 s and the time.
-TIME_TOLERANCE = 1e-9
-CODES = (
-    "INTERVAL_END",
-    "STEPS_DONE",
-    "TOO_SMALL",
-    "OFF_CONSTRAINTS",
-    "NOT_FINITE",
-    "NO_CONVERGENCE",
-    "BELOW_ROUNDING",
-    "NEAR_SINGULARITY",
-)
 
 
 def scene_header(

@@ -56,6 +56,13 @@ VERSIONS = ("2.0", "3.0")
 #: Date of the files in the archive: two exports of one scene are the same bytes.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
+#: Numbers in a line of a table.
+_PER_LINE = 4
+#: Span and communication step that the description proposes [s].
+_END, _STEP = 1.0, 1e-3
+#: Times in which inputs move states, and the least size of a state beside others.
+_TIME_SPANS, _LEAST_SIZE = 20, 1e-9
+
 
 @dataclass(frozen=True)
 class ExportedUnit:
@@ -228,14 +235,6 @@ def write_archive(
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o755 << 16
             archive.writestr(entry, content)
-
-
-#: Numbers in a line of a table.
-_PER_LINE = 4
-#: Span and communication step that the description proposes [s].
-_END, _STEP = 1.0, 1e-3
-#: Times in which inputs move states, and the least size of a state beside others.
-_TIME_SPANS, _LEAST_SIZE = 20, 1e-9
 
 
 def export_linear_unit(

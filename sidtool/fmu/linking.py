@@ -37,6 +37,19 @@ from sidtool.solver.linear.factor_storage import KERNELS
 
 from .supported import UNIT_INTEGRATORS
 
+_PROCESSORS = {
+    "x86_64": "x86_64",
+    "amd64": "x86_64",
+    "aarch64": "aarch64",
+    "arm64": "aarch64",
+}
+_SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
+#: How names of kernels begin in a library.
+PREFIX = "sidtool_"
+HEADERS = ("plant.h", "unit.h", "linear_plant.h", "exchange.h")
+#: C files that one platform needs beside the others.
+PLATFORM_SOURCES = {"win64": ("windows.c",)}
+
 
 @dataclass(frozen=True)
 class Platform:
@@ -93,13 +106,6 @@ PLATFORMS = {
     "aarch64-linux": _linux("aarch64", "generic", "aarch64-linux"),
     "aarch64-darwin": _macos("aarch64", "apple-m1", "aarch64-darwin"),
 }
-_PROCESSORS = {
-    "x86_64": "x86_64",
-    "amd64": "x86_64",
-    "aarch64": "aarch64",
-    "arm64": "aarch64",
-}
-_SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
 
 
 def own_platform() -> str:
@@ -125,10 +131,6 @@ def parse_platforms(names: tuple[str, ...]) -> tuple[str, ...]:
                 expected=" or ".join(PLATFORMS),
             )
     return tuple(dict.fromkeys(names)) or (own_platform() or "linux64",)
-
-
-#: How names of kernels begin in a library.
-PREFIX = "sidtool_"
 
 
 def called_kernels(planar: bool, integrator: str) -> dict[str, Entry]:
@@ -194,9 +196,6 @@ LINEAR_SOURCES = (
     *_COMMON_SOURCES,
     *("linear_plant.c", "exchange.c", "exchange2.c", "exchange3.c"),
 )
-HEADERS = ("plant.h", "unit.h", "linear_plant.h", "exchange.h")
-#: C files that one platform needs beside the others.
-PLATFORM_SOURCES = {"win64": ("windows.c",)}
 FOLDER = Path(__file__).parent
 #: Words of the image are read as numbers and as pointers.
 OPTIONS = (

@@ -27,6 +27,11 @@ from ..mesh.reference_elements import gauss_legendre
 
 Indices = NDArray[np.int64]
 
+#: Smallest weight beside the largest.
+_MIN_WEIGHT_RATIO = 1e-8
+#: Relative rounding of the lengths of knot spans.
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class LocalBasis:
@@ -115,10 +120,6 @@ def greville_points(knots: Array, degree: int) -> Array:
     """Averages of `degree` consecutive knots, one per basis function."""
     windows = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
     return np.clip(windows.mean(axis=1), knots[0], knots[-1])
-
-
-#: Smallest weight beside the largest.
-_MIN_WEIGHT_RATIO = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,10 +347,6 @@ def _outer_product(rows: list[LocalBasis], derived: int | None) -> Array:
 def scale_knots(knots: Array) -> Array:
     """Knots on the range [0, 1]."""
     return (knots - knots[0]) / (knots[-1] - knots[0])
-
-
-#: Relative rounding of the lengths of knot spans.
-_ROUNDING = 1e-9
 
 
 def refine_patch(

@@ -27,6 +27,10 @@ _ITERATIONS = 50
 #: Distance to the patch, relative to its size, that still counts as on it.
 _TOLERANCE = 1e-9
 
+#: Gauss points per knot span, tried until two agree to `_CONVERGENCE_TOLERANCE`.
+_GAUSS_POINT_COUNTS = (8, 16, 32, 64, 128)
+_CONVERGENCE_TOLERANCE = 1e-12
+
 
 def locate(patch: NurbsPatch, position: ArrayLike) -> Array:
     """The parameters (k,) at which the patch passes through `position`.
@@ -113,11 +117,6 @@ def nearest_parameters(
         parameters[np.ix_(moving, free)] = after
         moving = moving[np.abs(after - before).max(axis=1) > 1e-15]
     return parameters, evaluate_points(patch, parameters)
-
-
-#: Gauss points per knot span, tried until two agree to `_CONVERGENCE_TOLERANCE`.
-_GAUSS_POINT_COUNTS = (8, 16, 32, 64, 128)
-_CONVERGENCE_TOLERANCE = 1e-12
 
 
 def map_grid(

@@ -53,6 +53,18 @@ _HEAD = b"$MeshFormat"
 #: Number of bytes that contain the format of a mesh.
 _HEADER_BYTES = 200
 
+_READ = ("MeshFormat", "PhysicalNames", "Entities", "Nodes", "Elements")
+#: Sections with results and meshing data, which have no effect.
+_WITHOUT_EFFECT = (
+    "Comments",
+    "ElementData",
+    "ElementNodeData",
+    "InterpolationScheme",
+    "NodeData",
+    "Parametrizations",
+    "Periodic",
+)
+
 
 class _SectionBytes:
     """The bytes of one section, read in order."""
@@ -247,19 +259,6 @@ _TYPES: dict[int, tuple[int, int, str | None, tuple[int, ...] | None]] = {
         (*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15),
     ),
 }
-
-
-_READ = ("MeshFormat", "PhysicalNames", "Entities", "Nodes", "Elements")
-#: Sections with results and meshing data, which have no effect.
-_WITHOUT_EFFECT = (
-    "Comments",
-    "ElementData",
-    "ElementNodeData",
-    "InterpolationScheme",
-    "NodeData",
-    "Parametrizations",
-    "Periodic",
-)
 
 
 class _SectionLines:

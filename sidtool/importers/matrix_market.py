@@ -19,6 +19,18 @@ from ..mesh.deck_text import number_table, parse_integers, read_lines
 _HEADER = "%%MatrixMarket matrix, coordinate or array, real or integer, general or "
 _SYMMETRIES = ("general", "symmetric")
 
+_SYMMETRY_TOLERANCE = 1e-8
+#: Force of a unit rigid motion relative to the forces inside the elements. Text files
+#: of six digits are worse than rounding.
+_RIGID_FORCE_TOLERANCE = 1e-5
+#: Relative tolerance for zero: printed digits, and singular mass matrices with few
+#: integration points, as CalculiX's of tetrahedra.
+_ZERO_TOLERANCE = 1e-5
+#: Largest relative change of the bending energy by rounding, as a bound; the actual
+#: change is about ten times smaller.
+_MAX_ENERGY_CHANGE = 0.1
+_MOTIONS = ("x", "y", "z", "rotation about x", "rotation about y", "rotation about z")
+
 
 def is_matrix_market(line: str) -> bool:
     """Whether a file that begins with this line is one."""
@@ -113,19 +125,6 @@ def _parse_dense(
     matrix[lines, columns] = values
     matrix[columns, lines] = values
     return sp.csr_matrix(matrix)
-
-
-_SYMMETRY_TOLERANCE = 1e-8
-#: Force of a unit rigid motion relative to the forces inside the elements. Text files
-#: of six digits are worse than rounding.
-_RIGID_FORCE_TOLERANCE = 1e-5
-#: Relative tolerance for zero: printed digits, and singular mass matrices with few
-#: integration points, as CalculiX's of tetrahedra.
-_ZERO_TOLERANCE = 1e-5
-#: Largest relative change of the bending energy by rounding, as a bound; the actual
-#: change is about ten times smaller.
-_MAX_ENERGY_CHANGE = 0.1
-_MOTIONS = ("x", "y", "z", "rotation about x", "rotation about y", "rotation about z")
 
 
 def complete_symmetric(matrix: sp.csr_matrix, name: str) -> sp.csr_matrix:

@@ -28,6 +28,21 @@ from sidtool.formats.toml.reading import read_data
 
 from ..geometry.nurbs_patch import NurbsPatch, scale_knots
 
+_BY_DIRECTION = ("degree", "knotvector", "size", "delta", "sample_size")
+_OF_PATCH = {
+    "control_points",
+    "delta",
+    "dimension",
+    "id",
+    "name",
+    "opt",
+    "rational",
+    "reversed",
+    "sample_size",
+    "trims",
+    "type",
+}
+
 
 def read_gismo(path: Path) -> dict[str, NurbsPatch]:
     try:
@@ -344,19 +359,3 @@ def _check_keys(item: Any, letters: str, place: str) -> None:
             place=f"{place}.{unknown[0]}",
             expected=f"one of {', '.join(sorted(shaped | _OF_PATCH))}",
         )
-
-
-_BY_DIRECTION = ("degree", "knotvector", "size", "delta", "sample_size")
-_OF_PATCH = {
-    "control_points",
-    "delta",
-    "dimension",
-    "id",
-    "name",
-    "opt",
-    "rational",
-    "reversed",
-    "sample_size",
-    "trims",
-    "type",
-}

@@ -66,6 +66,10 @@ _PENALTY_RATIO = 1e4
 #: Size of a function on a tie, relative to the largest one, that is rounding.
 _SMALL_FUNCTION = 1e-5
 
+Indices = NDArray[np.int64]
+#: The patch of a model that is one, in messages: geometry.left and so on.
+_SINGLE_PATCH_NAME = "geometry"
+
 
 def tie_stiffness(
     tie: WeakTie,
@@ -166,12 +170,6 @@ def _common_functions(
     shape = (len(parameters), numbering.count)
     entries = (basis.values.ravel(), (rows, columns.ravel()))
     return sp.csr_matrix(entries, shape=shape)
-
-
-Indices = NDArray[np.int64]
-
-#: The patch of a model that is one, in messages: geometry.left and so on.
-_SINGLE_PATCH_NAME = "geometry"
 
 
 def iga_model(model: ModelFile) -> FiniteElementModel:

@@ -39,6 +39,30 @@ STIFFENING = "geometric stiffening"
 QUADRATIC = "quadratic inertia"
 SPACE = "space"
 
+#: Tolerance for directions along z or in the plane.
+ALIGNMENT_TOLERANCE = 1e-9
+#: Tolerance for out-of-plane components, relative to the size of their kind.
+IN_PLANE = 1e-9
+#: Quantities that are zero in the plane z = 0.
+OUT_OF_PLANE_QUANTITIES = frozenset(
+    ["z", "uz", "vz", "az", "wx", "wy", "fz", "mx", "my"]
+    + ["vz_body", "wx_body", "wy_body", "quaternion_1", "quaternion_2"]
+    + ["rotation_x", "rotation_y", "momentum_z"]
+    + ["angular_momentum_x", "angular_momentum_y", "sigma_yz", "sigma_xz"]
+)
+_Table = dict[str, Any]
+#: For each type of joint: its planar type if the axis is z, its planar type if the axis
+#: lies in the plane, and its default axis.
+_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+_KINDS: dict[str, tuple[str | None, str | None, tuple[float, float, float]]] = {
+    "revolute": ("revolute", "fixed", _Z),
+    "prismatic": ("fixed", "prismatic", _X),
+    "cylindrical": ("revolute", "prismatic", _Z),
+    "planar": (None, "prismatic", _Z),
+    "point_on_line": ("coincident", "point_on_line", _X),
+    "point_on_plane": (None, "point_on_line", _Z),
+}
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -226,21 +250,6 @@ def with_all_terms(choice: Choice, all_: Choice) -> Choice:
     return replace(choice, quadratic=all_.quadratic, unstiffened=all_.unstiffened)
 
 
-#: Tolerance for directions along z or in the plane.
-ALIGNMENT_TOLERANCE = 1e-9
-#: Tolerance for out-of-plane components, relative to the size of their kind.
-IN_PLANE = 1e-9
-#: Quantities that are zero in the plane z = 0.
-OUT_OF_PLANE_QUANTITIES = frozenset(
-    ["z", "uz", "vz", "az", "wx", "wy", "fz", "mx", "my"]
-    + ["vz_body", "wx_body", "wy_body", "quaternion_1", "quaternion_2"]
-    + ["rotation_x", "rotation_y", "momentum_z"]
-    + ["angular_momentum_x", "angular_momentum_y", "sigma_yz", "sigma_xz"]
-)
-
-_Table = dict[str, Any]
-
-
 class _NotPlanar(Exception):
     pass
 
@@ -362,19 +371,6 @@ def _joint(table: _Table) -> _Table | None:
         if planar_type == "prismatic":
             keeps["second_axis"] = list(second[:2])
     return table | {"type": planar_type} | keeps
-
-
-#: For each type of joint: its planar type if the axis is z, its planar type if the axis
-#: lies in the plane, and its default axis.
-_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-_KINDS: dict[str, tuple[str | None, str | None, tuple[float, float, float]]] = {
-    "revolute": ("revolute", "fixed", _Z),
-    "prismatic": ("fixed", "prismatic", _X),
-    "cylindrical": ("revolute", "prismatic", _Z),
-    "planar": (None, "prismatic", _Z),
-    "point_on_line": ("coincident", "point_on_line", _X),
-    "point_on_plane": (None, "point_on_line", _Z),
-}
 
 
 def _drive(table: _Table) -> _Table | None:

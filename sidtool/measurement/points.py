@@ -28,6 +28,23 @@ if TYPE_CHECKING:
     from sidtool.formats.result import Result
     from sidtool.solver.system.system import System
 
+#: Relative difference of two references above which an output is unpredictable;
+#: relative change by meshes and modes above which it is not converged.
+MAX_UNPREDICTABILITY, MAX_MESH_CHANGE = 1e-3, 0.1
+#: Ratio of two successive changes by halvings of the mesh: default, smallest and
+#: largest value for the estimate of the remaining error.
+DEFAULT_CONVERGENCE_RATIO, MIN_CONVERGENCE_RATIO, MAX_CONVERGENCE_RATIO = (
+    2.0 / 3.0,
+    1.0 / 3.0,
+    0.75,
+)
+#: Outputs are constant except for rounding if they vary by less than these fractions of
+#: their own values, or of the largest variation of an output with their unit.
+CONSTANT_TOLERANCE, VARIATION_TOLERANCE = 1e-12, 1e-9
+#: Unpredictable outputs are also constant if they vary by less than this factor times
+#: the rounding error of terms that cancel.
+MUCH = 1e3
+
 
 @dataclass(frozen=True)
 class Point:
@@ -134,24 +151,6 @@ def measure_setting(
 
 class StoppedEarly(InputError):
     """Raised if the reference or the unchanged scene cannot be run to its end."""
-
-
-#: Relative difference of two references above which an output is unpredictable;
-#: relative change by meshes and modes above which it is not converged.
-MAX_UNPREDICTABILITY, MAX_MESH_CHANGE = 1e-3, 0.1
-#: Ratio of two successive changes by halvings of the mesh: default, smallest and
-#: largest value for the estimate of the remaining error.
-DEFAULT_CONVERGENCE_RATIO, MIN_CONVERGENCE_RATIO, MAX_CONVERGENCE_RATIO = (
-    2.0 / 3.0,
-    1.0 / 3.0,
-    0.75,
-)
-#: Outputs are constant except for rounding if they vary by less than these fractions of
-#: their own values, or of the largest variation of an output with their unit.
-CONSTANT_TOLERANCE, VARIATION_TOLERANCE = 1e-12, 1e-9
-#: Unpredictable outputs are also constant if they vary by less than this factor times
-#: the rounding error of terms that cancel.
-MUCH = 1e3
 
 
 @dataclass(frozen=True, eq=False)

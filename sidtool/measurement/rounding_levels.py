@@ -47,6 +47,8 @@ _SOURCES: Mapping[str, tuple[str, ...]] = {
     _SQUARED: _RATES,
 }
 
+_PLACES = (".x", ".y", ".z")
+
 
 def rounding_levels(result: Result, system: System, names: Sequence[str]) -> Array:
     """Return the effect of rounding on outputs (n,); zero if it is not known.
@@ -133,9 +135,6 @@ def _sizes_of_units(
         "m s": length * duration,
         "rad s": duration,
     }
-
-
-_PLACES = (".x", ".y", ".z")
 
 
 def _levels_of_deformations(result: Result, system: System) -> dict[str, float]:

@@ -44,6 +44,15 @@ if TYPE_CHECKING:
 #: neglect.
 MAX_UNMODELLED_STIFFENING = 0.25
 
+#: Relative tolerance for equal frequencies: a shape function has the same frequency in
+#: two bases, and its neighbours have others.
+SAME_FREQUENCY_TOLERANCE = 0.05
+Compile = Callable[[SceneFile, Mapping[str, SID]], "System"]
+#: Tolerance for equal times of two runs, relative to the time span.
+TIME_RESOLUTION = 1e-9
+#: Runs shorter than this [s] are timed this number of times.
+SHORT_RUN_SECONDS, SHORT_RUN_REPEATS = 0.1, 2
+
 
 class OutsideTheory(InputError):
     """Raised if a body leaves the range of its SID, so that errors cannot be
@@ -122,11 +131,6 @@ def elastic_coordinates(name: str, result: Result) -> np.ndarray:
     return q
 
 
-#: Relative tolerance for equal frequencies: a shape function has the same frequency in
-#: two bases, and its neighbours have others.
-SAME_FREQUENCY_TOLERANCE = 0.05
-
-
 def is_incomparable(
     output: str, before: Mapping[str, SID], after: Mapping[str, SID]
 ) -> bool:
@@ -154,13 +158,6 @@ def _is_in_both(number: int, *sids: SID) -> bool:
         for values in squares
     ]
     return all(rows[number] and rows.sum() == 1 for rows in near)
-
-
-Compile = Callable[[SceneFile, Mapping[str, SID]], "System"]
-#: Tolerance for equal times of two runs, relative to the time span.
-TIME_RESOLUTION = 1e-9
-#: Runs shorter than this [s] are timed this number of times.
-SHORT_RUN_SECONDS, SHORT_RUN_REPEATS = 0.1, 2
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,15 @@ Programs = Mapping[str, Mapping[str, Any] | None]
 #: Integrators whose kernels this process has loaded, by the dimension of scenes.
 _LOADED_KERNELS: set[tuple[str, str]] = set()
 
+#: Interval between checks for a signal [s].
+SIGNAL_INTERVAL = 0.5
+#: One thread for linear algebra in each process.
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: Version of the measurement; stored points of another version are not used.
+METHOD_VERSION = 5
+#: Keys of [accuracy] that a setting replaces.
+SETTING = {"integrator", "rtol", "step", "wanted"}
+
 
 @dataclass(frozen=True, eq=False)
 class ConversionOutcome:
@@ -142,10 +151,6 @@ def run_task(task: RunTask) -> RunRecord:
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
-#: Interval between checks for a signal [s].
-SIGNAL_INTERVAL = 0.5
-#: One thread for linear algebra in each process.
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class StudyInterrupted(Exception):
@@ -310,12 +315,6 @@ def as_completed(
         raise ChildProcessError(
             "a process of the study was ended from outside, as when memory is full"
         ) from None
-
-
-#: Version of the measurement; stored points of another version are not used.
-METHOD_VERSION = 5
-#: Keys of [accuracy] that a setting replaces.
-SETTING = {"integrator", "rtol", "step", "wanted"}
 
 
 class PointCache:

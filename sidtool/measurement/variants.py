@@ -27,6 +27,15 @@ _WORDS = {"reduction": METHODS, "frame": FRAMES, "terms": TERMS}
 #: Separator of the values of an axis.
 VALUE_SEPARATOR = ":"
 
+Values = Mapping[str, tuple[Any, ...]]
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
+#: Integrators and tolerances if other axes vary, too.
+FEW_SETTINGS = ("radau5", "radau9"), (1e-3, 1e-5, 1e-7)
+#: Integrators and tolerances of the two references, at the tightest.
+TIGHTEST_SETTINGS = (("radau13", 1e-12), ("radau9", 1e-11))
+#: Tolerances of the references relative to the tightest one of a study.
+FACTOR_OF_TIGHT_SETTINGS = (1e-3, 1e-2)
+
 
 @dataclass(frozen=True)
 class Variant:
@@ -45,9 +54,6 @@ class Variant:
     reduction: str | None = None
     frame: str | None = None
     terms: str | None = None
-
-
-Values = Mapping[str, tuple[Any, ...]]
 
 
 def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
@@ -114,15 +120,6 @@ def variant_grid(
 def with_choice(variant: Variant, name: str, choice: Any) -> Variant:
     """Return the variant with another choice on an axis."""
     return replace(variant, **{name: choice})
-
-
-TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
-#: Integrators and tolerances if other axes vary, too.
-FEW_SETTINGS = ("radau5", "radau9"), (1e-3, 1e-5, 1e-7)
-#: Integrators and tolerances of the two references, at the tightest.
-TIGHTEST_SETTINGS = (("radau13", 1e-12), ("radau9", 1e-11))
-#: Tolerances of the references relative to the tightest one of a study.
-FACTOR_OF_TIGHT_SETTINGS = (1e-3, 1e-2)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,10 @@ Vector = tuple[float, float, float]
 #: Places along a bar from 0 to 1 and values there, linear between them.
 SectionProfile = tuple[tuple[float, float], ...]
 
+#: The coefficients of the displacements x, y, z of a node, by its label.
+Term = tuple[int, tuple[float, float, float]]
+Indices = NDArray[np.int64]
+
 
 @dataclass(frozen=True)
 class BarSection:
@@ -70,10 +74,6 @@ class RawBar:
     pins: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
 
 
-#: The coefficients of the displacements x, y, z of a node, by its label.
-Term = tuple[int, tuple[float, float, float]]
-
-
 @dataclass(frozen=True)
 class RawEquation:
     """A sum of displacements and rotations that is zero.
@@ -109,9 +109,6 @@ class RawTie:
     slave_nodes: tuple[int, ...]
     tolerance: float | None
     place: str
-
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

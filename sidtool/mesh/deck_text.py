@@ -26,6 +26,30 @@ from sidtool.formats.toml.reading import LARGEST_NUMBER
 #: Labels are held in 64 bits.
 _MAX_LABEL = 2**63 - 1
 
+#: Largest number of INCLUDE lines of a deck: ten files that include each other ten
+#: times would give 10^10.
+MAX_INCLUDES = 1000
+#: Pattern of a line that includes a file, in `.inp` and `.bdf`.
+_TAKES_IN = re.compile(
+    r"\s*\*.*\bINPUT\s*=\s*(?P<inp>[^,]+)|\s*INCLUDE\s+(?P<bdf>\S.*)", re.IGNORECASE
+)
+#: Patterns of lines of a deck that begin with a keyword.
+_KEYWORD = re.compile(r"\s*\*[A-Z][A-Z -]*(?=,|$)", re.IGNORECASE)
+_CARD = re.compile(r"[A-Z][A-Z0-9]{0,7}\*?(?=(?: *,| ) *[-+.0-9])", re.IGNORECASE)
+_QUOTED_OR_WORD = re.compile(r"'[^'\n]*'|\"[^\"\n]*\"|[^\s,;='\"()\[\]]+")
+_WORD = re.compile(r"[^\s,;='\"()\[\]]+")
+_NUMBER = re.compile(r"[-+.0-9][-+.0-9deDE]*")
+#: Pattern of words of messages that are never hidden.
+_PLAIN = re.compile(r"[a-z]+|\*?[A-Za-z]?")
+#: Minimum length of a word that identifies included text.
+MIN_WORD_LENGTH = 6
+#: Numbers are removed to compare refusals.
+_NUMBERS = re.compile(r"[-+]?\d[\d.+-]*")
+#: Texts of refusals that may follow from another one, as of an element set.
+_CONSEQUENCE_TEXTS = ("not defined", "there is no ", "is empty", "stands alone")
+#: Largest number of different refusals in a report.
+_MAX_REFUSALS = 40
+
 
 def read_lines(path: str | Path) -> list[str]:
     """The lines of a text file.
@@ -136,25 +160,6 @@ def number_table(rows: Sequence[tuple[str, Sequence[str]]], width: int) -> Array
         pass
     read = [parse_numbers(words, place) for place, words in rows]
     return np.array(read).reshape(-1, width)
-
-
-#: Largest number of INCLUDE lines of a deck: ten files that include each other ten
-#: times would give 10^10.
-MAX_INCLUDES = 1000
-#: Pattern of a line that includes a file, in `.inp` and `.bdf`.
-_TAKES_IN = re.compile(
-    r"\s*\*.*\bINPUT\s*=\s*(?P<inp>[^,]+)|\s*INCLUDE\s+(?P<bdf>\S.*)", re.IGNORECASE
-)
-#: Patterns of lines of a deck that begin with a keyword.
-_KEYWORD = re.compile(r"\s*\*[A-Z][A-Z -]*(?=,|$)", re.IGNORECASE)
-_CARD = re.compile(r"[A-Z][A-Z0-9]{0,7}\*?(?=(?: *,| ) *[-+.0-9])", re.IGNORECASE)
-_QUOTED_OR_WORD = re.compile(r"'[^'\n]*'|\"[^\"\n]*\"|[^\s,;='\"()\[\]]+")
-_WORD = re.compile(r"[^\s,;='\"()\[\]]+")
-_NUMBER = re.compile(r"[-+.0-9][-+.0-9deDE]*")
-#: Pattern of words of messages that are never hidden.
-_PLAIN = re.compile(r"[a-z]+|\*?[A-Za-z]?")
-#: Minimum length of a word that identifies included text.
-MIN_WORD_LENGTH = 6
 
 
 @dataclass
@@ -289,14 +294,6 @@ class _IncludedWords:
         return there == word or (
             len(word) >= MIN_WORD_LENGTH and there.startswith(word)
         )
-
-
-#: Numbers are removed to compare refusals.
-_NUMBERS = re.compile(r"[-+]?\d[\d.+-]*")
-#: Texts of refusals that may follow from another one, as of an element set.
-_CONSEQUENCE_TEXTS = ("not defined", "there is no ", "is empty", "stands alone")
-#: Largest number of different refusals in a report.
-_MAX_REFUSALS = 40
 
 
 class RefusalCollector:

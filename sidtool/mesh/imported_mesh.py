@@ -41,6 +41,17 @@ _PATTERNS = {
     "tet4": ((0, 1, 2, 2, 4, 4, 4, 4), (0, 1, 2, 4)),
 }
 
+Point = tuple[float, float, float]
+Indices = NDArray[np.int64]
+#: Among ignored words: only the nodes of a file are requested.
+ONLY_NODES = "EVERYTHING"
+#: A range with more members is refused as a damaged number.
+MOST_MEMBERS = 5_000_000
+#: Suffix of the name of a keyword that the user ignores.
+LEFT_OUT = " (left out by geometry.ignore)"
+#: Elements without a kind.
+_CALLED = {RawBar: "bar", RawSpring: "spring"}
+
 
 def collapse_element(kind: str, nodes: Sequence[int]) -> tuple[str, list[int]]:
     """Return the element with coinciding nodes merged; others are unchanged.
@@ -76,9 +87,6 @@ def _cube_rotations() -> tuple[tuple[int, ...], ...]:
                 places = (2 * _CUBE - 1) @ turn.T
                 rotations.append(tuple(number[tuple(p)] for p in places.tolist()))
     return tuple(rotations)
-
-
-Point = tuple[float, float, float]
 
 
 class MidsideNodes:
@@ -140,14 +148,6 @@ def linear_kind(kind: str) -> str:
     linear = f"{shape}{corners}"
     assert quadratic_kind(linear) == kind
     return linear
-
-
-Indices = NDArray[np.int64]
-
-#: Among ignored words: only the nodes of a file are requested.
-ONLY_NODES = "EVERYTHING"
-#: A range with more members is refused as a damaged number.
-MOST_MEMBERS = 5_000_000
 
 
 @dataclass(frozen=True)
@@ -405,10 +405,6 @@ def _check_finite(positions: Array, labels: Indices) -> None:
         )
 
 
-#: Suffix of the name of a keyword that the user ignores.
-LEFT_OUT = " (left out by geometry.ignore)"
-
-
 def unread_keyword_notes(keywords: Iterable[str]) -> list[Diagnostic]:
     """Return diagnostics of keywords that were not read (N112, N113).
 
@@ -420,10 +416,6 @@ def unread_keyword_notes(keywords: Iterable[str]) -> list[Diagnostic]:
     idle = [name for name in names if not name.endswith(LEFT_OUT)]
     found = (("N112", idle), ("N113", left_out))
     return [diagnose(code, keywords=names) for code, names in found if names]
-
-
-#: Elements without a kind.
-_CALLED = {RawBar: "bar", RawSpring: "spring"}
 
 
 def reading_notes(

@@ -64,6 +64,10 @@ _FACES: dict[str, tuple[tuple[int, ...], ...]] = {
 _QUAD = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
 _SIMPLEX = np.vstack([np.zeros((1, 3)), np.eye(3)])
 
+#: In pyramids beside the complete space of the order: powers of x, y and 1 - z.
+_RATIONAL = {1: ((1, 1, -1),), 2: ((1, 1, -1), (2, 1, -1), (1, 2, -1))}
+Rule = tuple[Array, Array]
+
 
 def _layers(corners: Array) -> Array:
     return np.vstack([np.insert(corners, 2, z, axis=1) for z in (0.0, 1.0)])
@@ -93,8 +97,6 @@ def _prism_polynomial(order: int) -> Callable[[Exponents], bool]:
     )
 
 
-#: In pyramids beside the complete space of the order: powers of x, y and 1 - z.
-_RATIONAL = {1: ((1, 1, -1),), 2: ((1, 1, -1), (2, 1, -1), (1, 2, -1))}
 _SPACES = {
     "tri": _complete_polynomial,
     "quad": _serendipity_polynomial,
@@ -296,8 +298,6 @@ def _distinct(exponents: tuple[int, ...]) -> tuple[list[float], NDArray[np.int64
     distinct, place = np.unique(exponents, return_inverse=True)
     return [float(e) for e in distinct], place
 
-
-Rule = tuple[Array, Array]
 
 _SQUARED = sqrt(38 - 44 * sqrt(2 / 5))
 _ROOT = sqrt(213125 - 53320 * sqrt(10))

@@ -28,6 +28,26 @@ from sidtool.formats.base.sid import (
 
 Sigma = Literal["stress", "section force"]
 
+_ALIASES = {"si": "m-kg-s", "mks": "m-kg-s", "cgs": "cm-g-s", "mpa": "mm-t-s"}
+#: Exponents of length, mass and time in each block with dimensionless q.
+_BLOCK_UNITS = {
+    "mdCM": (1, 1, 0),
+    "J": (2, 1, 0),
+    "Ct": (1, 1, 0),
+    "Cr": (2, 1, 0),
+    "Me": (2, 1, 0),
+    "Gr": (2, 1, 0),
+    "Ge": (2, 1, 0),
+    "Oe": (2, 1, 0),
+    "ksigma": (2, 1, -2),
+    "Ke": (2, 1, -2),
+    "De": (2, 1, -1),
+}
+_NODE_UNITS = {"origin": (1, 0, 0), "phi": (1, 0, 0)}
+_STRESS, _FORCE, _MOMENT = (-1, 1, -2), (1, 1, -2), (2, 1, -2)
+# The largest exponent that the format prints has two digits.
+_MAX_MAGNITUDE = 1e100
+
 
 @dataclass(frozen=True)
 class UnitSystem:
@@ -63,24 +83,6 @@ UNIT_SYSTEMS: Mapping[str, UnitSystem] = MappingProxyType(
         )
     }
 )
-_ALIASES = {"si": "m-kg-s", "mks": "m-kg-s", "cgs": "cm-g-s", "mpa": "mm-t-s"}
-
-#: Exponents of length, mass and time in each block with dimensionless q.
-_BLOCK_UNITS = {
-    "mdCM": (1, 1, 0),
-    "J": (2, 1, 0),
-    "Ct": (1, 1, 0),
-    "Cr": (2, 1, 0),
-    "Me": (2, 1, 0),
-    "Gr": (2, 1, 0),
-    "Ge": (2, 1, 0),
-    "Oe": (2, 1, 0),
-    "ksigma": (2, 1, -2),
-    "Ke": (2, 1, -2),
-    "De": (2, 1, -1),
-}
-_NODE_UNITS = {"origin": (1, 0, 0), "phi": (1, 0, 0)}
-_STRESS, _FORCE, _MOMENT = (-1, 1, -2), (1, 1, -2), (2, 1, -2)
 
 
 def check_known_contents(sid: SID, purpose: str) -> None:
@@ -267,10 +269,6 @@ def _sigma_factor(node: Node, units: Array, sigma: Sigma | None) -> float | Arra
         return _unit_factor(units, _STRESS)
     per_row = [_unit_factor(units, _FORCE)] * 3 + [_unit_factor(units, _MOMENT)] * 3
     return np.array(per_row)[:, None]
-
-
-# The largest exponent that the format prints has two digits.
-_MAX_MAGNITUDE = 1e100
 
 
 def check_magnitudes(sid: SID) -> None:

@@ -77,6 +77,13 @@ QUANTITIES: Mapping[str, str] = {
     "first-order term entry(J.m1[0][2,0])",
 }
 
+#: Group of the file of a SID, and attributes of its groups.
+GROUP, VARIABLE, VALUE, MARKERS = "derivatives", "variable", "value", "markers"
+#: Shape functions agree to this share of the largest displacement.
+_SAME = 1e-6
+#: Geometries that other programs discretise, or whose matrices are all there is.
+_NOT_OWN = "an own discretisation; matrices and CalculiX elements have no derivatives"
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -264,10 +271,6 @@ _PARSERS: dict[str, Callable[..., list[Quantity]]] = {
 }
 
 
-#: Group of the file of a SID, and attributes of its groups.
-GROUP, VARIABLE, VALUE, MARKERS = "derivatives", "variable", "value", "markers"
-
-
 @dataclass(frozen=True, eq=False)
 class SidDerivatives(Mapping[str, SID]):
     """The SID of a model, and its derivatives by the names of design variables.
@@ -400,11 +403,6 @@ def _combined(sid: SID, other: SID, amount: float) -> SID:
 
 
 __all__ = ["DifferentiableBody", "SidDerivatives", "sid_derivatives"]
-
-#: Shape functions agree to this share of the largest displacement.
-_SAME = 1e-6
-#: Geometries that other programs discretise, or whose matrices are all there is.
-_NOT_OWN = "an own discretisation; matrices and CalculiX elements have no derivatives"
 
 
 def sid_derivatives(

@@ -37,6 +37,27 @@ Path_ = str | os.PathLike[str]
 Sids = Mapping[str, SID | Path_]
 Programs = Mapping[str, Any]
 
+PLACE = "initial.file"
+#: Output times closer than this fraction of the time span are equal to the requested
+#: one.
+NEAR = 1e-9
+#: Position, orientation, velocity and angular velocity of a body, by dimension.
+_FRAME = {
+    "planar": ("x y", "angle", "vx vy", "wz"),
+    "spatial": (
+        "x y z",
+        "quaternion_0 quaternion_1 quaternion_2 quaternion_3",
+        "vx vy vz",
+        "wx wy wz",
+    ),
+}
+#: Text in the scene of a result for a SID that was given as an object.
+PROGRAM_SID_TEXT = "(given by a program)"
+#: Converted SIDs of models that were given as objects, by their placeholder texts.
+_CONVERTED_OBJECTS: dict[str, SID] = {}
+#: Largest number of elastic coordinates in a note.
+MAX_LISTED = 3
+
 
 def apply_changes(
     scene: SceneFile,
@@ -145,26 +166,6 @@ def reduced_body_notes(scene: SceneFile) -> Iterator[Diagnostic]:
             yield diagnose("N241", name, reduction=reduction)
         if not (body.geometric_stiffening or body.rigid):
             yield diagnose("N241", name, reduction="no geometric stiffening")
-
-
-PLACE = "initial.file"
-#: Output times closer than this fraction of the time span are equal to the requested
-#: one.
-NEAR = 1e-9
-#: Position, orientation, velocity and angular velocity of a body, by dimension.
-_FRAME = {
-    "planar": ("x y", "angle", "vx vy", "wz"),
-    "spatial": (
-        "x y z",
-        "quaternion_0 quaternion_1 quaternion_2 quaternion_3",
-        "vx vy vz",
-        "wx wy wz",
-    ),
-}
-#: Text in the scene of a result for a SID that was given as an object.
-PROGRAM_SID_TEXT = "(given by a program)"
-#: Converted SIDs of models that were given as objects, by their placeholder texts.
-_CONVERTED_OBJECTS: dict[str, SID] = {}
 
 
 def sid_of(body: SidBody, folder: Path) -> SID:
@@ -340,10 +341,6 @@ def _frame(body: str, dimension: str, coordinates: dict[str, float]) -> dict[str
     else:
         turned = {"quaternion": turn, "angular_velocity": spin}
     return {"position": position, "velocity": velocity, **turned}
-
-
-#: Largest number of elastic coordinates in a note.
-MAX_LISTED = 3
 
 
 def changed_shape_notes(

@@ -42,6 +42,11 @@ _LABEL_PADS = (*range(-6, 60, 3), *range(60, 300, 12))
 #: Smallest edge of the box relative to the longest; largest ratio of height to width.
 _MIN_EDGE_RATIO, _MAX_HEIGHT_RATIO = 0.04, 1.0
 
+#: Out-of-plane extent, relative to the size, below which a body is flat.
+_PLANE_TOLERANCE = 1e-6
+#: Heights of a title and of the margin of a picture [inch].
+_TITLE, _MARGIN = 0.25, 0.1
+
 
 class BodyAxes:
     """Axes with a common window for any number of pictures.
@@ -162,12 +167,6 @@ def _is_label_free(axes: Any, name: str) -> bool:
     label = getattr(axes, f"{name}axis").label
     mine = label.get_window_extent().padded(2)
     return not any(mine.overlaps(box) for box in text_boxes(axes, label))
-
-
-#: Out-of-plane extent, relative to the size, below which a body is flat.
-_PLANE_TOLERANCE = 1e-6
-#: Heights of a title and of the margin of a picture [inch].
-_TITLE, _MARGIN = 0.25, 0.1
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,8 @@ _BAND_OPACITY = 0.3
 #: Heights [inch]: margin of a page, and gap between two pairs of axes.
 _MARGIN_HEIGHT, _AXES_GAP = 0.6, 0.35
 
+_LINES = ("-", "--", ":", "-.")
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -201,9 +203,6 @@ def draw_curves_svg(
         page.savefig(stream, format="svg", metadata={"Date": None})
     text = stream.getvalue()
     return text[text.index("<svg") :], float(box.x0), float(box.x1)
-
-
-_LINES = ("-", "--", ":", "-.")
 
 
 def plot_motions(

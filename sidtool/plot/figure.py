@@ -34,6 +34,35 @@ if TYPE_CHECKING:
 PIXELS_PER_INCH = 100
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
+#: Okabe and Ito's colours, distinguishable with colour blindness: blue, orange, green,
+#: ... ...
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_STYLE: dict[Any, Any] = {
+    "axes.formatter.useoffset": False,
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "font.size": 9.0,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "sidtool",
+    "text.parse_math": False,
+}
+#: Points per inch; height of a row of a legend [inch].
+POINTS_PER_INCH, LEGEND_ROW_HEIGHT = 72.0, 0.19
+#: Width of the line sample in a legend, and gap to the next entry [font sizes].
+_HANDLE_WIDTH, _ENTRY_GAP = 2.8, 2.0
+#: Width of the labels at the left axis, and of the power of ten above it [inch].
+_LEFT_MARGIN = 1.5
+#: Line height in font sizes; distance from a point to its name [pt].
+_LINE, _NAME_DISTANCE = 1.25, 3.0
+#: Safety factor: drawn letters are larger than their outlines.
+_LETTER_MARGIN = 1.15
+#: Positions of a name next to its point, in the order of trial.
+_SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
+
 
 class NotebookFigure(Figure):
     """A figure with its own canvas, without global state of pyplot; notebooks show it.
@@ -68,24 +97,6 @@ class PowersOfTen(LogFormatterSciNotation):
         text = super().__call__(x, pos).replace(r"\times", "×")
         text = re.sub(r"\^\{(.*?)\}", lambda m: m[1].translate(_SUPERSCRIPTS), text)
         return re.sub(r"\$|\\math\w+|[{}]", "", text)
-
-
-#: Okabe and Ito's colours, distinguishable with colour blindness: blue, orange, green,
-#: ... ...
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-_STYLE: dict[Any, Any] = {
-    "axes.formatter.useoffset": False,
-    "axes.grid": True,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "font.size": 9.0,
-    "grid.alpha": 0.3,
-    "legend.frameon": False,
-    "lines.linewidth": 1.2,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "sidtool",
-    "text.parse_math": False,
-}
 
 
 @contextmanager
@@ -155,14 +166,6 @@ def _colour_cycle() -> Any:
     from cycler import cycler
 
     return cycler(color=COLOURS)
-
-
-#: Points per inch; height of a row of a legend [inch].
-POINTS_PER_INCH, LEGEND_ROW_HEIGHT = 72.0, 0.19
-#: Width of the line sample in a legend, and gap to the next entry [font sizes].
-_HANDLE_WIDTH, _ENTRY_GAP = 2.8, 2.0
-#: Width of the labels at the left axis, and of the power of ten above it [inch].
-_LEFT_MARGIN = 1.5
 
 
 def text_width(text: str, size: float | None = None) -> float:
@@ -241,14 +244,6 @@ def wrap_label(label: str, room: float) -> str:
         else:
             lines[-1] = longer
     return "\n".join(lines)
-
-
-#: Line height in font sizes; distance from a point to its name [pt].
-_LINE, _NAME_DISTANCE = 1.25, 3.0
-#: Safety factor: drawn letters are larger than their outlines.
-_LETTER_MARGIN = 1.15
-#: Positions of a name next to its point, in the order of trial.
-_SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
 
 
 def place_names(axes: Any, places: Mapping[str, Array], room: BboxBase) -> list[str]:

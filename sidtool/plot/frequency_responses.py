@@ -23,6 +23,9 @@ _LABEL_ROOM = 2.2
 #: Steps of the ticks of a phase [deg].
 PHASE_STEP = 45.0
 
+_STYLES = {"forward": "-", "backward": "--", "": ":"}
+_WHIRL_NAMES = {"forward": "forward", "backward": "backward", "": "no whirl"}
+
 
 def plot_response(path: Path | None, response: FrequencyResponse) -> Any:
     """Draw magnitude and phase over frequency, with dots at the peaks; return the
@@ -70,10 +73,6 @@ def _phase_ticks(response: FrequencyResponse) -> Any:
     degrees = np.degrees(response.phase)
     span = float(np.ptp(degrees[np.isfinite(degrees)])) if degrees.size else 0.0
     return MultipleLocator(PHASE_STEP * max(1, math.ceil(span / (8 * PHASE_STEP))))
-
-
-_STYLES = {"forward": "-", "backward": "--", "": ":"}
-_WHIRL_NAMES = {"forward": "forward", "backward": "backward", "": "no whirl"}
 
 
 def plot_campbell(

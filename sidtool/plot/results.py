@@ -50,6 +50,21 @@ if TYPE_CHECKING:
 
 _SIZE = (7.5, 7.0)
 
+#: Smallest number of points of a curve, and largest number of pairs of axes.
+_MIN_POINTS, _MAX_AXES = 2000, 12
+#: Largest number of numbers of the states at the points of a curve.
+_MAX_STATE_NUMBERS = 5_000_000
+#: Width of a page, height of a row [inch], letters per line of a title.
+_WIDTH, _ROW, _LETTERS = 7.5, 1.55, 90
+#: Uncertainty between output times that gets a note.
+_NOTED_UNCERTAINTY = 0.005
+#: Relative change of an output when every other output time is skipped, above which the
+#: output times do not resolve it; largest number of such outputs in a note.
+_UNRESOLVED_CHANGE, _MAX_NAMED_OUTPUTS = 0.3, 4
+ENERGIES = ("energy.kinetic", "energy.elastic", "energy.potential")
+RESIDUALS = ("constraint.position", "constraint.velocity")
+KINDS = ("outputs", "spectrum", "energy", "drift", "sections")
+
 
 @dataclass(frozen=True, eq=False)
 class SectionHistory:
@@ -179,22 +194,6 @@ def _extremes(result: Result, history: SectionHistory) -> str:
             f"{result.t[row]:.4g} s"
         )
     return "; ".join(texts)
-
-
-#: Smallest number of points of a curve, and largest number of pairs of axes.
-_MIN_POINTS, _MAX_AXES = 2000, 12
-#: Largest number of numbers of the states at the points of a curve.
-_MAX_STATE_NUMBERS = 5_000_000
-#: Width of a page, height of a row [inch], letters per line of a title.
-_WIDTH, _ROW, _LETTERS = 7.5, 1.55, 90
-#: Uncertainty between output times that gets a note.
-_NOTED_UNCERTAINTY = 0.005
-#: Relative change of an output when every other output time is skipped, above which the
-#: output times do not resolve it; largest number of such outputs in a note.
-_UNRESOLVED_CHANGE, _MAX_NAMED_OUTPUTS = 0.3, 4
-ENERGIES = ("energy.kinetic", "energy.elastic", "energy.potential")
-RESIDUALS = ("constraint.position", "constraint.velocity")
-KINDS = ("outputs", "spectrum", "energy", "drift", "sections")
 
 
 def plot_result(

@@ -40,6 +40,16 @@ _COSTS = {
     "dofs": "degrees of freedom of the meshes",
 }
 
+#: Size of a page without legend, height of a panel, and of a row of the legend [inch].
+_WIDTH, _PANEL, _ROW = 5.5, 2.2, 0.19
+#: Largest number of lines with a legend.
+MOST_LINES = 24
+#: Ratio of the largest to the least value of a geometric sequence above which an axis
+#: is logarithmic.
+_LOGARITHMIC = 20.0
+#: Width of the figure, height of a panel and of the axis below all [inch].
+_DESIGN_WIDTH, _DESIGN_PANEL, _AXIS = 7.0, 1.6, 0.6
+
 
 def plot_precision(
     path: Path | None, points: Mapping[str, Iterable[tuple[float, float]]], label: str
@@ -175,15 +185,6 @@ def _label_decades(axes: Any) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-#: Size of a page without legend, height of a panel, and of a row of the legend [inch].
-_WIDTH, _PANEL, _ROW = 5.5, 2.2, 0.19
-#: Largest number of lines with a legend.
-MOST_LINES = 24
-#: Ratio of the largest to the least value of a geometric sequence above which an axis
-#: is logarithmic.
-_LOGARITHMIC = 20.0
-
-
 def plot_sweep(
     path: Path | None,
     table: Mapping[str, np.ndarray],
@@ -288,10 +289,6 @@ def _key_label(key: str) -> str:
 
 def _value_text(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-#: Width of the figure, height of a panel and of the axis below all [inch].
-_DESIGN_WIDTH, _DESIGN_PANEL, _AXIS = 7.0, 1.6, 0.6
 
 
 def plot_history(

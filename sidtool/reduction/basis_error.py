@@ -36,6 +36,28 @@ from .body_frames import Frame, clamped_dofs, motion_names, motion_rows
 from .methods import COMPARED_FREQUENCIES, REDUCTIONS
 from .reduced_basis import ReducedBasis, to_hertz
 
+#: The error above which other methods are tried.
+_POOR_ERROR = 0.01
+#: Errors below this are equal; then fewer shape functions are better.
+_EQUAL_ERROR = 1e-6
+#: Errors in per cent below this may be rounding.
+_ROUNDING = 1e-4
+#: Number of entries of the loads at markers above which no error is measured.
+_MAX_LOAD_ENTRIES = 50_000_000
+#: The same limit for markers that are not interfaces.
+_LARGEST_BESIDE = 5_000_000
+#: Energies under rotation about an axis, below this share of the largest, are rounding
+#: or do not matter.
+_NO_ENERGY = 1e-6
+_UNKNOWN: SixComponents = (None,) * 6
+_TITLES = {
+    "attachment": "attachment",
+    "herting": "Herting",
+    "craig_bampton": "Craig-Bampton",
+}
+#: Values of diagnostics if no other method is suggested.
+_NO_BETTER: dict[str, Any] = {"remedy": "", "better": "", "better_modes": 0}
+
 
 @dataclass(frozen=True, eq=False)
 class FullModelReference:
@@ -134,29 +156,6 @@ def measure_basis_errors(
         known,
         len(squares),
     )
-
-
-#: The error above which other methods are tried.
-_POOR_ERROR = 0.01
-#: Errors below this are equal; then fewer shape functions are better.
-_EQUAL_ERROR = 1e-6
-#: Errors in per cent below this may be rounding.
-_ROUNDING = 1e-4
-#: Number of entries of the loads at markers above which no error is measured.
-_MAX_LOAD_ENTRIES = 50_000_000
-#: The same limit for markers that are not interfaces.
-_LARGEST_BESIDE = 5_000_000
-#: Energies under rotation about an axis, below this share of the largest, are rounding
-#: or do not matter.
-_NO_ENERGY = 1e-6
-_UNKNOWN: SixComponents = (None,) * 6
-_TITLES = {
-    "attachment": "attachment",
-    "herting": "Herting",
-    "craig_bampton": "Craig-Bampton",
-}
-#: Values of diagnostics if no other method is suggested.
-_NO_BETTER: dict[str, Any] = {"remedy": "", "better": "", "better_modes": 0}
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,6 +47,11 @@ from .reduced_basis import (
     to_hertz,
 )
 
+#: Number of frequencies of the full mesh that a basis is compared with.
+COMPARED_FREQUENCIES = 10
+#: Components of a field below this fraction of the size of the body are rounding.
+_ROUNDING = 1e-12
+
 
 def user_shapes(
     model: FiniteElementModel,
@@ -159,12 +164,6 @@ __all__ = [
     "modal_truncation",
     "orient_shapes",
 ]
-
-
-#: Number of frequencies of the full mesh that a basis is compared with.
-COMPARED_FREQUENCIES = 10
-#: Components of a field below this fraction of the size of the body are rounding.
-_ROUNDING = 1e-12
 
 
 def modal_truncation(

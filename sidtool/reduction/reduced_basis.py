@@ -34,6 +34,11 @@ if TYPE_CHECKING:
 #: A candidate is dependent if a smaller fraction of it is independent of the others.
 DEPENDENCE_TOLERANCE = 1e-8
 
+_GROWTH = {
+    2: ("plane body", "with the logarithm of the element size"),
+    3: ("solid", "with the reciprocal of the element size"),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class ShapeFamily:
@@ -209,12 +214,6 @@ def _omitted_candidates(
     if not left_out:
         return ()
     return (diagnose("N164", omitted=len(left_out), count=len(names), names=left_out),)
-
-
-_GROWTH = {
-    2: ("plane body", "with the logarithm of the element size"),
-    3: ("solid", "with the reciprocal of the element size"),
-}
 
 
 def point_markers(body: FiniteElementModel, held: NDArray[np.bool_]) -> tuple[str, ...]:

@@ -45,6 +45,28 @@ MAX_MODES, MAX_FORCES = 30, 12
 #: Damping ratios below this are rounding.
 DAMPING_ROUNDING = 1e-12
 
+#: States that modes are about, by their option.
+_STATES = {
+    "static": "the static equilibrium, at rest",
+    "start": "the initial state, with its velocities",
+}
+FORMAT = "sidtool Campbell diagram"
+CRITICAL_COLUMNS = ("critical speed [rad/s]", "rev/min", "Hz", "mode", "order", "whirl")
+#: Revolutions per minute of 1 rad/s.
+_PER_MINUTE = 30.0 / np.pi
+#: Values of the parameter in a printed table.
+_MAX_LISTED = 12
+#: Modes in a printed table.
+_CAMPBELL_MODES = 7
+FLOQUET_COLUMNS = (
+    "mode",
+    "|multiplier|",
+    "angle [rad]",
+    "growth [1/s]",
+    "inertial Hz",
+    "rotating Hz",
+)
+
 
 def describe_equilibrium(equilibrium: Equilibrium, verbose: bool = False) -> str:
     """Describe an equilibrium: cost, residual, notes, outputs, forces of the joints.
@@ -108,13 +130,6 @@ def state_rows(result: Result) -> list[tuple[str, float, str]]:
     unit = units_in(result)
     value_of = dict(zip(names, map(float, values), strict=True))
     return [(name, value, unit(name)) for name, value in value_of.items()]
-
-
-#: States that modes are about, by their option.
-_STATES = {
-    "static": "the static equilibrium, at rest",
-    "start": "the initial state, with its velocities",
-}
 
 
 def describe_modes(
@@ -264,16 +279,6 @@ def _complex_pair(value: complex) -> list[float]:
     return [float(np.real(value)), float(np.imag(value))]
 
 
-FORMAT = "sidtool Campbell diagram"
-CRITICAL_COLUMNS = ("critical speed [rad/s]", "rev/min", "Hz", "mode", "order", "whirl")
-#: Revolutions per minute of 1 rad/s.
-_PER_MINUTE = 30.0 / np.pi
-#: Values of the parameter in a printed table.
-_MAX_LISTED = 12
-#: Modes in a printed table.
-_CAMPBELL_MODES = 7
-
-
 def describe_campbell(diagram: CampbellDiagram) -> str:
     """Describe a diagram: frequencies at some values, critical speeds, notes."""
     count = len(diagram.values)
@@ -393,16 +398,6 @@ def write_campbell(path: Path, diagram: CampbellDiagram) -> None:
         writer.writerow(header)
         for row in zip(*columns, strict=True):
             writer.writerow([x if isinstance(x, str) else repr(float(x)) for x in row])
-
-
-FLOQUET_COLUMNS = (
-    "mode",
-    "|multiplier|",
-    "angle [rad]",
-    "growth [1/s]",
-    "inertial Hz",
-    "rotating Hz",
-)
 
 
 def describe_floquet(modes: FloquetModes) -> str:

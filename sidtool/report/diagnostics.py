@@ -19,6 +19,11 @@ from sidtool.formats.text import WIDTH, counted_noun, wrapped
 
 from .tables import text_table
 
+#: Columns of a run in a table of many runs.
+_FIRST_RUN = 30
+#: Runs under their names, with their diagnostics.
+Runs = Sequence[tuple[str, Sequence[Diagnostic]]]
+
 
 def diagnostic_line(diagnostic: Diagnostic) -> str:
     """Return severity, code, subject, fact and remedy in lines of at most 100 columns.
@@ -58,12 +63,6 @@ def severity_counts(diagnostics: Iterable[Diagnostic]) -> str:
         counted_noun(count, "note" if severity == INFO else severity)
         for severity, count in counts.items()
     )
-
-
-#: Columns of a run in a table of many runs.
-_FIRST_RUN = 30
-#: Runs under their names, with their diagnostics.
-Runs = Sequence[tuple[str, Sequence[Diagnostic]]]
 
 
 def first_of_each_code(runs: Runs) -> list[Diagnostic]:

@@ -41,6 +41,14 @@ from .tables import TextBlock, format_numbers, named_values, text_table
 if TYPE_CHECKING:
     from sidtool.solver.diagnostics.run_summary import BodyEquations
 
+#: Number of elastic frequencies in the description.
+_FREQUENCIES = 10
+#: Keys of forces that are not listed as parameters.
+_NO_NUMBERS = frozenset(["type", "marker", "markers", "joint", "coordinate"])
+_LONG = frozenset(["polynomial", "spline", "table", "sum", "callable"])
+#: Largest numbers of rows of each table of a scene, and of markers, on a screen.
+MAX_ROWS, MAX_MARKERS = 6, 40
+
 
 def describe_model(
     model: ModelFile,
@@ -181,10 +189,6 @@ def _join_values(values: tuple[float | None, ...]) -> str:
     return ", ".join("" if value is None else f"{value:.6g}" for value in values)
 
 
-#: Number of elastic frequencies in the description.
-_FREQUENCIES = 10
-
-
 def describe_import(body: FiniteElementModel) -> str:
     """Describe mass, centre of mass, inertia and free frequencies of a body."""
     mass, centre, inertia = _body_inertia(body)
@@ -263,15 +267,6 @@ def _extent_text(points: Array, size: float) -> list[str]:
         format_numbers(points.min(axis=0), size),
         format_numbers(points.max(axis=0), size),
     ]
-
-
-#: Keys of forces that are not listed as parameters.
-_NO_NUMBERS = frozenset(["type", "marker", "markers", "joint", "coordinate"])
-_LONG = frozenset(["polynomial", "spline", "table", "sum", "callable"])
-
-
-#: Largest numbers of rows of each table of a scene, and of markers, on a screen.
-MAX_ROWS, MAX_MARKERS = 6, 40
 
 
 def describe_scene(scene: SceneFile, most: int | None = None) -> str:

@@ -52,6 +52,12 @@ SMALL_SHARE = 1e-8
 MAX_EVENTS = 8
 _DRIFT_UNITS = {"position": "m", "velocity": "m/s"}
 
+#: Parts of the error of a run that are no choices of its model.
+_NO_CHOICES = "reference", "all together", "theory"
+#: Largest numbers of elastic coordinates and of outputs in a description.
+MAX_COORDINATES, MAX_OUTPUTS = 8, 12
+_CONTRIBUTION_HEADER = ("Hz", "max |q|", "energy %", "label")
+
 
 def run_summary(
     result: Result,
@@ -191,10 +197,6 @@ def _share_text(share: float) -> str:
     return f"{per_cent(share, '.2g')} %" if abs(share) > SMALL_SHARE else "0 %"
 
 
-#: Parts of the error of a run that are no choices of its model.
-_NO_CHOICES = "reference", "all together", "theory"
-
-
 def accuracy_lines(
     report: AccuracyReport, diagnostics: Iterable[Diagnostic] = ()
 ) -> list[tuple[str, str]]:
@@ -278,10 +280,6 @@ def event_lines(
     return lines
 
 
-#: Largest numbers of elastic coordinates and of outputs in a description.
-MAX_COORDINATES, MAX_OUTPUTS = 8, 12
-
-
 def describe_result(result: Result, verbose: bool = False) -> str:
     """Return the summary, the outputs with their range, and the versions.
 
@@ -331,9 +329,6 @@ def output_ranges(
     ]
     header = ["output", "first", "least", "greatest", "last", "unit"]
     return text_table(header, rows, most)
-
-
-_CONTRIBUTION_HEADER = ("Hz", "max |q|", "energy %", "label")
 
 
 def contributions(name: str, body: FlexibleBody) -> TextBlock:

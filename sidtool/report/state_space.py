@@ -37,6 +37,9 @@ _NO_DAMPING = 1e-12
 #: Operating points by their option.
 _POINTS = {"static": "the static equilibrium", "start": "the initial state"}
 
+#: Header of `peak_rows`.
+PEAK_COLUMNS = ("output", "Hz", "magnitude", "unit", "mode Hz", "damping ratio")
+
 
 def describe_state_space(space: StateSpace) -> str:
     """Describe a state space: its operating point, states, inputs, outputs,
@@ -204,10 +207,6 @@ def describe_response(response: FrequencyResponse) -> str:
     if response.peaks:
         parts.append(text_table(PEAK_COLUMNS, map(list, peak_rows(response))))
     return "\n\n".join(parts)
-
-
-#: Header of `peak_rows`.
-PEAK_COLUMNS = ("output", "Hz", "magnitude", "unit", "mode Hz", "damping ratio")
 
 
 def peak_rows(response: FrequencyResponse) -> list[tuple[str, ...]]:

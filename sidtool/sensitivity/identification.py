@@ -35,6 +35,14 @@ from .measurements import Measurement
 from .optimisation import Evaluation
 from .search_result import SearchResult
 
+#: Share of intervals that contain the true value.
+CONFIDENCE = 0.95
+#: Weights are estimated anew until noises change by less than this part, so often at
+#: most.
+WEIGHT_TOLERANCE, MAX_PASSES = 1e-3, 5
+#: Residuals of one output below this part of its range are rounding.
+LEAST_NOISE = 1e-9
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identification(SearchResult):
@@ -223,15 +231,6 @@ def strongest_correlation(
     magnitude = np.abs(np.triu(fit.correlation, 1))
     i, j = np.unravel_index(int(np.argmax(magnitude)), magnitude.shape)
     return variables[int(i)], variables[int(j)], float(fit.correlation[i, j])
-
-
-#: Share of intervals that contain the true value.
-CONFIDENCE = 0.95
-#: Weights are estimated anew until noises change by less than this part, so often at
-#: most.
-WEIGHT_TOLERANCE, MAX_PASSES = 1e-3, 5
-#: Residuals of one output below this part of its range are rounding.
-LEAST_NOISE = 1e-9
 
 
 @dataclass(frozen=True)

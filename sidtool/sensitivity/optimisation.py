@@ -32,6 +32,14 @@ from .search_result import SearchResult
 #: `format` of files of histories.
 HISTORY_FORMAT = "sidtool optimisation"
 
+#: A limit is kept, or reached, within this part of its size, or the tolerance of the
+#: method, whose constraints are as exact.
+LIMIT_TOLERANCE = 1e-4
+#: Value of the scaled objective, and of scaled limits, where a run fails.
+FAILED = 1e3
+#: Message of SLSQP where the objective does not fall along its gradient.
+_NO_DESCENT = 8
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Optimum(SearchResult):
@@ -284,15 +292,6 @@ def read_history(path: Path, names: Sequence[str]) -> Array:
             expected=f"variables {', '.join(names)}",
         )
     return np.array(data["history"][-1]["x"], float)
-
-
-#: A limit is kept, or reached, within this part of its size, or the tolerance of the
-#: method, whose constraints are as exact.
-LIMIT_TOLERANCE = 1e-4
-#: Value of the scaled objective, and of scaled limits, where a run fails.
-FAILED = 1e3
-#: Message of SLSQP where the objective does not fall along its gradient.
-_NO_DESCENT = 8
 
 
 class Evaluation(Protocol):

@@ -58,6 +58,12 @@ from ..pipeline.scene_changes import replace_sids
 from .plan import StudyPlan, comparable_outputs, make_plan
 from .study_result import Study
 
+#: Number of runs with coarser meshes and with fewer modes for the error estimate.
+COARSER_MESHES, FEWER_MODES = 2, 1
+RunOf = Callable[[Variant, Setting, Sequence[str]], tuple[RunTask, int]]
+#: Progress callback: text, finished points, all points, remaining seconds.
+Say = Callable[[str, int, int, float | None], None]
+
 
 def check_base_runs(plan: StudyPlan, names: Sequence[str], run_of: RunOf) -> None:
     """Check that the scene itself stays in the range of linear theory.
@@ -104,12 +110,6 @@ def _run_base(task: RunTask) -> Result:
             place="--over",
             expected="a scene that runs to its end",
         ) from None
-
-
-#: Number of runs with coarser meshes and with fewer modes for the error estimate.
-COARSER_MESHES, FEWER_MODES = 2, 1
-
-RunOf = Callable[[Variant, Setting, Sequence[str]], tuple[RunTask, int]]
 
 
 def best_reference(
@@ -204,10 +204,6 @@ def _coarser_variants(
     values = sorted(v for v in plan.values.get(axis, ()) if v is not None)
     below = [v for v in values if own is not None and v < own]
     return [with_choice(variant, axis, v) for v in below[: -count - 1 : -1]]
-
-
-#: Progress callback: text, finished points, all points, remaining seconds.
-Say = Callable[[str, int, int, float | None], None]
 
 
 def run_study(

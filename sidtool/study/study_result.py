@@ -41,6 +41,12 @@ if TYPE_CHECKING:
 RECOMMENDED_ERRORS = (1e-3, 1e-6, 1e-9)
 _COSTS = ("seconds", "size", "dofs")
 
+#: Columns of costs.
+COSTS = ("size", "dofs", "conversion")
+#: Largest uncertainty of a sharp reference; outputs with less than this fraction of it
+#: are not limiting.
+SHARP_UNCERTAINTY, LIMITING_SHARE = 1e-3, 0.1
+
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
@@ -186,13 +192,6 @@ class Study:
             for p in self.points
         ]
         return html_table(rows, header, repr(self)[1:-1])
-
-
-#: Columns of costs.
-COSTS = ("size", "dofs", "conversion")
-#: Largest uncertainty of a sharp reference; outputs with less than this fraction of it
-#: are not limiting.
-SHARP_UNCERTAINTY, LIMITING_SHARE = 1e-3, 0.1
 
 
 def study_report(result: Study, wanted: Sequence[float], verbose: bool = False) -> str:

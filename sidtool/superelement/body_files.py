@@ -61,6 +61,21 @@ from .craig_bampton import (
     superelement_of_sid,
 )
 
+#: Numbers on a line of an OUTPUT4 file, each of 23 characters.
+_PER_LINE = 3
+#: Forms of matrices: rectangular, symmetric.
+_RECTANGULAR, _SYMMETRIC = 2, 6
+#: Real numbers in double precision.
+_REAL_DOUBLE = 2
+#: Modal coordinates are scalar points with numbers above this and above all grids.
+_FIRST_SCALAR = 100_000
+#: End of the table of loads [s].
+_END = 1e5
+#: Distance of the points around a node, over the size of the body.
+_ARM = 0.01
+#: Parameters of `ObjectFFRFreducedOrder` among the arrays.
+MATRICES = ("massMatrixReduced", "stiffnessMatrixReduced", "dampingMatrixReduced")
+
 
 @dataclass(frozen=True, eq=False)
 class InertiaIntegrals:
@@ -158,16 +173,6 @@ def write_simscape(path: Path, element: Superelement) -> None:
         stream.write(_DESCRIPTION)
 
 
-#: Numbers on a line of an OUTPUT4 file, each of 23 characters.
-_PER_LINE = 3
-#: Forms of matrices: rectangular, symmetric.
-_RECTANGULAR, _SYMMETRIC = 2, 6
-#: Real numbers in double precision.
-_REAL_DOUBLE = 2
-#: Modal coordinates are scalar points with numbers above this and above all grids.
-_FIRST_SCALAR = 100_000
-
-
 def op4_text(element: Superelement) -> str:
     """Return the matrices KAAX, MAAX, BAAX and the positions XYZ of the interfaces."""
     matrices = {
@@ -251,10 +256,6 @@ def _dmig_lines(name: str, matrix: Array, rows: list[tuple[int, int]]) -> Iterat
 def _printable(text: str) -> str:
     """Return a text for a comment: printable ASCII of at most 60 characters."""
     return "".join(c if " " <= c <= "~" else "?" for c in text)[:60]
-
-
-#: End of the table of loads [s].
-_END = 1e5
 
 
 def extptfm_text(element: Superelement) -> str:
@@ -359,12 +360,8 @@ def _rows(matrix: Iterable[Array]) -> Iterator[str]:
         yield " ".join(f"{value:.16e}" for value in row)
 
 
-#: Distance of the points around a node, over the size of the body.
-_ARM = 0.01
 #: Points of a node: itself, and two along each axis.
 _ARMS = np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
-#: Parameters of `ObjectFFRFreducedOrder` among the arrays.
-MATRICES = ("massMatrixReduced", "stiffnessMatrixReduced", "dampingMatrixReduced")
 
 
 def exudyn_arrays(sid: SID, nodes: Sequence[str]) -> dict[str, Array]:

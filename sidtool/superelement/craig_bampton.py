@@ -21,6 +21,14 @@ from sidtool.formats.sid_mass import coupled_mass_matrix, free_motion, skew
 #: Relative differences and negative eigenvalues that are rounding.
 _ROUNDING = 1e-9
 
+#: Motions of an interface, in the order of its six rows.
+MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
+#: Interface motions depend on each other if a singular value of their unit-mobility
+#: rows is below this.
+_DEPENDENT = 1e-7
+#: Relative difference of mass and inertia that is rounding.
+_SAME_INERTIA = 1e-8
+
 
 def check_symmetric(matrix: Array, name: str) -> None:
     """Check that a matrix equals its transpose, relative to its diagonal.
@@ -90,15 +98,6 @@ def check_rigid_motion(matrix: Array, rigid: Array, name: str) -> None:
             place=name,
             expected=f"less than {_ROUNDING:g}",
         )
-
-
-#: Motions of an interface, in the order of its six rows.
-MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
-#: Interface motions depend on each other if a singular value of their unit-mobility
-#: rows is below this.
-_DEPENDENT = 1e-7
-#: Relative difference of mass and inertia that is rounding.
-_SAME_INERTIA = 1e-8
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,6 +35,15 @@ _RANGE_FORM = (
 #: Sweeps with more points are refused as mistakes.
 MAX_POINTS = 1_000_000
 
+#: `rod.model.geometry.height`: a key of the model of a body.
+_OF_MODEL = re.compile(r"(?:bodies\.)?([^.\[\]]+)\.model\.(.+)")
+#: Pattern of a unit in the description of a key.
+_UNIT = re.compile(
+    r"\[((?:kg|m|N|Pa|s|rad|J|W|Hz|1/)[^\[\],]*)\]|\bin (kg/m\^3|Pa|m)(?=;|$)"
+)
+#: Pattern of attributes and their first line in the docstring of a table.
+_ATTRIBUTE = re.compile(r"^ *(\w+(?:, \w+)*) : (.*)$", re.MULTILINE)
+
 
 def parse_axes(over: Over) -> Axes:
     """Parse axes from texts of the option `--over`, or from a mapping of keys to
@@ -144,16 +153,6 @@ def _parse_value(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
-
-
-#: `rod.model.geometry.height`: a key of the model of a body.
-_OF_MODEL = re.compile(r"(?:bodies\.)?([^.\[\]]+)\.model\.(.+)")
-#: Pattern of a unit in the description of a key.
-_UNIT = re.compile(
-    r"\[((?:kg|m|N|Pa|s|rad|J|W|Hz|1/)[^\[\],]*)\]|\bin (kg/m\^3|Pa|m)(?=;|$)"
-)
-#: Pattern of attributes and their first line in the docstring of a table.
-_ATTRIBUTE = re.compile(r"^ *(\w+(?:, \w+)*) : (.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True, eq=False)

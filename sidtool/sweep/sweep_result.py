@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 #: Name for the output times; no output has this name.
 TIME = "t"
 
+#: The last column: why a run failed, or its warnings.
+MESSAGE_COLUMN = "message"
+
 
 def mean(times: Array, values: Array) -> float:
     """Return the mean over time by the trapezoidal rule."""
@@ -94,10 +97,6 @@ def _parse_measure(text: str) -> Measure:
                 error.problem, place=f"--of {text}", expected=error.expected
             ) from None
     return Measure(output, name)
-
-
-#: The last column: why a run failed, or its warnings.
-MESSAGE_COLUMN = "message"
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,10 @@ _SAME_POINT = 1e-6
 # Momentum of a shape function below this share of the possible one counts as none.
 _NO_MOMENTUM = 1e-6
 
+ResponseFunction = NDArray[np.complex128]
+# Squared frequencies below this share of the largest are rigid motion.
+_ZERO = 1e-12
+
 
 @dataclass(frozen=True)
 class Pairing:
@@ -148,12 +152,6 @@ def _common_motion(here: SID, reference: SID) -> tuple[int, ...] | None:
         if all(free_motion(sid, rigid).possible for sid in (here, reference)):
             return rigid
     return None
-
-
-ResponseFunction = NDArray[np.complex128]
-
-# Squared frequencies below this share of the largest are rigid motion.
-_ZERO = 1e-12
 
 
 @dataclass(frozen=True)

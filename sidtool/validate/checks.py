@@ -28,6 +28,15 @@ _MAX_NUMBERS, _MIN_NUMBERS = 20_000, 30
 #: a tenth of them.
 _PRINTED_SHARE, _LAST_DIGIT_SHARE = 0.99, 0.6
 
+Verdict = Literal["passed", "failed", "not applicable"]
+#: Modules that register identities when they are imported.
+IDENTITY_MODULES = (
+    mass_identities,
+    inertia_identities,
+    mass_identities,
+    inertia_identities,
+)
+
 
 @dataclass(frozen=True)
 class Rounding:
@@ -91,9 +100,6 @@ def _sampled_numbers(sid: SID) -> Array:
     numbers = np.concatenate([part.ravel() for part in parts])
     numbers = numbers[numbers != 0.0]
     return numbers[:: max(1, len(numbers) // _MAX_NUMBERS)]
-
-
-Verdict = Literal["passed", "failed", "not applicable"]
 
 
 @dataclass(frozen=True)
@@ -197,12 +203,3 @@ def _judge(entry: Identity, finding: Finding, print_: Rounding) -> Check:
         detail=detail,
         meaning=entry.meaning,
     )
-
-
-#: Modules that register identities when they are imported.
-IDENTITY_MODULES = (
-    mass_identities,
-    inertia_identities,
-    mass_identities,
-    inertia_identities,
-)

@@ -23,6 +23,14 @@ _HERTZ = re.compile(r"([-+]?\d+\.?\d*(?:[eEdD][-+]?\d+)?)\s*Hz\b", re.IGNORECASE
 
 _LARGEST = 1e30
 
+#: The mass lies to one side if its centre is further from the origin than its spread.
+_ONE_SIDED_MASS = 1.2
+#: Stiffening by rotation below this fraction of Me is negligible.
+_MIN_STIFFENING = 0.05
+#: Correlation below which a sign is wrong; the same if only nodes are available.
+WRONG_SIGN_CORRELATION, _NODE_SIGN_CORRELATION = -0.5, -0.9
+_MIN_NODES = 3
+
 
 def to_hertz(eigenvalues: Array) -> Array:
     """Squared circular frequencies [rad2/s2] as frequencies [Hz]; below zero is 0."""
@@ -78,15 +86,6 @@ def symmetric_part(matrix: Array) -> Array:
 def _printed_decimals(text: str) -> int:
     mantissa, _, exponent = re.sub("[dDE]", "e", text).partition("e")
     return len(mantissa.partition(".")[2]) - max(int(exponent or 0), -30)
-
-
-#: The mass lies to one side if its centre is further from the origin than its spread.
-_ONE_SIDED_MASS = 1.2
-#: Stiffening by rotation below this fraction of Me is negligible.
-_MIN_STIFFENING = 0.05
-#: Correlation below which a sign is wrong; the same if only nodes are available.
-WRONG_SIGN_CORRELATION, _NODE_SIGN_CORRELATION = -0.5, -0.9
-_MIN_NODES = 3
 
 
 def sign_correlation(sid: SID) -> dict[str, float]:

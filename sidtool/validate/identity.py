@@ -14,6 +14,10 @@ from sidtool.formats.diagnostics.identities import IDENTITY_TEXTS
 
 Severity = Literal["error", "warning"]
 
+# A block whose largest entry is below this fraction of its natural size holds nothing
+# but rounding errors of the writer's sums.
+_NOISE = 1e-10
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -77,11 +81,6 @@ def identity(
         return measure
 
     return register
-
-
-# A block whose largest entry is below this fraction of its natural size holds nothing
-# but rounding errors of the writer's sums.
-_NOISE = 1e-10
 
 
 @dataclass(frozen=True)

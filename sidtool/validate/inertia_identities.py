@@ -32,6 +32,9 @@ from .identity import (
     transpose_modes,
 )
 
+#: Rounding of shares of the kinetic energy, and a small share.
+_ROUNDING, _SMALL = 1e-6, 0.1
+
 
 @identity("I1", bound=0.0)
 def count_contradictions(sid: SID) -> Finding:
@@ -233,10 +236,6 @@ def centrifugal_trace(sid: SID) -> Finding:
     return finding_of_difference(
         trace + 2.0 * sid.Me.m0, trace, 2.0 * sid.Me.m0, bound=0.1
     )
-
-
-#: Rounding of shares of the kinetic energy, and a small share.
-_ROUNDING, _SMALL = 1e-6, 0.1
 
 
 def _is_rotary_inertia(sid: SID, trace: Array) -> bool:

@@ -52,6 +52,9 @@ from .identity import (
 # Eigenvalues of a printed matrix (12 digits) may be off by its size times this.
 _PRINT = 1e-10
 
+#: A rotation to this, and its first order: what single precision prints.
+ROTATION_TOLERANCE = 1e-6
+
 
 @identity("I13", bound=1e-11)
 def modal_matrix_deviation(sid: SID) -> Finding:
@@ -212,10 +215,6 @@ def _scaled_difference(damping: Array, law: Array) -> float:
     size = np.sqrt(np.abs(np.diag(damping)))
     size = np.where(size > 0.0, size, size.max() or max_magnitude(damping) ** 0.5)
     return max_magnitude((damping - law) / np.outer(size, size))
-
-
-#: A rotation to this, and its first order: what single precision prints.
-ROTATION_TOLERANCE = 1e-6
 
 
 def orientation_error(m0: Array, m1: Array, psi: Array) -> float:

@@ -57,6 +57,11 @@ _BODY_COLOURS = COLOURS[:6]
 #: Scripts of the page, in order.
 _SCRIPT_FILES = ("body.js", "camera.js", "player.js")
 
+#: The package that ships three.js with its orbit controls as one minified file.
+PACKAGE = "jupyter_threejs_sage"
+#: Number of outputs drawn next to the motion: default and largest.
+_DEFAULT_OUTPUTS, _MAX_OUTPUTS = 12, 40
+
 
 def player_page(
     motion: SampledMotion,
@@ -267,10 +272,6 @@ def _output_plots(
     return f'<div class="plot">{svg}{mark}</div>'
 
 
-#: The package that ships three.js with its orbit controls as one minified file.
-PACKAGE = "jupyter_threejs_sage"
-
-
 def three_js() -> str:
     """Return the newest three.js of the package as one script.
 
@@ -289,10 +290,6 @@ def three_js() -> str:
     newest = max(releases, key=lambda folder: int(folder.name[1:]))
     script = (newest / "three.min.js").read_text(encoding="utf-8")
     return script.replace("</script", "<\\/script")
-
-
-#: Number of outputs drawn next to the motion: default and largest.
-_DEFAULT_OUTPUTS, _MAX_OUTPUTS = 12, 40
 
 
 @dataclass(frozen=True, eq=False)

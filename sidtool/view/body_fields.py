@@ -27,6 +27,22 @@ from .motion import SampledMotion
 
 Given = Mapping[str, Field | str | os.PathLike[str]]
 
+#: Largest number of values for a range; with more, times are skipped evenly.
+_MAX_VALUES = 200_000_000
+_PREFIXES: tuple[tuple[str, float], ...] = (
+    ("G", 1e9),
+    ("M", 1e6),
+    ("k", 1e3),
+    ("", 1.0),
+    ("m", 1e-3),
+    ("\N{MICRO SIGN}", 1e-6),
+    ("n", 1e-9),
+)
+#: Deformations below this fraction of the size of the mechanism are zero.
+_ROUNDING = 1e-12
+#: Number of intermediate times between output times; stresses per batch.
+_INTERMEDIATE_TIMES, _STRESSES_PER_BATCH = 4, 20_000_000
+
 
 def find_fields(
     scene: SceneFile, sids: Mapping[str, SID], given: Given, folders: list[Path]
@@ -95,22 +111,6 @@ def _field_files(
                 source = BodyModel(folder / body.model, folder)
                 yield name, source.path, source.field
                 break
-
-
-#: Largest number of values for a range; with more, times are skipped evenly.
-_MAX_VALUES = 200_000_000
-_PREFIXES: tuple[tuple[str, float], ...] = (
-    ("G", 1e9),
-    ("M", 1e6),
-    ("k", 1e3),
-    ("", 1.0),
-    ("m", 1e-3),
-    ("\N{MICRO SIGN}", 1e-6),
-    ("n", 1e-9),
-)
-
-#: Deformations below this fraction of the size of the mechanism are zero.
-_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -186,10 +186,6 @@ def fitting_scale(motion: SampledMotion, bodies: Sequence[BodySurface]) -> float
         return 1.0
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(max(step * power for step in (1, 2, 5) if step * power <= wanted))
-
-
-#: Number of intermediate times between output times; stresses per batch.
-_INTERMEDIATE_TIMES, _STRESSES_PER_BATCH = 4, 20_000_000
 
 
 @dataclass(frozen=True, eq=False)

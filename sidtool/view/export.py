@@ -57,6 +57,10 @@ VTK_CELLS = {
     "pyramid13": 27,
 }
 
+#: Point data and their number of components.
+POINT_DATA = {"displacement": 3, "velocity": 3, "stress": 6, "von_mises": 1}
+_KINDS = {"f": "Float32", "i": "Int64", "u": "UInt8"}
+
 
 @dataclass(frozen=True, eq=False)
 class ExportBody:
@@ -257,11 +261,6 @@ def _join_cells(
         np.concatenate(types),
         np.concatenate(owners).astype(np.int64),
     )
-
-
-#: Point data and their number of components.
-POINT_DATA = {"displacement": 3, "velocity": 3, "stress": 6, "von_mises": 1}
-_KINDS = {"f": "Float32", "i": "Int64", "u": "UInt8"}
 
 
 def write_export(path: Path, mesh: ExportMesh) -> None:

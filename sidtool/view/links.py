@@ -40,6 +40,14 @@ _DISTANCES = ("displacement", "length")
 #: cylinder.
 _STRAIGHT, _OUTER = 0.12, 0.55
 
+#: Colours by kind of link.
+COLOURS = {
+    "rod": "#555555",
+    "damper": "#777777",
+    "actuator": "#cc79a7",
+    "spring": "#333333",
+}
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BodyMotion:
@@ -192,11 +200,4 @@ _MESHES = {
     "damper": _cylinder_mesh,
     "actuator": _cylinder_mesh,
     "spring": _spring_mesh,
-}
-#: Colours by kind of link.
-COLOURS = {
-    "rod": "#555555",
-    "damper": "#777777",
-    "actuator": "#cc79a7",
-    "spring": "#333333",
 }

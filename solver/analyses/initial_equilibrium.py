@@ -23,6 +23,9 @@ from .inverse_dynamics import PrescribedMotion, refuse_law_states, relative_equi
 from .joint_friction import friction_forces, with_friction_states_of
 from .static_equilibrium import static_equilibrium
 
+#: Rounds in which what sticks and slides has to agree with the deformation.
+MAX_ROUNDS = 8
+
 
 def start_in_equilibrium(
     system: System,
@@ -129,10 +132,6 @@ def _body_pose(system: System, z: Array, b: int) -> dict[str, Any]:
             float(x) for x in quaternion_ / np.linalg.norm(quaternion_)
         )
     return pose
-
-
-#: Rounds in which what sticks and slides has to agree with the deformation.
-MAX_ROUNDS = 8
 
 
 def start_in_steady_rotation(

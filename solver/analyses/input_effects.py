@@ -38,6 +38,9 @@ DERIVATIVE_NAMES = ("", ".rate", ".acceleration")
 INPUT_PERTURBATION = 1e-3
 _SQUARED = "\N{SUPERSCRIPT TWO}"
 
+#: Coefficients of the polynomial of an input, by its value and its derivatives.
+_COEFFICIENTS = (1.0, 1.0, 0.5)
+
 
 @dataclass(frozen=True, eq=False)
 class InputEffects:
@@ -127,10 +130,6 @@ def input_effects(
         outputs,
         has_corner,
     )
-
-
-#: Coefficients of the polynomial of an input, by its value and its derivatives.
-_COEFFICIENTS = (1.0, 1.0, 0.5)
 
 
 def _equation_changes(

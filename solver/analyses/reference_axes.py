@@ -51,6 +51,9 @@ ON_AXIS, NO_DISPLACEMENT = 1e-2, 1e-7
 #: A group of eigenvectors is not closed if more than this part of it does not turn.
 UNPAIRED = 0.1
 
+#: Angular velocities that differ by less than this part of the largest are the same.
+EQUAL_ANGULAR_VELOCITY = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class RotatedShapes:
@@ -116,10 +119,6 @@ def _axial_vectors(sid: SID, axis: Array, V: Array) -> list[Array]:
             found += [node.phi.m0 * mass, node.psi.m0 * inertia]
     vectors = (part @ V for part in found)
     return [np.where(np.abs(x) > NO_DISPLACEMENT, x, 0.0) for x in vectors]
-
-
-#: Angular velocities that differ by less than this part of the largest are the same.
-EQUAL_ANGULAR_VELOCITY = 1e-9
 
 
 def axis_angular_velocities(mechanics: DenseEquations) -> Array:

@@ -61,6 +61,9 @@ from .steady_axes import (
 #: the largest in the same unit are rounding.
 EQUAL_RESPONSE, ROUNDED_RESPONSE = 1e-3, 1e-7
 
+#: What is expected where a scene has no inputs.
+NO_INPUTS = "a table [inputs.NAME] in the scene, and a force or a drive that takes it"
+
 
 class LinearisedScene:
     """The equations about a state, seen in axes with given spins."""
@@ -213,10 +216,6 @@ def response_change_notes(names: Sequence[str], changes: Array) -> Iterator[Diag
     if changing.any():
         listed = ", ".join(n for n, found in zip(names, changing, strict=True) if found)
         yield diagnose("N726", listed, change=float(min(changes.max(), 1.0)))
-
-
-#: What is expected where a scene has no inputs.
-NO_INPUTS = "a table [inputs.NAME] in the scene, and a force or a drive that takes it"
 
 
 @dataclass(frozen=True, eq=False)

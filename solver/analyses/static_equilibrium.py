@@ -73,6 +73,9 @@ MIN_STIFFNESS = 1e-12
 #: one: differences do not separate less from none.
 UNSTABLE_STIFFNESS = 1e-8
 
+#: A value is at a limit within this part of it, which differences do not blur.
+LIMIT_TOLERANCE = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium(WithDiagnostics):
@@ -455,10 +458,6 @@ def _line_search(
             return displaced
         step, work = 0.5 * step, 0.5 * work
     return displaced
-
-
-#: A value is at a limit within this part of it, which differences do not blur.
-LIMIT_TOLERANCE = 1e-9
 
 
 def force_limit_notes(system: System, work: at.WorkArrays) -> Iterator[Diagnostic]:

@@ -80,6 +80,9 @@ TOO_SOFT = "what carries them is too soft"
 #: Names that are listed of many.
 LISTED = 4
 
+#: Positions and groups in a steady rotation.
+_Found = tuple[Array, tuple[RotatingGroup, ...]]
+
 
 def steady_rotation(
     system: System,
@@ -164,10 +167,6 @@ def _project_forces(C: Array, forces: Array) -> Array:
 def _rotated(matrices: Array, vectors: Array) -> Array:
     """Matrices (bodies, 3, 3) times vectors (bodies, 3)."""
     return np.asarray(np.einsum("bij,bj->bi", matrices, vectors))
-
-
-#: Positions and groups in a steady rotation.
-_Found = tuple[Array, tuple[RotatingGroup, ...]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,6 +38,8 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 #: What numba calls the version of a function that takes arguments as C does.
 C_WRAPPER_NAME = re.compile(r'define [^\n]*@"?(cfunc\.[^"\s(]+)"?\(')
 
+LANES = 8
+
 
 @dataclass
 class Unit:
@@ -197,7 +199,6 @@ def _type_of_inner(value: Any, context: Any) -> InnerType:
     return InnerType(value)
 
 
-LANES = 8
 _INT32 = ir.IntType(32)
 
 

@@ -41,6 +41,23 @@ COMPILER_FOLDER = Path(__file__).resolve().parent
 
 _warned: set[str] = set()
 
+#: Globals that kernels take into their code; others only share a name with a field.
+HASHED_TYPES = (bool, int, float, complex, str, tuple, types.Type)
+#: What decides beside the code of a kernel what becomes of it.
+COMPILER_MODULES = (
+    "compiler.kernels",
+    "compiler.inner_kernels",
+    "compiler.fast_lowering",
+    "compiler.kernel_cache",
+    "compiler.tables",
+    "compiler.arrays",
+    "compiler.records",
+    "compiler.vectors",
+    "spatial.algebra",
+    "spatial.system_arrays",
+    "spatial.dimension",
+)
+
 
 def cache_folders() -> list[Path]:
     """Where kernels are looked for, and written if possible: the first comes first.
@@ -156,24 +173,6 @@ def _decode(content: bytes) -> tuple[str, bytes]:
         raise ValueError("checksum")
     end = LENGTH_SIZE + int.from_bytes(body[:LENGTH_SIZE], "little")
     return body[LENGTH_SIZE:end].decode(), body[end:]
-
-
-#: Globals that kernels take into their code; others only share a name with a field.
-HASHED_TYPES = (bool, int, float, complex, str, tuple, types.Type)
-#: What decides beside the code of a kernel what becomes of it.
-COMPILER_MODULES = (
-    "compiler.kernels",
-    "compiler.inner_kernels",
-    "compiler.fast_lowering",
-    "compiler.kernel_cache",
-    "compiler.tables",
-    "compiler.arrays",
-    "compiler.records",
-    "compiler.vectors",
-    "spatial.algebra",
-    "spatial.system_arrays",
-    "spatial.dimension",
-)
 
 
 def kernel_digest(function: FunctionType, signatures: tuple[Any, ...]) -> str:

@@ -31,6 +31,13 @@ ENTRY_SYMBOL = "sidtool_kernel"
 PYTHON_SYMBOLS = "numba", "NRT_", "Py", "_Py"
 _engines: list[Any] = []
 
+#: How numbers get into machine code and out of it.
+C_TYPES = {
+    types.float64: ctypes.c_double,
+    types.int64: ctypes.c_int64,
+    types.void: None,
+}
+
 
 class Target(NamedTuple):
     """What machine code is made for.
@@ -162,13 +169,6 @@ def load_object_code(code: bytes) -> int:
 
 
 __all__ = ["Entry", "entry", "inner"]
-
-#: How numbers get into machine code and out of it.
-C_TYPES = {
-    types.float64: ctypes.c_double,
-    types.int64: ctypes.c_int64,
-    types.void: None,
-}
 
 
 class Entry:

@@ -52,6 +52,32 @@ AXIS_COSINE = 1e-6
 LoadPosition = tuple[str, str]
 RigidDirections = dict[LoadPosition, dict[str, str]]
 
+#: Shape functions that carry less than this share of a compliance are poor.
+MIN_SHARE = 0.9
+#: Where what is missing is less than this part of the largest compliance beside it,
+#: it matters only if the share is below one half.
+SMALL_FRACTION, HALF_SHARE = 0.01, 0.5
+#: A direction is loaded if this much of it lies in what the loads span.
+LOADED_FRACTION = 0.5
+#: A body without stress may be rigid under a load, as inextensible blades: its shape
+#: functions carry less than this share.
+RIGID_SHARE = 1e-3
+#: Shapes that carry less than this share are missing, not poor.
+MISSING_SHARE = 1e-12
+#: What loads a body: body and marker, force and moment in body axes, what exerts them.
+Load = tuple[tuple[str, str], Array, Array, str]
+#: Words of labels of shape functions that are answers to static loads.
+_STATIC_LABELS = ("attachment", "constraint", "static", "relief", "at 0 hz")
+#: A compliance smaller by as much than the largest one of its kind is rounding.
+_NEGLIGIBLE = 1e-18
+#: Squares of natural frequencies that are closer (relative) are those of a pair.
+_EQUAL_FREQUENCY = 1e-6
+#: A mode takes part where it has more than this part of the largest share.
+_MIN_PARTICIPATION = 1e-3
+#: By node, compliances (6,) of the lower half of the natural modes that take part in
+#: each direction, and of all.
+HalfCompliances = dict[str, tuple[Array, Array]]
+
 
 def unrepresented_loads(system: System, start: StateVectors) -> Iterator[Diagnostic]:
     """Markers that are loaded where shape functions are missing (N420, N422, N423).
@@ -306,19 +332,6 @@ def _end_row(row: ConstraintRows) -> int:
     return row.first + row.count
 
 
-#: Shape functions that carry less than this share of a compliance are poor.
-MIN_SHARE = 0.9
-#: Where what is missing is less than this part of the largest compliance beside it,
-#: it matters only if the share is below one half.
-SMALL_FRACTION, HALF_SHARE = 0.01, 0.5
-#: A direction is loaded if this much of it lies in what the loads span.
-LOADED_FRACTION = 0.5
-#: A body without stress may be rigid under a load, as inextensible blades: its shape
-#: functions carry less than this share.
-RIGID_SHARE = 1e-3
-#: Shapes that carry less than this share are missing, not poor.
-MISSING_SHARE = 1e-12
-
 _FORCES, _MOMENTS = slice(0, 3), slice(3, 6)
 
 #: Loads of a body by its own inertia.
@@ -327,9 +340,6 @@ INERTIA_LOADS = (
     *(f"acceleration about {axis}" for axis in "xyz"),
     *(f"rotation about {axis}" for axis in "xyz"),
 )
-
-#: What loads a body: body and marker, force and moment in body axes, what exerts them.
-Load = tuple[tuple[str, str], Array, Array, str]
 
 
 def is_poorly_represented(system: System, body: str, marker: str) -> bool:
@@ -506,19 +516,6 @@ def _poor_inertia_shares(
         and full[k] - own[k]
         > max((1.0 - MIN_SHARE) * full[k], SMALL_FRACTION * largest)
     }
-
-
-#: Words of labels of shape functions that are answers to static loads.
-_STATIC_LABELS = ("attachment", "constraint", "static", "relief", "at 0 hz")
-#: A compliance smaller by as much than the largest one of its kind is rounding.
-_NEGLIGIBLE = 1e-18
-#: Squares of natural frequencies that are closer (relative) are those of a pair.
-_EQUAL_FREQUENCY = 1e-6
-#: A mode takes part where it has more than this part of the largest share.
-_MIN_PARTICIPATION = 1e-3
-#: By node, compliances (6,) of the lower half of the natural modes that take part in
-#: each direction, and of all.
-HalfCompliances = dict[str, tuple[Array, Array]]
 
 
 def is_unassessed(system: System, body: str, marker: str) -> bool:

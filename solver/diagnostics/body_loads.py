@@ -47,6 +47,9 @@ from .geometric_stiffening import (
 )
 from .vibration import EnergyShares
 
+#: Numbers that are computed together.
+MAX_NUMBERS = 1 << 18
+
 
 def recorded_loads(evaluated: EvaluatedForces, body: str) -> Loads:
     """Loads of a flexible body at recorded states."""
@@ -143,10 +146,6 @@ def _body_wrenches(
         if on == body:
             total = evaluated.wrench(m)
             yield marker, total[:, :3], total[:, 3:]
-
-
-#: Numbers that are computed together.
-MAX_NUMBERS = 1 << 18
 
 
 def expected_bodies(system: System, start: StateVectors) -> dict[str, FlexibleBody]:

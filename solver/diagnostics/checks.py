@@ -59,6 +59,17 @@ from ..output.section_forces import check_section_force
 from ..spatial import system_arrays as at
 from ..system.system import System
 
+#: Spatial joints that hold the direction of an axis, and what they are without that.
+_TILTED = {
+    "revolute": "spherical",
+    "cylindrical": "point_on_line",
+    "screw": None,
+    "universal": "spherical",
+    "planar": "point_on_plane",
+}
+#: Rotations that other joints hold, up to rounding of the data.
+_HELD = 1e-6
+
 
 def check_replaced_sids(scene: SceneFile, names: Iterable[str]) -> None:
     """Bodies whose SIDs are replaced have one.
@@ -249,17 +260,7 @@ def check_masses(system: System) -> None:
 #: Joints without a relative rotation, and those that guide.
 _TRANSLATING = ("fixed", "prismatic")
 _GUIDES = (*_TRANSLATING, "point_on_line", "point_on_plane")
-#: Spatial joints that hold the direction of an axis, and what they are without that.
-_TILTED = {
-    "revolute": "spherical",
-    "cylindrical": "point_on_line",
-    "screw": None,
-    "universal": "spherical",
-    "planar": "point_on_plane",
-}
 _ROTATIONS = (*ROTATION_CONSTRAINTS, at.COUPLED_ANGLE)
-#: Rotations that other joints hold, up to rounding of the data.
-_HELD = 1e-6
 
 
 def check_point_masses(system: System) -> None:

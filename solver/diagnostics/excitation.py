@@ -38,6 +38,8 @@ NO_VARIATION, JUMP_TOLERANCE, SLOPE_JUMP_TOLERANCE, KINK_PIECE = 1e-12, 1e-6, 1e
 #: callable's polynomials.
 CURVATURE_TOLERANCE = 1e-5
 
+_DRIVEN_COORDINATE = {"fixed": "", "revolute": "angle", "prismatic": "displacement"}
+
 
 @dataclass(frozen=True, eq=False)
 class DriveHistory:
@@ -174,9 +176,6 @@ def drive_history(system: System) -> DriveHistory:
         for row, name in enumerate(system.scene.drives)
     }
     return DriveHistory(times, values)
-
-
-_DRIVEN_COORDINATE = {"fixed": "", "revolute": "angle", "prismatic": "displacement"}
 
 
 @dataclass(frozen=True, eq=False)

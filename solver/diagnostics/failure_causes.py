@@ -65,6 +65,18 @@ POINTS, HALVINGS, RELATIVE_CHANGE, ZERO_INDEPENDENCE = 33, 40, 1e-6, 1e-6
 #: Of a rate, for its derivative by differences.
 STEP = 1e-6
 
+#: Constraints that follow from others; and how little of what could move a joint does,
+#: near a dead point, relative to what the scale of its bodies would.
+DEPENDENCE_TOLERANCE, DEAD_POINT_TOLERANCE = 1e-6, 1e-3
+#: Determinant of the equations of friction near a state without a solution.
+MIN_FRICTION_DETERMINANT = 0.1
+#: Part of the smallest eigenvalue of a mass matrix that is left of a lost inertia.
+LOST_INERTIA = 1e-2
+#: Of the inertia of two bodies in a mechanism, the ratio that rounding begins to hide.
+LIGHT_BODY_RATIO = 1e-9
+#: Part of the independence of the constraints that is left near a singular position.
+NEARLY_SINGULAR = 0.01
+
 
 @dataclass(frozen=True)
 class SingularPassage:
@@ -269,11 +281,6 @@ def _spectral_distance(A: Any, B: Any) -> float:
     return float(np.sqrt(ways[0] * ways[1]))
 
 
-#: Constraints that follow from others; and how little of what could move a joint does,
-#: near a dead point, relative to what the scale of its bodies would.
-DEPENDENCE_TOLERANCE, DEAD_POINT_TOLERANCE = 1e-6, 1e-3
-
-
 def joints_at_dead_points(
     system: System, t: float, z: Array, v: Array
 ) -> tuple[str, ...]:
@@ -313,16 +320,6 @@ def dead_point_causes(system: System, t: float, z: Array, v: Array) -> list[Diag
     ends = [marker_reference(m)[0] for joint in joints for m in marker_names(joint)]
     bodies = dict.fromkeys(end for end in ends if end != "ground")
     return [diagnose("N504", t=t, joints=names, bodies=tuple(bodies))]
-
-
-#: Determinant of the equations of friction near a state without a solution.
-MIN_FRICTION_DETERMINANT = 0.1
-#: Part of the smallest eigenvalue of a mass matrix that is left of a lost inertia.
-LOST_INERTIA = 1e-2
-#: Of the inertia of two bodies in a mechanism, the ratio that rounding begins to hide.
-LIGHT_BODY_RATIO = 1e-9
-#: Part of the independence of the constraints that is left near a singular position.
-NEARLY_SINGULAR = 0.01
 
 
 def step_loop_failure(

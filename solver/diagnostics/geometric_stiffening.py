@@ -43,6 +43,9 @@ _UNITS = {
     "moment": "N m",
 }
 
+#: Deformations that move less than this part of the largest moved mass move none.
+MIN_MASS = 1e-12
+
 
 @dataclass(frozen=True, eq=False)
 class Loads:
@@ -300,10 +303,6 @@ def _load_text(name: str, loads: Loads, i: int) -> str:
     history = {"rotation": loads.angular_velocity, "acceleration": loads.acceleration}
     size = np.linalg.norm(history.get(name, loads.angular_acceleration)[i])
     return f"{name} of {size:.3g} {_UNITS[name]}"
-
-
-#: Deformations that move less than this part of the largest moved mass move none.
-MIN_MASS = 1e-12
 
 
 def has_stiffened_inertia(system: System, b: int) -> bool:

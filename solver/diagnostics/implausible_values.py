@@ -52,6 +52,35 @@ _LENGTH_OUTPUTS, _MAX_LENGTH_RATIO = (
     50.0,
 )
 
+#: Stronger than gravity on any planet or in a lift [m/s2].
+_MAX_GRAVITY = 100.0
+#: Whole multiples of these [deg], more than a turn in radians, may be degrees.
+_DEGREE_STEPS, _FULL_TURN = (30.0, 45.0), 2.0 * np.pi
+#: Bodies that a joint holds together may differ by as much in size.
+_SIZE_RATIO = 100.0
+#: Radii of gyration larger by as much than the body, and speeds [m/s], are no ordinary
+#: ones.
+_GYRATION_RATIO, _MAX_SPEED = 30.0, 2000.0
+#: What the sum of two moments of inertia may lack by rounding.
+_INERTIA_ROUNDING = 1e-6
+#: A run of a smaller part of the longest period shows no vibration.
+_SHORT_RUN = 0.01
+#: Of steel [Pa], and faster than sound in any solid [m/s].
+_STEEL_MODULUS, _MAX_WAVE_SPEED = 2.1e11, 2e4
+#: Dampers stop the whole mechanism so many times faster than sound crosses it.
+_MAX_DAMPING_RATE = 10.0
+#: Vibrations of a spring that a run follows for minutes, and steps for each of them.
+_MAX_PERIODS, _STEPS_PER_PERIOD = 1e5, 10.0
+#: Measures that are angles.
+ANGULAR_MEASURES = (
+    at.ANGLE_MEASURE,
+    at.ROTATION_VECTOR_MEASURE,
+    at.DIRECTION_COSINE_MEASURE,
+)
+#: A spring lets go what it lets turn by more than a turn, and would let turn by more
+#: than this under a steady load [rad].
+_MAX_WINDING = 50.0
+
 
 def implausible_friction_warnings(system: System) -> Iterator[Diagnostic]:
     """Friction, gains and lengths (N213, N214, N216)."""
@@ -105,21 +134,6 @@ def _gain_warnings(scene: SceneFile) -> Iterator[Diagnostic]:
             gain = getattr(law, key)
             if gain < 0.0:
                 yield diagnose("N216", name, key=key, gain=gain, output=law.measured)
-
-
-#: Stronger than gravity on any planet or in a lift [m/s2].
-_MAX_GRAVITY = 100.0
-#: Whole multiples of these [deg], more than a turn in radians, may be degrees.
-_DEGREE_STEPS, _FULL_TURN = (30.0, 45.0), 2.0 * np.pi
-#: Bodies that a joint holds together may differ by as much in size.
-_SIZE_RATIO = 100.0
-#: Radii of gyration larger by as much than the body, and speeds [m/s], are no ordinary
-#: ones.
-_GYRATION_RATIO, _MAX_SPEED = 30.0, 2000.0
-#: What the sum of two moments of inertia may lack by rounding.
-_INERTIA_ROUNDING = 1e-6
-#: A run of a smaller part of the longest period shows no vibration.
-_SHORT_RUN = 0.01
 
 
 def implausible_value_warnings(system: System) -> Iterator[Diagnostic]:
@@ -278,20 +292,6 @@ def _time_span_warnings(system: System) -> Iterator[Diagnostic]:
         yield diagnose("N208", name, span=time.end - time.start, periods=periods[name])
 
 
-#: Of steel [Pa], and faster than sound in any solid [m/s].
-_STEEL_MODULUS, _MAX_WAVE_SPEED = 2.1e11, 2e4
-#: Dampers stop the whole mechanism so many times faster than sound crosses it.
-_MAX_DAMPING_RATE = 10.0
-#: Vibrations of a spring that a run follows for minutes, and steps for each of them.
-_MAX_PERIODS, _STEPS_PER_PERIOD = 1e5, 10.0
-#: Measures that are angles.
-ANGULAR_MEASURES = (
-    at.ANGLE_MEASURE,
-    at.ROTATION_VECTOR_MEASURE,
-    at.DIRECTION_COSINE_MEASURE,
-)
-
-
 def stiffness_warnings(system: System) -> Iterator[Diagnostic]:
     """Springs and dampers whose physics shows a slip of units (N210, N211).
 
@@ -372,11 +372,6 @@ def linear_coefficient(curve: ForcePolynomials) -> float:
     """The coefficient of the first power; 0 of tables."""
     is_single_polynomial = len(curve.starts) == 1 and curve.terms.shape[1] > 1
     return float(curve.terms[0, 1]) if is_single_polynomial else 0.0
-
-
-#: A spring lets go what it lets turn by more than a turn, and would let turn by more
-#: than this under a steady load [rad].
-_MAX_WINDING = 50.0
 
 
 @dataclass(frozen=True, eq=False)

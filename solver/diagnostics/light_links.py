@@ -34,6 +34,15 @@ from ..system.work_arrays import new_work_arrays
 #: 5, a satellite 30; inertia in kg mm2 instead of kg m2 gives 1e-6 of what is right.
 _MIN_DENSITY = 0.1
 
+#: Of the inertia of a body that it is joined to; a link below it is refused.
+MIN_INERTIA_RATIO = 2e-12
+#: What is advised is more than the limit by this factor.
+_RECOMMENDED_FACTOR = 1.1
+#: Constraints of a link are independent above this part of the largest one.
+_INDEPENDENCE = 1e-8
+#: Joints that hold a point of two bodies together and let them turn.
+_PINS = {"planar": ("revolute", "coincident"), "spatial": ("spherical",)}
+
 
 def body_extent(system: System, name: str) -> float:
     """The size of a body [m]: between its markers and its centre of mass, or what its
@@ -58,16 +67,6 @@ def mechanism_extent(system: System) -> float:
     """The size of the mechanism [m], and of its largest body."""
     sizes = (body_extent(system, d.name) for d in system.bodies if d.is_scene_body)
     return max(system.length, *sizes, 0.0)
-
-
-#: Of the inertia of a body that it is joined to; a link below it is refused.
-MIN_INERTIA_RATIO = 2e-12
-#: What is advised is more than the limit by this factor.
-_RECOMMENDED_FACTOR = 1.1
-#: Constraints of a link are independent above this part of the largest one.
-_INDEPENDENCE = 1e-8
-#: Joints that hold a point of two bodies together and let them turn.
-_PINS = {"planar": ("revolute", "coincident"), "spatial": ("spherical",)}
 
 
 @dataclass(frozen=True)

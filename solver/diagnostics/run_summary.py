@@ -39,6 +39,21 @@ from .vibration import Vibrations
 #: Numbers of frames, markers and states that may wait.
 MAX_PENDING_NUMBERS = 100_000
 
+#: Relative size below which stiffening at markers counts as zero.
+_NEGLIGIBLE = 1e-6
+QUADRATIC_INERTIA = "quadratic inertia"
+#: Terms beyond those of the undeformed body, by the bits of their flags.
+_TERMS = {
+    at.HAS_CR1: "Cr1, Ge1",
+    at.HAS_OE1: "Oe1",
+    at.HAS_CT1: "Ct1",
+    at.HAS_KE1: "Ke1",
+    at.HAS_QUADRATIC_J: QUADRATIC_INERTIA,
+}
+#: Terms that the inertia of a stiffened body always has, in mean axes.
+_STIFFENED_TERMS = at.HAS_CR1 | at.HAS_OE1 | at.HAS_CT1 | at.HAS_QUADRATIC_J
+_FRAMES = {0: "prescribed", 2: "2", 3: "3", 6: "6"}
+
 
 class DiagnosticsResult(NamedTuple):
     """What flexible bodies met, remarks, vibrations, and states not to be missed."""
@@ -186,21 +201,6 @@ def _assemble_with_warnings(system: System) -> tuple[System, assembly.StateVecto
         raise InputError(problem, place=error.place, expected=error.expected) from None
 
 
-#: Relative size below which stiffening at markers counts as zero.
-_NEGLIGIBLE = 1e-6
-QUADRATIC_INERTIA = "quadratic inertia"
-#: Terms beyond those of the undeformed body, by the bits of their flags.
-_TERMS = {
-    at.HAS_CR1: "Cr1, Ge1",
-    at.HAS_OE1: "Oe1",
-    at.HAS_CT1: "Ct1",
-    at.HAS_KE1: "Ke1",
-    at.HAS_QUADRATIC_J: QUADRATIC_INERTIA,
-}
-#: Terms that the inertia of a stiffened body always has, in mean axes.
-_STIFFENED_TERMS = at.HAS_CR1 | at.HAS_OE1 | at.HAS_CT1 | at.HAS_QUADRATIC_J
-
-
 class BodyEquations(NamedTuple):
     """What is integrated of a body.
 
@@ -226,9 +226,6 @@ class BodyEquations(NamedTuple):
     terms: dict[str, str]
     stiffened: tuple[str, ...]
     expected: FlexibleBody | None
-
-
-_FRAMES = {0: "prescribed", 2: "2", 3: "3", 6: "6"}
 
 
 def describe_bodies(system: System) -> list[BodyEquations]:

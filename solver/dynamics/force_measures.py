@@ -37,6 +37,12 @@ from .point_constraints import fixed_direction
 #: Below this distance the direction of the line does not turn.
 MIN_DISTANCE = 1e-12
 
+#: Below this rotation the series of the coefficient of the inverse of T is used.
+SMALL_ROTATION = 0.05
+#: Largest rotation vector that is known [rad]; torques on its components grow without
+#: bound towards a full turn.
+MAX_ROTATION = 6.0
+
 
 @inner()
 def distance_measure(system, work, row):
@@ -125,13 +131,6 @@ def rotation_stiffness(system, work, row, axis, force):
         m, sign = (row.a, -1.0) if side == 0 else (row.b, 1.0)
         none = zero(work.point[m].x)
         shape_function_stiffness(system, work, m, none, sign * force * axis)
-
-
-#: Below this rotation the series of the coefficient of the inverse of T is used.
-SMALL_ROTATION = 0.05
-#: Largest rotation vector that is known [rad]; torques on its components grow without
-#: bound towards a full turn.
-MAX_ROTATION = 6.0
 
 
 @formula

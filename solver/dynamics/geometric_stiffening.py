@@ -54,6 +54,9 @@ from .body import (
     theta_k,
 )
 
+#: Moments of inertia below this part of the largest one are rounding: there are none.
+NO_INERTIA = 1e-13
+
 
 @inner()
 def frame_angular_motion(system, work, b, acc, weight):
@@ -188,10 +191,6 @@ def linearise_centre_of_mass(system, work, b, acc):
                 other, d_q
             )
             D[row_start] += dot(other, d_qdot)
-
-
-#: Moments of inertia below this part of the largest one are rounding: there are none.
-NO_INERTIA = 1e-13
 
 
 @inner()

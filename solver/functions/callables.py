@@ -25,6 +25,19 @@ from .chebyshev import ChebyshevSeries, FitSamples, bisected_fit
 from .features import KINK_PIECE, check_rates, kink_times
 from .kink_positions import fit_with_kinks
 
+DEGREE = 14
+#: Tolerated error relative to the largest value.
+RELATIVE_ERROR = 1e-13
+#: Part of the run that the shortest feature lasts which is surely seen, and the number
+#: of times that it is looked at.
+RESOLVED_FRACTION, SAMPLES_PER_FEATURE = 1.0 / 4096.0, 4
+#: The shortest feature that can be requested, as a part of the run.
+MIN_RESOLVED_FRACTION = 1e-6
+#: Tolerated difference of given derivatives from those of the interpolant.
+DERIVATIVE_TOLERANCES = (1e-10, 1e-7, 1e-4)
+Interpolant = tuple[Array, Array, tuple[float, ...]]
+VALUE_INDEX = -1
+
 
 def real_number(value: Any) -> float:
     """The value as a float; texts and truth values, which `float` takes, are none.
@@ -44,17 +57,6 @@ def real_number(value: Any) -> float:
 
 #: A function of time, or one with its first derivative, or with its first two.
 TimeFunctions = Callable[[float], float] | tuple[Callable[[float], float], ...]
-
-DEGREE = 14
-#: Tolerated error relative to the largest value.
-RELATIVE_ERROR = 1e-13
-#: Part of the run that the shortest feature lasts which is surely seen, and the number
-#: of times that it is looked at.
-RESOLVED_FRACTION, SAMPLES_PER_FEATURE = 1.0 / 4096.0, 4
-#: The shortest feature that can be requested, as a part of the run.
-MIN_RESOLVED_FRACTION = 1e-6
-#: Tolerated difference of given derivatives from those of the interpolant.
-DERIVATIVE_TOLERANCES = (1e-10, 1e-7, 1e-4)
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,6 @@ class Timed:
 
 #: What replaces a function of time.
 Derivatives = TimeFunctions | Timed
-
-Interpolant = tuple[Array, Array, tuple[float, ...]]
 
 
 def interpolate_callable(
@@ -211,7 +211,6 @@ def _check_derivatives(
 _SIGNATURE = ctypes.CFUNCTYPE(
     ctypes.c_double, ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_int64
 )
-VALUE_INDEX = -1
 
 
 class NativeCallable:

@@ -26,6 +26,9 @@ from .piecewise import PiecewisePolynomial
 OutputFunction = Callable[[float, Array], float]
 OutputDerivatives = Callable[[float, Array], Sequence[float]]
 
+#: State of a sampled law: what it holds. No name in a scene has a space.
+HELD_VALUE = "held value"
+
 
 @dataclass(frozen=True, eq=False)
 class Law:
@@ -112,8 +115,6 @@ class OutputRate:
     name: str
 
 
-#: State of a sampled law: what it holds. No name in a scene has a space.
-HELD_VALUE = "held value"
 #: What a program is made of.
 LawInstruction = Instruction | CallableInstruction | TimeLaw | OutputRate | TableLookup
 LawInstructions = tuple[LawInstruction, ...]

@@ -33,6 +33,20 @@ EQUAL_DERIVATIVES = 1e-6
 #: What tolerated errors make of derivatives at the ends of a piece, per order.
 ERROR_AMPLIFICATION = (20.0, 2e3, 1e5, 4e6)
 
+#: Degree of the polynomials, and their error relative to the largest value.
+DEGREE, ERROR = 8, 1e-6
+#: Pieces of a function of time below this part of the span are rounding at a kink.
+MIN_PIECE = 1e-7
+#: Where the pieces of a function that is known are looked at, -1 to 1.
+SAMPLE_POINTS = np.array([-0.8, -0.4, 0.0, 0.4, 0.8])
+#: Where friction changes, in units of its speed: tanh there in pieces of a polynomial.
+FRICTION_EDGES = np.array([-4.0, -4.0 / 3.0, 4.0 / 3.0, 4.0])
+#: Neighbouring pieces of a table are one when a polynomial follows them so well,
+#: relative to how much each changes.
+MERGE_TOLERANCE = 0.1
+#: Steps end where the slope of a force changes by more than this part of the largest.
+CORNER_TOLERANCE = 0.05
+
 
 def kink_times(
     series: ChebyshevSeries, known: Iterable[float] = ()
@@ -155,21 +169,6 @@ def _rate_jump(series: ChebyshevSeries, first: int, last: int) -> float:
     largest = np.abs(series.at(middles, 1)).max()
     jump = float(rates[1] - rates[0])
     return jump if abs(jump) > natural + EQUAL_DERIVATIVES * largest else 0.0
-
-
-#: Degree of the polynomials, and their error relative to the largest value.
-DEGREE, ERROR = 8, 1e-6
-#: Pieces of a function of time below this part of the span are rounding at a kink.
-MIN_PIECE = 1e-7
-#: Where the pieces of a function that is known are looked at, -1 to 1.
-SAMPLE_POINTS = np.array([-0.8, -0.4, 0.0, 0.4, 0.8])
-#: Where friction changes, in units of its speed: tanh there in pieces of a polynomial.
-FRICTION_EDGES = np.array([-4.0, -4.0 / 3.0, 4.0 / 3.0, 4.0])
-#: Neighbouring pieces of a table are one when a polynomial follows them so well,
-#: relative to how much each changes.
-MERGE_TOLERANCE = 0.1
-#: Steps end where the slope of a force changes by more than this part of the largest.
-CORNER_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,6 +46,19 @@ from .piecewise import (
     input_pieces,
 )
 
+#: What of an input jumps between its values.
+_JUMP = {"hold": "value", "linear": "rate"}
+#: What drives can take of inputs, by the derivatives that must not jump, plus one.
+_CONTINUOUS_INPUTS = {
+    1: 'interpolation = "linear" or "smooth" of the input; or of = "acceleration" of '
+    "the drive, which may jump",
+    2: 'interpolation = "smooth" of the input; of = "acceleration" of the drive, which '
+    'may jump; of = "rate" with a linear input; or a formula whose state follows the '
+    "input with a lag",
+}
+#: A jump of a value or a rate counts as none below this part of the largest one.
+EQUAL_VALUES = 1e-9
+
 
 class RealData:
     """Collects arrays; `add` says where each begins."""
@@ -63,20 +76,6 @@ class RealData:
 
     def array(self) -> Array:
         return np.concatenate([*self._parts, np.zeros(1)])
-
-
-#: What of an input jumps between its values.
-_JUMP = {"hold": "value", "linear": "rate"}
-#: What drives can take of inputs, by the derivatives that must not jump, plus one.
-_CONTINUOUS_INPUTS = {
-    1: 'interpolation = "linear" or "smooth" of the input; or of = "acceleration" of '
-    "the drive, which may jump",
-    2: 'interpolation = "smooth" of the input; of = "acceleration" of the drive, which '
-    'may jump; of = "rate" with a linear input; or a formula whose state follows the '
-    "input with a lag",
-}
-#: A jump of a value or a rate counts as none below this part of the largest one.
-EQUAL_VALUES = 1e-9
 
 
 class FunctionTable:

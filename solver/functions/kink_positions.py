@@ -33,6 +33,29 @@ ACCEPTED_RESIDUAL, REJECTED_RESIDUAL = 3.0, 10.0
 #: function without one.
 REDUCTION_BY_KINK = 100.0
 
+#: Pieces around a kink are shorter than this part of the longest one.
+SHORT_PIECE = 0.5
+#: Both sides are known from a length of at least so many shortest pieces.
+MIN_SIDE_LENGTH = 4.0
+#: Pieces that end at a kink are so many times longer than those that surround it.
+MIN_GROWTH = 2.0
+#: Part of the pieces beside an end of pieces within which a kink is looked for.
+NEAR_EDGE = 0.02
+#: Part of the tolerated error below which the last terms are rounding.
+TRIM_TOLERANCE = 0.01
+#: The derivatives whose jump may be the lowest one, and steps of Newton's iteration.
+MAX_ORDER, NEWTON_STEPS = 6, 4
+#: Places of kinks up to this order are those of both polynomials, unless the next
+#: derivative jumps so much more that this one may be none; of later ones noise moves
+#: where derivatives cross by up to 1e-4.
+CERTAIN_ORDER = 2
+#: Looks at the function between two places that are compared.
+CHECKS_PER_INTERVAL = 8
+#: Times after which kinks beside others are looked for again.
+MAX_ROUNDS = 8
+Values = Callable[[Array], Array]
+SeriesWithKinks = tuple[ChebyshevSeries, list[float]]
+
 
 def fit_kink(
     evaluate: Callable[[Array], Array],
@@ -158,32 +181,6 @@ def _solve_fit(columns: Array, values: Array) -> tuple[Array, Array]:
     scales[scales == 0.0] = 1.0
     solution = np.linalg.lstsq(columns / scales, values, rcond=1e-14)[0]
     return solution / scales, values - columns / scales @ solution
-
-
-#: Pieces around a kink are shorter than this part of the longest one.
-SHORT_PIECE = 0.5
-#: Both sides are known from a length of at least so many shortest pieces.
-MIN_SIDE_LENGTH = 4.0
-#: Pieces that end at a kink are so many times longer than those that surround it.
-MIN_GROWTH = 2.0
-#: Part of the pieces beside an end of pieces within which a kink is looked for.
-NEAR_EDGE = 0.02
-#: Part of the tolerated error below which the last terms are rounding.
-TRIM_TOLERANCE = 0.01
-#: The derivatives whose jump may be the lowest one, and steps of Newton's iteration.
-MAX_ORDER, NEWTON_STEPS = 6, 4
-#: Places of kinks up to this order are those of both polynomials, unless the next
-#: derivative jumps so much more that this one may be none; of later ones noise moves
-#: where derivatives cross by up to 1e-4.
-CERTAIN_ORDER = 2
-#: Looks at the function between two places that are compared.
-CHECKS_PER_INTERVAL = 8
-
-#: Times after which kinks beside others are looked for again.
-MAX_ROUNDS = 8
-
-Values = Callable[[Array], Array]
-SeriesWithKinks = tuple[ChebyshevSeries, list[float]]
 
 
 def fit_with_kinks(

@@ -36,6 +36,8 @@ StackEntry = tuple[LawInstructions, LawInstructions | None]
 #: Functions whose rate jumps, or which jump themselves.
 NONSMOOTH = ("abs", "min", "max")
 
+PrescribedOrder = Literal["value", "rate", "acceleration"]
+
 
 def time_derivative(
     parts: LawInstructions, states: Mapping[str, LawState], place: str, smooth: bool
@@ -337,9 +339,6 @@ def _execute(part: Any, stack: list[Any], t: float, known: Mapping[str, float]) 
     else:
         function = _UNARY_OPERATORS.get(part.kind) or getattr(math, part.kind)
         stack.append(function(stack.pop()))
-
-
-PrescribedOrder = Literal["value", "rate", "acceleration"]
 
 
 def prescribed_law(

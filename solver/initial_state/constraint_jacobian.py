@@ -40,6 +40,16 @@ if TYPE_CHECKING:
 #: Rounds of the iteration, and parts of a row whose squares count as nothing.
 ITERATIONS, NEGLIGIBLE = 30, 1e-20
 
+MAX_ITERATIONS = 60
+#: Constraints are closed when they are open by less, relative to their sizes.
+RESIDUAL_TOLERANCE = 1e-13
+#: Rows of the constraint Jacobian count as dependent below this relative size.
+RANK_TOLERANCE = 1e-9
+#: Inertia below this part of the mean one counts as so much.
+MIN_INERTIA = 1e-14
+#: How much less readily coordinates move that are to be kept.
+PRESERVED_MOBILITY = 1e-3
+
 
 def balanced_sizes(system: System, C: Array) -> Array:
     """Sizes of the velocity coordinates, (n velocities,): of each body one for its
@@ -107,17 +117,6 @@ def _squared_entries(
     rows = np.bincount(row, squares_by_row.sum(axis=1), system.n_rows)
     squares_by_row[squares_by_row < NEGLIGIBLE * rows[row, None]] = 0.0
     return squares_by_row
-
-
-MAX_ITERATIONS = 60
-#: Constraints are closed when they are open by less, relative to their sizes.
-RESIDUAL_TOLERANCE = 1e-13
-#: Rows of the constraint Jacobian count as dependent below this relative size.
-RANK_TOLERANCE = 1e-9
-#: Inertia below this part of the mean one counts as so much.
-MIN_INERTIA = 1e-14
-#: How much less readily coordinates move that are to be kept.
-PRESERVED_MOBILITY = 1e-3
 
 
 class InitialState:

@@ -35,6 +35,27 @@ MAX_STEPS, GRADIENT_TOLERANCE = 60, 1e-14
 #: Damping at the beginning and at the end of rates, that of coordinates at a limit.
 INITIAL_DAMPING, MIN_DAMPING, MAX_DAMPING = 1.0, 1e-9, 1e12
 
+#: Constraints that are open by more, relative to their sizes, are not met.
+VIOLATED = 1e-7
+#: Joints and drives that are tried one by one, in scenes of up to so many constraints,
+#: and in larger ones, where that part of what is open counts.
+MAX_TESTED, LARGE_SCENE = 60, 200
+FEW_NAMES, RELEVANT_PART = 12, 1e-4
+#: Names that are listed of many.
+LISTED_NAMES = 4
+#: What joints that are met weigh against the one that is not, where their markers are
+#: nearest, one weight after the other.
+WEIGHTS = (3.0, 30.0, 300.0, 1e4)
+#: Places from which the nearest one is sought, and how far they lie beside, relative.
+TRIAL_STATES, TRIAL_DISTANCE = 3, 0.05
+#: Parts of the time span after which drives are asked what they demand next.
+LATER_FRACTIONS = (1e-3, 1e-2, 5e-2)
+#: Markers that come as near, relative to the size of the mechanism, meet.
+COINCIDENT_DISTANCE = 1e-4
+COMPATIBLE = "lengths, drives and joints that fit together"
+#: Joints that hold two points together.
+POINT_JOINTS = ("revolute", "spherical", "universal", "fixed", "coincident")
+
 
 def least_squares_state(state: InitialState, weight: Array) -> None:
     """Moves the state to where the weighted residuals are least.
@@ -96,28 +117,6 @@ def _solve_damped(A: Any, damping: float, right: Array) -> Array:
 
     normal = (A.T @ A + damping * eye_array(A.shape[1])).tocsc()
     return np.asarray(spsolve(normal, right), np.float64)
-
-
-#: Constraints that are open by more, relative to their sizes, are not met.
-VIOLATED = 1e-7
-#: Joints and drives that are tried one by one, in scenes of up to so many constraints,
-#: and in larger ones, where that part of what is open counts.
-MAX_TESTED, LARGE_SCENE = 60, 200
-FEW_NAMES, RELEVANT_PART = 12, 1e-4
-#: Names that are listed of many.
-LISTED_NAMES = 4
-#: What joints that are met weigh against the one that is not, where their markers are
-#: nearest, one weight after the other.
-WEIGHTS = (3.0, 30.0, 300.0, 1e4)
-#: Places from which the nearest one is sought, and how far they lie beside, relative.
-TRIAL_STATES, TRIAL_DISTANCE = 3, 0.05
-#: Parts of the time span after which drives are asked what they demand next.
-LATER_FRACTIONS = (1e-3, 1e-2, 5e-2)
-#: Markers that come as near, relative to the size of the mechanism, meet.
-COINCIDENT_DISTANCE = 1e-4
-COMPATIBLE = "lengths, drives and joints that fit together"
-#: Joints that hold two points together.
-POINT_JOINTS = ("revolute", "spherical", "universal", "fixed", "coincident")
 
 
 def initial_contradiction(system: System) -> tuple[str, str]:

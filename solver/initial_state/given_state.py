@@ -49,6 +49,12 @@ from ..system.work_arrays import new_work_arrays
 #: Rotations that differ by less from the expected ones are those nearest to them [rad].
 _MOST_OF_HALF_A_TURN = 3.0
 
+FULL_TURN = 2.0 * np.pi
+#: Whole turns from marker to marker, rows of the marker table [rad].
+Pairs = dict[tuple[int, int], float]
+#: Bodies are turned beforehand when they are off by more than this angle [rad].
+LARGE_MISALIGNMENT = 1.0
+
 
 def place_prescribed_bodies(system: System, z: Array, v: Array) -> None:
     """Gives bodies with prescribed frames the coordinates that their joints prescribe
@@ -261,11 +267,6 @@ def _elastic_values(initial: Initial, key: str, data: BodyData) -> Array | float
     return np.array(values)
 
 
-FULL_TURN = 2.0 * np.pi
-#: Whole turns from marker to marker, rows of the marker table [rad].
-Pairs = dict[tuple[int, int], float]
-
-
 def with_full_turns(system: System, work: WorkArrays) -> System:
     """A planar system whose joints and drives start in the turns of the scene.
 
@@ -364,10 +365,6 @@ def _with_counted_turns(system: System, pairs: Pairs, element: ForceRow) -> Forc
 
 def _turns_between(pairs: Pairs, a: int, b: int) -> float:
     return pairs[a, b] if (a, b) in pairs else -pairs.get((b, a), 0.0)
-
-
-#: Bodies are turned beforehand when they are off by more than this angle [rad].
-LARGE_MISALIGNMENT = 1.0
 
 
 @dataclass(frozen=True)

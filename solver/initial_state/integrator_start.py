@@ -32,6 +32,29 @@ from ..system.work_arrays import evaluate, new_work_arrays
 from .assembly import StateVectors, dense_jacobian
 from .constraint_jacobian import normalised_rows
 
+#: Constraints are met when they are open by less than this part of the size: at least
+#: what rounding allows, at most what keeps the drift invisible.
+CONSTRAINT_TOLERANCES = (1e-13, 1e-11)
+#: Tolerance of a step in units of the requested relative error, for methods of high
+#: order: the estimate is that of a lower one. Those of order 2 share it among steps.
+STEP_TOLERANCE = 0.3
+#: Largest relative tolerance of a step by the order of the method. Looser ones do not
+#: save steps, which the convergence of Newton's iteration limits then, and the estimate
+#: of the error fails: the founding scene takes 105 to 161 steps with radau13 at 1e-3
+#: and at 1e-4, with errors of up to 12.9 and of 1.2 times these.
+LARGEST_TOLERANCE = {13: 1e-4}
+#: Radians (or sizes of the mechanism) in a run from which on errors of free motions add
+#: up, and how many times at most, by the order of the method: the longer the steps are
+#: the less such errors cancel. Measured with heavy tops of 25 to 300 turns.
+ACCUMULATION, NO_ACCUMULATION = (
+    {5: (60.0, 3.0), 9: (10.0, 30.0), 13: (4.0, 150.0)},
+    (np.inf, 1.0),
+)
+#: Steps are not held to less than this part, near which rounding adds up instead.
+MIN_REDUCED_TOLERANCE = 1e-11
+#: Velocity coordinates up to which it is asked whether drives prescribe all motions.
+MAX_TESTED_COORDINATES = 300
+
 
 @dataclass(frozen=True)
 class RunSettings:
@@ -115,30 +138,6 @@ def scene_with_settings(scene: SceneFile, settings: RunSettings) -> str:
         update={"accuracy": accuracy}
     )
     return scene_with_accuracy.model_dump_json(by_alias=True, exclude_none=True)
-
-
-#: Constraints are met when they are open by less than this part of the size: at least
-#: what rounding allows, at most what keeps the drift invisible.
-CONSTRAINT_TOLERANCES = (1e-13, 1e-11)
-#: Tolerance of a step in units of the requested relative error, for methods of high
-#: order: the estimate is that of a lower one. Those of order 2 share it among steps.
-STEP_TOLERANCE = 0.3
-#: Largest relative tolerance of a step by the order of the method. Looser ones do not
-#: save steps, which the convergence of Newton's iteration limits then, and the estimate
-#: of the error fails: the founding scene takes 105 to 161 steps with radau13 at 1e-3
-#: and at 1e-4, with errors of up to 12.9 and of 1.2 times these.
-LARGEST_TOLERANCE = {13: 1e-4}
-#: Radians (or sizes of the mechanism) in a run from which on errors of free motions add
-#: up, and how many times at most, by the order of the method: the longer the steps are
-#: the less such errors cancel. Measured with heavy tops of 25 to 300 turns.
-ACCUMULATION, NO_ACCUMULATION = (
-    {5: (60.0, 3.0), 9: (10.0, 30.0), 13: (4.0, 150.0)},
-    (np.inf, 1.0),
-)
-#: Steps are not held to less than this part, near which rounding adds up instead.
-MIN_REDUCED_TOLERANCE = 1e-11
-#: Velocity coordinates up to which it is asked whether drives prescribe all motions.
-MAX_TESTED_COORDINATES = 300
 
 
 def constraint_tolerances(system: System, settings: RunSettings) -> Array:

@@ -43,6 +43,20 @@ PLANAR_SUBSTITUTES = {
     ("prismatic", 0, 1): "point_on_line",
 }
 
+#: Relative size, of what data leave open and of what is left of a constraint without
+#: the others, that rounding may have.
+DATA_ROUNDING = 1e-4
+#: Constraints that are open by less are met as far as numbers allow, and with less of
+#: their own they follow from the others exactly.
+SATISFIED, EXACT_DEPENDENCE = 1e-12, 1e-13
+#: Positions in which constraints are compared, and the way from one to the next in
+#: radians or sizes of the mechanism.
+POSITIONS, STEP_SIZE = 12, 0.15
+#: Constraints have a part in a dependency when their share of it is larger.
+INVOLVED_SHARE = 1e-3
+#: Choices that are compared, and the part of the best one that is good as well.
+MAX_CHOICES, EQUIVALENT = 5000, 0.1
+
 
 def substitution_text(system: System, rows: tuple[int, ...]) -> str:
     """Joint types that would do without some rows, in words."""
@@ -111,21 +125,6 @@ def row_kind(system: System, row: int) -> int:
     """Kind of the primitive constraint that a row belongs to."""
     first = [con for con in system.arrays.constraint if con[at.ROW] <= row]
     return int(max(first, key=lambda con: con[at.ROW])[at.KIND])
-
-
-#: Relative size, of what data leave open and of what is left of a constraint without
-#: the others, that rounding may have.
-DATA_ROUNDING = 1e-4
-#: Constraints that are open by less are met as far as numbers allow, and with less of
-#: their own they follow from the others exactly.
-SATISFIED, EXACT_DEPENDENCE = 1e-12, 1e-13
-#: Positions in which constraints are compared, and the way from one to the next in
-#: radians or sizes of the mechanism.
-POSITIONS, STEP_SIZE = 12, 0.15
-#: Constraints have a part in a dependency when their share of it is larger.
-INVOLVED_SHARE = 1e-3
-#: Choices that are compared, and the part of the best one that is good as well.
-MAX_CHOICES, EQUIVALENT = 5000, 0.1
 
 
 def remove_redundant(state: InitialState, initial_z: Array) -> bool:

@@ -54,6 +54,11 @@ ROUNDING = 1e-10
 #: Speeds below this part of the size of the mechanism during the run are rest.
 REST_SPEED = 1e-9
 
+#: Square of the part of a multiplier in the null space of C^T that is no rounding.
+UNDETERMINED_PART = 1e-10
+#: Entries of dense Jacobians of states that are looked at together.
+MAX_ENTRIES = 1_000_000
+
 
 def mark_redundant_constraints(state: InitialState) -> System:
     """The system with slack for constraints that follow from the others.
@@ -243,12 +248,6 @@ def _check_singular_start(state: InitialState, rows: tuple[int, ...]) -> None:
             expected="velocities of a motion through this position, or a start "
             "beside it",
         )
-
-
-#: Square of the part of a multiplier in the null space of C^T that is no rounding.
-UNDETERMINED_PART = 1e-10
-#: Entries of dense Jacobians of states that are looked at together.
-MAX_ENTRIES = 1_000_000
 
 
 def minimum_norm_multipliers(

@@ -44,6 +44,26 @@ EXACT_DEPENDENCE = 1e-11
 #: Corrections of what is met of right sides, and how many show who has a part in it.
 SOLVE_REFINEMENTS, PROBES = 3, 8
 
+#: Rows from which on scenes are large.
+LARGE_SCENE_ROWS = 300
+#: Singular values below this part of the largest one are not separated from those of
+#: dependent rows.
+CLEARLY_INDEPENDENT = 1e-11
+#: Right sides follow from others as their rows do when they are met up to this part.
+CONSISTENT = 1e-12
+#: How many of the least singular values are looked at.
+VALUE_COUNTS = (6, 12, 24, 48)
+#: Inverse iteration ends when the least singular value changes by less than this part,
+#: which is known then up to a factor.
+VALUE_TOLERANCE, MAX_ITERATIONS, VALUE_FACTOR = 0.01, 50, 1.5
+#: What is added to G where rows may depend on each other, and how well directions of
+#: its least values are met, relative to them.
+EIGENVALUE_SHIFT, DIRECTION_TOLERANCE = 1e-7, 1e-6
+#: Corrections of a solution, until it is met up to rounding.
+REFINEMENTS, SOLVED = 5, 1e-15
+#: Rows that are asked together.
+MAX_ROWS = 150
+
 
 class OrthogonalFactor:
     """R of those rows of B that do not follow from rows before them, (n, n) upper
@@ -190,25 +210,6 @@ class RowRange:
         right = np.random.default_rng(0).standard_normal((count, PROBES))
         left = right - self.project(right)
         return np.asarray(np.sqrt(np.mean(left**2, axis=1)))
-
-
-#: Rows from which on scenes are large.
-LARGE_SCENE_ROWS = 300
-#: Singular values below this part of the largest one are not separated from those of
-#: dependent rows.
-CLEARLY_INDEPENDENT = 1e-11
-#: Right sides follow from others as their rows do when they are met up to this part.
-CONSISTENT = 1e-12
-#: How many of the least singular values are looked at.
-VALUE_COUNTS = (6, 12, 24, 48)
-#: Inverse iteration ends when the least singular value changes by less than this part,
-#: which is known then up to a factor.
-VALUE_TOLERANCE, MAX_ITERATIONS, VALUE_FACTOR = 0.01, 50, 1.5
-#: What is added to G where rows may depend on each other, and how well directions of
-#: its least values are met, relative to them.
-EIGENVALUE_SHIFT, DIRECTION_TOLERANCE = 1e-7, 1e-6
-#: Corrections of a solution, until it is met up to rounding.
-REFINEMENTS, SOLVED = 5, 1e-15
 
 
 def jacobian_entries(system: System, C: Array) -> tuple[np.ndarray, np.ndarray, Array]:
@@ -464,10 +465,6 @@ class IndependentRows:
                 inverse, count, tol=DIRECTION_TOLERANCE**2, v0=begin
             )
             yield 1.0 / inverses, directions
-
-
-#: Rows that are asked together.
-MAX_ROWS = 150
 
 
 def candidate_dependent_rows(

@@ -22,33 +22,6 @@ from ..spatial.system_arrays import Reals, Reals2
 END_STAGE = 12
 N_STAGES = 16
 
-
-class Tableau(Table):
-    """An explicit method. Stage 12 is the end of a step, 13 to 15 serve dense output.
-
-    Attributes
-    ----------
-    c : (16,)
-        Nodes.
-    A : (16, 16)
-        Weights of the slopes before.
-    fifth : (3, 13)
-        Weights of the slopes in the error estimates of order 5.
-    third : (13,)
-        The same of order 3.
-    dense : (4, 16)
-        Weights of the slopes in the terms of degree 4 to 7 of the dense output.
-    """
-
-    c: Reals
-    A: Reals2
-    fifth: Reals2
-    third: Reals
-    dense: Reals2
-
-
-TABLEAU = TableType(Tableau)
-
 _STAGES: dict[int, dict[int, float]] = {
     1: {0: 0.05260015195876773},
     2: {0: 0.0197250569845379, 1: 0.0591751709536137},
@@ -147,7 +120,6 @@ _STAGES: dict[int, dict[int, float]] = {
         14: -9.15095847217987,
     },
 }
-
 #: Error estimates of order 5: that of the program, and two of its kind, which vanish on
 #: all trees of order 5 too (zeros of the order conditions, orthogonal to the first).
 #: Where a force is not smooth in a step one alone may be zero by chance.
@@ -183,7 +155,6 @@ _FURTHER_FIFTH = (
         11: 0.018146786859852205,
     },
 )
-
 _DENSE: dict[int, dict[int, float]] = {
     0: {
         0: -8.428938276109013,
@@ -244,6 +215,33 @@ _DENSE: dict[int, dict[int, float]] = {
 }
 #: A method of order 3 on the stages 0, 8 and 11.
 _THIRD_ORDER = {0: 0.2440944881889764, 8: 0.7338466882816118, 11: 0.022058823529411766}
+
+
+class Tableau(Table):
+    """An explicit method. Stage 12 is the end of a step, 13 to 15 serve dense output.
+
+    Attributes
+    ----------
+    c : (16,)
+        Nodes.
+    A : (16, 16)
+        Weights of the slopes before.
+    fifth : (3, 13)
+        Weights of the slopes in the error estimates of order 5.
+    third : (13,)
+        The same of order 3.
+    dense : (4, 16)
+        Weights of the slopes in the terms of degree 4 to 7 of the dense output.
+    """
+
+    c: Reals
+    A: Reals2
+    fifth: Reals2
+    third: Reals
+    dense: Reals2
+
+
+TABLEAU = TableType(Tableau)
 
 
 @cache

@@ -34,6 +34,16 @@ from .step_size import scaled_norm
 #: What rounding leaves of positions, relative to their size.
 POSITION_ROUNDING = 2e-16
 
+#: Errors are separated from rounding above so many times as much.
+ROUNDING_MARGIN = 15.0
+#: Steps that determine what of the error estimate is not rounding.
+TREND_STEPS = 8.0
+#: Determinant of the equations of friction, 1 without it, below which they hardly have
+#: a solution.
+MIN_FRICTION_DETERMINANT = 0.1
+#: Part of the run in which motions may still become much larger.
+EARLY_FRACTION = 0.5
+
 
 class GeneralisedAlphaCoefficients(Table):
     """Of the method, see `coefficients`."""
@@ -187,17 +197,6 @@ def newton_row_indices(system: SystemArrays) -> np.ndarray:
     for row, offset in system.segment[:, [S_ROW, S_OFFSET]].tolist():
         newton_rows[row] = newton_row[offset]
     return np.append(newton_rows, system.friction[:, R_NEWTON])
-
-
-#: Errors are separated from rounding above so many times as much.
-ROUNDING_MARGIN = 15.0
-#: Steps that determine what of the error estimate is not rounding.
-TREND_STEPS = 8.0
-#: Determinant of the equations of friction, 1 without it, below which they hardly have
-#: a solution.
-MIN_FRICTION_DETERMINANT = 0.1
-#: Part of the run in which motions may still become much larger.
-EARLY_FRACTION = 0.5
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, ALPHA, F1, F1))

@@ -40,6 +40,10 @@ from .step_size import scaled_norm
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_CONTRACTION = 1e-2
 
+#: Largest correction, relative to the tolerated error, and the largest one of the free
+#: motion that may be left out.
+MAX_CORRECTION, IGNORED_CORRECTION = 10.0, 0.3
+
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def radau_newton(kernels, system, work, memory, control, stages, h):
@@ -188,9 +192,6 @@ advance = step_loop(
 
 #: Slopes of a step reach so far into the next one, relative to its length.
 ADAMS_REACH = 0.3
-#: Largest correction, relative to the tolerated error, and the largest one of the free
-#: motion that may be left out.
-MAX_CORRECTION, IGNORED_CORRECTION = 10.0, 0.3
 
 
 @inner(boolean(CONTROL))

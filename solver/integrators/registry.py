@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from ..system.system import System
     from .loop_state import StepLoopState
 
+AUTO = "auto"
+#: Loose tolerances do not pay for the larger stages of the higher order.
+LOOSE_TOLERANCE = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class StepFunction:
@@ -209,11 +213,6 @@ def all_step_loops() -> set[str]:
     """The entry kernels of all integrators, as module:name."""
     methods = INTEGRATORS.values()
     return {loop for m in methods for loop in (m.step_loop, m.singular_loop) if loop}
-
-
-AUTO = "auto"
-#: Loose tolerances do not pay for the larger stages of the higher order.
-LOOSE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,14 @@ LOST_INDEPENDENCE = 0.01
 #: this; and with less than this part of that at which rounding is seen.
 INDISTINGUISHABLE, TOO_NEAR = 1e-5, 0.03
 
+#: Steps that are kept.
+MAX_CROSSINGS = 24
+#: Independence falls straight towards a singular configuration and rises straight
+#: behind it: parts of that by which steps over it are known.
+RISE_FACTOR, FALL_FACTOR = 1.5, 0.9
+#: Independence that steps which resolve a passage see at its least.
+LOW_INDEPENDENCE = 0.05
+
 
 @inner(float64(CONTROL))
 def rounding_threshold(control):
@@ -219,13 +227,6 @@ def project_velocity_error(
 
 #: Columns of `Control.crossed` before both states of a step.
 STEP_START, STEP_LENGTH, STEP_STATES = range(3)
-#: Steps that are kept.
-MAX_CROSSINGS = 24
-#: Independence falls straight towards a singular configuration and rises straight
-#: behind it: parts of that by which steps over it are known.
-RISE_FACTOR, FALL_FACTOR = 1.5, 0.9
-#: Independence that steps which resolve a passage see at its least.
-LOW_INDEPENDENCE = 0.05
 
 
 @inner(types.void(CONTROL, float64, float64, float64, F1, F1))

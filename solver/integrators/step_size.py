@@ -16,6 +16,23 @@ SAFETY = 0.9
 #: the number of steps after which the last change has died out.
 GROWTH_FACTOR, SETTLED_STEPS = 1.5, 10
 
+#: Relative to the motion of the mechanism: the elastic displacement below which the
+#: error of a deformation is not resolved any further.
+SMALLEST_DEFORMATION = 1e-7
+#: Rounding in a step, relative to positions; so many times as much may be requested,
+#: the second one of steps whose errors add up. Deformations are small numbers.
+ROUNDED, RESOLVED, RESOLVED_PART = 1e-15, 10.0, 3.0
+ROUNDED_DEFORMATION = 1e-17
+#: The same of states of laws, relative to the mechanism or, if that is less, to one.
+SMALLEST_STATE, ROUNDED_STATE = 1e-9, 1e-14
+#: An error of velocities goes on to displace for so much of the run where motions are
+#: as large as bodies: free ones, and those whose period depends on their amplitude.
+LASTING_FRACTION = 0.1
+#: Radians (or sizes of the mechanism) in a run from which on such errors add up: there
+#: are as many of them as of turns. Methods of long steps begin with fewer of them.
+ACCUMULATION_RADIANS = 200.0
+SMALLEST_NUMBER = 1e-300
+
 
 @inner(float64(F1, F1, F1, F1))
 def scaled_norm(dz, dv, scale_z, scale_v):
@@ -138,24 +155,6 @@ def choose_next_step_in_stages(
         and step_size_factor(order, error, iterations) > GROWTH_FACTOR
     ):
         control.step = GROWTH_FACTOR * h
-
-
-#: Relative to the motion of the mechanism: the elastic displacement below which the
-#: error of a deformation is not resolved any further.
-SMALLEST_DEFORMATION = 1e-7
-#: Rounding in a step, relative to positions; so many times as much may be requested,
-#: the second one of steps whose errors add up. Deformations are small numbers.
-ROUNDED, RESOLVED, RESOLVED_PART = 1e-15, 10.0, 3.0
-ROUNDED_DEFORMATION = 1e-17
-#: The same of states of laws, relative to the mechanism or, if that is less, to one.
-SMALLEST_STATE, ROUNDED_STATE = 1e-9, 1e-14
-#: An error of velocities goes on to displace for so much of the run where motions are
-#: as large as bodies: free ones, and those whose period depends on their amplitude.
-LASTING_FRACTION = 0.1
-#: Radians (or sizes of the mechanism) in a run from which on such errors add up: there
-#: are as many of them as of turns. Methods of long steps begin with fewer of them.
-ACCUMULATION_RADIANS = 200.0
-SMALLEST_NUMBER = 1e-300
 
 
 @inner(types.void(SYSTEM, MEMORY, CONTROL))

@@ -28,6 +28,12 @@ SIZE, ONE, INFO, TRANSPOSED = range(4)
 FACTOR = types.void(*[int64] * 6)
 SOLVE = types.void(*[int64] * 9)
 
+#: Blocks below this size are factored as they are, and B is below that of LAPACK.
+SMALL_BLOCK = 16
+#: What may be left out, as a Frobenius norm where the diagonal of D is one. With 1e-3
+#: radau9 took a fifth more steps for a rod of 120 modes, with this as many as before.
+WEAK_COUPLING = 1e-4
+
 
 class Lapack(Table):
     """Factorisation and solution in one precision.
@@ -110,13 +116,6 @@ def solve_large(lapack, A, o, n, pivots, first, x, at):
         size,
         address_of_entry(arguments, INFO),
     )
-
-
-#: Blocks below this size are factored as they are, and B is below that of LAPACK.
-SMALL_BLOCK = 16
-#: What may be left out, as a Frobenius norm where the diagonal of D is one. With 1e-3
-#: radau9 took a fifth more steps for a rod of 120 modes, with this as many as before.
-WEAK_COUPLING = 1e-4
 
 
 @inner(*[float64(A, int64) for A in (F1, C1)])

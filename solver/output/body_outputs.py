@@ -47,6 +47,10 @@ from . import energies
 from .energies import EnergyIntegrals, elastic_coordinates, is_energy_integral
 from .samples import EvaluatedForces, Samples
 
+_ACCELERATIONS = ("ax", "ay", "az")
+#: What makes them available.
+MUST_BE_RECORDED = "to be recorded in the run: outputs.record of the scene"
+
 
 @dataclass(frozen=True, eq=False)
 class MarkerMotion:
@@ -234,11 +238,6 @@ class SceneOutputs:
             rows = np.abs(self.work.row[:, [at.C_VALUE, at.C_RATE]])
             residuals[i] = rows.max(axis=0, initial=0.0)
         return {"position": residuals[:, 0], "velocity": residuals[:, 1]}
-
-
-_ACCELERATIONS = ("ax", "ay", "az")
-#: What makes them available.
-MUST_BE_RECORDED = "to be recorded in the run: outputs.record of the scene"
 
 
 def missing_laws(scene: SceneFile, known: Mapping[str, Any]) -> tuple[str, ...]:

@@ -27,6 +27,13 @@ ENDS_PER_CHUNK, FIXED_STEPS_PER_END = 500, 10
 #: Steps that are evaluated together.
 STEPS_PER_BATCH = 500
 
+#: Numbers in the states of a window, and the fewest output times that it holds.
+MAX_WINDOW_NUMBERS, MIN_TIMES = 1 << 19, 64
+#: At most twice as many states are kept; of longer runs every second, fourth, ... one.
+MAX_STATES = 500
+#: Coordinates of states that are handed on together.
+MAX_NUMBERS = 500_000
+
 
 @dataclass(frozen=True, eq=False)
 class StepStates:
@@ -174,10 +181,6 @@ def take_steps(control: StepLoopState) -> StepStates:
     return StepStates(t, control.output_z[rows], control.output_v[rows])
 
 
-#: Numbers in the states of a window, and the fewest output times that it holds.
-MAX_WINDOW_NUMBERS, MIN_TIMES = 1 << 19, 64
-
-
 class OutputTimeBuffer:
     """Which output times come next."""
 
@@ -239,12 +242,6 @@ def _with_more_rows(control: StepLoopState) -> StepLoopState:
     return control.replaced(
         output_times=np.full(2 * more, np.inf), output_z=z, output_v=v
     )
-
-
-#: At most twice as many states are kept; of longer runs every second, fourth, ... one.
-MAX_STATES = 500
-#: Coordinates of states that are handed on together.
-MAX_NUMBERS = 500_000
 
 
 class StepEndStates:

@@ -19,6 +19,8 @@ from .dense_output import STEPS_PER_BATCH, StepPoints, StepStates
 from .reactions import restore_eliminated_joints
 from .samples import EvaluatedForces, Samples, StateSampler, interpolate_states
 
+INTEGRATED = frozenset(["dissipated", "supplied", "balance"])
+
 
 def kinetic_energy(evaluated: EvaluatedForces) -> Array:
     """Kinetic energy of all bodies, (nt,) [J]."""
@@ -71,9 +73,6 @@ def elastic_coordinates(
     p, u = int(row[at.POS] + row[at.NP]), int(row[at.VEL] + row[at.NV])
     nq = int(row[at.NQ])
     return samples.z[:, p - nq : p], samples.v[:, u - nq : u]
-
-
-INTEGRATED = frozenset(["dissipated", "supplied", "balance"])
 
 
 class EnergyIntegrals:

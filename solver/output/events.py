@@ -40,6 +40,27 @@ VALUE_TOLERANCE = 1e-13
 #: Events are at one instant when they lie closer than this part of the time span.
 TIME_TOLERANCE = 1e-14
 
+#: What changes of `StickSlipEvents` during a run; none of it is changed in place.
+_CHANGING = (
+    "largest_rate",
+    "largest_contact_force",
+    "largest_acceleration",
+    "largest_compliance",
+    "sliding_acceleration",
+    "changing_joints",
+    "reversing_contacts",
+    "changed_joints",
+    "groups",
+    "is_started",
+    "stride",
+    "steps_since_change",
+    "_last",
+    "_since",
+    "_count",
+)
+#: Steps that may be lost at once, and which share of those since the last change.
+MAX_STRIDE, MAX_LOST_FRACTION = 4, 0.25
+
 
 @dataclass(frozen=True, eq=False)
 class LocatedEvent:
@@ -211,28 +232,6 @@ def complete_events(
         Event(m.name, m.kind, m.t, *states)
         for m, *states in zip(located, values, z, v, strict=True)
     )
-
-
-#: What changes of `StickSlipEvents` during a run; none of it is changed in place.
-_CHANGING = (
-    "largest_rate",
-    "largest_contact_force",
-    "largest_acceleration",
-    "largest_compliance",
-    "sliding_acceleration",
-    "changing_joints",
-    "reversing_contacts",
-    "changed_joints",
-    "groups",
-    "is_started",
-    "stride",
-    "steps_since_change",
-    "_last",
-    "_since",
-    "_count",
-)
-#: Steps that may be lost at once, and which share of those since the last change.
-MAX_STRIDE, MAX_LOST_FRACTION = 4, 0.25
 
 
 class StickSlipEvents(StickSlipDecision):

@@ -55,6 +55,9 @@ SHARED_MOTION = 1e-8
 #: it has, while the mechanism moves by this part of its size.
 DEAD_POINT_GROWTH, SMALL_MOTION = 1e16, 1e-3
 
+#: Times, positions and velocities.
+StatesOfMotion = tuple[Array, Array, Array]
+
 
 def with_friction_states(
     system: System, history: FrictionStateHistory | None = None
@@ -69,10 +72,6 @@ def with_friction_states(
         arrays=system.arrays.replaced(friction_state=history.current_states),
         friction_history=history,
     )
-
-
-#: Times, positions and velocities.
-StatesOfMotion = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ from ..system.work_arrays import raise_pending
 from .preparation import OutputPlan, RunArrays, RunStart
 from .recorder import Recorder
 
+Progress = Callable[[float], None]
+
 
 class Stop(NamedTuple):
     """Why a run ends before its time: diagnostics, or the code of a step loop."""
@@ -186,9 +188,6 @@ class Stepper:
         )
         raise_pending(self.system)
         return status
-
-
-Progress = Callable[[float], None]
 
 
 class Run(Stepper):

@@ -64,6 +64,9 @@ from .stiffening import without_stiffening
 FREQUENCY_STEPS = ((100.0, 0.01), (1000.0, 0.1))
 DEFAULT_RATIO = 1.0
 
+#: Name of the added node.
+FRAME_NODE = "held frame"
+
 
 def sid_with_damping(sid: SID, policy: Damping | None, name: str) -> SID:
     """The SID with the damping matrix that a policy makes.
@@ -142,10 +145,6 @@ def squared_frequencies(sid: SID) -> Array:
     except np.linalg.LinAlgError:
         return np.sort(coordinate_frequencies(sid) ** 2)
     return np.asarray(np.linalg.eigvalsh(half @ stiffness @ half.T))
-
-
-#: Name of the added node.
-FRAME_NODE = "held frame"
 
 
 def with_held_frames(scene: SceneFile) -> SceneFile:

@@ -39,6 +39,9 @@ SAME_ORIENTATION = 1e-12
 #: Energies that need the forces of all joints and drives.
 _NEED_ALL_JOINTS = ("supplied", "balance")
 
+#: Columns that prescribe a frame.
+PRESCRIBED_FRAME_COLUMNS = [at.MOTION, at.BASE, at.TIP, at.DRIVE, at.FRAME]
+
 
 def eliminated_frames(
     scene: SceneFile, data: Mapping[str, BodyData], law_drives: Container[str]
@@ -144,10 +147,6 @@ def eliminated_joints(
 def sliding_direction(joint: Joint, planar: bool) -> Array:
     """Direction of a prescribed joint in its base marker."""
     return np.array([planar_axis(joint)]) if planar else spatial_axis(joint)
-
-
-#: Columns that prescribe a frame.
-PRESCRIBED_FRAME_COLUMNS = [at.MOTION, at.BASE, at.TIP, at.DRIVE, at.FRAME]
 
 
 def body_table(parts: BuildInputs, markers: dict[MarkerKey, int]) -> IntTable:

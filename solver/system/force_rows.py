@@ -26,6 +26,13 @@ from ..spatial.system_arrays import IntTable
 from .build_inputs import MarkerKey
 from .joints import joint_primitives
 
+#: The measure that is the coordinate of a primitive constraint.
+_MEASURE_OF_PRIMITIVE = {
+    at.ANGLE: at.ANGLE_MEASURE,
+    at.DISPLACEMENT: at.DISPLACEMENT_MEASURE,
+    at.DISTANCE: at.DISTANCE_MEASURE,
+}
+
 
 @dataclass(frozen=True, eq=False)
 class ForcePolynomials:
@@ -202,14 +209,6 @@ def joint_coordinate(scene: SceneFile, joint: str, coordinate: str) -> ForceRow:
     return ForceRow(
         joint, _MEASURE_OF_PRIMITIVE[part.kind], a, b, data, ForceLaw(), coordinate=key
     )
-
-
-#: The measure that is the coordinate of a primitive constraint.
-_MEASURE_OF_PRIMITIVE = {
-    at.ANGLE: at.ANGLE_MEASURE,
-    at.DISPLACEMENT: at.DISPLACEMENT_MEASURE,
-    at.DISTANCE: at.DISTANCE_MEASURE,
-}
 
 
 def force_table(

@@ -50,6 +50,8 @@ from .force_rows import (
 #: Eigenvalues below this part of the largest are rounding of the matrix.
 _ROUNDING = 1e-14
 
+_AXES = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+
 
 def as_matrix(values: tuple[float, ...] | tuple[tuple[float, ...], ...]) -> Array:
     """The matrix of rows, or with values on its diagonal, (n, n)."""
@@ -288,9 +290,6 @@ def _bushing(force: Bushing, context: _Context) -> list[ForceRow]:
     K = as_matrix(force.stiffness)
     D = np.zeros(K.shape) if force.damping is None else as_matrix(force.damping)
     return [*symmetric_force_rows(rows, K, D), *antisymmetric_force_rows(rows, K, D)]
-
-
-_AXES = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
 
 
 def _rotation_vector_measures() -> list[tuple[int, tuple[float, ...]]]:

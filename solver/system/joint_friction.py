@@ -33,6 +33,9 @@ from .joints import Primitive, joint_primitives, normals, spatial_axis
 
 Segment = tuple[int, int, int]
 
+#: Joint and coordinate.
+Coordinate = tuple[str, str]
+
 
 @dataclass(frozen=True, eq=False)
 class FrictionJoint:
@@ -264,10 +267,6 @@ class FrictionStateHistory:
             if first < last:
                 self.current_states[:] = self._kept[max(int(index[first]), 0)]
                 yield slice(int(first), int(last))
-
-
-#: Joint and coordinate.
-Coordinate = tuple[str, str]
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,12 @@ from .joints import spatial_axis
 from .sid_packing import nearest_rotation, quaternion
 from .system import GROUND_NAME
 
+#: Axes nearer to each other than this are taken for one that was rounded [rad].
+ROUNDED_ANGLE = 0.01
+#: Joints that keep an axis, and those that keep the whole orientation.
+_AXIS_JOINTS = ("revolute", "cylindrical", "screw", "planar")
+_ORIENTATION_JOINTS = ("fixed", "prismatic")
+
 
 def to_3d(x: Array) -> Array:
     """Vectors (..., 3), of the plane in x and y; rotations of the plane (..., 1) turn
@@ -72,13 +78,6 @@ def shortest_rotation(source: Array, target: Array) -> Array:
         axis = np.cross(target, np.eye(3)[int(np.argmin(abs(target)))])
         size = np.linalg.norm(axis)
     return rotation_matrix(angle * axis / size)
-
-
-#: Axes nearer to each other than this are taken for one that was rounded [rad].
-ROUNDED_ANGLE = 0.01
-#: Joints that keep an axis, and those that keep the whole orientation.
-_AXIS_JOINTS = ("revolute", "cylindrical", "screw", "planar")
-_ORIENTATION_JOINTS = ("fixed", "prismatic")
 
 
 def with_rotated_markers(

@@ -52,6 +52,9 @@ _EXPECTED = (
     "and power of those, or a state FORCE.state.NAME"
 )
 
+#: A sample is at a break that is nearer than this part of the sample time.
+SAMPLE_TOLERANCE = 1e-6
+
 
 class SensorSignal(NamedTuple):
     """The measure of an element less a constant, or (order 1) its rate."""
@@ -211,10 +214,6 @@ def _marker_signal(
         ForceLaw(),
     )
     return SensorSignal(element, order)
-
-
-#: A sample is at a break that is nearer than this part of the sample time.
-SAMPLE_TOLERANCE = 1e-6
 
 
 def add_sample_times(

@@ -33,6 +33,17 @@ MAX_COUPLING = 5e-3
 #: Squares of frequencies that differ less belong to modes in any combination.
 SAME_FREQUENCY = 1e-6
 
+#: A symmetric part of Cr m1 below this part of it, or of Me, which bounds it where
+#: nothing stiffens (Cauchy and Schwarz), is rounding in a file.
+SYMMETRIC_PART = 1e-9
+#: Relative difference of the entries of K1 that rounding in a file makes.
+SYMMETRY_ROUNDING = 1e-9
+_CONSTANT_BLOCKS = {
+    "Me": "a constant Me; inertia that changes is in Ct, Cr, J and Oe",
+    "ksigma": "a constant ksigma; what is linear in q belongs to Ke",
+    "De": "a constant De",
+}
+
 
 def out_of_plane_momenta(
     sid: SID, nodes: Iterable[str], is_held: bool, place: str
@@ -166,11 +177,6 @@ def _largest_entries(rows: Array) -> Array:
     return np.asarray(np.abs(rows).max(axis=0))
 
 
-#: A symmetric part of Cr m1 below this part of it, or of Me, which bounds it where
-#: nothing stiffens (Cauchy and Schwarz), is rounding in a file.
-SYMMETRIC_PART = 1e-9
-
-
 def cr1(sid: SID) -> Array:
     """First-order term of Cr as (axis, k, l)."""
     return sid.Cr.first_order(sid.nq).transpose(2, 1, 0)
@@ -217,15 +223,6 @@ def without_rotation_blocks(sid: SID) -> SID:
         return sid
     J, Cr, Oe = (Taylor(np.zeros_like(b.m0)) for b in (sid.J, sid.Cr, sid.Oe))
     return replace(sid, J=J, Cr=Cr, Oe=Oe)
-
-
-#: Relative difference of the entries of K1 that rounding in a file makes.
-SYMMETRY_ROUNDING = 1e-9
-_CONSTANT_BLOCKS = {
-    "Me": "a constant Me; inertia that changes is in Ct, Cr, J and Oe",
-    "ksigma": "a constant ksigma; what is linear in q belongs to Ke",
-    "De": "a constant De",
-}
 
 
 def cubic_stiffness(sid: SID) -> Array:

@@ -26,6 +26,11 @@ from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, coupled_mass_matrix, ske
 #: Axes of rotation that do not exist in the plane.
 OUT_OF_PLANE_AXES = (0, 1)
 
+#: A shape function does not move along an axis when it does by less than this part.
+NO_MOTION = 1e-9
+#: Oe's column that multiplies wz wz.
+_ZZ = 2
+
 
 @dataclass(frozen=True, eq=False)
 class MeanAxes:
@@ -178,12 +183,6 @@ def _rotation_moments(rotation: Array, moments: Array) -> Array:
     trace = np.trace(moments, axis1=1, axis2=2)
     product = np.einsum("kb,lba->kla", rotation, moments)
     return product - rotation[:, None] * trace[None, :, None]
-
-
-#: A shape function does not move along an axis when it does by less than this part.
-NO_MOTION = 1e-9
-#: Oe's column that multiplies wz wz.
-_ZZ = 2
 
 
 def can_remove_stiffening(sid: SID, planar: bool) -> bool:

@@ -56,6 +56,32 @@ _LOWER = {
 #: Shells of corner nodes that a section makes elements of the body -> ours.
 _SHELLS = {"S3": "tri3", "S3R": "tri3", "S4": "quad4", "S4R": "quad4"}
 
+#: Description of elements without an elastic body, and a remedy.
+_FOREIGN = (
+    (r"D$", "belongs to networks of fluids", "the elastic body alone"),
+    (r"FC?3D", "is one of fluids", "the elastic body alone"),
+    (r"(DC|DS|DG)[123CA]", "conducts heat only", "elements with displacements"),
+    (r"CAX|SAX|MAX|RAX", "is axisymmetric", "the whole body in solids"),
+    (r"CG?PEG|CGAX", "has generalised plane strain", "CPE or solids"),
+    (r"SPRING|DASHPOT|GAP|CONN", "joins two points", "a force between markers"),
+    (r"COH|C3D\d+P", "is not elastic alone", "elements with displacements"),
+)
+_IN_CALCULIX = {
+    "tri3": "S3",
+    "quad4": "S4",
+    "tri6": "S6",
+    "quad8": "S8",
+    "tet4": "C3D4",
+    "tet10": "C3D10",
+    "wedge6": "C3D6",
+    "wedge15": "C3D15",
+    "hex8": "C3D8I",
+    "hex20": "C3D20",
+}
+_FOR_CALCULIX = "solids, or shells, beams and trusses of CalculiX, as S8R, B31, T3D2"
+#: A node or element of an assembly by its instance ("" for the assembly's own).
+Member = tuple[str, int]
+
 
 @dataclass(frozen=True)
 class ElementType:
@@ -123,18 +149,6 @@ def _replaced_properties(
     return notes
 
 
-#: Description of elements without an elastic body, and a remedy.
-_FOREIGN = (
-    (r"D$", "belongs to networks of fluids", "the elastic body alone"),
-    (r"FC?3D", "is one of fluids", "the elastic body alone"),
-    (r"(DC|DS|DG)[123CA]", "conducts heat only", "elements with displacements"),
-    (r"CAX|SAX|MAX|RAX", "is axisymmetric", "the whole body in solids"),
-    (r"CG?PEG|CGAX", "has generalised plane strain", "CPE or solids"),
-    (r"SPRING|DASHPOT|GAP|CONN", "joins two points", "a force between markers"),
-    (r"COH|C3D\d+P", "is not elastic alone", "elements with displacements"),
-)
-
-
 def unsupported_element_text(
     name: str, place: str, *, by_calculix: bool = False
 ) -> InputError:
@@ -171,32 +185,11 @@ def calculix_type(kind: str) -> str:
     return known_type
 
 
-_IN_CALCULIX = {
-    "tri3": "S3",
-    "quad4": "S4",
-    "tri6": "S6",
-    "quad8": "S8",
-    "tet4": "C3D4",
-    "tet10": "C3D10",
-    "wedge6": "C3D6",
-    "wedge15": "C3D15",
-    "hex8": "C3D8I",
-    "hex20": "C3D20",
-}
-
-
-_FOR_CALCULIX = "solids, or shells, beams and trusses of CalculiX, as S8R, B31, T3D2"
-
-
 def supported_types() -> str:
     """The supported types, for a message."""
     known = ", ".join(base for base, kind in _KINDS.items() if kind in ELEMENT_KINDS)
     shells = ", ".join(_SHELLS)
     return f"{known}, {shells} with *SHELL SECTION, or {BY_CALCULIX}"
-
-
-#: A node or element of an assembly by its instance ("" for the assembly's own).
-Member = tuple[str, int]
 
 
 @dataclass(frozen=True)

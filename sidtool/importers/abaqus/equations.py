@@ -25,6 +25,10 @@ _PER_TERM = 3
 #: Directions of displacements; those of rotations follow.
 _DISPLACEMENTS = 3
 
+#: Number of nodes of the supported types of *MPC.
+_NODES = {"TIE": 2, "PIN": 2, "LINK": 2, "BEAM": 2, "LINEAR": 3}
+_IGNORABLE = 'geometry.ignore = ["TIE"] leaves it out'
+
 
 def read_equation(deck: Deck, block: Block) -> None:
     """Store *EQUATION, *MPC and *TRANSFORM, whose sets may be defined later."""
@@ -301,10 +305,6 @@ def _multi_point_constraints(
                     yield from (RawEquation((), place, own.terms) for own in held)
 
 
-#: Number of nodes of the supported types of *MPC.
-_NODES = {"TIE": 2, "PIN": 2, "LINK": 2, "BEAM": 2, "LINEAR": 3}
-
-
 def _multi_point_equations(
     kind: str, nodes: list[int], places: list[Array], place: str
 ) -> Iterator[RawEquation]:
@@ -327,9 +327,6 @@ def _multi_point_equations(
 def _three_components(vector: Array) -> tuple[float, float, float]:
     x, y, z = vector.tolist()
     return x, y, z
-
-
-_IGNORABLE = 'geometry.ignore = ["TIE"] leaves it out'
 
 
 def read_tie(deck: Deck, block: Block) -> None:

@@ -39,6 +39,13 @@ from .node_generation import read_elcopy, read_elgen, read_ncopy, read_nfill, re
 from .shells import read_shell_section
 from .surfaces import read_surface, read_system, to_global
 
+_REMARKS = {
+    "damping": " (damping is that of the model file)",
+    "ignored": LEFT_OUT,
+}
+_OF_SECTION = ("ELSET", "MATERIAL")
+_IDLE = ("CONTROLS", "REF NODE", "OFFSET")
+
 
 def read_inp(
     path: str | Path,
@@ -101,12 +108,6 @@ def _initial_temperatures(deck: Deck, block: Block) -> None:
     if block.options.get("TYPE", "").upper() == "TEMPERATURE":
         for words, place in block.rows:
             deck.temperatures.add(parse_numbers(words[1:2] or [""], place)[0])
-
-
-_REMARKS = {
-    "damping": " (damping is that of the model file)",
-    "ignored": LEFT_OUT,
-}
 
 
 def _skip_keyword(deck: Deck, block: Block) -> None:
@@ -238,8 +239,6 @@ def _read_section(deck: Deck, block: Block) -> None:
     deck.scope.sections.append(Section(elset, material, thickness, block.place, axes))
 
 
-_OF_SECTION = ("ELSET", "MATERIAL")
-_IDLE = ("CONTROLS", "REF NODE", "OFFSET")
 _READERS = {
     "PART": _read_part,
     "END PART": _read_assembly,

@@ -19,6 +19,9 @@ from ...mesh.imported_mesh import ONLY_NODES
 #: Commas outside double quotes.
 _COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
 
+#: Shortest abbreviation of a parameter.
+_MIN_ABBREVIATION = 3
+
 
 @dataclass(frozen=True)
 class Block:
@@ -282,8 +285,6 @@ _NAMING = _split_words(
     "NODE; ELEMENT; NSET; ELSET; PART; END PART; ASSEMBLY; END ASSEMBLY; INSTANCE; "
     "END INSTANCE; SYSTEM; NGEN; NFILL; NCOPY; ELGEN; ELCOPY; MASS; ROTARY INERTIA"
 )
-#: Shortest abbreviation of a parameter.
-_MIN_ABBREVIATION = 3
 
 
 class UnreadKeyword(InputError):

@@ -31,6 +31,8 @@ _EDGES = {
 #: Sides of shells.
 _SIDES = ("SPOS", "SNEG", "")
 
+Point = tuple[float, float, float]
+
 
 def read_surface(deck: Deck, block: Block) -> None:
     """Store the words of a surface, because sets may be defined later."""
@@ -178,9 +180,6 @@ def _face_nodes(element: Element, face: str) -> list[int] | None:
         *(element.nodes[int(c) - 1] for c in corners),
         *(element.nodes[middle[e]] for e in ends if middle[e] < len(element.nodes)),
     ]
-
-
-Point = tuple[float, float, float]
 
 
 def read_system(deck: Deck, block: Block) -> None:

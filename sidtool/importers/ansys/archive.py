@@ -96,6 +96,16 @@ _FOREIGN: dict[int | None, tuple[str, str]] = {
     184: (", which is a joint or a rigid link", "a marker with a rigid tie: "),
 }
 
+#: Corners of quadratic elements, which are linear where no edge has a middle node.
+_LINEAR = {"hex20": ("hex8", 8), "tet10": ("tet4", 4), "quad8": ("quad4", 4)}
+#: Conditional commands; content that depends on a parameter must have no effect.
+_BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
+#: Commands whose text may hold a $.
+_TEXTS = ("C***", "/COM", "/TITLE", "!")
+#: A line of a block that was refused or has no effect.
+_DATA = re.compile(r"\s*[-+(\d]")
+_FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
+
 
 def element_kind(
     given: int | None, keys: Mapping[int, int], label: int, place: str
@@ -137,10 +147,6 @@ def plane_state(kind: str, keys: Mapping[int, int]) -> str | None:
     if kind not in ("quad4", "quad8"):
         return None
     return "plane_strain" if keys.get(3, 0) == 2 else "plane_stress"
-
-
-#: Corners of quadratic elements, which are linear where no edge has a middle node.
-_LINEAR = {"hex20": ("hex8", 8), "tet10": ("tet4", 4), "quad8": ("quad4", 4)}
 
 
 def collapsed_element(kind: str, nodes: list[int]) -> tuple[str, list[int]]:
@@ -202,13 +208,6 @@ _IDLE = """
 """
 _WITHOUT_EFFECT = frozenset(_IDLE.split())
 _IDLE_BLOCKS = frozenset(name for name in _WITHOUT_EFFECT if name.endswith("BLOCK"))
-#: Conditional commands; content that depends on a parameter must have no effect.
-_BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
-#: Commands whose text may hold a $.
-_TEXTS = ("C***", "/COM", "/TITLE", "!")
-#: A line of a block that was refused or has no effect.
-_DATA = re.compile(r"\s*[-+(\d]")
-_FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
 
 
 def read_cdb(

@@ -47,6 +47,23 @@ _TWO = (
     *_MEMBRANES,
 )
 
+#: Blanks behind a sign or before an exponent, which Nastran skips.
+_BLANKS = re.compile(r"(?<=^[+-]) +|(?<=[\d.]) +(?=[EeDd+-])|(?<=[EeDd]) +")
+#: A real number whose exponent has no letter, as in 2.1+11.
+_EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
+#: Digits of numbers that fit into 64 bits.
+_SHORT = 19
+#: Name of the card that represents case control.
+CASE_CONTROL = "CASE CONTROL"
+#: Card of formulas, whose commas separate no fields.
+_EQUATION = "DEQATN"
+_MPC = re.compile(r"MPC ?= ?(\d+)$")
+_TEMPERATURE = re.compile(r"TEMP(ERATURE)? ?(\(.*\))? ?=")
+#: Mark of a case control that selects temperatures.
+HEATED = "TEMPERATURE"
+#: Commands of case control without an equals sign.
+_CONTROL = ("SUBCASE", "SUBCOM", "SUBSEQ", "SYM", "REPCASE", "OUTPUT", "ECHO")
+
 
 def current_cards(card: Card) -> Iterator[Card]:
     """Yield the present cards of a card that may be a former one.
@@ -119,27 +136,11 @@ def _rod_of_tube(card: Card) -> Card:
     return replace(card, name="PROD", words=[*words, "", card.word(4)])
 
 
-#: Blanks behind a sign or before an exponent, which Nastran skips.
-_BLANKS = re.compile(r"(?<=^[+-]) +|(?<=[\d.]) +(?=[EeDd+-])|(?<=[EeDd]) +")
-#: A real number whose exponent has no letter, as in 2.1+11.
-_EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
-#: Digits of numbers that fit into 64 bits.
-_SHORT = 19
 #: Columns of the fields of a line: its name, the data, the mark at its end.
 _NARROW, _WIDE = (
     [slice(8), *(slice(s, s + width) for s in range(8, 72, width)), slice(72, 80)]
     for width in (8, 16)
 )
-#: Name of the card that represents case control.
-CASE_CONTROL = "CASE CONTROL"
-#: Card of formulas, whose commas separate no fields.
-_EQUATION = "DEQATN"
-_MPC = re.compile(r"MPC ?= ?(\d+)$")
-_TEMPERATURE = re.compile(r"TEMP(ERATURE)? ?(\(.*\))? ?=")
-#: Mark of a case control that selects temperatures.
-HEATED = "TEMPERATURE"
-#: Commands of case control without an equals sign.
-_CONTROL = ("SUBCASE", "SUBCOM", "SUBSEQ", "SYM", "REPCASE", "OUTPUT", "ECHO")
 
 
 @dataclass

@@ -11,6 +11,9 @@ from ...mesh.imported_mesh import RawCoupling
 from .cards import HEATED, Card, is_real, parse_members, real_number
 from .content import BulkData, duplicate_error
 
+#: Fields of a line: a blank one or the set, two terms of three, a blank one.
+_FIELDS_PER_LINE = 8
+
 
 def read_rbe2(card: Card) -> RawCoupling:
     """EID, GN, CM, GM1, GM2, ...: nodes that follow a rigid piece, in some directions.
@@ -144,10 +147,6 @@ def _check_directions(card: Card, what: str, directions: str) -> None:
             place=card.place,
             expected="1, 2 and 3 with or without rotations",
         )
-
-
-#: Fields of a line: a blank one or the set, two terms of three, a blank one.
-_FIELDS_PER_LINE = 8
 
 
 def read_mpc(content: BulkData, card: Card) -> None:

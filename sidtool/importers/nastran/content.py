@@ -26,6 +26,16 @@ from ...mesh.reference_elements import edge_nodes, reference_element, shape_of
 from .cards import Card, parse_member_groups
 from .coordinate_systems import CoordinateSystem, CoordinateSystems
 
+_SET_PREFIXES = {1: "LINE", 2: "SURFACE"}
+Position = tuple[float, float, float]
+#: Shape of a solid -> its corners, seen in a mirror.
+_MIRRORED = {
+    "tet": (0, 2, 1, 3),
+    "pyramid": (0, 3, 2, 1, 4),
+    "wedge": (0, 2, 1, 3, 5, 4),
+    "hex": (0, 3, 2, 1, 4, 7, 6, 5),
+}
+
 
 @dataclass(frozen=True)
 class Property:
@@ -264,9 +274,6 @@ WITHOUT_EFFECT = frozenset(
 )
 
 
-_SET_PREFIXES = {1: "LINE", 2: "SURFACE"}
-
-
 def property_node_sets(content: BulkData) -> tuple[Diagnostic, ...]:
     """Make node sets SURFACE2, LINE1, ... of such elements, by their property.
 
@@ -303,17 +310,6 @@ def property_node_sets(content: BulkData) -> tuple[Diagnostic, ...]:
     names = list(node_sets)
     reason = f"without a material ({', '.join(names)})"
     return (diagnose("N111", count=omitted, reason=reason, sets=names),)
-
-
-Position = tuple[float, float, float]
-
-#: Shape of a solid -> its corners, seen in a mirror.
-_MIRRORED = {
-    "tet": (0, 2, 1, 3),
-    "pyramid": (0, 3, 2, 1, 4),
-    "wedge": (0, 2, 1, 3, 5, 4),
-    "hex": (0, 3, 2, 1, 4, 7, 6, 5),
-}
 
 
 def reorder_left_handed(content: BulkData) -> None:
