@@ -266,7 +266,7 @@ class SidReader:
         known_rows = [tuple(None if math.isnan(x) else x for x in row) for row in rows]
         names = self._texts(group["id"])
         lost = tuple(float(x) for x in group.attrs["lost"])
-        if {len(row) for row in known_rows} - {6} or len(lost) not in (0, 6, 9):
+        if {len(row) for row in known_rows} - {6} or len(lost) not in (0, 6, 9, 12):
             raise ValueError("shares are not given by direction")
         shares = dict(zip(names, known_rows, strict=True))
         return ComplianceShares(bool(group.attrs["free"]), shares, lost)

@@ -12,13 +12,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .base.complex_step import numbers
-from .base.sid import SID, Array, symmetric_3x3
+from .base.sid import OE_INDICES, SID, Array, symmetric_3x3
 from .storage.cache import cached_by_identity
 
 #: Rigid coordinates of a body that moves in space: x, y, z and rotations about them.
 SPATIAL = (0, 1, 2, 3, 4, 5)
 #: Rigid coordinates of a body that moves in the plane normal to x, y or z.
 IN_PLANE = ((1, 2, 3), (0, 2, 4), (0, 1, 5))
+#: (6, 3, 3) coefficients W of the products of omega in omega~ omega~, in Oe's order.
+CENTRIFUGAL_PRODUCTS = np.zeros((6, 3, 3))
+for _k, (_a, _b) in enumerate(OE_INDICES):
+    CENTRIFUGAL_PRODUCTS[_k, _a, _b] += 1
+    CENTRIFUGAL_PRODUCTS[_k, _b, _a] += _a != _b
+    CENTRIFUGAL_PRODUCTS[_k] -= np.eye(3) * (_a == _b)
+CENTRIFUGAL_PRODUCTS.setflags(write=False)
 
 # Central inertias below this fraction of the largest one count as zero; a wire of
 # 1 mm by 10 m has 6e-8. The print of J about a distant origin (12 digits) adds its own.

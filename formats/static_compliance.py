@@ -1,35 +1,61 @@
 """Static compliance of a body by its shape functions."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from .base.sid import SID, Array, ComplianceShares
-from .sid_mass import coupled_mass_matrix, mean_axes_motion, skew
+from .base.sid import SID, Array, ComplianceShares, symmetric_3x3
+from .sid_mass import (
+    CENTRIFUGAL_PRODUCTS,
+    coupled_mass_matrix,
+    mean_axes_motion,
+    skew,
+)
+
+#: Missing work below this part of the reference is rounding.
+_ROUNDING = 1e-12
 
 
-def unit_load_compliances(sid: SID, free: bool) -> tuple[dict[str, Array], Array]:
-    """Displacements along and rotations about the body axes under unit loads.
+@dataclass(frozen=True, eq=False)
+class UnitLoadCompliances:
+    """Displacements and work of the shape functions under unit loads.
+
+    Attributes
+    ----------
+    nodes : node id -> (6,) displacements along and rotations about the body axes
+        [m/N, rad/(N m)]
+    inertia : (12,) work [J] of the inertia of the body under the loads of
+        `inertia_load_scales`; a free body has none by accelerations
+    reference : mass times the square of a unit acceleration, over the square of the
+        lowest natural angular frequency [J]
+    """
+
+    nodes: dict[str, Array]
+    inertia: Array
+    reference: float
+
+
+def unit_load_compliances(sid: SID, free: bool) -> UnitLoadCompliances:
+    """Return the static compliance of the shape functions under unit loads.
 
     Parameters
     ----------
     free : the loads are balanced by the inertia of a free body, whose displacements
         carry no momentum
 
-    Returns
-    -------
-    node id -> (6,) [m/N, rad/(N m)], and (9,) the work [J] of the inertia of the body
-    when its frame is accelerated along and about its axes, and when it rotates steadily
-    about them, each by the unit of `inertia_load_scales`; zero if `free`
-
     Raises
     ------
     numpy.linalg.LinAlgError : Ke is singular.
     """
     inverse = np.linalg.inv(np.linalg.cholesky(sid.Ke.m0))
-    inertia = np.vstack([coupled_mass_matrix(sid)[:6, 6:], sid.Oe.m0[:, :3].T])
+    rigid = mean_axes_motion(sid) if free else np.zeros((6, sid.nq))
+    mass = coupled_mass_matrix(sid)
+    accelerations = 0.0 * rigid if free else mass[:6, 6:]
+    rotations = sid.Oe.m0.T - _rotation_wrenches(sid) @ rigid
+    inertia = np.vstack([accelerations, rotations])
     inertia *= inertia_load_scales(sid.mass, sid.J.m0[:3, 0])[:, None]
-    rigid = np.zeros((6, sid.nq))
-    if free:
-        rigid, inertia = mean_axes_motion(sid), np.zeros_like(inertia)
+    elastic = inverse @ (mass[6:, 6:] - mass[6:, :6] @ rigid) @ inverse.T
+    reference = sid.mass * float(np.linalg.eigvalsh(elastic)[-1])
 
     def work(rows: Array) -> Array:
         return np.asarray(((rows @ inverse.T) ** 2).sum(axis=1))
@@ -39,15 +65,25 @@ def unit_load_compliances(sid: SID, free: bool) -> tuple[dict[str, Array], Array
         motion = rigid[:3] - skew(node.position) @ rigid[3:]
         shapes = np.vstack([node.phi.m0 - motion, node.psi.m0 - rigid[3:]])
         at_nodes[node.id] = work(shapes)
-    return at_nodes, work(inertia)
+    return UnitLoadCompliances(at_nodes, work(inertia), reference)
+
+
+def _rotation_wrenches(sid: SID) -> Array:
+    """Force and moment about the origin of int W_s c dm, (6, 6) by the rows of s."""
+    inertia = symmetric_3x3(sid.J.m0[:, 0])
+    second = np.trace(inertia) / 2 * np.eye(3) - inertia
+    fields = CENTRIFUGAL_PRODUCTS @ second
+    moments = [fields[:, b, a] - fields[:, a, b] for a, b in ((1, 2), (2, 0), (0, 1))]
+    return np.column_stack([CENTRIFUGAL_PRODUCTS @ sid.mdCM.m0[:, 0], *moments])
 
 
 def inertia_load_scales(mass: float, moments: Array) -> Array:
-    """Units (9,) of the loads by which the inertia of a body is compared.
+    """Units (12,) of the loads by which the inertia of a body is compared.
 
-    Accelerations [m/s2], angular accelerations [rad/s2] and squares of angular
-    velocities [rad2/s2], of about one acceleration in the body: 1 and 1 / r with the
-    largest radius of gyration r about the origin.
+    Accelerations [m/s2], angular accelerations [rad/s2], squares of angular velocities
+    about x, y and z and their products xy, yz and xz [rad2/s2], of about one
+    acceleration in the body: 1 and 1 / r with the largest radius of gyration r about
+    the origin.
 
     Parameters
     ----------
@@ -55,7 +91,7 @@ def inertia_load_scales(mass: float, moments: Array) -> Array:
     """
     largest = float(moments.max(initial=0.0))
     scale = np.sqrt(mass / largest) if largest > 0.0 else 1.0
-    return np.repeat([1.0, scale, scale], 3)
+    return np.repeat([1.0, scale], [3, 9])
 
 
 def remaining_compliance_shares(sid: SID, small: SID) -> ComplianceShares | None:
@@ -63,20 +99,20 @@ def remaining_compliance_shares(sid: SID, small: SID) -> ComplianceShares | None
     if sid.carried is None or not small.nq:
         return None
     try:
-        before, inertia = unit_load_compliances(sid, sid.carried.free)
-        after, less = unit_load_compliances(small, sid.carried.free)
+        before = unit_load_compliances(sid, sid.carried.free)
+        after = unit_load_compliances(small, sid.carried.free)
     except np.linalg.LinAlgError:
         return None
     shares = {
         name: tuple(map(_share_product, row, *pairs))
         for name, row in sid.carried.shares.items()
-        if name in before
-        for pairs in [(after[name], before[name])]
+        if name in before.nodes
+        for pairs in [(after.nodes[name], before.nodes[name])]
     }
     lost: tuple[float, ...] = ()
     if sid.carried.knows_inertia:
-        full = inertia_work_of_full_body(sid.carried.lost, inertia)
-        lost = missing_inertia_shares(full, less)
+        full = inertia_work_of_full_body(sid.carried.lost, before)
+        lost = missing_inertia_shares(full, after.inertia, after.reference)
     return ComplianceShares(sid.carried.free, shares, lost)
 
 
@@ -84,16 +120,25 @@ def _share_product(share: float | None, after: float, before: float) -> float | 
     return None if share is None or not before else share * float(after / before)
 
 
-def inertia_work_of_full_body(lost: tuple[float, ...], inertia: Array) -> Array:
-    """The work of inertia (9,) of the full body, of which some is `lost`."""
-    missing = np.array(lost)
-    largest = (inertia / np.maximum(1.0 - missing, 1e-300)).max()
-    return np.asarray(inertia + missing * largest)
+def inertia_work_of_full_body(
+    lost: tuple[float, ...], own: UnitLoadCompliances
+) -> Array:
+    """The work of inertia (12,) of the full body, of which some is `lost`.
 
-
-def missing_inertia_shares(full: Array, carried: Array) -> tuple[float, ...]:
-    """Return the missing shares of the work (9,) under own inertia, see
-    `ComplianceShares.lost`.
+    Older files have nine numbers, over the largest work of the full body; what they
+    lack under products of angular velocities is not known and counts as none.
     """
-    missing = np.clip(full - carried, 0.0, None)
-    return tuple((missing / (full.max() or 1.0)).tolist())
+    missing, reference = np.zeros(12), own.reference
+    missing[: len(lost)] = lost
+    if len(lost) == 9:
+        known = own.inertia[:9] / np.maximum(1.0 - missing[:9], 1e-300)
+        reference = known.max()
+    return np.asarray(own.inertia + missing * reference)
+
+
+def missing_inertia_shares(
+    full: Array, carried: Array, reference: float
+) -> tuple[float, ...]:
+    """Return the missing work (12,) under own inertia, see `ComplianceShares.lost`."""
+    missing = np.clip(full - carried, 0.0, None) / reference
+    return tuple(np.where(missing > _ROUNDING, missing, 0.0).tolist())

@@ -140,10 +140,11 @@ class ComplianceShares:
         no momentum; else the body was fixed by its frame
     shares : node id -> (6,) by `DIRECTIONS`: share of the displacement (or rotation)
         along a unit load there that the shape functions represent; None if not known
-    lost : (9,) missing strain energy under its own inertia when its frame is
-        accelerated along and about its axes, and when it rotates steadily about them,
-        by the units of `inertia_load_scales`; over the largest one of the body; empty
-        if not known, (6,) of another measure in older files, which is kept
+    lost : (12,) missing work under its own inertia when its frame is accelerated along
+        and about its axes, and when it rotates steadily, by the units of
+        `inertia_load_scales`; over the reference of `UnitLoadCompliances`; empty if not
+        known; in older files (9,) without products of angular velocities, over the
+        largest one of the body, or (6,) of another measure, which is kept
     """
 
     free: bool
@@ -152,8 +153,8 @@ class ComplianceShares:
 
     @property
     def knows_inertia(self) -> bool:
-        """Whether the missing strain energy under own inertia is known."""
-        return len(self.lost) == 9
+        """Whether the missing work under own inertia is known."""
+        return len(self.lost) in (9, 12)
 
     def text(self, room: int) -> str:
         """Return the shares in per cent, the poorest nodes first, limited to `room`
@@ -196,7 +197,8 @@ def parse_compliance_shares(text: str) -> ComplianceShares | None:
             shares[match[1]] = row
         else:
             return None
-    return ComplianceShares(kind == "free", shares, lost if len(lost) in (6, 9) else ())
+    lost = lost if len(lost) in (6, 9, 12) else ()
+    return ComplianceShares(kind == "free", shares, lost)
 
 
 def _is_known(row: SixComponents) -> list[float]:

@@ -477,10 +477,12 @@ ENTRIES = (
         "rotation of the frame (from drives and the start) that the shape functions "
         "lack, which the SID states. Deformation and stress lack it: one linear shape "
         "function of a hanging bar has 3/4 of the energy, 1/2 of the largest stress. "
-        "Not evaluated in a Buckens frame: there accelerations act with the forces at "
-        "markers that cause them (N420), and the share of rotations is not known. "
-        "Reported above 10 % of a load, where that is 1 % of the largest such energy, "
-        "and above 99.9 % of bodies with stress only.",
+        "Of a free body only rotations count, balanced by its inertia: a bar about its "
+        "middle grows by rho omega^2 L^3 / (12 E), with bending modes by nothing. "
+        "Accelerations act on it with the forces at markers "
+        "that cause them (N420). Each square and product of angular velocities is "
+        "judged on its own. Reported above 10 % of a load, where that is 1 % of the "
+        "largest such energy, and above 99.9 % of bodies with stress only.",
         remedy="Use attachment modes, with centrifugal = true for rotations.",
         units={"missing": "%"},
         example={

@@ -44,6 +44,7 @@ from sidtool.formats.base.sid import (
 )
 from sidtool.formats.geometric_stiffening import has_second_order_field
 from sidtool.formats.sid_mass import (
+    CENTRIFUGAL_PRODUCTS,
     centre_of_mass,
     coupled_mass_matrix,
     mean_axes_motion,
@@ -52,7 +53,6 @@ from sidtool.formats.sid_mass import (
 
 from ..mesh.quadratic_fields import LEVI_CIVITA
 from ..validate import check
-from .inertia_integrals import CENTRIFUGAL_PRODUCTS
 
 #: Replacement of "Hz" in labels with a frequency of another frame.
 _FORMER_HERTZ = "hertz in another frame"

@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.sid import SID, Array, Node, Taylor
 from sidtool.formats.model.reduction import Stiffening
-from sidtool.formats.sid_mass import skew
+from sidtool.formats.sid_mass import CENTRIFUGAL_PRODUCTS, skew
 
 from ..beams.element import translate_motion
 from ..discretisation.marker_couplings import (
@@ -63,7 +63,7 @@ from ..reduction.admissible_space import AdmissibleSpace, constrained_space
 from ..reduction.body_frames import Frame
 from ..reduction.reduced_basis import ReducedBasis
 from .body_sections import part_of_body
-from .inertia_integrals import CENTRIFUGAL_PRODUCTS, centrifugal_loads
+from .inertia_integrals import centrifugal_loads
 from .quadrature import quadrature_parts
 
 

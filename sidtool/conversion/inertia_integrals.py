@@ -10,19 +10,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from sidtool.formats.base.sid import J_INDICES, OE_INDICES, Array, Taylor, axis_major
-from sidtool.formats.sid_mass import skew
+from sidtool.formats.sid_mass import CENTRIFUGAL_PRODUCTS, skew
 
 from ..elements.finite_element_model import FiniteElementModel
 from ..elements.material_points import InertiaPoints
 from ..mesh.quadratic_fields import LEVI_CIVITA
-
-#: (6, 3, 3) coefficients W of the products of omega in omega~ omega~, in Oe's order.
-CENTRIFUGAL_PRODUCTS = np.zeros((6, 3, 3))
-for _k, (_a, _b) in enumerate(OE_INDICES):
-    CENTRIFUGAL_PRODUCTS[_k, _a, _b] += 1
-    CENTRIFUGAL_PRODUCTS[_k, _b, _a] += _a != _b
-    CENTRIFUGAL_PRODUCTS[_k] -= np.eye(3) * (_a == _b)
-CENTRIFUGAL_PRODUCTS.setflags(write=False)
 
 
 def with_rotary_inertia(

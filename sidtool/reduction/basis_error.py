@@ -138,11 +138,7 @@ def measure_basis_errors(
     ------
     numpy.linalg.LinAlgError : rounding makes the shape functions dependent.
     """
-    shapes = basis.shapes
-    if space.rigid.shape[1]:
-        rigid = space.displacements(space.rigid)
-        momenta = body.mass @ rigid
-        shapes = shapes - rigid @ np.linalg.solve(momenta.T @ rigid, momenta.T @ shapes)
+    shapes = _in_mean_axes(body, space, basis)
     stiffness, mass = (shapes.T @ (a @ shapes) for a in (body.stiffness, body.mass))
     squares, vectors = scipy.linalg.eigh(stiffness, mass)
     motions = full.rows @ (shapes @ vectors)
@@ -156,6 +152,18 @@ def measure_basis_errors(
         known,
         len(squares),
     )
+
+
+def _in_mean_axes(
+    body: FiniteElementModel, space: AdmissibleSpace, basis: ReducedBasis
+) -> Array:
+    """Shape functions (ndof, nq) without the momenta of admissible rigid motions."""
+    if not space.rigid.shape[1]:
+        return basis.shapes
+    rigid = space.displacements(space.rigid)
+    momenta = body.mass @ rigid
+    motion = np.linalg.solve(momenta.T @ rigid, momenta.T @ basis.shapes)
+    return np.asarray(basis.shapes - rigid @ motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +231,7 @@ def spin_stress_note(
     if not stiffening.centrifugal:
         return None
     axes = ("x", "y", "z") if body.dimension == 3 else ("z",)
-    loads = _rotation_loads(body, frame)
+    loads = _rotation_loads(body, frame)[:, : len(axes)]
     space = basis.space.for_comparison()
     full, own = _static_energies(body, space, basis, loads)
     counts = full > _NO_ENERGY * full.max(initial=0.0)
@@ -300,38 +308,50 @@ def _compliance_shares(
             marker, _, way = name.rpartition(" ")
             row = rows.setdefault(str(body.marker(marker).node), list(_UNKNOWN))
             row[DIRECTIONS.index(way)] = min(max(1.0 - error, 0.0), 1.0)
-    free = bool(space.rigid.shape[1])
-    missing = () if free else _missing_inertia_shares(body, frame, space, basis)
+    missing = _missing_inertia_shares(body, frame, space, basis)
     return ComplianceShares(
-        free, {name: tuple(row) for name, row in rows.items()}, missing
+        bool(space.rigid.shape[1]),
+        {name: tuple(row) for name, row in rows.items()},
+        missing,
     )
 
 
 def _missing_inertia_shares(
     body: FiniteElementModel, frame: Frame, space: AdmissibleSpace, basis: ReducedBasis
 ) -> tuple[float, ...]:
-    """Return the missing inertia shares, see `ComplianceShares.lost`."""
+    """Return the missing inertia shares, see `ComplianceShares.lost`.
+
+    A free body takes part in accelerations as a whole, which do not deform it; its
+    inertia balances what a rotation leaves of force and moment. Of a body that can
+    move in some directions only, the shares are not known.
+    """
     motions = body.rigid_body_modes(frame.origin)
+    free = space.rigid.shape[1]
+    if free not in (0, motions.shape[1]):
+        return ()
     loads = body.mass @ motions
     inertia = np.einsum("ij,ij->j", motions, loads)
-    ways = [0, 1, 5, 8] if body.dimension == 2 else list(range(9))
+    ways = ([0, 1, 5, 8] if body.dimension == 2 else list(range(12)))[free:]
     scales = inertia_load_scales(inertia[0], inertia[body.dimension :])[ways]
-    loads = np.hstack([loads, _rotation_loads(body, frame)]) * scales
-    full, own = np.zeros(9), np.zeros(9)
+    loads = np.hstack([loads[:, free:], _rotation_loads(body, frame)]) * scales
+    full, own = np.zeros(12), np.zeros(12)
     full[ways], own[ways] = _static_energies(body, space, basis, loads)
-    return missing_inertia_shares(full, own)
+    shapes = _in_mean_axes(body, space, basis)
+    stiffness, mass = (shapes.T @ (a @ shapes) for a in (body.stiffness, body.mass))
+    lowest = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[0]
+    return missing_inertia_shares(full, own, float(inertia[0] / lowest))
 
 
 def _rotation_loads(body: FiniteElementModel, frame: Frame) -> Array:
-    """Loads (ndof, 3) of a steady rotation about each axis, (ndof, 1) of a plane body,
-    up to their sign.
+    """Loads (ndof, 6) of a steady rotation up to their sign, (ndof, 1) of a plane body:
+    about x, y and z, and of the products xy, yz and xz of the angular velocities.
     """
     loads = (body.mass @ body.linear_fields(frame.origin)).real
     if body.dimension == 2:
         return np.asarray(loads)
     # columns of S in the order xx, xy, xz, yy, yz, zz
-    squares = loads[:, [0, 3, 5]]
-    return np.asarray(squares.sum(axis=1)[:, None] - squares)
+    squares, products = loads[:, [0, 3, 5]], loads[:, [1, 4, 2]]
+    return np.hstack([squares.sum(axis=1)[:, None] - squares, products])
 
 
 def _static_energies(
@@ -340,7 +360,7 @@ def _static_energies(
     """Twice the strain energy under loads (ndof, n) of the full body and of its shape
     functions.
     """
-    felt = (basis.shapes.T @ loads).real
+    felt = (_in_mean_axes(body, space, basis).T @ loads).real
     stiffness = (basis.shapes.T @ (body.stiffness @ basis.shapes)).real
     sizes = np.sqrt(np.maximum(np.diag(stiffness), np.finfo(float).tiny))
     balanced, share = stiffness / np.outer(sizes, sizes), felt / sizes[:, None]

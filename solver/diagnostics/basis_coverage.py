@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.base.sid import DIRECTIONS, SID, Array, Node
+from sidtool.formats.base.sid import DIRECTIONS, OE_INDICES, SID, Array, Node
 from sidtool.formats.base.stress import stress_nodes
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import PointForce, SceneFile, marker_names, marker_reference
@@ -339,6 +339,7 @@ INERTIA_LOADS = (
     *(f"acceleration along {axis}" for axis in "xyz"),
     *(f"acceleration about {axis}" for axis in "xyz"),
     *(f"rotation about {axis}" for axis in "xyz"),
+    *(f"rotation about both {axes}" for axes in ("x and y", "y and z", "x and z")),
 )
 
 
@@ -403,7 +404,7 @@ def _poor_shares(
     known = np.array([np.nan if x is None else x for x in row])
     # loads at the node that a free body's frame follows deform the body, too
     is_free_frame = compliance.free and not (node.phi.m0.any() or node.psi.m0.any())
-    own = unit_load_compliances(data.sid, compliance.free)[0][node.id]
+    own = unit_load_compliances(data.sid, compliance.free).nodes[node.id]
     full = own / np.maximum(known, MISSING_SHARE)
     shares: dict[int, float] = {}
     for directions in load_directions(system):
@@ -476,7 +477,9 @@ def poor_inertia_notes(system: System, start: StateVectors) -> Iterator[Diagnost
             frame = start_frame(system, start.z, start.v, data.name)
         loads = expected_loads(system, frame, history.times, data.name)
         accelerations = (loads.acceleration, loads.angular_acceleration)
-        sizes = np.hstack([*accelerations, loads.angular_velocity**2])
+        w = loads.angular_velocity
+        products = np.column_stack([w[:, a] * w[:, b] for a, b in OE_INDICES])
+        sizes = np.hstack([*accelerations, products])
         shares = _poor_inertia_shares(system, data, np.abs(sizes).max(axis=0))
         if shares:
             causes = " and ".join(INERTIA_LOADS[k] for k in shares)
@@ -497,16 +500,16 @@ def _has_poor_inertia(data: BodyData) -> bool:
 def _poor_inertia_shares(
     system: System, data: BodyData, size: Array
 ) -> dict[int, float]:
-    """Shares that are carried of the energy under loads of `size` (9,), where much of
+    """Shares that are carried of the energy under loads of `size` (12,), where much of
     what all of them cause is missing.
     """
     compliance = data.sid.carried
     assert compliance is not None
-    own = unit_load_compliances(data.sid, compliance.free)[1]
-    full = inertia_work_of_full_body(compliance.lost, own)
+    unit = unit_load_compliances(data.sid, compliance.free)
+    full, own = inertia_work_of_full_body(compliance.lost, unit), unit.inertia
     size = size / inertia_load_scales(data.sid.mass, data.sid.J.m0[:3, 0])
     full, own = full * size**2, own * size**2
-    possible = [0, 1, 5, 8] if system.planar else list(range(9))
+    possible = [0, 1, 5, 8] if system.planar else list(range(12))
     largest = full[possible].max()
     least = 0.0 if stress_nodes(data.sid) else RIGID_SHARE
     return {

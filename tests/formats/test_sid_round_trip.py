@@ -218,7 +218,7 @@ def test_titles_carry_what_shape_functions_carry(tmp_path: Path, dialect: str) -
     """The poorest nodes first, in per cents, as far as a title of 400 has room."""
     plain = particle_body(2, 5, planar=False, seed=3)
     shares = {str(k): (k / 100, None, 1.0, None, None, 0.5) for k in range(99, 0, -1)}
-    lost = (2.5e-6, 0.25, 1.0, 0.0, 0.0, 0.07, 0.0, 0.5, 0.5)
+    lost = (2.5e-6, 0.25, 1.0, 0.0, 0.0, 0.07, 0.0, 0.5, 0.5, 3.0, 0.0, 12.0)
     told = ComplianceShares(False, shares, lost)
     sid = replace(plain, title="Arm", carried=told)
     path = tmp_path / "arm.SID_FEM"

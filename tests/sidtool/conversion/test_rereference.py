@@ -20,7 +20,6 @@ from sidtool.conversion.frame_change import (
     change_frame,
     frame_change,
 )
-from sidtool.conversion.inertia_integrals import CENTRIFUGAL_PRODUCTS
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import (
     BLOCK_SHAPES,
@@ -31,7 +30,7 @@ from sidtool.formats.base.sid import (
     axis_major,
 )
 from sidtool.formats.sid_files import read_sid
-from sidtool.formats.sid_mass import free_modal_mass, skew
+from sidtool.formats.sid_mass import CENTRIFUGAL_PRODUCTS, free_modal_mass, skew
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.validate import check
 from tests.codes import unwrapped

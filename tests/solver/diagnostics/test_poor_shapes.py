@@ -6,13 +6,14 @@ L / (E A) by the k-th of stretching, and dense algebra on the full mesh.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sidtool.formats.base.sid import SID
+from sidtool.formats.base.sid import SID, parse_compliance_shares
 from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid_files import read_sid, write_sid
@@ -26,6 +27,10 @@ from tests.steel_bars import steel_bar
 
 #: Numbers of the shape functions of `stout` that bend, and that stretch.
 BENDING, STRETCHING = [1, 2, 3, 4, 7, 8, 10, 11], [6, 13]
+#: Numbers of the shape functions of `afloat` that stretch it: sin (2 k - 1) pi x / L.
+FREE_STRETCHING = [6, 18]
+#: The frame of a free body at its end.
+AT_END = {"type": "tangent", "marker": "root"}
 
 
 @cache
@@ -241,6 +246,17 @@ def test_missing_stretch_by_rotation_is_reported(
     assert weighed(linear(), [0.0, -9.81, 0.0], turning=polynomial(0.0, 0.1)) == []
 
 
+def test_older_files_say_what_they_said() -> None:
+    """Nine shares of the largest work, without products of angular velocities."""
+    old = "held *=0.088,0.013,0.013,0.0013,0.047,0.047,0,0.07,0.07 2=100,100,100,-,-,-"
+    sid = replace(linear(), carried=parse_compliance_shares(old))
+    (found,) = weighed(sid, [-9.81, 0.0, 0.0])
+    assert found.data["missing"] == pytest.approx(0.25, rel=0.03)
+    (found,) = weighed(sid, [0.0, 0.0, 0.0], turning=polynomial(0.0, 20.0))
+    assert found.data["causes"] == "rotation about z"
+    assert found.data["missing"] == pytest.approx(1 / 6, rel=0.03)
+
+
 def polynomial(*coefficients: float) -> dict[str, Any]:
     pieces = [{"from": 0.0, "coefficients": list(coefficients)}]
     return {"type": "polynomial", "pieces": pieces}
@@ -255,3 +271,120 @@ def test_missing_stretch_by_loads_at_a_free_frame_is_reported() -> None:
     found = weighed(sid, [-9.81, 0.0, 0.0], code="N420")
     (along,) = (each for each in found if "along x" in each.data["directions"])
     assert along.data["missing"] == 1.0
+
+
+# Rotation of a free part ------------------------------------------------------------
+
+
+@cache
+def afloat() -> SID:
+    """A bar in mean axes, of strain (a^2 - x^2) rho omega^2 / (2 E) when it spins."""
+    reduction = {"method": "modal", "modes": 20}
+    return steel_bar(
+        width=0.1, height=0.1, elements=16, frame={"type": "buckens"}, stress={},
+        reduction=reduction,
+    )  # fmt: skip
+
+
+def spun(
+    sid: SID,
+    omega: float | list[float],
+    numbers: list[int] | None = None,
+) -> list[Diagnostic]:
+    """N422 of a bar that flies freely under gravity, in the plane or in space."""
+    body: dict[str, Any] = {"sid": "-", "markers": {"a": 1}}
+    body["initial"] = {"angular_velocity": omega}
+    if numbers:
+        body["shape_functions"] = numbers
+    planar = isinstance(omega, float)
+    described = scene(
+        {"rod": body}, {}, gravity=[3.0, -9.81] if planar else [3.0, -9.81, 1.0],
+        end=1e-5, steps=1, dimension="planar" if planar else "spatial",
+    )  # fmt: skip
+    return with_code(simulate(compiled(described, rod=sid)), "N422")
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_a_free_bar_that_spins_lacks_the_stretch_by_rotation(planar: bool) -> None:
+    """Exact 15.6e-6 m at 100 rad/s; bending modes had none and no word.
+
+    Share of the strain energy of sin (2 k - 1) pi x / L: 960 / ((2 k - 1) pi)^6. What
+    falls freely is not deformed.
+    """
+    omega: Any = 100.0 if planar else [0.0, 0.0, 100.0]
+    first, third = FREE_STRETCHING
+    (found,) = spun(afloat(), omega, BENDING)
+    assert found.subject == "rod" and found.data["missing"] == pytest.approx(1.0)
+    assert found.data["causes"] == "rotation about z"
+    assert spun(afloat(), 0.0 if planar else [0.0] * 3, BENDING) == []
+    assert spun(afloat(), omega, [*BENDING, first]) == []
+    (found,) = spun(afloat(), omega, [*BENDING, third])
+    share = 960 / (3 * np.pi) ** 6
+    assert 1.0 - found.data["missing"] == pytest.approx(share, rel=0.05)
+
+
+def test_a_bar_along_the_axis_of_rotation_is_not_stretched() -> None:
+    assert spun(afloat(), [100.0, 0.0, 0.0], [1, 2, 3, 4]) == []
+    (found,) = spun(afloat(), [70.0, 70.0, 0.0], [1, 2, 3, 4])
+    assert found.data["causes"] == "rotation about y"
+
+
+@cache
+def pulled(frame: str, centrifugal: bool) -> SID:
+    """A free bar with the answers to forces at its tip."""
+    reduction = {
+        "method": "attachment", "interfaces": ["tip"], "modes": 2,
+        "centrifugal": centrifugal,
+    }  # fmt: skip
+    table = {"type": "buckens"} if frame == "buckens" else AT_END
+    return steel_bar(
+        width=0.1, height=0.1, elements=16, frame=table, reduction=reduction, stress={}
+    )
+
+
+@pytest.mark.parametrize("frame", ["buckens", "tangent"])
+@pytest.mark.parametrize("suffix", [".SID_FEM", ".h5"])
+def test_centrifugal_shapes_of_a_free_bar(
+    tmp_path: Any, frame: str, suffix: str
+) -> None:
+    """The answer to a force at the tip, of strain a + x, has 5/8 of the energy of
+    a^2 - x^2, in mean axes and in those of an end.
+    """
+    for centrifugal in (True, False):
+        path = tmp_path / f"rod{suffix}"
+        write_sid(path, pulled(frame, centrifugal))
+        found = spun(read_sid(path), [0.0, 0.0, 100.0])
+        assert bool(found) != centrifugal
+    assert found[0].data["missing"] == pytest.approx(3 / 8, rel=0.02)
+
+
+def test_craig_bampton_in_mean_axes_stretches_linearly() -> None:
+    """A uniform strain has 5/6 of the energy of a^2 - x^2."""
+    reduction = {"method": "craig_bampton", "interfaces": ["root", "tip"], "modes": 2}
+    sid = steel_bar(
+        width=0.1, height=0.1, elements=16, frame={"type": "buckens"},
+        reduction=reduction,
+    )  # fmt: skip
+    (found,) = spun(sid, [0.0, 0.0, 100.0])
+    assert found.data["missing"] == pytest.approx(1 / 6, rel=0.02)
+
+
+@pytest.mark.parametrize("frame", [{"type": "buckens"}, AT_END])
+def test_products_of_angular_velocities_load_an_oblique_bar(frame: Any) -> None:
+    """Along (c, s, 0), the loads of omega omega^T pull by s^2, c^2, 1 and 2 c s."""
+    c, s = 0.6, 0.8
+    line = {"type": "beam", "start": [0, 0, 0], "end": [c, s, 0]}
+    section = {"shape": "rectangle", "width": 0.1, "height": 0.1}
+    sid = steel_bar(
+        width=0.1, height=0.1, frame=frame, stress={},
+        reduction={"method": "modal", "modes": 4}, geometry=line | {"section": section},
+    )  # fmt: skip
+    assert sid.carried is not None
+    pulls = np.array([s**2, c**2, 1.0, 2 * c * s, 0.0, 0.0])
+    lost = np.array(sid.carried.lost)
+    assert not lost[:6].any()
+    assert lost[6:] / lost[8] == pytest.approx(pulls**2, abs=2e-5)
+    (found,) = spun(sid, [50.0 * s, -50.0 * c, 0.0])
+    assert found.data["causes"].endswith("rotation about both x and y")
+    # the rotary inertia of its sections bends it a little
+    assert found.data["missing"] == pytest.approx(1.0, abs=1e-3)
