@@ -160,8 +160,7 @@ def expected(dimension: str, mass: float) -> tuple[Array, Array, Array]:
     return q[:, 0], np.einsum("tl,la->ta", q, links.shape[:, -1]), hand
 
 
-@pytest.mark.parametrize("dimension", SHAPES)
-@pytest.mark.parametrize("mass", MASSES)
+@pytest.mark.parametrize(("dimension", "mass"), zip(SHAPES, MASSES, strict=True))
 def test_the_forearm_is_carried(dimension: str, mass: float) -> None:
     """The functions of the beam at rest know no rotary inertia: three digits."""
     found = run(robot(dimension, mass))
