@@ -42,7 +42,8 @@ from .whirl import Whirl, mode_whirl
 #: A state is near another one that differs by less than this part of the sizes; what is
 #: left of the accelerations there, relative to them.
 NEAR_STATE, STEADY_RESIDUAL = 0.05, 1e-6
-#: Accelerations that drives demand are rounding below this part of the others.
+#: Accelerations that drives demand are rounding below this part of those of the loads,
+#: or of the squares of the rates.
 DRIVEN = 1e-8
 #: Singular values of the state matrix that are cut on the way to it, of the largest.
 SOFT_DIRECTIONS = (1e-10, 1e-13)
@@ -231,17 +232,24 @@ def steady_residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
     return np.concatenate([small.drift, small.free_directions.T @ (a - W @ slow)])
 
 
-def driven_accelerations(mechanics: DenseEquations, z: Array) -> Array:
-    """Scaled accelerations (n,) at a position that functions of time of drives demand,
-    zero but for rounding where they are steady; those of laws are not known."""
+def driven_accelerations(mechanics: DenseEquations, z: Array, v: Array) -> Array:
+    """Accelerations (n,) that functions of time of drives demand in a state, relative
+    to the sizes of coordinates [1/s^2]; zero where they are rounding of the loads or of
+    the squares of the rates. Those of laws are not known."""
     system = mechanics.system
     none = np.zeros(system.n_velocities)
     if system.drive_law_rows:
         return none
     mechanics.evaluate(z, none)
     a = least_squares(mechanics.jacobian, mechanics.gamma)
-    least = DRIVEN * mechanics.force_size(z)
-    return a if np.abs(a).max(initial=0.0) > least else none
+    sizes = coordinate_sizes(system)
+    found = np.abs(a) * mechanics.scale / sizes
+    rate = np.abs(v / sizes).max(initial=0.0)
+    is_rounding = (
+        np.abs(a).max(initial=0.0) <= DRIVEN * mechanics.force_size(z)
+        or found.max(initial=0.0) <= DRIVEN * rate**2
+    )
+    return none if is_rounding else found
 
 
 def near_steady_motion(
@@ -257,7 +265,7 @@ def near_steady_motion(
     """
     names = velocity_names(mechanics.system)
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
-    driven = np.abs(driven_accelerations(mechanics, small.z)) / sizes
+    driven = driven_accelerations(mechanics, small.z, small.v)
     mechanics.evaluate(small.z, small.v)
     if driven.any():
         return small, (_unsteady(mechanics, names[int(driven.argmax())]),)

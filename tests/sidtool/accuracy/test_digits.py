@@ -167,6 +167,6 @@ def test_the_table_has_a_line_of_digits(
     result = str(tmp_path / "result.h5")
     command = ["simulate", str(tmp_path / "scene.json"), "--accuracy", "1e-1"]
     assert run([*command, "-o", result]) == 0
-    assert run(["info", result]) == 0
+    assert run(["info", result, "-v"]) == 0
     text = capsys.readouterr().out
     assert "N611 arm" in text and "(6 digits)" in text
