@@ -482,7 +482,8 @@ ENTRIES = (
         "Accelerations act on it with the forces at markers "
         "that cause them (N420). Each square and product of angular velocities is "
         "judged on its own. Reported above 10 % of a load, where that is 1 % of the "
-        "largest such energy, and above 99.9 % of bodies with stress only.",
+        "largest such energy, and above 99.9 % of bodies with stress, and of free ones "
+        "that would deform by 1e-6 of their size, only.",
         remedy="Use attachment modes, with centrifugal = true for rotations.",
         units={"missing": "%"},
         example={

@@ -21,6 +21,7 @@ from sidtool.formats.base.sid import DIRECTIONS, OE_INDICES, SID, Array, Node
 from sidtool.formats.base.stress import stress_nodes
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import PointForce, SceneFile, marker_names, marker_reference
+from sidtool.formats.sid_mass import body_size
 from sidtool.formats.static_compliance import (
     inertia_load_scales,
     inertia_work_of_full_body,
@@ -62,6 +63,8 @@ LOADED_FRACTION = 0.5
 #: A body without stress may be rigid under a load, as inextensible blades: its shape
 #: functions carry less than this share.
 RIGID_SHARE = 1e-3
+#: A free one is not: it deforms by more than this part of its size.
+MIN_STRETCH = 1e-6
 #: Shapes that carry less than this share are missing, not poor.
 MISSING_SHARE = 1e-12
 #: What loads a body: body and marker, force and moment in body axes, what exerts them.
@@ -508,14 +511,17 @@ def _poor_inertia_shares(
     unit = unit_load_compliances(data.sid, compliance.free)
     full, own = inertia_work_of_full_body(compliance.lost, unit), unit.inertia
     size = size / inertia_load_scales(data.sid.mass, data.sid.J.m0[:3, 0])
+    stretch = (full - own) * size / data.sid.mass
+    is_deformed = compliance.free & (stretch > MIN_STRETCH * body_size(data.sid))
     full, own = full * size**2, own * size**2
     possible = [0, 1, 5, 8] if system.planar else list(range(12))
     largest = full[possible].max()
-    least = 0.0 if stress_nodes(data.sid) else RIGID_SHARE
+    has_stress = bool(stress_nodes(data.sid))
+    counts = has_stress | is_deformed | (own >= RIGID_SHARE * full)
     return {
         k: float(own[k] / full[k])
         for k in possible
-        if own[k] >= least * full[k]
+        if counts[k]
         and full[k] - own[k]
         > max((1.0 - MIN_SHARE) * full[k], SMALL_FRACTION * largest)
     }
