@@ -10,7 +10,7 @@ from sidtool.formats.diagnostics import diagnose
 
 from ...mesh.deck_text import parse_numbers
 from ...mesh.imported_mesh import RawCoupling, RawMass, find_undefined_members
-from .deck import CouplingDefinition, Deck, Namespace, resolve_name
+from .deck import REFERENCES, CouplingDefinition, Deck, Namespace, resolve_name
 from .keywords import Block
 from .surfaces import defined_elements, resolve_nodes, surface_nodes
 
@@ -194,12 +194,14 @@ def _weighted_nodes(
     name = deck.name(block.options.get("ELSET", ""))
     labels = [label for _, label in definition.scope.elsets.get(name, [])]
     elements = defined_elements(deck, body, labels, f"the coupling {name!r}")
+    elements = [each for each in elements if each.given in REFERENCES]
     weights = {
-        parse_numbers(words[1:2], place, "a weight")[0] for words, place in block.rows
+        parse_numbers(words[1:2] or [""], place, "a weight")[0]
+        for words, place in block.rows
     }
     if len(elements) != 1 or len(weights) != 1 or min(weights) <= 0:
         raise InputError(
-            f"*DISTRIBUTING COUPLING has {len(elements)} elements and "
+            f"*DISTRIBUTING COUPLING has {len(elements)} elements DCOUP3D and "
             f"{len(weights)} different weights",
             place=block.place,
             expected="one element DCOUP3D, and nodes of one weight above zero",

@@ -123,8 +123,10 @@ def equations_of(
 
     Raises
     ------
-    InputError : a node or a direction is unknown, or an *MPC of another type.
+    InputError : a node or a direction is unknown, or an *MPC of another type, or an
+        equation names a mean rotation.
     """
+    rotating: set[int] = set()
     axes = TransformedAxes(deck, body, instance, positions)
     equations: list[RawEquation] = []
     beams: list[RawCoupling] = []
@@ -142,11 +144,23 @@ def equations_of(
                 for one in constraints:
                     held = beams if isinstance(one, RawCoupling) else equations
                     held.append(one)  # type: ignore[arg-type]
+                for word in _mean_rotations(definition.block.rows):
+                    rotating.update(
+                        labels_named(deck, definition, body, instance, word)
+                    )
         except InputError as error:
             place = error.place or definition.block.place
             raise InputError(
                 error.problem, place=place, expected=error.expected
             ) from None
+    for equation in equations:
+        for label, _ in (*equation.terms, *equation.rotations):
+            if label in rotating:
+                raise InputError(
+                    f"an equation names node {label}, which stands for a mean rotation",
+                    place=equation.place,
+                    expected="equations without nodes of *MPC MEANROT",
+                )
     return equations, beams
 
 
@@ -303,6 +317,18 @@ def _multi_point_constraints(
                 yield from held
                 if turning and kind.upper() in ("TIE", "LINEAR"):
                     yield from (RawEquation((), place, own.terms) for own in held)
+
+
+def _mean_rotations(rows: Rows) -> Iterator[str]:
+    """The last node of each *MPC MEANROT, whose displacement is a rotation."""
+    kind, last = "", ""
+    for words, _ in [*rows, (["END"], "")]:
+        given = [word for word in words if word]
+        if given[0] != "0":
+            if kind == "MEANROT":
+                yield last
+            kind = given[0].upper()
+        last = given[-1]
 
 
 def _multi_point_equations(

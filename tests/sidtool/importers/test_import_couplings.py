@@ -297,12 +297,29 @@ def test_a_reference_element_takes_a_mean_motion(tmp_path: Path) -> None:
     assert_allclose(sid.nodes[-1].psi.m0, same.nodes[-1].psi.m0, rtol=1e-12, atol=1e-15)
 
 
-def test_unequal_weights_of_a_reference_element_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("*DISTRIBUTING COUPLING, ELSET=R\n1, 2.0\n2, 1.0\n", "2 different weights"),
+        ("*DISTRIBUTING COUPLING, ELSET=R\n1\n2\n3\n", "a weight"),
+        (
+            "*ELSET, ELSET=S1\n1\n*DISTRIBUTING COUPLING, ELSET=S1\n1, 2.0\n",
+            "0 elements DCOUP3D",
+        ),
+        (
+            "*MPC\nMEANROT, 1, 1, 1, 2, 2, 2\n0, 3, 3, 3, 9000\nTIE, 5, 6\n"
+            "*EQUATION\n2\n9000, 1, 1.0, 20, 1, -1.0\n",
+            "node 9000, which stands for a mean rotation",
+        ),
+    ],
+)
+def test_reference_elements_that_are_not_understood_are_refused(
+    lines: str, message: str, tmp_path: Path
+) -> None:
     block = Block(COUNTS, SIZE)
     text = "*NODE\n9000, 0.7, 0.03, 0.01\n*ELEMENT, TYPE=DCOUP3D, ELSET=R\n9001, 9000\n"
-    text += "*DISTRIBUTING COUPLING, ELSET=R\n1, 2.0\n2, 1.0\n"
-    with pytest.raises(InputError, match="2 different weights"):
-        body(tmp_path, flat(block, text), file="part.inp")
+    with pytest.raises(InputError, match=message):
+        body(tmp_path, flat(block, text + lines), file="part.inp")
 
 
 def test_a_part_where_its_instance_has_it(tmp_path: Path) -> None:
