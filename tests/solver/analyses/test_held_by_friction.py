@@ -79,6 +79,19 @@ def test_friction_below_the_slope_is_named() -> None:
     assert [each.code for each in none.value.diagnostics] == ["N701", "N517"]
 
 
+def test_what_slips_beside_a_block_that_sticks_is_named() -> None:
+    data = on_slope(0.4)
+    data["bodies"]["other"] = data["bodies"]["block"]
+    data["joints"]["track"] = {
+        "type": "prismatic",
+        "markers": ["ground", "other"],
+        "friction": {"coefficient": 0.36},
+    }
+    with pytest.raises(SimulationError) as none:
+        static_equilibrium(compile_scene(scene("planar", 0.1, **data)))
+    assert only(none.value, "N517").subject == "track"
+
+
 @pytest.mark.parametrize(("pin", "held"), [(0.05, "rail"), (40.0, "rail, pin")])
 def test_what_friction_cannot_hold_hangs_down(pin: float, held: str) -> None:
     """A pin that holds m g l, level with the slope, or an arm along the weight."""
