@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import textwrap
+from bisect import bisect_left
 from collections.abc import Callable, Iterable
+from functools import cache
 
 #: Columns and lines of a screen.
 WIDTH, HEIGHT = 100, 45
@@ -56,11 +58,14 @@ def fit_on_screen(describe: Callable[[int], str], most: int) -> str:
     describe : returns the text with at most so many rows in each table
     most : largest number of rows; the least is 1, whatever its lines
     """
-    texts = (describe(rows) for rows in range(most, 0, -1))
-    for text in texts:
-        if len(text.splitlines()) <= HEIGHT:
-            break
-    return text
+    texts = cache(describe)
+
+    def exceeds(rows: int) -> bool:
+        return len(texts(rows).splitlines()) > HEIGHT
+
+    if exceeds(most):
+        most = max(1, bisect_left(range(most), True, lo=1, key=exceeds) - 1)
+    return texts(most)
 
 
 def counted_noun(count: int, noun: str) -> str:
