@@ -276,7 +276,7 @@ def _largest_multiplier(system, memory, multiplier):
 @entry(
     types.void(
         *[KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3],
-        *[F2, F2, F2, F3, I2, F1, F1],
+        *[F2, F2, F2, F3, I2, F1, F1, F1],
     )
 )
 def sample(
@@ -300,6 +300,7 @@ def sample(
     row_blocks,
     row_sizes,
     sizes,
+    largest,
 ):
     """Projects recorded states onto the constraints and solves eq. (3) there.
 
@@ -308,9 +309,9 @@ def sample(
     cannot be projected stay as they are; accelerations are NaN where eq. (3) is
     singular, multipliers also near such states where they are uncertain. step_z and
     step_v are scratch, of one and three rows, as are row_blocks, of two, row_sizes, and
-    sizes, of one entry per state.
+    sizes, of one entry per state. `largest`, of one entry, is the largest multiplier of
+    all states so far.
     """
-    largest = 0.0
     for k in range(len(times)):
         work.interval_time[0] = _inside_interval(edges, times[k])
         copy(z[k], step_z[0])
@@ -366,14 +367,14 @@ def sample(
                 row_sizes,
             )
             evaluate_accelerations(kernels, system, work, memory, times[k], z[k], v[k])
-        largest = max(largest, _largest_multiplier(system, memory, lambda_[k]))
+        largest[0] = max(largest[0], _largest_multiplier(system, memory, lambda_[k]))
         kernels.complete(system, work, acc[k])
         for b in range(work.frame.shape[0]):
             copy(work.frame[b], frames[k, b])
         for m in range(work.point.shape[0]):
             copy(work.point[m], points[k, m])
     for k in range(len(times)):
-        if not 0.0 <= sizes[k] <= UNLOADED * largest:
+        if not 0.0 <= sizes[k] <= UNLOADED * largest[0]:
             continue
         work.interval_time[0] = _inside_interval(edges, times[k])
         copy(z[k], step_z[0])
@@ -388,7 +389,7 @@ def sample(
             work,
             memory,
             constraint_tolerance,
-            UNLOADED * largest,
+            UNLOADED * largest[0],
             times[k],
             step_z[0],
             step_v[0],

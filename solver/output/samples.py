@@ -85,10 +85,11 @@ class StateSampler:
         self.kernels = kernel_pointers(system.planar)
         self.work, self.memory = new_work_arrays(system), new_memory(system, 0)
 
-    def sample(self, times: Array, z: Array, v: Array) -> Samples:
+    def sample(self, times: Array, z: Array, v: Array, known: float = 0.0) -> Samples:
         """Project every recorded state and solve eq. (3) there.
 
-        The multipliers of redundant constraints are one of their solutions.
+        The multipliers of redundant constraints are one of their solutions. `known` is
+        the acceleration by the largest one, as far as it is known.
         """
         system, work, nt = self.system, self.work, len(times)
         frames = np.zeros((nt, *work.frame.shape))
@@ -104,6 +105,7 @@ class StateSampler:
         history = system.friction_history or FrictionStateHistory(
             system.arrays.friction_state
         )
+        largest, sizes = np.full(1, known), set[float]()
         with history.intervals(times) as parts:
             for part in parts:
                 output_sampling.sample(
@@ -127,7 +129,9 @@ class StateSampler:
                     np.zeros((2, system.n_rows), np.int64),
                     np.zeros(system.n_rows),
                     np.full(len(times[part]), -1.0),
+                    largest,
                 )
+                sizes.add(float(largest[0]))
                 slip_direction, rest_rates = (
                     history.current_states[:, at.SLIP_DIRECTION],
                     history.current_states[:, at.REST_RATE],
@@ -138,6 +142,8 @@ class StateSampler:
                 )
                 sticking[part] = np.where(rest_rates > 0.0, slow, slip_direction == 0.0)
         work_arrays.raise_pending(system)
+        if len(sizes) > 1 and np.isnan(multipliers).any():  # before the load began
+            return self.sample(times, z, v, max(sizes))
         fields = (z, v, frames, points, accelerations, multipliers, factors, ())
         return Samples(*fields, friction, sticking)
 

@@ -325,42 +325,39 @@ def test_forces_near_a_singular_position_are_right_or_missing(integrator: str) -
     assert note.t == times[~has_value][0]
 
 
-def test_a_load_that_begins_at_zero_has_forces_from_the_start() -> None:
+@pytest.mark.parametrize("is_beside_friction", [False, True])
+def test_a_load_that_begins_at_zero_has_forces_from_the_start(
+    is_beside_friction: bool,
+) -> None:
     """A heavy body (2 kg m^2 about its centre, 1.36 kg m^2 more about the pin) on a
     light one in a pin, whose constraints are nearly dependent in the metric of masses.
+    A block beside it breaks loose at the start.
     """
-    system = compiled(
-        scene(
-            {
-                "light": {"mass": 1e-6, "inertia": 1.0},
-                "heavy": {
-                    "mass": 4.0,
-                    "inertia": 2.0,
-                    "markers": {"seat": {"position": [-0.5, -0.3]}},
-                    "initial": {"position": [0.5, 0.3]},
-                },
-            },
-            {
-                "pin": {"type": "revolute", "markers": ["ground", "light"]},
-                "seat": {"type": "fixed", "markers": ["light", "heavy.seat"]},
-            },
-            end=0.1,
-            steps=2,
-            record=["seat.mz"],
-            forces={
-                "torque": {
-                    "type": "actuator",
-                    "joint": "pin",
-                    "function": {
-                        "type": "table",
-                        "times": [0.0, 0.1],
-                        "values": [0.0, 10.0],
-                    },
-                }
-            },
-        )
-    )
-    result = simulate(system)
+    ramp = {
+        "type": "actuator",
+        "function": {"type": "table", "times": [0.0, 0.1], "values": [0.0, 10.0]},
+    }
+    bodies: dict[str, Any] = {
+        "light": {"mass": 1e-6, "inertia": 1.0},
+        "heavy": {
+            "mass": 4.0,
+            "inertia": 2.0,
+            "markers": {"seat": {"position": [-0.5, -0.3]}},
+            "initial": {"position": [0.5, 0.3]},
+        },
+    }
+    joints: dict[str, Any] = {
+        "pin": {"type": "revolute", "markers": ["ground", "light"]},
+        "seat": {"type": "fixed", "markers": ["light", "heavy.seat"]},
+    }
+    forces: dict[str, Any] = {"torque": {**ramp, "joint": "pin"}}
+    if is_beside_friction:
+        bodies["block"] = {"mass": 1.0, "inertia": 0.1}
+        rub = {"friction": {"coefficient": 0.3}}
+        joints["rail"] = {"type": "prismatic", "markers": ["ground", "block"], **rub}
+        forces["push"] = {**ramp, "joint": "rail"}
+    tables = {"record": ["seat.mz"], "forces": forces}
+    result = simulate(compiled(scene(bodies, joints, end=0.1, steps=2, **tables)))
     wanted = 3.36 / 4.36 * np.array([0.0, 5.0, 10.0])
     assert result["seat.mz"] == pytest.approx(wanted, rel=1e-9, abs=1e-12)
     assert with_code(result, "N234") == []
