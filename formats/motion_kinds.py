@@ -11,9 +11,6 @@ from .base.sid import SID, Node
 from .sid_mass import central_inertia
 from .storage.cache import cached_by_identity
 
-#: Relative size below which a shape function counts as zero.
-_ZERO_SHAPE_TOLERANCE = 1e-9
-
 Array = NDArray[np.float64]
 AXES = "xyz"
 #: A mode moves along one axis if nothing else reaches this share of the motion.
@@ -41,15 +38,15 @@ def dead_nodes(sid: SID) -> tuple[str, ...]:
         return ()
     size = max(np.abs(node.position).max() for node in sid.nodes)
     limits = (
-        _ZERO_SHAPE_TOLERANCE * motion_scale(sid),
-        _ZERO_SHAPE_TOLERANCE * sid.largest_shapes[1],
+        ZERO_MOTION_TOLERANCE * motion_scale(sid),
+        ZERO_MOTION_TOLERANCE * sid.largest_shapes[1],
     )
     resting = [node for node in sid.nodes if _is_at_rest(node, *limits)]
     if not resting:
         return ()
     places = np.array([node.position for node in resting])
-    away = np.abs(places).max(axis=1) > _ZERO_SHAPE_TOLERANCE * size
-    if away.all() and np.ptp(places, axis=0).max() <= _ZERO_SHAPE_TOLERANCE * size:
+    away = np.abs(places).max(axis=1) > ZERO_MOTION_TOLERANCE * size
+    if away.all() and np.ptp(places, axis=0).max() <= ZERO_MOTION_TOLERANCE * size:
         return ()
     return tuple(
         node.id for node, is_away in zip(resting, away, strict=True) if is_away

@@ -52,18 +52,14 @@ from ..validate.identity import (
 
 Outcome = Literal["passed", "failed", "shown"]
 
-#: Entries below this fraction of the natural size of a block are rounding.
+#: Entries below this fraction of the natural size of a block, and deflections below
+#: this fraction of the largest, are rounding.
 _ROUNDING_SHARE = 1e-9
-#: Natural modes this close in frequency may mix.
+#: Natural modes this close in frequency may mix; they are compared as one subspace.
 _CLOSE_FREQUENCIES = 1e-3
 BLOCK_GROUP = "blocks, in the basis of the reference"
 _MAX_MARKERS = 4
-# Deflections below this fraction of the largest are negligible in a relative
-# comparison.
-_NEGLIGIBLE_SHARE = 1e-9
-# Modes this close in frequency may mix; they are compared as one subspace.
-_CLOSE_FREQUENCY_RATIO = 1e-3
-# Differences of the MAC below this do not decide which modes belong together.
+#: Differences of the MAC below this do not decide which modes belong together.
 _EQUAL_ASSURANCE = 1e-3
 
 
@@ -352,7 +348,7 @@ def _static_rows(
     ):
         for axis in range(3):
             value, expected = nine[:, axis], all_nine[:, axis]
-            if max_magnitude(expected) <= _NEGLIGIBLE_SHARE * most:
+            if max_magnitude(expected) <= _ROUNDING_SHARE * most:
                 continue
             load = 3 * k + axis
             yield ComparisonRow(
@@ -382,7 +378,7 @@ def _response_rows(
             at = slice(3 * k, 3 * k + 3)
             value, expected = first.receptance(omega, at), second.receptance(omega, at)
             size = float(np.linalg.norm(expected))
-            if size <= _NEGLIGIBLE_SHARE * most:
+            if size <= _ROUNDING_SHARE * most:
                 continue
             difference = float(np.linalg.norm(value - expected))
             yield ComparisonRow(
@@ -417,7 +413,7 @@ def _shape_rows(
             continue
         best = _best_partner(row, np.abs(frequencies - own[mode]))
         gap = np.abs(frequencies - frequencies[best])
-        close = gap <= _CLOSE_FREQUENCY_RATIO * frequencies[best]
+        close = gap <= _CLOSE_FREQUENCIES * frequencies[best]
         value = subspace_assurance(one[:, mode], other[:, close])
         if close.sum() == 1:
             value = float(row[best])
@@ -441,7 +437,7 @@ def _shapes_with_rotations(first: ModalBody, second: ModalBody) -> tuple[Array, 
 def _moves_nodes(shapes: Array) -> NDArray[np.bool_]:
     """Return a mask of the modes that move a node."""
     sizes = np.linalg.norm(shapes, axis=0)
-    return np.asarray(sizes > _NEGLIGIBLE_SHARE * sizes.max(initial=0.0))
+    return np.asarray(sizes > _ROUNDING_SHARE * sizes.max(initial=0.0))
 
 
 def _best_partner(assurance: Array, distance: Array) -> int:
