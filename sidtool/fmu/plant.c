@@ -265,6 +265,8 @@ static void find_outputs(Plant *plant)
     interpolate_state(plant, plant->now);
     for (int i = 0; i < N_INPUTS; i++)
         plant->input_values[i] = input_at(plant, i, plant->now, NULL);
+    plant->multiplier_sizes[0] = -1.0;
+    plant->largest_multiplier[0] = 0.0;  /* outputs depend on the state alone */
     sidtool_sample(plant->kernels, plant->system, plant->sampler_work,
                    plant->sampler_memory, ARRAY2(plant->constraint_tolerance),
                    ARRAY1(plant->time), ARRAY1(plant->interval), ARRAY2(plant->z),
@@ -272,7 +274,8 @@ static void find_outputs(Plant *plant)
                    ARRAY3(plant->frames), ARRAY3(plant->points),
                    ARRAY2(plant->accelerations), ARRAY2(plant->multipliers),
                    ARRAY2(plant->factors), ARRAY3(plant->friction),
-                   ARRAY2(plant->row_blocks), ARRAY1(plant->row_sizes));
+                   ARRAY2(plant->row_blocks), ARRAY1(plant->row_sizes),
+                   ARRAY1(plant->multiplier_sizes), ARRAY1(plant->largest_multiplier));
     sidtool_write_forces(plant->output_system, plant->output_work, plant->output,
                          ARRAY1(plant->time), ARRAY1(plant->interval_time),
                          ARRAY2(plant->z), ARRAY3(plant->points), ARRAY2(plant->factors),

@@ -62,7 +62,7 @@ class Plant(Table):
     output_system, output_work, output
         Arguments of the kernels of forces and energies.
     constraint_tolerance, interval, time, interval_time, step_z, step_v, row_blocks
-    row_sizes
+    row_sizes, multiplier_sizes, largest_multiplier
         Arguments of `sample` and of the kernels of forces.
     z, v, frames, points, accelerations, multipliers, factors, friction
         State at `now` and what follows from it, see `Samples`.
@@ -112,6 +112,8 @@ class Plant(Table):
     friction_forces: Reals2
     row_blocks: Integers2
     row_sizes: Reals
+    multiplier_sizes: Reals
+    largest_multiplier: Reals
     input_goals: Reals
     input_values: Reals
     event_sides: Reals
@@ -177,6 +179,8 @@ def plant_tables(system: System, settings: RunSettings) -> PlantTables:
         "friction": (1, n_friction, output_sampling.N_FRICTION_OUTPUT),
         "friction_forces": (1, n_friction),
         "row_sizes": (system.n_rows,),
+        "multiplier_sizes": (1,),
+        "largest_multiplier": (1,),
         "input_goals": (len(system.scene.inputs),),
         "input_values": (len(system.scene.inputs),),
     }
