@@ -18,7 +18,7 @@ from tests.metamorphic.generator.differences import WITHIN, difference
 from tests.metamorphic.generator.scenes import driven_scene, random_scene, with_measures
 from tests.metamorphic.ways.transformations import TRANSFORMATIONS, said
 
-SEEDS = range(8)
+SEEDS = range(6)
 RTOL = 1e-8
 #: Of scenes that come to rest soon, with springs in place of weight.
 WEIGHTLESS = (4, 7, 11, 12, 20)
@@ -87,7 +87,7 @@ def test_equilibrium_and_modes_are_those_of_the_scene_said_differently(
     if found is None:
         pytest.skip("the scene has no equilibrium")
     exact = analyses.eigenvalues(found[0])
-    for name in STILL[seed % 4 :: 4]:
+    for name in STILL[seed % 6 :: 6]:
         other = said(name, case, seed)
         if other is None:
             continue

@@ -50,7 +50,7 @@ def impulse(program: Derivatives) -> float:
     return float(np.diff(edges) @ terms @ even)
 
 
-@pytest.mark.parametrize("part", [0.07, 0.02, 0.01, 1e-3, 3e-4])
+@pytest.mark.parametrize("part", [0.07, 0.01, 3e-4])
 @pytest.mark.parametrize("shape", PULSES)
 def test_no_pulse_is_lost(shape: str, part: float) -> None:
     """Its impulse is the exact one, wherever it lies."""

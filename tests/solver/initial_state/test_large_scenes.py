@@ -367,8 +367,8 @@ def ladder_that(kind: str, space: bool) -> System:
     [
         ("is plain", (0, 0), (3 * CELLS, 0)),
         ("said twice", (2, 0), (3 * CELLS + 5, 0)),
-        ("strut 1e-9", (1, 1), None),  # in space as below, which takes seconds
-        ("strut 1e-6", (1, 1), (3 * CELLS + 1, 3 * CELLS + 1)),
+        ("strut 1e-9", (1, 1), None),
+        ("strut 1e-6", (1, 1), None),  # in space it takes seconds
         ("strut 1e-2", (0, 0), (3 * CELLS, 0)),
         ("meets its end", "rests in a singular", "rests in a singular"),
         ("never meets its end", "ground.end and low2.b", "ground.end and low2.b"),
