@@ -11,6 +11,7 @@ References
 G. H. Golub, C. F. Van Loan: Matrix Computations, section 7.1.3.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,8 +27,9 @@ from .dense_equations import DenseEquations, null_space
 from .reference_axes import EQUAL_ANGULAR_VELOCITY, axis_angular_velocities
 from .state_matrix import SmallMotions
 
-#: What acts against a rigid motion is less than this part of what preload and spin
-#: could do, or than this part of the largest entries of the matrix, which is rounding.
+#: What acts against a rigid motion is less than this part of what spin could do, and
+#: preload by the displacements of this motion relative to the sizes of coordinates, or
+#: than this part of the largest entries of the matrix, which is rounding.
 FREE_MOTION, ROUNDING = 1e-6, 1e-13
 #: A free rotor sags by less than this multiple of its rigid motion, of one radian about
 #: an axis to which all of it is near.
@@ -101,14 +103,22 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
         if rate > tolerance_ and (not rates_ or rates_[-1] - rate > tolerance_):
             rates_.append(rate)
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
-    preload = mechanics.force_size(z) / sizes.min(initial=np.inf)
+    force = mechanics.force_size(z)
     mechanics.evaluate(z, v)
     fastest = float(own.max(initial=0.0))
     rounding = ROUNDING * float(np.abs(matrix).max(initial=0.0))
-    tolerance = FREE_MOTION * (fastest**2 + preload) + rounding
-    candidates: list[tuple[Array, float]] = [(free, float(tolerance))]
+
+    def preload(motions: np.ndarray) -> Array:
+        """What forces could do against motions (n_positions, k) by their displacements
+        relative to the sizes of coordinates, (k,)."""
+        moved = np.abs(motion[:, :n_positions] @ motions) / sizes[:, None]
+        return np.asarray(force * moved.max(axis=0, initial=0.0))
+
+    candidates: list[tuple[Array, Callable[[np.ndarray], Array]]] = [
+        (free, lambda x: FREE_MOTION * (fastest**2 + preload(x)) + rounding)
+    ]
     if with_laws.shape[1] > free.shape[1]:
-        candidates.append((with_laws, rounding))
+        candidates.append((with_laws, lambda x: np.full(x.shape[1], rounding)))
     known: list[tuple[complex, np.ndarray]] = []
     for value in (0.0, *(1j * x for x in rates_)):
         eigenvectors = max(
@@ -125,14 +135,19 @@ def spectrum(mechanics: DenseEquations, small: SmallMotions) -> Spectrum:
     if not known:
         values, vectors = np.linalg.eig(matrix)
         return Spectrum(values, vectors, np.zeros(len(values), bool))
-    return _deflated_spectrum(matrix, known, SECOND_EIGENVALUE, fastest, preload)
+    strongest = max(preload(x[:n_positions]).max(initial=0.0) for _, x in known)
+    return _deflated_spectrum(matrix, known, SECOND_EIGENVALUE, fastest, strongest)
 
 
 def _resting_states(
-    matrix: Array, motions: Array, n_positions: int, value: complex, tolerance: float
+    matrix: Array,
+    motions: Array,
+    n_positions: int,
+    value: complex,
+    tolerances: Callable[[np.ndarray], Array],
 ) -> np.ndarray:
-    """States (size, k) of some motions (n, r) that have an eigenvalue: what acts
-    against them is below a tolerance."""
+    """States (size, k) of some motions (n_positions, r) that have an eigenvalue: what
+    acts against each is below the tolerance of this motion."""
     if not motions.size:
         return np.zeros((len(matrix), 0))
     states = np.zeros((len(matrix), motions.shape[1]), complex)
@@ -143,8 +158,9 @@ def _resting_states(
     if value == 0.0:
         states = _with_sag(matrix, states)
     _, strains, right = np.linalg.svd(matrix @ states - value * states)
+    limits = tolerances(motions @ right.conj().T)
     none = [
-        k for k in range(len(right)) if k >= len(strains) or strains[k] <= tolerance
+        k for k in range(len(right)) if k >= len(strains) or strains[k] <= limits[k]
     ]
     return np.asarray(states @ right[none].conj().T)
 

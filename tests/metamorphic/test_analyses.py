@@ -87,7 +87,7 @@ def test_equilibrium_and_modes_are_those_of_the_scene_said_differently(
     if found is None:
         pytest.skip("the scene has no equilibrium")
     exact = analyses.eigenvalues(found[0])
-    for name in STILL[seed % 6 :: 6]:
+    for name in STILL[seed % 3 :: 3]:
         other = said(name, case, seed)
         if other is None:
             continue

@@ -66,6 +66,34 @@ def test_a_pendulum_rests_hanging_and_swings_about_that(dimension: str) -> None:
     assert modes.damping_ratios == pytest.approx([0.0], abs=1e-7)
 
 
+@pytest.mark.parametrize("light", [1.0, 1e-9])
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_a_light_part_does_not_make_a_slow_pendulum_free(
+    dimension: str, light: float
+) -> None:
+    """omega^2 = m g e / (J + m e^2), 1 mm below the pin; the mode was a rigid motion of
+    0 Hz beside a part of 1 kg and 1e-6 kg m^2."""
+    space = [0.0] if dimension == "spatial" else []
+    turning = [1000.0] * 3 if space else 1000.0
+    own = [1e-6 * light] * 3 if space else 1e-6 * light
+    axis = {"axis": [0.0, 0.0, 1.0]} if space else {}
+    arm: dict[str, Any] = {"mass": 1000.0, "inertia": turning}
+    arm |= {"markers": {"pin": {"position": [0.0, 1e-3, *space]}}}
+    arm |= {"initial": {"position": [0.0, -1e-3, *space]}}
+    content = scene(
+        dimension,
+        gravity=[0.0, -G, *space],
+        bodies={"arm": arm, "part": {"mass": light, "inertia": own}},
+        joints={
+            "pin": {"type": "revolute", "markers": ["ground", "arm.pin"]} | axis,
+            "grip": {"type": "fixed", "markers": ["arm.pin", "part"]},
+        },
+    )
+    found = linearise(compiled(content), "static").eigenvalues
+    omega = math.sqrt(1000.0 * G * 1e-3 / (1000.0 + 1000.0 * 1e-6 + 1e-6 * light))
+    assert found == pytest.approx([1j * omega], rel=1e-9)
+
+
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
 def test_a_torsion_spring_holds_a_pendulum(dimension: str) -> None:
     k, d = 30.0, 0.4
