@@ -50,14 +50,19 @@ def _continued(line: str) -> str:
     return wrapped(text, f"{first}    ", first)
 
 
-def fit_on_screen(describe: Callable[[int], str], most: int) -> str:
+def fit_on_screen(
+    describe: Callable[[int | None], str], most: int, verbose: bool
+) -> str:
     """Return a text with as many rows in each of its tables as fit on a screen.
 
     Parameters
     ----------
-    describe : returns the text with at most so many rows in each table
+    describe : returns the text with at most so many rows in each table, or with all
     most : largest number of rows; the least is 1, whatever its lines
+    verbose : all rows
     """
+    if verbose:
+        return describe(None)
     texts = cache(describe)
 
     def exceeds(rows: int) -> bool:

@@ -106,7 +106,7 @@ def table_on_screen(report: Callable[[int | None], str], verbose: bool) -> str:
     """
     from sidtool.formats.text import fit_on_screen
 
-    return report(None) if verbose else fit_on_screen(report, MAX_ROWS)
+    return fit_on_screen(report, MAX_ROWS, verbose)
 
 
 rigid_option = click.option(

@@ -109,7 +109,7 @@ def _describe_model_file(content: Any, path: Path, verbose: bool) -> None:
             parts += [imported, node_set_table(body, most)]
         return "\n\n".join(parts)
 
-    text = description(None) if verbose else fit_on_screen(description, MAX_MARKERS)
+    text = fit_on_screen(description, MAX_MARKERS, verbose)
     print_result(text, content.file_data)
     if failure is not None:
         raise failure.located(path)
@@ -141,7 +141,7 @@ def _describe_scene_file(content: Any, path: Path, verbose: bool) -> str:
         tables = equation_tables(bodies, most)
         return "\n\n".join([describe_scene(content, most), *tables, texts])
 
-    return description(None) if verbose else fit_on_screen(description, MAX_ROWS)
+    return fit_on_screen(description, MAX_ROWS, verbose)
 
 
 def _describe_result_file(content: Any, _: Path, verbose: bool) -> str:

@@ -285,9 +285,7 @@ def describe_result(result: Result, verbose: bool = False) -> str:
 
     verbose : all elastic coordinates, outputs and diagnostics
     """
-    if verbose:
-        return _description(result, None)
-    return fit_on_screen(partial(_description, result), MAX_OUTPUTS)
+    return fit_on_screen(partial(_description, result), MAX_OUTPUTS, verbose)
 
 
 def _description(result: Result, most: int | None) -> str:

@@ -69,7 +69,7 @@ def describe_sid(sid: SID, verbose: bool = False) -> str:
         )
         return "\n\n".join(parts)
 
-    return description(None) if verbose else fit_on_screen(description, MAX_MODES)
+    return fit_on_screen(description, MAX_MODES, verbose)
 
 
 def describe_conversion(
