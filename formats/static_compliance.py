@@ -11,6 +11,7 @@ from .sid_mass import (
     mean_axes_motion,
     skew,
 )
+from .storage.cache import cached_by_identity
 
 #: Missing work below this part of the reference is rounding.
 _ROUNDING = 1e-12
@@ -35,6 +36,7 @@ class UnitLoadCompliances:
     reference: float
 
 
+@cached_by_identity
 def unit_load_compliances(sid: SID, free: bool) -> UnitLoadCompliances:
     """Return the static compliance of the shape functions under unit loads.
 

@@ -89,6 +89,11 @@ class BasisErrors:
     count: int
 
     @property
+    def lowest_square(self) -> float:
+        """Square of the lowest natural angular frequency of the basis [1/s^2]."""
+        return float((2.0 * np.pi * self.hertz[0] * (1.0 + self.frequencies[0])) ** 2)
+
+    @property
     def worst(self) -> float:
         """The largest of all errors."""
         both = np.concatenate([self.frequencies, self.compliances])
@@ -308,7 +313,7 @@ def _compliance_shares(
             marker, _, way = name.rpartition(" ")
             row = rows.setdefault(str(body.marker(marker).node), list(_UNKNOWN))
             row[DIRECTIONS.index(way)] = min(max(1.0 - error, 0.0), 1.0)
-    missing = _missing_inertia_shares(body, frame, space, basis)
+    missing = _missing_inertia_shares(body, frame, space, basis, own.lowest_square)
     return ComplianceShares(
         bool(space.rigid.shape[1]),
         {name: tuple(row) for name, row in rows.items()},
@@ -317,7 +322,11 @@ def _compliance_shares(
 
 
 def _missing_inertia_shares(
-    body: FiniteElementModel, frame: Frame, space: AdmissibleSpace, basis: ReducedBasis
+    body: FiniteElementModel,
+    frame: Frame,
+    space: AdmissibleSpace,
+    basis: ReducedBasis,
+    lowest_square: float,
 ) -> tuple[float, ...]:
     """Return the missing inertia shares, see `ComplianceShares.lost`.
 
@@ -336,10 +345,7 @@ def _missing_inertia_shares(
     loads = np.hstack([loads[:, free:], _rotation_loads(body, frame)]) * scales
     full, own = np.zeros(12), np.zeros(12)
     full[ways], own[ways] = _static_energies(body, space, basis, loads)
-    shapes = _in_mean_axes(body, space, basis)
-    stiffness, mass = (shapes.T @ (a @ shapes) for a in (body.stiffness, body.mass))
-    lowest = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[0]
-    return missing_inertia_shares(full, own, float(inertia[0] / lowest))
+    return missing_inertia_shares(full, own, float(inertia[0] / lowest_square))
 
 
 def _rotation_loads(body: FiniteElementModel, frame: Frame) -> Array:
