@@ -8,6 +8,7 @@ with polynomials P and Q. The time of the kink is found by a Gauss-Newton fit.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import Chebyshev, chebyshev
@@ -77,9 +78,7 @@ def fit_kink(
     """
     begin, end = bracket
     width = end - begin
-    nodes = np.cos(np.pi * (np.arange(FITTED_VALUES) + 0.5) / FITTED_VALUES)[::-1]
-    smooth = np.asarray(chebyshev.chebvander(nodes, SMOOTH_DEGREE), np.float64)
-    basis = np.linalg.qr(smooth)[0]
+    nodes, basis = _smooth_basis()
     for reach in BRACKET_WIDTHS:
         first = max(low, begin - reach * width)
         last = min(high, end + reach * width)
@@ -100,6 +99,14 @@ def fit_kink(
             if position is not None:
                 return float(middle + half * position)
     return None
+
+
+@cache
+def _smooth_basis() -> tuple[Array, Array]:
+    """Nodes (nx,) in [-1, 1], and orthonormal columns (nx, terms of P) there."""
+    nodes = np.cos(np.pi * (np.arange(FITTED_VALUES) + 0.5) / FITTED_VALUES)[::-1]
+    smooth = np.asarray(chebyshev.chebvander(nodes, SMOOTH_DEGREE), np.float64)
+    return nodes, np.linalg.qr(smooth)[0]
 
 
 def _fit_kink_of_order(
