@@ -18,7 +18,7 @@ from ..initial_state.initial_friction import with_prescribed_friction
 from ..integrators.output_sampling import OUTPUT_FRICTION, OUTPUT_LOAD, OUTPUT_RATE
 from ..linear.accelerations import solve_prescribed_friction
 from ..linear.joint_friction import friction_limit
-from ..output.stick_slip import StickSlipDecision, with_friction_states
+from ..output.stick_slip import StickSlipDecision, sticking_joints, with_friction_states
 from ..spatial import system_arrays as at
 from ..system.characteristic_sizes import friction_coordinate_sizes, resting_rates
 from ..system.errors import SimulationError
@@ -309,8 +309,7 @@ def friction_that_holds(
     """
     rest = StateVectors(z, np.zeros(system.n_velocities))
     system = with_friction_states_of(system, t, rest)
-    states = system.arrays.friction_state[:, [at.SLIP_DIRECTION, at.REST_RATE]]
-    sticks = np.asarray((states == 0.0).all(axis=1), bool)
+    sticks = sticking_joints(system.arrays.friction_state)
     decision = StickSlipDecision(system)
     output = decision.friction_output(np.array([t]), z[None], rest.v[None])[0]
     return sticks, output[:, OUTPUT_FRICTION]

@@ -21,6 +21,7 @@ from ..integrators import loop_state, step_size
 from ..integrators.step_limits import OVERSHOOT
 from ..output.columns import RecordedOutputs, multiplier_names
 from ..output.reactions import COMPONENTS
+from ..output.stick_slip import sticking_joints
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import WorkArrays
 from ..system import work_arrays
@@ -162,8 +163,7 @@ def _sticks(system: System) -> bool:
     """True if friction holds a joint at the end of a run."""
     if system.friction_history is None:
         return False
-    states = system.friction_history.current_states
-    return bool((states[:, [at.SLIP_DIRECTION, at.REST_RATE]] == 0.0).all(1).any())
+    return bool(sticking_joints(system.friction_history.current_states).any())
 
 
 def rounding_notes(

@@ -93,6 +93,12 @@ class JointGroup:
     mobility: float
 
 
+def sticking_joints(friction_state: Array) -> NDArray[np.bool_]:
+    """Which joints friction holds, (frictions,); none whose motion is prescribed."""
+    states = friction_state[:, [at.SLIP_DIRECTION, at.REST_RATE]]
+    return np.asarray((states == 0.0).all(axis=1), bool)
+
+
 class StickSlipDecision:
     """Chooses how joints with friction move on.
 
@@ -242,7 +248,7 @@ class StickSlipDecision:
     @property
     def _is_sticking(self) -> NDArray[np.bool_]:
         """Which joints friction holds, (frictions,)."""
-        return (self.friction_state[:, at.SLIP_DIRECTION] == 0.0) & ~self.prescribed
+        return sticking_joints(self.friction_state)
 
     def _certain_contact_force(self, output: Array) -> Array:
         """Smallest contact forces whose side is certain, (n_frictions, .).
