@@ -1,44 +1,56 @@
-"""Tables of pages that the program writes."""
+"""Pages of HTML that the program writes, as tests read them."""
 
 from __future__ import annotations
 
 from html.parser import HTMLParser
 
+VOID = {"meta", "img", "br", "path", "use"}
 
-class _Tables(HTMLParser):
-    """Rows of the table below each heading; a page may refer to nothing outside."""
 
-    def __init__(self) -> None:
+class Page(HTMLParser):
+    """A page whose tags are closed and that refers to nothing outside.
+
+    Attributes
+    ----------
+    headings : texts of h1 and h2
+    tables : rows of cells below each heading
+    cells : texts of all cells of data
+    images : number of pictures
+    """
+
+    def __init__(self, text: str) -> None:
         super().__init__()
-        self.found: dict[str, list[list[str]]] = {}
-        self.heading, self.within = "", ""
+        self.headings: list[str] = []
+        self.tables: dict[str, list[list[str]]] = {}
+        self.cells: list[str] = []
+        self.images = 0
+        self._open: list[str] = []
+        self.feed(text)
+        assert self._open == []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         for name, value in attrs:
             outside = name in ("src", "href", "xlink:href") and value
             assert not outside or value[0] == "#" or value.startswith("data:"), value
-        if tag == "h2":
-            self.heading = ""
-        if tag == "tr":
-            self.found.setdefault(self.heading, []).append([])
-        if tag in ("td", "th"):
-            self.found[self.heading][-1].append("")
-        if tag in ("h2", "td", "th", "style"):
-            self.within = tag
+        self.images += tag in ("img", "svg")
+        if tag not in VOID:
+            self._open.append(tag)
+        if tag in ("h1", "h2"):
+            self.headings.append("")
+        elif tag == "tr":
+            self.tables.setdefault(self.headings[-1], []).append([])
+        elif tag in ("td", "th"):
+            self.tables[self.headings[-1]][-1].append("")
 
     def handle_endtag(self, tag: str) -> None:
-        if tag == self.within:
-            self.within = ""
+        if tag not in VOID:
+            assert self._open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if self.within == "h2":
-            self.heading += data
-        elif self.within in ("td", "th"):
-            self.found[self.heading][-1][-1] += data
-
-
-def tables_of(page: str) -> dict[str, list[list[str]]]:
-    """Rows of cells of the tables of a page, by the heading before them."""
-    parser = _Tables()
-    parser.feed(page)
-    return parser.found
+        within = self._open[-1] if self._open else ""
+        if within in ("h1", "h2"):
+            self.headings[-1] += data
+        elif within in ("td", "th"):
+            self.tables[self.headings[-1]][-1][-1] += data
+        if within == "td":
+            self.cells.append(data)

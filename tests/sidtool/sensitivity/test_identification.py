@@ -11,7 +11,7 @@ import pytest
 import sidtool
 from sidtool.cli.main import run
 from tests.codes import codes
-from tests.pages import tables_of
+from tests.pages import Page
 
 from . import scenes
 from .test_derivatives import position, velocity
@@ -102,7 +102,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     low, high = found["variables"]["spring.stiffness"]["interval"]
     assert abs(low + high - 100.0) < 2.0 * (high - low) < 2.0
     assert all(Path(name).stat().st_size > 300 for name in files)
-    tables = tables_of(Path(files[2]).read_text(encoding="utf-8"))
+    tables = Page(Path(files[2]).read_text(encoding="utf-8")).tables
     value = found["variables"]["spring.stiffness"]["value"]
     assert tables["Variables"][1][2] == f"{value:.8g}"
     assert [row[0] for row in tables["Measured"][1:]] == ["block.x", "mass(block)"]

@@ -13,7 +13,7 @@ import sidtool
 from sidtool.cli.main import run
 from sidtool.formats.design import DesignFile
 from sidtool.sensitivity.optimisation import Iteration, write_history
-from tests.pages import tables_of
+from tests.pages import Page
 from tests.places import ROOT
 
 from . import scenes
@@ -74,7 +74,7 @@ def test_the_lightest_bar_of_a_deflection(tmp_path: Path) -> None:
     found.save(tmp_path / "way.png")
     assert (tmp_path / "way.png").stat().st_size > 1000
     found.save(tmp_path / "report.html")
-    tables = tables_of((tmp_path / "report.html").read_text(encoding="utf-8"))
+    tables = Page((tmp_path / "report.html").read_text(encoding="utf-8")).tables
     assert tables["Variables"][1][:3] == ["height", *_numbers(found, "height")]
     assert tables["Objective and limits"][2][-1] == "reached"
     assert len(tables["Iterations"]) == 1 + len(found.history)

@@ -6,7 +6,6 @@ import base64
 import io
 import re
 import subprocess
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -16,35 +15,8 @@ from matplotlib.image import imread
 import sidtool
 from sidtool.cli.main import run
 from tests.optional import program
+from tests.pages import Page
 from tests.places import SLIDER_CRANK
-
-VOID = {"meta", "img", "br", "path", "use"}
-
-
-class Reader(HTMLParser):
-    """Text by heading, cells of tables, pictures; and whether tags are closed."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.cells: list[str] = []
-        self.headings: list[str] = []
-        self.images = 0
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.images += tag in ("img", "svg")
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag not in VOID:
-            assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self.open[-1:] == ["td"]:
-            self.cells.append(data)
-        elif self.open[-1:] in (["h1"], ["h2"]):
-            self.headings.append(data)
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +44,7 @@ def test_the_page_holds_scene_model_accuracy_outputs_and_versions(
 ) -> None:
     result, path = filed
     text = path.read_text(encoding="utf-8")
-    reader = Reader()
-    reader.feed(text)
-    assert reader.open == []
+    reader = Page(text)
     assert reader.headings == [
         "Crank <1> & rod",
         "Mechanism",
