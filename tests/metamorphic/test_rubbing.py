@@ -52,7 +52,7 @@ def test_energy_changes_by_what_rubs_and_what_laws_supply(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("seed", "rtol"), [(7101, 1e-5), (7277, 1e-6), (7363, 1e-4)])
-def test_joints_that_were_seen_to_break_loose_do_at_any_tolerance(
+def test_joints_at_their_friction_limit_slip_at_any_tolerance(
     seed: int, rtol: float
 ) -> None:
     """Guides and a pin at their limits, and two joints that hold one motion."""

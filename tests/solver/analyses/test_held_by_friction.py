@@ -79,7 +79,7 @@ def test_friction_below_the_slope_is_named() -> None:
     assert [each.code for each in none.value.diagnostics] == ["N701", "N517"]
 
 
-def test_what_slips_beside_a_block_that_sticks_is_named() -> None:
+def test_joints_that_slip_beside_sticking_ones_are_named() -> None:
     data = on_slope(0.4)
     data["bodies"]["other"] = data["bodies"]["block"]
     data["joints"]["track"] = {

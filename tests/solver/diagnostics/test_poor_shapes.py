@@ -246,7 +246,7 @@ def test_missing_stretch_by_rotation_is_reported(
     assert weighed(linear(), [0.0, -9.81, 0.0], turning=polynomial(0.0, 0.1)) == []
 
 
-def test_older_files_say_what_they_said() -> None:
+def test_files_with_nine_inertia_shares_keep_their_diagnostics() -> None:
     """Nine shares of the largest work, without products of angular velocities."""
     old = "held *=0.088,0.013,0.013,0.0013,0.047,0.047,0,0.07,0.07 2=100,100,100,-,-,-"
     sid = replace(linear(), carried=parse_compliance_shares(old))
