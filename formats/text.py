@@ -1,7 +1,5 @@
 """Text for a screen: lines that fit on it, and counts with their nouns."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from bisect import bisect_left

@@ -1,7 +1,5 @@
 """Entry point of the command ``sidtool``, before anything else is imported."""
 
-from __future__ import annotations
-
 import os
 from typing import NoReturn
 

@@ -1,7 +1,5 @@
 """Cross-sections of a beam by stations: a table of stiffness and mass over the axis."""
 
-from __future__ import annotations
-
 import csv
 import math
 import re

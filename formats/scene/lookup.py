@@ -1,7 +1,5 @@
 """Tables of values over one or two variables, which formulas look up."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

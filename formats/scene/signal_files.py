@@ -3,8 +3,6 @@
 Tables of a scene whose values over time may come from a file.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import re

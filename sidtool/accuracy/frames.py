@@ -14,8 +14,6 @@ which do not change. The former position of the frame becomes a node that no sha
 function moves in the old frame; outputs of the frame become outputs of this node.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace

@@ -9,8 +9,6 @@ Motions that have hardly begun in the initial interval get a longer one, or a fe
 over the full interval.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

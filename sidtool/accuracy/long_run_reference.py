@@ -14,8 +14,6 @@ are then omitted in `MAX_TRIALS` loose runs, all of which are compared with the 
 one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 

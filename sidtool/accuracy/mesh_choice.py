@@ -13,8 +13,6 @@ continua do not decrease: they have no limit. The remaining error of the modes i
 full last change, because the following ones are not known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace

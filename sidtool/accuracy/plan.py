@@ -1,7 +1,5 @@
 """From a scene and a requested accuracy to the scene that is simulated."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field, replace

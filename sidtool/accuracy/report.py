@@ -1,7 +1,5 @@
 """Decisions of the search, and diagnostics on what its errors do not include."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ reference.
 Integrator and tolerance of a model: the fastest whose measured error is allowed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import accumulate
 

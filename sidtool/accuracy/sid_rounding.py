@@ -11,8 +11,6 @@ file are therefore recognised, and computed numbers with sixteen digits are not
 affected.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 

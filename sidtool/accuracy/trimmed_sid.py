@@ -1,7 +1,5 @@
 """SID with only the shape functions and nodes that a scene needs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path

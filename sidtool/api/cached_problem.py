@@ -1,7 +1,5 @@
 """Values and derivatives of a problem for searches, with the last points kept."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

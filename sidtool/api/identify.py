@@ -1,7 +1,5 @@
 """Identification of numbers of a scene from measurements."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -4,8 +4,6 @@ No neighbour is integrated. What a variable changes at fixed states comes from t
 neighbouring systems, see `solver.simulation.motion_derivatives`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Functions of a script or notebook: convert, validate, simulate, compare."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path

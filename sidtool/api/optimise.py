@@ -1,7 +1,5 @@
 """Optimisation of a design by gradients of its motion."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Mapping

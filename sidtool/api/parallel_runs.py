@@ -1,7 +1,5 @@
 """Runs in several threads: the kernels leave the lock of the interpreter to others."""
 
-from __future__ import annotations
-
 import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator

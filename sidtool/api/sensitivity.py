@@ -1,7 +1,5 @@
 """Derivatives of functionals of a motion by numbers of a scene."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Studies as requested on the command line and in Python."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Sweeps as requested on the command line and in Python."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

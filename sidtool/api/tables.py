@@ -1,7 +1,5 @@
 """Classes of the tables of scenes and models, one for each table of a file."""
 
-from __future__ import annotations
-
 from sidtool.formats.model import Material, NodeMarker
 from sidtool.formats.model.beams import (
     BeamGeometry,

@@ -1,7 +1,5 @@
 """Bodies with variables of their models, and the derivatives of their SIDs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """The axis of a beam: a straight line, or a cubic spline through points."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

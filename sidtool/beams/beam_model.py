@@ -1,7 +1,5 @@
 """Bodies of Euler-Bernoulli and Timoshenko beams."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Beam element from the exact static solution, and points of mass and stiffness."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

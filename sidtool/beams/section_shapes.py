@@ -13,8 +13,6 @@ Area, centroid and second moments are those of the plates, with fillets. Sources
 Warping is free: bimoments of restrained warping are neglected.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

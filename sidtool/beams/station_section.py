@@ -1,7 +1,5 @@
 """Cross-sections of beams from tables of stations, linear between them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

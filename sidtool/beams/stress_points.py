@@ -7,8 +7,6 @@ the longer sides (Roark's Formulas for Stress and Strain, 7th edition, table 10.
 Shear stress of transverse forces is neglected: it vanishes at the outermost fibres.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

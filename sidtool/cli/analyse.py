@@ -1,7 +1,5 @@
 """``sidtool analyse``: equilibrium, modes, multipliers, inverse dynamics of a scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

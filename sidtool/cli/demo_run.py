@@ -1,7 +1,5 @@
 """Demonstration: one rod by two discretisations in a slider-crank mechanism."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``sidtool linearise`` and ``sidtool response``: state space, frequency response."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """The command line ``sidtool COMMAND``; expensive imports are deferred to commands."""
 
-from __future__ import annotations
-
 import gc
 import io
 import os

@@ -1,7 +1,5 @@
 """``sidtool outputs``: evaluate outputs that a run did not record."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

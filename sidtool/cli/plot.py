@@ -3,8 +3,6 @@
 ``sidtool animate``: the motion of a result in a browser or as a film.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Progress of long computations on a terminal: stage, fraction, remaining time."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time

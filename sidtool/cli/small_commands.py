@@ -1,7 +1,5 @@
 """The commands info, new, schema, demo and warmup."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable

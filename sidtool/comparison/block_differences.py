@@ -8,8 +8,6 @@ It follows from the shape functions at the nodes and the couplings to the rigid 
 Comparison of two SIDs of one body, independent of the basis of their modes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -1,7 +1,5 @@
 """Comparison of a SID with another SID or a reference table; results as JSON."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

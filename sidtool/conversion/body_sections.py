@@ -1,7 +1,5 @@
 """Parts of a body beyond its cross-sections, for section forces."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

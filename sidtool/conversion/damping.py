@@ -1,7 +1,5 @@
 """Damping laws of the command line."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from sidtool.formats.base.errors import InputError

@@ -5,8 +5,6 @@ spans a thickness, by some per cent if several do. The error is measured on the 
 body, so that it does not depend on the supports.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Initial stress of the undeformed body: ksigma, and its share in Ke."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Bars and rods between nodes, by the degrees of freedom of their ends."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

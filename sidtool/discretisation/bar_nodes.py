@@ -1,7 +1,5 @@
 """Nodes of bars, shells, springs: couplings, degrees of freedom, sets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

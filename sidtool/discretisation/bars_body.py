@@ -1,7 +1,5 @@
 """Bodies of bars and rods in a mesh file: frames, trusses, shafts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial

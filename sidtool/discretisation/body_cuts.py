@@ -7,8 +7,6 @@ Where members form a ring, a cut leaves the frame connected: its section forces 
 the element at the cut exerts on the node there, by its displacements and its loads.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

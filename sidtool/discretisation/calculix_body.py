@@ -4,8 +4,6 @@ CalculiX prints positions of nodes with few digits. They are refined such that t
 stiffness, known with more digits, does not resist rigid rotations.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections import Counter
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Frames of beams that a model file describes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass

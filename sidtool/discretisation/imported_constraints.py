@@ -2,8 +2,6 @@
 body.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable, Mapping, Sequence
 
 import numpy as np

@@ -37,8 +37,6 @@ Source: the fit to nodes is that of B. K. P. Horn, H. M. Hilden, S. Negahdaripou
 Am. A 5, 1988; expanded here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 

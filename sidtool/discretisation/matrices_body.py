@@ -1,7 +1,5 @@
 """Bodies with matrices of another program."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

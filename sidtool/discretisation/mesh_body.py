@@ -1,7 +1,5 @@
 """Bodies with a mesh of another program."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Discretisations by the `geometry.type` and `discretisation.type` of a model file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 

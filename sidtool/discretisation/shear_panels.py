@@ -10,8 +10,6 @@ edge hands half of its resultant to either node. By statics the four forces act 
 the diagonals, so that they balance on warped panels, too.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -13,8 +13,6 @@ Wilson (1976). Rotations about the normal follow the rotation of the surface by 
 penalty (T. J. R. Hughes, F. Brezzi, Comput. Methods Appl. Mech. Eng. 72, 1989).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

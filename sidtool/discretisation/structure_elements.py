@@ -1,7 +1,5 @@
 """Shells, springs and solids of structures whose nodes have six degrees of freedom."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The lowest eigenpairs of K v = lambda M v."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 

@@ -13,8 +13,6 @@ Pothen, C.-J. Fan, "Computing the block triangular form of a sparse matrix", ACM
 Math. Softw. 16 (4), 1990.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import os

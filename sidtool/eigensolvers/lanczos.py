@@ -7,8 +7,6 @@ Source: R. Grimes, J. Lewis, H. Simon, "A shifted block Lanczos algorithm for so
 sparse symmetric generalized eigenproblems", SIAM J. Matrix Anal. Appl. 15 (1), 1994.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

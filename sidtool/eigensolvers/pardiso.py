@@ -7,8 +7,6 @@ Source: oneMKL Developer Reference for C, section "oneMKL PARDISO - Parallel Dir
 Sparse Solver Interface".
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib
 import importlib.metadata

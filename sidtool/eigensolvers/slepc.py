@@ -11,8 +11,6 @@ Source: V. Hernandez, J. Roman, V. Vidal, "SLEPc: A scalable and flexible toolki
 the solution of eigenvalue problems", ACM Trans. Math. Softw. 31 (3), 2005.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator

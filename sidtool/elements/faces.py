@@ -3,8 +3,6 @@
 Faces of a mesh whose nodes belong to a set.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, reduce

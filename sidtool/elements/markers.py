@@ -3,8 +3,6 @@
 Markers of a mesh: the elements that contain them, and the rows of their motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Mass and centre of a mesh from its faces, compared with those of the geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cache
 

@@ -4,8 +4,6 @@ Only faces that belong to one element are examined: across a face that two eleme
 share from both sides, the number of elements that cover a point does not change.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial

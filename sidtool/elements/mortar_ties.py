@@ -18,8 +18,6 @@ decomposition: the mortar element method", 1994; M. A. Puso, "A 3D mortar method
 solid mechanics", Int. J. Numer. Methods Eng. 59, 2004 (integrals over common parts).
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ condensed). Uniform strains and rigid motions leave a at zero, so that mass, cen
 moments of inertia are those of the nodal functions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Full field of a reduced body: points and their motion, outer faces, stresses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 

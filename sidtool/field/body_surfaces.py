@@ -1,7 +1,5 @@
 """Surfaces of the bodies of a scene, each in its body frame, and of rigid shapes."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Surfaces for pictures: plates, decimation, hulls, bars, inertia boxes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ relocations give what they point to: to another word of the image, or to a kerne
 instance is a copy of the image with its addresses filled in.
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import math

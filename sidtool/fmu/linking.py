@@ -11,8 +11,6 @@ They depend on the dimension of the scene, on the integrator and on the platform
 the scene. They are compiled once and cached on disk like the kernels of a run.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """modelDescription.xml of both versions of FMI."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

@@ -12,8 +12,6 @@ polynomials: C evaluates quaternions and rotation vectors of the entries of a ro
 matrix, or of the angle in the plane.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ C sees the same table as a structure (`c_source`). A copy of it, with all that i
 refers to, is an instance of the unit (`c_source`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

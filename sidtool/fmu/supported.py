@@ -1,7 +1,5 @@
 """What a unit can do of a scene; all else is refused by name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Least-squares circle or circular cylinder through points."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Patches that meet without a seam: sides on parts of other sides, and overlaps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache

@@ -4,8 +4,6 @@ Volume and centre follow from the surface by the divergence theorem. The rule is
 independent of the quadrature of the elements, to check that one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,7 +1,5 @@
 """Free body of a CalculiX deck: without steps, supports, loads and point masses."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

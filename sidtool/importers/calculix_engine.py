@@ -5,8 +5,6 @@ degrees of freedom (``*FREQUENCY, SOLVER=MATRIXSTORAGE``: .sti, .mas, .dof), and
 solids with their nodes to six digits (.frd).
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

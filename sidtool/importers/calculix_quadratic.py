@@ -10,8 +10,6 @@ or a strip of one element. There, and of solids, elements are integrated in full
 costs up to 3 % on square elements and up to 11 % on distorted ones of t/L = 1/500.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Physical names become node sets. Solid elements make the body; if there are none
 plane ones do. Elements of lower dimension only serve the sets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

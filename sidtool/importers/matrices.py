@@ -11,8 +11,6 @@ MatrixMarket, and .npz or .h5 with the arrays
 - ``set.NAME``: (n,) node numbers of a node set, as many sets as there are
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

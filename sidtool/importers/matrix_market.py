@@ -4,8 +4,6 @@ Source: R. Boisvert, R. Pozo, K. Remington, "The Matrix Market exchange formats"
 5935, 1996. (SciPy's reader trusts the indices of a file and crashes on wrong ones.)
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray

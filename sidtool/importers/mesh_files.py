@@ -1,7 +1,5 @@
 """Mesh files: choice of a reader, extraction of a part, names in a deck."""
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager

@@ -11,8 +11,6 @@ Three formats, distinguished by ending and content:
   running fastest.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path

@@ -7,8 +7,6 @@ axis z. The programs count twist about the opposite of their axis z (leading edg
 upwind); it changes its sign.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

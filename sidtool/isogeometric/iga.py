@@ -3,8 +3,6 @@
 Source: Hughes, Cottrell & Bazilevs 2005, Comput. Methods Appl. Mech. Engrg. 194.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Iterator
 from functools import lru_cache, partial

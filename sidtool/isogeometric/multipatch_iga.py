@@ -1,7 +1,5 @@
 """Isogeometric analysis of one patch or several joined patches."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace

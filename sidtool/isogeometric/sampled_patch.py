@@ -1,7 +1,5 @@
 """Meshes of quadrilaterals, hexahedra and tetrahedra that sample a patch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from itertools import permutations

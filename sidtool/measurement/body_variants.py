@@ -1,7 +1,5 @@
 """Variants of the bodies of a scene: other meshes, modes, reductions, frames, terms."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Cache of selected models in the user's cache folder, by content."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path

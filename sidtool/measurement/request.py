@@ -1,7 +1,5 @@
 """Requested accuracy: outputs and the error that each may have."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ any file of its reader, so messages do not quote the text of included files, onl
 keywords and numbers.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from bisect import bisect_left

@@ -1,7 +1,5 @@
 """Meshes of solid elements, and checks before they are integrated."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

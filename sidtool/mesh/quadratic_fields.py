@@ -1,7 +1,5 @@
 """Lowest deformation by quadratic displacement fields; permutation symbol."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp

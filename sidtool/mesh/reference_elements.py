@@ -12,8 +12,6 @@ Sources: A. H. Stroud, "Approximate Calculation of Multiple Integrals", 1971, se
 N. J. Walkington, "Quadrature on simplices of arbitrary dimension", 2000 (tetrahedra).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, reduce

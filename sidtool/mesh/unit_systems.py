@@ -6,8 +6,6 @@ unit of length and Me that of mass times length squared. Modes that were normali
 Me = I are therefore no longer so; `change_basis` restores it where a reader needs it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType

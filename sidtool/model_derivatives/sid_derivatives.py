@@ -17,8 +17,6 @@ The file is that of the SID. Its group `derivatives` holds a SID of derivatives 
 variable, with the attributes `variable` and `value`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

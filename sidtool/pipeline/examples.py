@@ -1,7 +1,5 @@
 """Copies of the example folders."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path

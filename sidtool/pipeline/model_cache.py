@@ -1,7 +1,5 @@
 """SIDs and fields of the models of a scene, converted once and cached."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Collection, Iterator

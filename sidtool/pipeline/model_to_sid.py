@@ -1,7 +1,5 @@
 """Convert a model file to a SID or a full field."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

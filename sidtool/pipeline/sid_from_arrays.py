@@ -1,7 +1,5 @@
 """Build SIDs from matrices with shape functions, or from blocks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures of bodies with their shape functions, and of meshes with their markers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

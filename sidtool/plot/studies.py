@@ -3,8 +3,6 @@
 Figure of an optimisation: functionals and variables over the iterations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

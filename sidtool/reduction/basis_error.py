@@ -5,8 +5,6 @@ reduction computed. If the basis is poor, other methods are measured as well, so
 suggested method is known to be better.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Body frames: their position, and the motion that vanishes in them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

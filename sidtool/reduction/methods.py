@@ -10,8 +10,6 @@ System Dynamics 25, 2011; E. Grimme, "Krylov projection methods for model reduct
 1997.
 """
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace

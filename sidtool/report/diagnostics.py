@@ -1,7 +1,5 @@
 """Diagnostics as printed lines, and the explanation of their codes."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Sequence
 

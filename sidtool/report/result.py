@@ -1,7 +1,5 @@
 """Description of results, analyses and the accuracy of a run."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Plain text tables that look the same on a terminal and in a file."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Validation report of a SID as text and data: checks and an optional comparison."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -13,8 +13,6 @@ measurements        measured outputs in tables
 identification      least squares, numbers with intervals
 """
 
-from __future__ import annotations
-
 from .sensitivity_result import Sensitivities
 
 __all__ = ["Sensitivities"]

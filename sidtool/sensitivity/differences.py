@@ -14,8 +14,6 @@ P. E. Gill, W. Murray, M. A. Saunders, M. H. Wright: Computing forward-differenc
 intervals for numerical optimization. SIAM J. Sci. Stat. Comput. 4 (1983).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

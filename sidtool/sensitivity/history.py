@@ -4,8 +4,6 @@ All are evaluated on the dense output of the steps: integrals by the quadrature 
 step, peaks at their exact instant, where the output is stationary.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """Measured outputs: tables of times and values."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping
 from dataclasses import dataclass

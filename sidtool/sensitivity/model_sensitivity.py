@@ -1,7 +1,5 @@
 """Derivatives of quantities of a body by numbers of its model."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Sequence
 

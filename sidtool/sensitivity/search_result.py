@@ -1,7 +1,5 @@
 """What the results of an optimisation and of an identification share."""
 
-from __future__ import annotations
-
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Derivatives of functionals of a motion by its states: seeds of adjoint runs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Design variables: numbers of a scene and of the models of its bodies, by key."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase

@@ -5,8 +5,6 @@ run_study      conversions, base runs, references, all points
 study_result   result of a study: tables, fronts, pictures
 """
 
-from __future__ import annotations
-
 from ..measurement.outputs import RunRecord, is_hopeless, timed_run
 from ..measurement.points import (
     Point,

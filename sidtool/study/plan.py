@@ -1,7 +1,5 @@
 """Plan of a study: values of its axes, its points, the outputs that it compares."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

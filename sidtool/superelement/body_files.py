@@ -38,8 +38,6 @@ A. Zwoelfer, J. Gerstmayr, "The nodal-based floating frame of reference formulat
 modal reduction", Acta Mechanica 232, 2021.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ design         keys and their values, scenes and models of all points
 sweep_result   measures of outputs, table of all points, as text, CSV and picture
 """
 
-from __future__ import annotations
-
 from .sweep_result import Sweep, SweepPoint
 
 __all__ = ["Sweep", "SweepPoint"]

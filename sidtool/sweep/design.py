@@ -1,7 +1,5 @@
 """Design parameters: keys of a scene, their values, and the models of all points."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence

@@ -11,8 +11,6 @@ repairs               repair of implied blocks
 unit_guess            most likely unit system
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Change of the basis of shape functions of a SID."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

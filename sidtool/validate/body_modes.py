@@ -6,8 +6,6 @@ that displacements do not depend on the choice of the frame; static deflection t
 that under a load balanced by the inertia of the body (inertia relief).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 Printed precision of a file, detected from its numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal

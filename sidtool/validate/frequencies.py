@@ -8,8 +8,6 @@ its origin the component of Phi1 towards the mass weighs like its product with c
 they have one sign; some writers give Ct m1 and phi m1 the other.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Registry of identities, and the scales and deviations that they are measured by."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

@@ -6,8 +6,6 @@ Each holds because both sides are the same integral over the body; see O. Wallra
 Identities of the exported nodes and of the counts in the file: I1 to I3.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 Identities I18 to I21: orientations, empty blocks, signs, higher orders.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

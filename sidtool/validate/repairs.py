@@ -1,7 +1,5 @@
 """Repair of blocks that other blocks imply, with a list of every changed number."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

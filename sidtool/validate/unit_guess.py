@@ -6,8 +6,6 @@ body), its size, the first frequency times the size (a speed, bounded by that of
 and frequencies in the labels, which are in Hz whatever the unit of time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

@@ -7,8 +7,6 @@ three.js 0.63 MB (MIT); k3d 2.6 MB, vtk.js and plotly each over 3 MB, and none o
 moves a deforming surface without sending all of its points for every picture.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """Fields of flexible bodies: their files, colour ranges, peak stresses."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

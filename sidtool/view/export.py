@@ -3,8 +3,6 @@
 Source: Kitware, "VTK File Formats" (VTKHDF 2.0, unstructured grids with steps; XML).
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

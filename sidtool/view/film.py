@@ -1,7 +1,5 @@
 """Motion of a mechanism as GIF or MP4, drawn by matplotlib; directions of view."""
 
-from __future__ import annotations
-
 import io
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """Pages of HTML that need no other files."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterable
 from pathlib import Path

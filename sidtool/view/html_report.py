@@ -1,7 +1,5 @@
 """Report of a run as one page of HTML without other files."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -3,8 +3,6 @@ along x from 0 to 1, which is scaled to the distance of its ends and rotated to 
 direction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Motion of the bodies of a result at the times of the pictures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

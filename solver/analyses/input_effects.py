@@ -1,7 +1,5 @@
 """Effects of the inputs of a scene on its linearised equations and outputs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter

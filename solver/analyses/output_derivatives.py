@@ -10,8 +10,6 @@ are curved within a step (von Mises stress by a high mode, a stiff contact that 
 pressed lightly) get the shorter step at which they agree best with the next one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

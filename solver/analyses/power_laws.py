@@ -6,8 +6,6 @@ are a geometric series, whose limit Aitken's method finds (J. Stoer, R. Bulirsch
 "Introduction to Numerical Analysis", section 5.10).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

@@ -3,8 +3,6 @@
 Independent coordinates of a linearised mechanism: their choice, names and units.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

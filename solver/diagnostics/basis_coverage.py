@@ -10,8 +10,6 @@ is stored in the SID, if its source knew it. Shares are checked for loads at mar
 for the inertia of the body itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@ the equations at the stages, of the constraints at the ends of steps, the start,
 times of the grid. No neighbour is integrated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

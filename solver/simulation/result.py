@@ -1,7 +1,5 @@
 """Result of a run, its notes, and the message of a failure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any

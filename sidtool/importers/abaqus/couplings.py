@@ -1,7 +1,5 @@
 """*COUPLING, *RIGID BODY and *MASS of a deck."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Element types of Abaqus and CalculiX: own element, formulation, differences.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Equations between displacements: *EQUATION, *MPC, *TRANSFORM and *TIE of a deck."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable, Iterator, Sequence
 
 import numpy as np

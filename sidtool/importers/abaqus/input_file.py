@@ -6,8 +6,6 @@ This module reads *NODE, *ELEMENT, their generation, *NSET, *ELSET, *MATERIAL wi
 *INSTANCE. The effect of all other keywords is defined in `keywords`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Instances of parts as one body, or the instance that is selected by name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

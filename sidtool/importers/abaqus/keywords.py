@@ -4,8 +4,6 @@ Every keyword is read, listed as without effect, or refused by name. Unknown key
 are refused.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field

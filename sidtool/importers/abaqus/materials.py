@@ -1,7 +1,5 @@
 """*MATERIAL, *ELASTIC and *ORIENTATION of a deck as elastic materials."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mesh of a deck: body, section of every element, node sets."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Generated nodes and elements: *NGEN, *NFILL, *NCOPY, *ELGEN and *ELCOPY."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """*SHELL SECTION of a deck: shells of corner nodes with homogeneous sections."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

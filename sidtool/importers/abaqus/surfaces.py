@@ -1,7 +1,5 @@
 """*SURFACE and *SYSTEM of a deck: faces of elements, coordinate system of nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -5,8 +5,6 @@ Every command is read, listed as without effect on a linear elastic body, or ref
 Element types of ANSYS: own element, formulation, collapsed shapes.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Equations, coupled directions and point masses of an ANSYS archive."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 

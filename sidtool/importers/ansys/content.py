@@ -1,7 +1,5 @@
 """Contents of an ANSYS archive, and its coordinate systems."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """MP and MPDATA of an ANSYS archive."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sidtool.formats.base.errors import InputError

@@ -1,7 +1,5 @@
 """PBAR, PBARL, PBEAM, PBEAML and PROD of Nastran bulk data."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

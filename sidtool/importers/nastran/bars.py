@@ -1,7 +1,5 @@
 """CBAR, CBEAM, CROD and CONROD of Nastran bulk data."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

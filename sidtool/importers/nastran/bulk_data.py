@@ -4,8 +4,6 @@ their materials, sets, coordinate systems of nodes, RBE2, RBE3, MPC and masses.
 Every card is read, listed as without effect on a linear elastic body, or refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

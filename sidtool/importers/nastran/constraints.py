@@ -1,7 +1,5 @@
 """Couplings and equations of Nastran: RBE2, RBAR, RBE3, CONM2, MPC and MPCADD."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from sidtool.formats.base.errors import InputError

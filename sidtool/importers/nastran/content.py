@@ -5,8 +5,6 @@ pre-processors such as Gmsh write them for the surfaces and lines of a solid. So
 that count their nodes left-handed, which Nastran accepts, are reordered.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache

@@ -1,7 +1,5 @@
 """Coordinate systems of Nastran bulk data: nodes in the basic system."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

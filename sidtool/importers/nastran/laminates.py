@@ -1,7 +1,5 @@
 """PSHELL and PCOMP of Nastran bulk data as sections of shells; MAT2 and MAT8."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """CONM1, CONM2, CMASS1, CMASS2 and PMASS of Nastran bulk data."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sidtool.formats.base.errors import InputError

@@ -1,7 +1,5 @@
 """Properties and materials of Nastran: PSOLID, PSHELL, MAT1 and MAT9."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

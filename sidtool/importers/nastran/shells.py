@@ -1,7 +1,5 @@
 """Shells and solids of Nastran bulk data as a deck that CalculiX discretises."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

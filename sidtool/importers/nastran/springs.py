@@ -1,7 +1,5 @@
 """CELAS1, CELAS2 and CBUSH of Nastran bulk data."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
