@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .base.sid import SID, Array, by_mode
+from .storage.cache import cached_by_identity
 
 _ZERO = (0.0, 0.0, 0.0)
 #: Below this share of the stiffness, a change of it is called small.
@@ -23,6 +24,7 @@ _PULLS = 0.05
 _PARTLY = "what other loads do is not known: the SID lacks geometric stiffening"
 
 
+@cached_by_identity
 def has_stiffening(sid: SID) -> bool:
     """Does the SID carry terms that only geometric stiffening puts there?
 
@@ -74,6 +76,7 @@ def _stiffens_by_rotation(sid: SID) -> bool:
     return bool(pull > _PULLS * basis.shape[1])
 
 
+@cached_by_identity
 def unit_stiffness(sid: SID, nodes: tuple[str, ...] = ()) -> dict[str, Array]:
     """Return the stiffness that each unit load adds to Ke, symmetric in the modes.
 
@@ -148,6 +151,7 @@ def load_stiffness(
     return np.sum(parts, axis=0)
 
 
+@cached_by_identity
 def elastic_basis(sid: SID) -> Array:
     """(nq, n) deformations of elastic energy 1/2 each, free of what Ke cannot hold."""
     return _unit_basis(sid.Ke.m0)

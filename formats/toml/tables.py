@@ -145,6 +145,7 @@ class Table(_Checked):
 
     model_config = ConfigDict(
         extra="forbid",
+        defer_build=True,
         frozen=True,
         allow_inf_nan=False,
         populate_by_name=True,

@@ -204,10 +204,13 @@ def _type_text(kind: Any) -> str:
         return " ".join(_type_text(t) for t in (kind.return_type, *kind.args))
     if isinstance(kind, PointerType):
         return _type_text(kind.signature)
-    if isinstance(kind, TableType):
-        members = (t for t in kind.members.values() if t is not kind)
-        return f"{kind}{kind.fields}({' '.join(map(_type_text, members))})"
-    return str(kind)
+    return _table_text(kind) if isinstance(kind, TableType) else str(kind)
+
+
+@cache
+def _table_text(kind: TableType) -> str:
+    members = (t for t in kind.members.values() if t is not kind)
+    return f"{kind}{kind.fields}({' '.join(map(_type_text, members))})"
 
 
 def _function_text(function: FunctionType, seen: dict[CodeType, int]) -> str:

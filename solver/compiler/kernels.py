@@ -178,6 +178,7 @@ class Entry:
         self.signatures = signatures
         self._function = function
         self._addresses: dict[Any, int] = {}
+        self._read: dict[Any, bytes] = {}
 
     @cached_property
     def code_digest(self) -> str:
@@ -189,12 +190,17 @@ class Entry:
         if signature not in self._addresses:
             with lock:
                 if signature not in self._addresses:
-                    self._addresses[signature] = load_object_code(self._code(signature))
+                    code = self._read.pop(signature, None) or self._code(signature)
+                    self._addresses[signature] = load_object_code(code)
         return self._addresses[signature]
 
     def is_cached(self, signature: Any) -> bool:
         """True if the machine code is there already, loaded or on disk."""
-        return signature in self._addresses or self.cached_code(signature) is not None
+        if signature not in self._addresses and signature not in self._read:
+            code = self.cached_code(signature)
+            if code is not None:
+                self._read[signature] = code
+        return signature in self._addresses or signature in self._read
 
     def cached_code(self, signature: Any, *library: Any) -> bytes | None:
         """The machine code on disk."""

@@ -16,6 +16,7 @@ from sidtool.formats.geometric_stiffening import (
     unit_stiffness,
 )
 from sidtool.formats.sid_mass import body_size
+from sidtool.formats.storage.cache import cached_by_identity
 
 from ..output.samples import Samples
 from ..spatial import system_arrays as at
@@ -168,8 +169,12 @@ def _without_whirl_softening(
 def _coriolis_partner(sid: SID, w: Array, x: Array) -> Array:
     """The deformation that Coriolis forces couple with x (nq,): M^-1 G x / 2."""
     gyroscopic = np.einsum("akl,a->kl", ge(sid), w)
-    inverse = np.linalg.pinv(symmetrise(sid.Me.m0), hermitian=True)
-    return np.asarray(inverse @ gyroscopic @ x / 2)
+    return np.asarray(_inverse_mass(sid) @ gyroscopic @ x / 2)
+
+
+@cached_by_identity
+def _inverse_mass(sid: SID) -> Array:
+    return np.asarray(np.linalg.pinv(symmetrise(sid.Me.m0), hermitian=True))
 
 
 def _is_whirl_pair(sid: SID, w: Array, x: Array) -> bool:
@@ -286,7 +291,7 @@ def _is_unstable(sid: SID, w: Array, added: Array) -> bool:
     """
     n, gyroscopic = sid.nq, np.einsum("akl,a->kl", ge(sid), w)
     stiffness = symmetrise(sid.Ke.m0) + added
-    inverse = np.linalg.pinv(symmetrise(sid.Me.m0))
+    inverse = _inverse_mass(sid)
     accelerations = np.hstack([-inverse @ stiffness, -inverse @ gyroscopic])
     matrix = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), accelerations])
     values = np.linalg.eigvals(matrix)

@@ -20,6 +20,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.scene import Joint, marker_names, marker_reference
 from sidtool.formats.sid_mass import body_size, central_inertia
+from sidtool.formats.storage.cache import cached_by_identity
 
 from ..initial_state.assembly import StateVectors
 from ..initial_state.constraint_jacobian import jacobian_entries
@@ -52,6 +53,7 @@ def body_extent(system: System, name: str) -> float:
     return max(marker_extent(sid), size if is_dense(sid, size) else 0.0)
 
 
+@cached_by_identity
 def marker_extent(sid: SID) -> float:
     """The largest distance between nodes and the centre of mass [m]."""
     points: list[Array] = [node.position for node in sid.nodes]
