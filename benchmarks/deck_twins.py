@@ -28,8 +28,7 @@ from sidtool.elements.solid_mesh import SolidMesh
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validate_data
-from sidtool.importers.calculix_deck import free_deck
-from sidtool.importers.calculix_engine import run_calculix
+from sidtool.importers.calculix_engine import free_deck, run_calculix
 from sidtool.mesh.reference_elements import reference_element
 from sidtool.pipeline.model_to_sid import finite_element_model
 from sidtool.reduction.admissible_space import constrained_space

@@ -26,8 +26,7 @@ from pydantic_core import PydanticUndefined
 import sidtool
 from sidtool.cli.main import cli
 from sidtool.formats.design import DesignFile, read_design
-from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS
-from sidtool.formats.diagnostics.record import example_of
+from sidtool.formats.diagnostics.record import CATALOGUE, GROUPS, example_of
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.reference import ReferenceFile, read_reference
 from sidtool.formats.scene import SceneFile, read_scene

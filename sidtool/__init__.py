@@ -41,13 +41,17 @@ if TYPE_CHECKING:
     from sidtool.formats.base.errors import InputError as InputError
     from sidtool.formats.base.sid import SID as SID
     from sidtool.formats.diagnostics import Diagnostic as Diagnostic
-    from sidtool.formats.diagnostics.python_warnings import (
+    from sidtool.formats.diagnostics.record import (
         DiagnosticWarning as DiagnosticWarning,
     )
     from sidtool.solver.functions.callables import Timed as Timed
     from sidtool.solver.functions.control_laws import Law as Law
     from sidtool.solver.system.errors import SimulationError as SimulationError
 
+    from .api.analyses import CampbellDiagram as CampbellDiagram
+    from .api.analyses import FloquetModes as FloquetModes
+    from .api.analyses import campbell as campbell
+    from .api.analyses import floquet as floquet
     from .api.analyses import inverse_dynamics as inverse_dynamics
     from .api.analyses import linearise as linearise
     from .api.analyses import static_equilibrium as static_equilibrium
@@ -56,10 +60,6 @@ if TYPE_CHECKING:
     from .api.compiled_scene import CompiledScene as CompiledScene
     from .api.identify import identify as identify
     from .api.interrupts import Interrupted as Interrupted
-    from .api.modes import CampbellDiagram as CampbellDiagram
-    from .api.modes import FloquetModes as FloquetModes
-    from .api.modes import campbell as campbell
-    from .api.modes import floquet as floquet
     from .api.operations import compare as compare
     from .api.operations import convert as convert
     from .api.operations import repair as repair
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
     from .api.state_space import StateSpace as StateSpace
     from .api.state_space import state_space as state_space
     from .api.study import study as study
-    from .api.sweep import sweep as sweep
+    from .api.study import sweep as sweep
     from .api.tables import *  # noqa: F403
     from .model_derivatives.design_variables import ShapeVariable as ShapeVariable
     from .model_derivatives.sid_derivatives import SidDerivatives as SidDerivatives
@@ -114,11 +114,11 @@ _HOME = {
     "CompiledScene": "sidtool.api.compiled_scene",
     "InputError": "sidtool.formats.base.errors",
     "Diagnostic": "sidtool.formats.diagnostics",
-    "CampbellDiagram": "sidtool.api.modes",
-    "FloquetModes": "sidtool.api.modes",
+    "CampbellDiagram": "sidtool.api.analyses",
+    "FloquetModes": "sidtool.api.analyses",
     "FrequencyResponse": "sidtool.api.state_space",
     "StateSpace": "sidtool.api.state_space",
-    "DiagnosticWarning": "sidtool.formats.diagnostics.python_warnings",
+    "DiagnosticWarning": "sidtool.formats.diagnostics.record",
     "Interrupted": "sidtool.api.interrupts",
     "Model": "sidtool.api.scene",
     "Plant": "sidtool.api.plant",
@@ -135,11 +135,11 @@ _HOME = {
     "compare": "sidtool.api.operations",
     "convert": "sidtool.api.operations",
     "export_body": "sidtool.api.bodies",
-    "floquet": "sidtool.api.modes",
+    "floquet": "sidtool.api.analyses",
     "gradient": "sidtool.api.sensitivity",
     "identify": "sidtool.api.identify",
     "inverse_dynamics": "sidtool.api.analyses",
-    "campbell": "sidtool.api.modes",
+    "campbell": "sidtool.api.analyses",
     "linearise": "sidtool.api.analyses",
     "optimise": "sidtool.api.optimise",
     "outputs": "sidtool.pipeline.extra_outputs",
@@ -155,7 +155,7 @@ _HOME = {
     "static_equilibrium": "sidtool.api.analyses",
     "study": "sidtool.api.study",
     "superelement": "sidtool.api.bodies",
-    "sweep": "sidtool.api.sweep",
+    "sweep": "sidtool.api.study",
     "validate": "sidtool.api.operations",
     "write": "sidtool.pipeline.files",
 }

@@ -8,7 +8,7 @@ from typing import Protocol
 import pytest
 
 from sidtool.formats.diagnostics import Diagnostic
-from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
+from sidtool.formats.diagnostics.record import DiagnosticWarning
 
 
 class HasDiagnostics(Protocol):

@@ -2,13 +2,12 @@
 
 In reading order:
 
-- `record`: a diagnostic, how one is made of a code and values, and as data
+- `record`: the catalogue; a diagnostic, how one is made of a code and values, as data
+  and as warning of Python
 - `entry`: an entry of the catalogue, how its message is filled
-- `catalogue`: all entries by code
 - `conversion` (N1xx), `scene` (N2xx, N5xx), `run` (N3xx, N4xx, N50x), `accuracy`
   (N6xx), `analyses` (N7xx), `files` (N8xx), `identities` (N9xx): the entries by subject
 - `hdf5`: diagnostics as a table of a file
-- `python_warnings`: diagnostics as warnings of Python
 """
 
 from .entry import ERROR, INFO, SEVERITIES, WARNING, Entry

@@ -1,11 +1,57 @@
-"""A diagnostic: one statement on a model, a scene, a run or a result, with its code."""
+"""Diagnostics: statements on a model, a scene, a run or a result, with codes.
 
+All codes with their entries, one diagnostic as data, and as warning of Python.
+"""
+
+import inspect
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
-from .catalogue import CATALOGUE
+from . import accuracy, analyses, conversion, files, identities, run, scene
 from .entry import ERROR, INFO, SEVERITIES, Entry, Value, fill
+
+#: Subject of the codes of each hundred.
+GROUPS = {
+    "N1": "Model and conversion",
+    "N2": "Scene, units and start",
+    "N3": "Run and integration",
+    "N4": "Validity: small deformations and shape functions",
+    "N5": "Friction, force laws and control laws",
+    "N6": "Export to other programs, accuracy on request",
+    "N7": "Static equilibrium, natural modes, inverse dynamics and studies",
+    "N8": "Files and pictures",
+    "N9": "Identities, units and comparison of SIDs",
+}
+
+#: Entry of each code.
+CATALOGUE: dict[str, Entry] = {}
+for _module in (
+    conversion,
+    run,
+    scene,
+    files,
+    accuracy,
+    analyses,
+    identities,
+):
+    for _entry in _module.ENTRIES:
+        assert _entry.code not in CATALOGUE, _entry.code
+        CATALOGUE[_entry.code] = _entry
+
+
+def find_code(text: str) -> str:
+    """Return the code that a user means: "n411", "N411" and "411" are the same.
+
+    Raises
+    ------
+    KeyError : there is no such code.
+    """
+    code = "N" + text.strip().upper().removeprefix("N")
+    if code not in CATALOGUE:
+        raise KeyError(code)
+    return code
 
 
 @dataclass(frozen=True)
@@ -202,3 +248,54 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Sequence):
         return tuple(v if isinstance(v, str) else _plain(v) for v in value)
     return float(value)
+
+
+class DiagnosticWarning(UserWarning):
+    """A diagnostic that says that numbers may be wrong, see `sidtool explain`.
+
+    `warnings.filterwarnings("ignore", "N411")` switches one code off.
+
+    Attributes
+    ----------
+    diagnostic : the whole record
+    """
+
+    def __init__(self, diagnostic: Diagnostic | str) -> None:
+        if isinstance(diagnostic, str):
+            diagnostic = plain_text(diagnostic)
+        super().__init__(diagnostic.line)
+        self.diagnostic = diagnostic
+
+    @property
+    def code(self) -> str:
+        """Code of the diagnostic; empty for text without one."""
+        return self.diagnostic.code
+
+    @property
+    def data(self) -> Mapping[str, Value]:
+        """Numbers and names of the diagnostic, by name."""
+        return self.diagnostic.data
+
+
+def warn_of(diagnostic: Diagnostic) -> None:
+    """Emit a `DiagnosticWarning` at the line outside of sidtool that called it."""
+    warn_caller(DiagnosticWarning(diagnostic))
+
+
+def warn_of_each(diagnostics: Iterable[Diagnostic]) -> None:
+    """Emit a `DiagnosticWarning` for each diagnostic but information."""
+    for diagnostic in diagnostics:
+        if diagnostic.is_warning:
+            warn_of(diagnostic)
+
+
+def warn_caller(warning: Warning) -> None:
+    """Emit a warning at the line outside of sidtool that called it."""
+    frame, level = inspect.currentframe(), 1
+    while frame is not None and _is_ours(frame.f_globals.get("__name__", "")):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(warning, stacklevel=level)
+
+
+def _is_ours(module: str) -> bool:
+    return module.partition(".")[0] == "sidtool"

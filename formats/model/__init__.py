@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from pydantic import model_validator
 
 from ..base.errors import InputError
-from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import Diagnostics, File, relocate_paths
+from ..toml.reading import PARAMETERS, PARAMETERS_MEAN
 from ..toml.tables import Entries, Field, Integer, OptionalInteger, Table, Takes
 from .beams import BeamGeometry
 from .discretisation import FITTING, Discretisation, IgaDiscretisation, Q4Discretisation

@@ -33,7 +33,7 @@ from ..diagnostics.hdf5 import read_diagnostics, write_diagnostics
 from ..file_names import check_ending
 from ..geometric_stiffening import LoadStiffening
 from ..scene import SceneFile, unit_of
-from ..sid_hdf5 import SidReader, write_sid_group
+from ..sid_files import SidReader, write_sid_group
 from ..storage.atomic import GrowingFile
 from ..storage.hdf5_files import (
     SealedFile,

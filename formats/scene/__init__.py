@@ -68,7 +68,6 @@ from .joints import (
     marker_names,
 )
 from .laws import Expression, ForceFunction, Input, Pid
-from .lookup import LookupTable
 from .outputs import (
     BODY_STRESSES,
     DISPLACEMENTS,
@@ -97,6 +96,7 @@ from .outputs import (
     marker_reference,
     parse_output,
 )
+from .signal_files import LookupTable
 from .tables import Accuracy, Event, Outputs, OutputTimes, output_times
 from .units import unit_of
 from .wildcards import (

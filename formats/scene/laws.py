@@ -34,8 +34,7 @@ from .functions import (
     Spline,
     Sum,
 )
-from .lookup import LookupTable
-from .signal_files import SCALE, SignalTable
+from .signal_files import SCALE, LookupTable, SignalTable
 
 #: How an input goes on between its values, by the number of continuous derivatives
 #: plus one.

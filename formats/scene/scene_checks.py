@@ -37,7 +37,6 @@ from .joints import (
     marker_names,
 )
 from .laws import Expression, states_of
-from .lookup import check_table
 from .outputs import (
     FRICTION_QUANTITIES,
     INPUTS,
@@ -58,6 +57,7 @@ from .outputs import (
     is_stress,
     parse_output,
 )
+from .signal_files import check_table
 from .tables import SceneTables, check_quantity
 from .units import units_of_functions, units_of_takers
 from .values import (

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import StringConstraints, model_validator
 
 from ..base.errors import InputError
-from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import Diagnostics, File
+from ..toml.reading import PARAMETERS, PARAMETERS_MEAN
 from ..toml.tables import (
     Entries,
     Field,
@@ -31,8 +31,8 @@ from .bodies import Body, ElasticInitial, Ground, Initial, SidBody
 from .forces import Force
 from .joints import Drive, Joint
 from .laws import Input
-from .lookup import LookupTable
 from .outputs import INSTANTANEOUS, SCENE_QUANTITIES, parse_output
+from .signal_files import LookupTable
 from .values import raise_failure
 
 MAX_OUTPUT_TIMES = 10_000_000

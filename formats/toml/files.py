@@ -14,13 +14,12 @@ from typing import Any, ClassVar, Protocol, Self, TypeVar
 from pydantic import PrivateAttr, field_validator
 
 from ..base.errors import InputError
-from ..diagnostics.catalogue import find_code
+from ..diagnostics.record import find_code
 from ..storage.atomic import atomic_path
 from ..storage.operating_system import path_from
-from .evaluation import PARAMETERS, TABLES, Formulas
 from .expressions import evaluate_number
 from .messages import nearest_key
-from .reading import read_data, with_formulas
+from .reading import PARAMETERS, TABLES, Formulas, read_data, with_formulas
 from .tables import Field, Table, Takes, named_object, to_plain, toml_text
 
 _PART = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")

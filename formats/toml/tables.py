@@ -38,8 +38,7 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict
 
 from ..base.sid import SID
-from .evaluation import required_keys
-from .reading import validate_data
+from .reading import required_keys, validate_data
 
 Kept = TypeVar("Kept")
 Taken = TypeVar("Taken")

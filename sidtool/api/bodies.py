@@ -10,7 +10,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.formats.base.stress import FIRST_PEAK_NODE
 from sidtool.formats.diagnostics import Diagnostic, diagnose
-from sidtool.formats.diagnostics.python_warnings import warn_of_each
+from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.file_names import check_ending, path_of
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.reduction import BuckensFrame

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic, diagnose
-from sidtool.formats.diagnostics.python_warnings import warn_of_each
+from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.file_names import scene_given
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.files import locate_errors

@@ -120,7 +120,7 @@ def run_interruptible(
     system: System, stop: StopRequest, *programs: Programs, **settings: Any
 ) -> Result:
     """Run a compiled scene with the settings of `sidtool.solver.simulate`."""
-    from sidtool.formats.diagnostics.python_warnings import warn_of
+    from sidtool.formats.diagnostics.record import warn_of
     from sidtool.solver import simulate
 
     from .result import to_user_result

@@ -49,7 +49,7 @@ from ..sensitivity.variables import (
     model_offsets,
     scene_changes,
 )
-from .compiled_scene import CompiledScene, Sids
+from .compiled_scene import CompiledScene, Sids, map_in_threads
 from .linearised_point import (
     AUTO,
     DIFFERENCES,
@@ -59,7 +59,6 @@ from .linearised_point import (
     SidDerivative,
     combined,
 )
-from .parallel_runs import map_in_threads
 from .varied_bodies import VariedBody, varied_models
 
 Programs = Mapping[str, Any]

@@ -9,7 +9,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.design import DesignFile, VariableRange, read_design
-from sidtool.formats.diagnostics.python_warnings import warn_of_each
+from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.file_names import path_of
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.toml.files import locate_errors

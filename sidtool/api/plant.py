@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.diagnostics.python_warnings import warn_of
+from sidtool.formats.diagnostics.record import warn_of
 from sidtool.formats.scene import SceneFile, unit_of
 from sidtool.formats.scene.laws import without_tables
 from sidtool.formats.toml.files import locate_errors

@@ -13,7 +13,7 @@ from sidtool.formats import result as stored
 from sidtool.formats.base.html import html_table
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic
-from sidtool.formats.diagnostics.python_warnings import warn_of, warn_of_each
+from sidtool.formats.diagnostics.record import warn_of, warn_of_each
 from sidtool.formats.result import has_meaningless_numbers, units_in
 
 from ..report.tables import import_optional

@@ -165,7 +165,7 @@ class Scene(SceneFile):
 
     def sweep(self, over: Any, of: str | Iterable[str], **settings: Any) -> Sweep:
         """Evaluate measures of outputs for values of keys, see `sidtool.sweep`."""
-        from .sweep import sweep
+        from .study import sweep
 
         return sweep(self, over, of, **settings)
 

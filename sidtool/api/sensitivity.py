@@ -8,7 +8,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics.python_warnings import warn_of_each
+from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.file_names import path_of, scene_given
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.scene import SceneFile

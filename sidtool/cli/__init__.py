@@ -5,7 +5,7 @@ common           options and output that commands share
 result_files     files that a run fills
 progress         progress on a terminal
 convert, simulate, analyse, linearise, validate, study, sensitivity, plot, export
-                 commands by subject, `outputs`
+                 commands by subject
 demo_run         the demonstration: one rod, two discretisations
-small_commands   info, new, schema, demo, warmup
+small_commands   info, outputs, new, schema, demo, warmup
 """

@@ -218,7 +218,7 @@ def _analyse_over(
     settings: dict[str, Any],
 ) -> None:
     """Follow the modes over a key; print and write their diagram."""
-    from ..api.modes import campbell
+    from ..api.analyses import campbell
     from ..report.analyses import campbell_data, describe_campbell
 
     check_targets([picture_target(output, "campbell")], input_files(scene), force)
@@ -349,7 +349,7 @@ def floquet(
     or have no variational equations (friction, events, corners of forces); 2 the input
     is wrong.
     """
-    from ..api.modes import floquet as find_multipliers
+    from ..api.analyses import floquet as find_multipliers
     from ..report.analyses import describe_floquet, floquet_data
 
     check_targets([Target("-o", output, "modes")], input_files(scene), force)

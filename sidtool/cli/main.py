@@ -13,7 +13,7 @@ import click
 
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.interruptible import is_work_left
-from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
+from sidtool.formats.diagnostics.record import DiagnosticWarning
 from sidtool.formats.storage.operating_system import (
     DEFAULT,
     ENDING_SIGNALS,
@@ -41,12 +41,11 @@ from .common import (
 from .convert import convert, stations
 from .export import export, fmu
 from .linearise import linearise, response
-from .outputs import outputs
 from .plot import animate, plot, report
 from .progress import show_progress
 from .sensitivity import identify, optimise, sensitivity
 from .simulate import simulate
-from .small_commands import demo, explain, info, new, schema, warmup
+from .small_commands import demo, explain, info, new, outputs, schema, warmup
 from .study import study, sweep
 from .validate import trim, validate
 

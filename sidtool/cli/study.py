@@ -420,7 +420,7 @@ def sweep(
     Exit status: 0 done; 1 some runs failed, and their rows say why; 128 + N signal N
     ended it, 130 for Ctrl-C (finished runs are kept with -o); 2 the input is wrong.
     """
-    from ..api.sweep import sweep as asked_sweep
+    from ..api.study import sweep as asked_sweep
     from ..study import StudyInterrupted
 
     targets = [picture_target(path, "sweep") for path in outputs]

@@ -36,8 +36,12 @@ from ..elements.markers import (
     name_marker_in_errors,
     position_of,
 )
-from ..importers.calculix_deck import free_deck, with_density
-from ..importers.calculix_engine import CalculixResult, run_calculix
+from ..importers.calculix_engine import (
+    CalculixResult,
+    free_deck,
+    run_calculix,
+    with_density,
+)
 from ..importers.calculix_quadratic import QuadraticDeck, expected_size, quadratic_deck
 from ..importers.matrix_market import (
     balance_stiffness,

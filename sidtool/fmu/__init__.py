@@ -5,7 +5,6 @@ scene as constant data, and C of this package. It needs no Python at run time. M
 
 - `supported`: what of a scene a unit can do; refuses the rest by name
 - `plant_table`: all tables and arrays of a unit as one table
-- `output_terms`: outputs as polynomials in the arrays of the plant
 - `c_source`: the generated header, between the tables and the C sources
 - `linking`: the shared library, by `cc` or by `ziglang`
 - `model_description`: modelDescription.xml

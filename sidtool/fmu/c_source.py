@@ -29,8 +29,14 @@ from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.system.sensors import SAMPLE_TOLERANCE
 
 from .linking import PREFIX, called_kernels
-from .output_terms import ORIENTATION, ROOT, OutputTerms
-from .plant_table import PLANT, PlantTables, ending_events
+from .plant_table import (
+    ORIENTATION,
+    PLANT,
+    ROOT,
+    OutputTerms,
+    PlantTables,
+    ending_events,
+)
 
 WORD = 8
 #: Fields of `Lapack`, as routines of LAPACK.

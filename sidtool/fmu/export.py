@@ -44,8 +44,7 @@ from .model_description import (
     Variable,
     model_description,
 )
-from .output_terms import output_terms
-from .plant_table import ending_events, plant_tables
+from .plant_table import ending_events, output_terms, plant_tables
 from .supported import refuse_unsupported, unit_settings
 
 if TYPE_CHECKING:

@@ -6,5 +6,5 @@ gmsh                 Gmsh meshes
 matrices, matrix_market   mass and stiffness matrices
 nurbs_files          NURBS patches
 openfast         blades and towers of ElastoDyn and BeamDyn as tables of stations
-calculix_deck, calculix_quadratic, calculix_engine   CalculiX as an engine
+calculix_quadratic, calculix_engine   CalculiX as an engine
 """

@@ -19,8 +19,8 @@ import numpy as np
 from sidtool.formats.base.complex_step import STEP
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.evaluation import PARAMETERS
 from sidtool.formats.toml.files import key_path
+from sidtool.formats.toml.reading import PARAMETERS
 from sidtool.formats.toml.tables import Table
 
 Place = tuple[str | int, ...]

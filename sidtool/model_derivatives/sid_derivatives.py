@@ -33,7 +33,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import BLOCK_SHAPES, J_INDICES, NODE_SHAPES, SID, Taylor
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.model import ModelFile, read_model
-from sidtool.formats.sid_hdf5 import SidReader, read_hdf5, write_sid_group
+from sidtool.formats.sid_files import SidReader, read_hdf5, write_sid_group
 from sidtool.formats.storage.hdf5_files import check_finite, write_sealed
 from sidtool.formats.toml.expressions import split_at_commas
 from sidtool.formats.toml.files import locate_errors

@@ -12,7 +12,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.progress import report_stage
 from sidtool.formats.base.sid import Array
-from sidtool.formats.diagnostics.python_warnings import warn_of_each
+from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, expand_names, has_wildcard, matching_names
 from sidtool.formats.toml.reading import validate_data

@@ -14,7 +14,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.sid import SID
 from sidtool.formats.diagnostics import Diagnostic, diagnose
-from sidtool.formats.diagnostics.python_warnings import warn_of_each
+from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.file_names import path_of, scene_given
 from sidtool.formats.model import ModelFile
 from sidtool.formats.motion_kinds import motion_kinds

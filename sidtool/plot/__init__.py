@@ -3,8 +3,7 @@
 figure               figures without a display, texts and labels in them
 curves               outputs over time
 results              figures of a result, section forces along bodies
-body_pictures        pictures of bodies and their axes in space
 bodies               shape functions and meshes
-frequency_responses  Bode plots, Campbell diagrams
+frequency_responses  Bode plots
 studies              error over cost, measures over design parameters
 """

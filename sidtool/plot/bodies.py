@@ -1,9 +1,20 @@
-"""Figures of bodies with their shape functions, and of meshes with their markers."""
+"""Figures of bodies with their shape functions, and of meshes with their markers.
+
+Pictures of bodies side by side, from above or in space, all at one scale.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
+from mpl_toolkits.mplot3d.proj3d import proj_transform
+from numpy.typing import NDArray
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array
@@ -13,9 +24,391 @@ from sidtool.formats.model import ModelFile
 from ..discretisation.registry import finite_element_model
 from ..field.body_field import sample_body
 from ..field.body_surfaces import BodySurface, surface_of_field, surface_of_sid
-from ..field.surface import decimate
-from .body_pictures import BodyPicture, draw_bodies
-from .figure import figure_style, save_figure
+from ..field.surface import border_edges, decimate
+from .figure import (
+    COLOURS,
+    LEGEND_ROW_HEIGHT,
+    figure_style,
+    legend_columns,
+    order_by_rows,
+    place_names,
+    save_figure,
+    text_boxes,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+Indices = NDArray[np.int64]
+
+
+#: Viewing direction [degree].
+_ELEVATION, _AZIMUTH = 30.0, -60.0
+#: Margins around the box for ticks: left, right, below, above [inch].
+_TICK_MARGINS = (0.35, 0.85, 0.75, 0.1)
+#: Smallest distance of two ticks, horizontal and vertical [inch].
+_TICK_DISTANCE_X, _TICK_DISTANCE_Y = 0.4, 0.17
+#: Distances from an axis to its label that are tried; matplotlib scales them with the
+#: length of the axis.
+_LABEL_PADS = (*range(-6, 60, 3), *range(60, 300, 12))
+#: Smallest edge of the box relative to the longest; largest ratio of height to width.
+_MIN_EDGE_RATIO, _MAX_HEIGHT_RATIO = 0.04, 1.0
+
+#: Out-of-plane extent, relative to the size, below which a body is flat.
+_PLANE_TOLERANCE = 1e-6
+#: Heights of a title and of the margin of a picture [inch].
+_TITLE, _MARGIN = 0.25, 0.1
+
+
+class BodyAxes:
+    """Axes with a common window for any number of pictures.
+
+    Parameters
+    ----------
+    low, high : (3,) corners of the window [m]
+    width : of a picture on the page [inch]
+    """
+
+    def __init__(self, low: Array, high: Array, width: float) -> None:
+        spare = (
+            np.clip(_MIN_EDGE_RATIO * (high - low).max() - (high - low), 0.0, None) / 2
+        )
+        self.low, self.high = low - spare, high + spare
+        self.width = width
+        self.pads: dict[str, int] = {}
+        e, a = np.radians([_ELEVATION, _AZIMUTH])
+        #: (2, 3) projection of the unit vector of each axis on the page
+        self.sight = np.array(
+            [
+                [-np.sin(a), np.cos(a), 0.0],
+                [-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)],
+            ]
+        )
+        left, right, below, above = _TICK_MARGINS
+        visible_extent = np.abs(self.sight) @ (self.high - self.low)
+        free = np.array(
+            [width - left - right, _MAX_HEIGHT_RATIO * width - below - above]
+        )
+        #: inches on the page per metre
+        self.scale = float((free / visible_extent).min())
+        self.height = float(self.scale * visible_extent[1]) + below + above
+
+    def add(self, page: Figure, x: float, y: float) -> Any:
+        """Add axes in a part of a page with the lower left corner at x, y [inch]."""
+        left, right, below, above = _TICK_MARGINS
+        side = max(self.width, self.height)
+        middle = np.array(
+            [x + (self.width + left - right) / 2, y + (self.height + below - above) / 2]
+        )
+        corner, total = middle - side / 2, page.get_size_inches()
+        place = (*(corner / total), *(side / total))
+        axes = cast(Any, page.add_axes(place, projection="3d"))
+        axes.computed_zorder = False  # points inside bores are visible through the body
+        axes.patch.set_visible(False)
+        axes.set_proj_type("ortho")
+        axes.view_init(_ELEVATION, _AZIMUTH)
+        lows, highs = self.low, self.high
+        limits = zip("xyz", lows, highs, strict=True)
+        axes.set(**{f"{name}lim": ends for name, *ends in limits})
+        for number, name in enumerate("xyz"):
+            axes.set(**{f"{name}ticks": self._ticks(number)})
+        axes.tick_params(labelsize="x-small", pad=0)
+        self._zoom(axes, middle)
+        self._label(axes)
+        return axes
+
+    def _label(self, axes: Any) -> None:
+        """Set the names of the axes as close as the tick labels allow."""
+        for name in "xyz":
+            for pad in [self.pads[name]] if name in self.pads else _LABEL_PADS:
+                set_label = getattr(axes, f"set_{name}label")
+                set_label(f"{name} [m]", fontsize="x-small", labelpad=pad)
+                if name not in self.pads and _is_label_free(axes, name):
+                    self.pads[name] = pad
+                    break
+
+    def _zoom(self, axes: Any, middle: Array) -> None:
+        """Scale the box to its size and centre it at `middle` [inch]."""
+        size = self.high - self.low
+        axes.set_box_aspect(tuple(size), zoom=1.0)  # matplotlib modifies arrays
+        wanted = np.linalg.norm(self.sight @ size) * self.scale
+        zoom = wanted / np.linalg.norm(np.diff(self._ends(axes), axis=0))
+        axes.set_box_aspect(tuple(size), zoom=float(zoom))
+        off = (middle - self._ends(axes).mean(axis=0)) / axes.figure.get_size_inches()
+        axes.set_position(axes.get_position(original=True).translated(*off))
+
+    def _ends(self, axes: Any) -> Array:
+        """Return the positions (2, 2) of the lowest and the highest corner of the box
+        [inch].
+        """
+        projected = self.project(axes, [self.low, self.high])
+        return np.asarray(axes.transData.transform(projected) / axes.figure.dpi)
+
+    def _ticks(self, number: int) -> list[float]:
+        """Return the ticks of an axis, at distances at which their numbers do not
+        overlap.
+        """
+        low, high = self.low[number], self.high[number]
+        across, up = self.scale * np.abs(self.sight[:, number])
+        distance = min(
+            _TICK_DISTANCE_X / max(across, 1e-12), _TICK_DISTANCE_Y / max(up, 1e-12)
+        )
+        count = max(1, int((high - low) / distance))
+        for bins in range(count, 0, -1):
+            ticks = MaxNLocator(bins, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
+            visible = [float(tick) for tick in ticks if low <= tick <= high]
+            if visible and (len(visible) < 2 or visible[1] - visible[0] >= distance):
+                return visible
+        return [0.0] if low <= 0 <= high else [float((low + high) / 2)]
+
+    def project(self, axes: Any, points: Any) -> Array:
+        """Return the projections (n, 2) of points (n, 3), in the data of the axes."""
+        axes.apply_aspect()
+        x, y, _ = proj_transform(*np.reshape(points, (-1, 3)).T, axes.get_proj())
+        return np.column_stack([x, y])
+
+    def occupied_box(self, page: Figure, x: float, y: float) -> Bbox:
+        """Return the part of a page that a picture occupies [pixels]."""
+        corners = np.array([[x, y], [x + self.width, y + self.height]])
+        return Bbox(corners * page.dpi)
+
+
+def _is_label_free(axes: Any, name: str) -> bool:
+    """Return whether the label of an axis overlaps no other text of the axes."""
+    axes.figure.draw_without_rendering()
+    label = getattr(axes, f"{name}axis").label
+    mine = label.get_window_extent().padded(2)
+    return not any(mine.overlaps(box) for box in text_boxes(axes, label))
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPicture:
+    """One picture: a surface, coloured by values or uniformly, and marks on it.
+
+    Attributes
+    ----------
+    marks : points with names
+    groups : points with a colour, by their text in the legend
+    """
+
+    title: str
+    positions: Array
+    triangles: Indices
+    values: Array | None = None
+    rest: Array | None = None
+    marks: dict[str, Array] = field(default_factory=dict)
+    groups: dict[str, Array] = field(default_factory=dict)
+    lines: tuple[Array, ...] = ()
+    meshed: bool = False
+
+
+def draw_bodies(
+    pictures: Sequence[BodyPicture], heading: str = ""
+) -> tuple[Figure, list[str]]:
+    """Draw all pictures in windows of the same extent.
+
+    Parameters
+    ----------
+    heading : text above all of them
+
+    Returns
+    -------
+    the page, and the names of marks without room
+    """
+    low, high = _common_window(pictures)
+    extent = float((high - low).max())
+    flat = bool((high - low)[2] <= _PLANE_TOLERANCE * extent) or _is_plate(
+        pictures, extent
+    )
+    margin = 0.03 * extent
+    window = low - margin, high + margin
+    return (_draw_flat_page if flat else _draw_solid_page)(pictures, window, heading)
+
+
+def _common_window(pictures: Sequence[BodyPicture]) -> tuple[Array, Array]:
+    parts = [p.positions for p in pictures]
+    parts += [np.reshape(list(p.marks.values()), (-1, 3)) for p in pictures]
+    parts += [points for p in pictures for points in (*p.groups.values(), *p.lines)]
+    points = np.concatenate(parts)
+    low, high = points.min(axis=0), points.max(axis=0)
+    return (low, high) if np.ptp(points, axis=0).any() else (low - 0.5, high + 0.5)
+
+
+def _picture_grid(count: int) -> tuple[int, int, float]:
+    """Return rows, columns, and the width of one picture [inch]."""
+    columns = 1 if count == 1 else 2 if count < 7 else 3
+    return -(-count // columns), columns, (8.0 if columns < 3 else 11.0) / columns
+
+
+def _is_plate(pictures: Sequence[BodyPicture], extent: float) -> bool:
+    """Return whether a body is plane; plane bodies are drawn from above."""
+    first = pictures[0].positions
+    same = all(
+        len(p.positions) == len(first)
+        and np.abs(p.positions[:, 2] - first[:, 2]).max(initial=0.0)
+        <= _PLANE_TOLERANCE * extent
+        for p in pictures
+    )
+    levels = np.unique(np.round(first[:, 2] / extent, 9))
+    return same and len(levels) <= 2
+
+
+def _draw_flat_page(
+    pictures: Sequence[BodyPicture], window: tuple[Array, Array], heading: str
+) -> tuple[Figure, list[str]]:
+    from .figure import NotebookFigure
+
+    rows, columns, width = _picture_grid(len(pictures))
+    low, high = window
+    size = high - low
+    height = min(max(width * size[1] / size[0], 0.5), 2.0 * width) + 0.55
+    below = _legend_height(pictures, width * columns)
+    page = NotebookFigure((width * columns, height * rows + 0.2 + below))
+    every = []
+    for number, picture in enumerate(pictures, 1):
+        axes = cast(Any, page.add_subplot(rows, columns, number))
+        axes.set_title(picture.title, loc="left", fontsize="small")
+        _draw_flat(axes, picture)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]")
+        axes.set_ylabel("y [m]")
+        axes.set_aspect("equal")
+        every.append(axes)
+    if heading:
+        page.suptitle(heading, fontsize="small", x=0.01, ha="left")
+    _draw_legend(page, every, loc="outside lower left")
+    page.draw_without_rendering()
+    page.set_layout_engine("none")
+    left = []
+    for axes, picture in zip(every, pictures, strict=True):
+        places = {name: point[:2] for name, point in picture.marks.items()}
+        room = Bbox.intersection(axes.bbox.padded(0.2 * page.dpi), page.bbox)
+        left += place_names(axes, places, room or page.bbox)
+    return page, left
+
+
+def _draw_solid_page(
+    pictures: Sequence[BodyPicture], window: tuple[Array, Array], heading: str
+) -> tuple[Figure, list[str]]:
+    from .figure import NotebookFigure
+
+    rows, columns, width = _picture_grid(len(pictures))
+    shape = BodyAxes(*window, width)
+    cell = shape.height + _TITLE
+    above = _TITLE if heading else 0.0
+    below = _legend_height(pictures, width * columns)
+    page = NotebookFigure((width * columns, cell * rows + _MARGIN + above + below))
+    page.set_layout_engine("none")
+    total = page.get_figheight()
+    every, corners = [], []
+    for number, picture in enumerate(pictures):
+        row, column = divmod(number, columns)
+        x, top = column * width, total - above - row * cell
+        axes = shape.add(page, x, top - cell)
+        _place_text(page, x + 0.1, top - 0.06, picture.title)
+        _draw_solid(axes, picture)
+        every.append(axes)
+        corners.append((x, top - cell))
+    if heading:
+        _place_text(page, 0.1, total - 0.06, heading)
+    _draw_legend(page, every, loc="lower left")
+    page.draw_without_rendering()
+    left = []
+    for axes, picture, corner in zip(every, pictures, corners, strict=True):
+        projected = shape.project(axes, list(picture.marks.values()))
+        places = dict(zip(picture.marks, projected, strict=True))
+        left += place_names(axes, places, shape.occupied_box(page, *corner))
+    return page, left
+
+
+def _place_text(page: Figure, x: float, y: float, text: str) -> None:
+    """Write a text at a position on the page [inch]."""
+    width, height = page.get_size_inches()
+    page.text(x / width, y / height, text, fontsize="small", va="top")
+
+
+def _legend_height(pictures: Sequence[BodyPicture], width: float) -> float:
+    labels = [name for picture in pictures for name in picture.groups]
+    return LEGEND_ROW_HEIGHT * -(-len(labels) // legend_columns(labels, width - 0.4))
+
+
+def _draw_legend(page: Any, every: Sequence[Any], loc: str) -> None:
+    """Draw the legend of groups of points below all pictures."""
+    entries = [axes.get_legend_handles_labels() for axes in every]
+    handles = [handle for part, _ in entries for handle in part]
+    labels = [label for _, part in entries for label in part]
+    if labels:
+        columns = legend_columns(labels, page.get_figwidth() - 0.4)
+        handles, labels = order_by_rows(handles, labels, columns)
+        page.legend(handles, labels, loc=loc, ncols=columns, borderaxespad=0.2)
+
+
+def _draw_flat(axes: Any, picture: BodyPicture) -> None:
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    faces = picture.positions[picture.triangles][..., :2]
+    if picture.rest is not None:
+        rim = list(_outline_edges(picture.rest, picture.triangles))
+        axes.add_collection(LineCollection(rim, colors="0.6", lw=0.7))
+    colours = _face_colours(picture)
+    edge = "0.45" if picture.meshed else colours
+    axes.add_collection(
+        PolyCollection(list(faces), facecolors=colours, edgecolors=edge, linewidths=0.2)
+    )
+    _draw_points(axes, picture, 2)
+
+
+def _outline_edges(positions: Array, triangles: Indices) -> Array:
+    """Return the edges of the upper side of a plane body, from above."""
+    top = positions[triangles][..., 2].min(axis=1) >= positions[:, 2].max() - 1e-12
+    rim = border_edges(triangles[top] if top.any() else triangles)
+    return positions[rim][..., :2]
+
+
+def _draw_solid(axes: Any, picture: BodyPicture) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    faces = picture.positions[picture.triangles]
+    axes.add_collection3d(
+        Poly3DCollection(
+            faces,
+            facecolors=_shade_faces(faces, _face_colours(picture)),
+            edgecolors="0.35" if picture.meshed else "none",
+            linewidths=0.15,
+        ),
+        autolim=False,
+    )
+    _draw_points(axes, picture, 3)
+
+
+def _face_colours(picture: BodyPicture) -> Array:
+    from matplotlib import colormaps
+    from matplotlib.colors import to_rgb
+
+    if picture.values is None:
+        plain = 0.45 + 0.55 * np.array(to_rgb(COLOURS[0]))
+        return np.tile(plain, (max(len(picture.triangles), 1), 1))
+    shares = picture.values[picture.triangles].mean(axis=1)
+    return np.asarray(colormaps["viridis"](shares)[:, :3])
+
+
+def _shade_faces(faces: Array, colours: Array) -> Array:
+    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    light = np.array([0.3, -0.6, 0.74])
+    sizes = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
+    bright = np.abs(normals @ light) / sizes
+    return np.asarray(colours[: len(faces)] * (0.6 + 0.4 * bright)[:, None])
+
+
+def _draw_points(axes: Any, picture: BodyPicture, d: int) -> None:
+    for line in picture.lines:
+        axes.plot(*line.T[:d], color="0.5", lw=0.5, marker=".", ms=1.5)
+    for number, (name, points) in enumerate(picture.groups.items(), 1):
+        colour = COLOURS[number % 7]
+        axes.plot(*points.T[:d], ".", ms=2.5, color=colour, label=name, zorder=4)
+    for point in picture.marks.values():
+        axes.plot(*point[:d, None], "o", ms=3.5, color=COLOURS[1], zorder=5)
+
 
 #: Largest displacement in a picture, as a share of the body's length.
 _EXAGGERATION = 0.09

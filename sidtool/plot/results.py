@@ -17,7 +17,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array, Section
 from sidtool.formats.diagnostics import Diagnostic, diagnose, plain_text
-from sidtool.formats.diagnostics.python_warnings import warn_of_each
+from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.result import Result, units_in
 from sidtool.formats.scene import SECTION_FORCES, expand_names, matching_names
 from sidtool.solver.simulation.replay import scene_of

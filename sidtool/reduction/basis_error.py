@@ -23,10 +23,7 @@ from sidtool.formats.model.reduction import (
     HertingReduction,
     ReductionSettings,
 )
-from sidtool.formats.static_compliance import (
-    inertia_load_scales,
-    missing_inertia_shares,
-)
+from sidtool.formats.sid_subset import inertia_load_scales, missing_inertia_shares
 
 from ..elements.finite_element_model import FiniteElementModel, MarkerRows
 from .admissible_space import AdmissibleSpace

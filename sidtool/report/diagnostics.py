@@ -11,8 +11,13 @@ from sidtool.formats.diagnostics import (
     Diagnostic,
     count_by_severity,
 )
-from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
-from sidtool.formats.diagnostics.record import example_of, plain_text
+from sidtool.formats.diagnostics.record import (
+    CATALOGUE,
+    GROUPS,
+    example_of,
+    find_code,
+    plain_text,
+)
 from sidtool.formats.text import WIDTH, counted_noun, wrapped
 
 from .tables import text_table

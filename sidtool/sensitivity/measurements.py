@@ -11,7 +11,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.base.units import column_factor, is_known_unit, split_unit
 from sidtool.formats.diagnostics import diagnose
-from sidtool.formats.diagnostics.python_warnings import warn_of
+from sidtool.formats.diagnostics.record import warn_of
 from sidtool.formats.scene.units import unit_of
 
 

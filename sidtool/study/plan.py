@@ -11,13 +11,13 @@ from sidtool.formats.scene import SceneFile, is_elastic, is_stress, parse_output
 from sidtool.solver.system.sid_terms import has_quadratic_inertia
 from sidtool.solver.system.stiffening import can_remove_stiffening
 
-from ..measurement.body_variants import BodyVariants
 from ..measurement.variants import (
     AXES,
     FEW_SETTINGS,
     FRAMES,
     METHODS,
     TERMS,
+    BodyVariants,
     Setting,
     Values,
     Variant,

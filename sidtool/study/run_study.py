@@ -22,12 +22,6 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 
-from ..measurement.body_variants import (
-    BodyVariants,
-    available_outputs,
-    elastic_size,
-    with_absolute_paths,
-)
 from ..measurement.candidates import with_recorded_outputs
 from ..measurement.outputs import RunRecord, is_hopeless
 from ..measurement.points import (
@@ -52,7 +46,17 @@ from ..measurement.tasks import (
     make_executor,
     run_task,
 )
-from ..measurement.variants import Setting, Values, Variant, tight_settings, with_choice
+from ..measurement.variants import (
+    BodyVariants,
+    Setting,
+    Values,
+    Variant,
+    available_outputs,
+    elastic_size,
+    tight_settings,
+    with_absolute_paths,
+    with_choice,
+)
 from ..pipeline.model_cache import BodyModel, model_digest
 from ..pipeline.scene_changes import replace_sids
 from .plan import StudyPlan, comparable_outputs, make_plan

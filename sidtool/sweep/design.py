@@ -17,9 +17,9 @@ from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene.signal_files import is_finite_number
 from sidtool.formats.sid_files import read_sid
-from sidtool.formats.toml.evaluation import PARAMETERS
 from sidtool.formats.toml.expressions import evaluate_number
 from sidtool.formats.toml.files import File, key_path
+from sidtool.formats.toml.reading import PARAMETERS
 from sidtool.formats.toml.tables import named_object
 
 from ..pipeline.model_cache import model_digest

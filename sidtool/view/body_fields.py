@@ -12,7 +12,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.base.stress import von_mises
 from sidtool.formats.diagnostics import diagnose
-from sidtool.formats.diagnostics.python_warnings import warn_of
+from sidtool.formats.diagnostics.record import warn_of
 from sidtool.formats.field import Field, mismatch_text, read_field
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, SidBody

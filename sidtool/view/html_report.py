@@ -12,7 +12,7 @@ from sidtool.formats.base.html import escape, html_table
 from sidtool.formats.base.sid import SID
 from sidtool.formats.base.stress import stress_nodes
 from sidtool.formats.diagnostics import Diagnostic, plain_text
-from sidtool.formats.diagnostics.python_warnings import warn_of_each
+from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.file_names import check_ending
 from sidtool.formats.geometric_stiffening import has_stiffening
 from sidtool.formats.result import Result, has_meaningless_numbers, units_in

@@ -7,7 +7,6 @@
 - `rotating_groups`, `steady_rotation`: steady rotation
 - `reference_axes`: axes in which small motions are seen
 - `power_laws`: limits of differences that fall slowly with their step
-- `operating_point`: the state that is linearised
 - `multi_blade`: equal bodies around an axis (Coleman transformation)
 - `state_matrix`, `steady_axes`, `rigid_motions`, `whirl`, `linearisation`: natural
   modes, eq. (23)

@@ -37,8 +37,7 @@ from .input_effects import (
     input_unit,
     refuse_prescribed_motion,
 )
-from .linearisation import linearised_at, steady_residual
-from .operating_point import operating_point
+from .linearisation import linearised_at, operating_point, steady_residual
 from .output_derivatives import OutputEvaluation
 from .reference_axes import axis_angular_velocities, body_axes
 from .state_matrix import corner_notes, linear_equations, small_motions

@@ -17,8 +17,7 @@ from typing import Any
 from numba import types
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.diagnostics.python_warnings import warn_of
-from sidtool.formats.diagnostics.record import Diagnostic, diagnose
+from sidtool.formats.diagnostics.record import Diagnostic, diagnose, warn_of
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import (
     Untrusted,

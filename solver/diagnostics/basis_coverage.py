@@ -20,7 +20,7 @@ from sidtool.formats.base.stress import stress_nodes
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.scene import PointForce, SceneFile, marker_names, marker_reference
 from sidtool.formats.sid_mass import body_size
-from sidtool.formats.static_compliance import (
+from sidtool.formats.sid_subset import (
     inertia_load_scales,
     inertia_work_of_full_body,
     unit_load_compliances,

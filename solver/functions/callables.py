@@ -22,8 +22,8 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 
 from .chebyshev import ChebyshevSeries, FitSamples, bisected_fit
-from .features import KINK_PIECE, check_rates, kink_times
 from .kink_positions import fit_with_kinks
+from .piecewise import KINK_PIECE, check_rates, kink_times
 
 DEGREE = 14
 #: Tolerated error relative to the largest value.

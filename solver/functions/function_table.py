@@ -34,16 +34,16 @@ from sidtool.formats.scene import (
 
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
-from . import features
 from .callables import Derivatives, interpolate_callable, shortest_resolved_feature
-from .features import Features
 from .piecewise import (
     CompiledFunction,
+    Features,
     HarmonicFunction,
     PiecewisePolynomial,
     SineRampFunction,
     SmoothCurve,
     input_pieces,
+    merge_features,
 )
 
 #: What of an input jumps between its values.
@@ -263,10 +263,7 @@ class FunctionTable:
     def features(self) -> dict[str, Features]:
         """What no step may pass, by drives and forces."""
         parts = self._features.items()
-        return {
-            name: features.merge_features(parts_of_drive)
-            for name, parts_of_drive in parts
-        }
+        return {name: merge_features(parts_of_drive) for name, parts_of_drive in parts}
 
     def break_causes(self) -> dict[float, tuple[str, ...]]:
         """Drives and forces by the times inside the span at which they break."""

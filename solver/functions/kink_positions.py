@@ -16,7 +16,7 @@ from numpy.polynomial import Chebyshev, chebyshev
 from sidtool.formats.base.sid import Array
 
 from .chebyshev import ChebyshevSeries
-from .features import kinks_at_piece_ends, short_intervals
+from .piecewise import kinks_at_piece_ends, short_intervals
 
 #: Degrees of P and Q, and the number of values that are fitted.
 SMOOTH_DEGREE, KINK_DEGREE, FITTED_VALUES = 12, 3, 64

@@ -9,7 +9,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
 
-from ..functions import features
+from ..functions.piecewise import DEGREE, merge_features
 from ..integrators import loop_state, singular_configurations
 from ..integrators.registry import (
     AUTO,
@@ -276,7 +276,7 @@ def _coordinate_frequencies_of(system: System) -> Array:
 def _feature_arrays(system: System) -> tuple[IntTable, Array, Array, Array]:
     """`StepLoopState.features`, starts, lengths and corners."""
     laws = [force.law for force in system.forces]
-    parts = [features.merge_features(list(system.features.values()))]
+    parts = [merge_features(list(system.features.values()))]
     parts += [axis for law in laws for axis in (law.features(), law.rate_features())]
     ends = np.cumsum([0, *(len(part.starts) for part in parts)])
     starts, lengths = (
@@ -290,4 +290,4 @@ def _feature_arrays(system: System) -> tuple[IntTable, Array, Array, Array]:
 def piece_step_fraction(settings: RunSettings) -> float:
     """The part of a piece that a step may go: a method of low order needs more steps
     for what a polynomial of high degree follows."""
-    return min(1.0, INTEGRATORS[settings.integrator].order / features.DEGREE)
+    return min(1.0, INTEGRATORS[settings.integrator].order / DEGREE)

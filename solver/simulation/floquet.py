@@ -28,8 +28,7 @@ from sidtool.formats.diagnostics import (
 from sidtool.formats.sid_mass import skew
 
 from ..analyses.joint_friction import equations_at
-from ..analyses.linearisation import growth_notes
-from ..analyses.operating_point import operating_point
+from ..analyses.linearisation import growth_notes, operating_point
 from ..analyses.reference_axes import axis_angular_velocities
 from ..analyses.state_matrix import linear_equations, small_motions
 from ..initial_state.integrator_start import run_settings

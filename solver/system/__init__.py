@@ -8,7 +8,7 @@ SIDs and bodies:
 
 Joints and drives:
 
-- `joints`, `constraints`, `constraint_table`
+- `joints`, `constraint_table`
 - `body_table`: frames that joints and drives prescribe
 - `joint_friction`: joints with friction, rotations counted over full turns
 

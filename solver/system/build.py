@@ -62,7 +62,6 @@ from .body_table import (
 from .build_inputs import BuildInputs, MarkerKey, driven_coordinates
 from .characteristic_sizes import mechanism_size
 from .constraint_table import constraint_tables
-from .constraints import Constraint, constraints_of
 from .control_laws import LawTable, compile_laws, state_bodies
 from .force_rows import ForceRow, force_table, joint_coordinate
 from .force_table import compile_forces
@@ -75,6 +74,7 @@ from .joint_friction import (
     rotation_table,
     set_newton_rows,
 )
+from .joints import Constraint, constraints_of
 from .newton_pattern import newton_rows
 from .rotated_markers import with_rotated_markers
 from .sensors import add_sample_times

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
 from .build_inputs import BuildInputs, MarkerKey
-from .constraints import Constraint
+from .joints import Constraint
 from .system import ConstraintRows
 
 

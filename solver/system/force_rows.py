@@ -17,10 +17,15 @@ from sidtool.formats.scene import (
     marker_reference,
 )
 
-from ..functions import features
 from ..functions.callables import NativeCallable
-from ..functions.features import Features
 from ..functions.function_table import RealData
+from ..functions.piecewise import (
+    NO_FEATURES,
+    Features,
+    add_corners,
+    characteristic_features,
+    friction_features,
+)
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
 from .build_inputs import MarkerKey
@@ -75,16 +80,16 @@ class ForceLaw:
             return curve.value(g - self.rest)
 
         if curve.table_points is None:
-            return features.characteristic_features(value, self.rest + curve.starts)
+            return characteristic_features(value, self.rest + curve.starts)
         x, force = curve.table_points
-        known = features.characteristic_features(value, self.rest + x)
-        return features.add_corners(known, self.rest + x, force)
+        known = characteristic_features(value, self.rest + x)
+        return add_corners(known, self.rest + x, force)
 
     def rate_features(self) -> Features:
         """Of the force over the rate of the measure, likewise."""
         if self.friction == 0.0:
-            return features.NO_FEATURES
-        return features.friction_features(self.speed)
+            return NO_FEATURES
+        return friction_features(self.speed)
 
     def passive_force(self, g: float, rate: float) -> float:
         """Force of spring, damper and friction at one measure and its rate."""

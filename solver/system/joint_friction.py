@@ -27,9 +27,8 @@ from ..functions.function_table import RealData
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
 from .build_inputs import BuildInputs, MarkerKey
-from .constraints import Constraint
 from .force_rows import ForceRow
-from .joints import Primitive, joint_primitives, normals, spatial_axis
+from .joints import Constraint, Primitive, joint_primitives, normals, spatial_axis
 
 Segment = tuple[int, int, int]
 

@@ -15,8 +15,7 @@ from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.scene import SceneFile
 
 from ..functions.callables import NativeCallable
-from ..functions.features import Features
-from ..functions.piecewise import N_INPUT_TERMS
+from ..functions.piecewise import N_INPUT_TERMS, Features
 from ..spatial import system_arrays as at
 from ..spatial.dimension import FRAMES, PLANE, POINTS, SPACE
 from .body_data import BodyData

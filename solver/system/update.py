@@ -21,8 +21,8 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.toml.tables import Table
 
-from ..functions.features import Features, merge_features
 from ..functions.function_table import RealData, replacement_entry
+from ..functions.piecewise import Features, merge_features
 from ..spatial import system_arrays as at
 from .body_data import BodyData, rigid_body, rigid_nodes, with_held_frames
 from .body_table import constant_orientation, pack_marker

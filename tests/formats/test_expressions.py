@@ -13,8 +13,8 @@ import pytest
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_ascii.title import split_tag, split_title
-from sidtool.formats.toml.evaluation import evaluate_formulas
 from sidtool.formats.toml.expressions import Postfix, output_names, parse_expression
+from sidtool.formats.toml.reading import evaluate_formulas
 
 TWO = {
     "+": operator.add,

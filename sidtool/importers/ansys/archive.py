@@ -34,8 +34,14 @@ from .constraints import (
     read_equation,
     real_thickness,
 )
-from .content import ArchiveContent, read_local
-from .materials import material_name, materials_of, read_property, read_table
+from .content import (
+    ArchiveContent,
+    material_name,
+    materials_of,
+    read_local,
+    read_property,
+    read_table,
+)
 
 #: ANSYS element type -> our name.
 _ANSYS = {

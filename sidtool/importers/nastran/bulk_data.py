@@ -46,11 +46,12 @@ from .content import (
     ALTERNATIVES,
     WITHOUT_EFFECT,
     BulkData,
+    CoordinateSystems,
     duplicate_error,
     property_node_sets,
     reorder_left_handed,
+    systems_of,
 )
-from .coordinate_systems import CoordinateSystems, systems_of
 from .laminates import mat2, mat8, pcomp, shells_of
 from .masses import pmass, point_masses
 from .properties import (

@@ -8,8 +8,7 @@ from sidtool.formats.sid_mass import skew
 
 from ...mesh.imported_mesh import RawMass
 from .cards import Card
-from .content import BulkData, duplicate_error
-from .coordinate_systems import CoordinateSystems
+from .content import BulkData, CoordinateSystems, duplicate_error
 
 #: Relative difference of masses in several directions that counts as rounding.
 _ROUNDING = 1e-6

@@ -9,10 +9,9 @@ from string import Formatter
 import pytest
 
 from sidtool.formats.diagnostics import WARNING, Entry, count_by_severity, diagnose
-from sidtool.formats.diagnostics.catalogue import CATALOGUE, GROUPS, find_code
 from sidtool.formats.diagnostics.entry import Value, fill, per_cent
 from sidtool.formats.diagnostics.identities import IDENTITY_TEXTS
-from sidtool.formats.diagnostics.record import example_of
+from sidtool.formats.diagnostics.record import CATALOGUE, GROUPS, example_of, find_code
 from sidtool.formats.text import WIDTH
 from sidtool.report.diagnostics import diagnostic_line, explain, list_codes
 

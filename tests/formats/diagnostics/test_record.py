@@ -18,7 +18,7 @@ from sidtool.formats.diagnostics import (
     without,
 )
 from sidtool.formats.diagnostics.hdf5 import read_diagnostics, write_diagnostics
-from sidtool.formats.diagnostics.python_warnings import warn_of
+from sidtool.formats.diagnostics.record import warn_of
 
 FOUND = (
     diagnose("N411", "blade", t=1.5, deflection=0.28, limit=0.1),

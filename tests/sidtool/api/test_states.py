@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import sidtool
-from sidtool.formats.diagnostics.python_warnings import warn_caller
+from sidtool.formats.diagnostics.record import warn_caller
 
 GRAVITY, MASS, LENGTH = 9.81, 2.0, 0.5
 

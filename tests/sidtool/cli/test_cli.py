@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from sidtool.cli.main import cli, run
-from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
+from sidtool.formats.diagnostics.record import DiagnosticWarning
 from tests.codes import only_warning, unwrapped
 from tests.places import SLIDER_CRANK
 from tests.solver.compiler.small_kernels import scaled

@@ -14,7 +14,7 @@ import sidtool
 from sidtool.cli.main import run
 from sidtool.conversion.frame_change import change_frame
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
+from sidtool.formats.diagnostics.record import DiagnosticWarning
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid, write_sid

@@ -176,8 +176,7 @@ def test_a_sample_at_the_start_knows_the_rate_of_its_reference(export: Export) -
 def test_roots_and_products_are_outputs(tube: sidtool.SID) -> None:
     """Polynomials of the second degree, found from the writer of columns, have its
     values; its own function is the reference."""
-    from sidtool.fmu.output_terms import output_terms
-    from sidtool.fmu.plant_table import plant_tables
+    from sidtool.fmu.plant_table import output_terms, plant_tables
     from sidtool.fmu.supported import unit_settings
     from sidtool.solver import compile_scene
     from sidtool.solver.initial_state.integrator_start import run_settings

@@ -16,7 +16,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.formats.diagnostics import WARNING
 from sidtool.importers import calculix_engine
-from sidtool.importers.calculix_deck import free_deck, without_layers
+from sidtool.importers.calculix_engine import free_deck, without_layers
 from sidtool.pipeline.model_to_sid import sid_from_model
 from tests.codes import codes, only
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from sidtool.cli.main import cli
 from sidtool.elements.mesh_contact import check_contact
 from sidtool.formats.base.errors import InputError
-from sidtool.importers.calculix_deck import free_deck
+from sidtool.importers.calculix_engine import free_deck
 from sidtool.importers.mesh_files import read_mesh
 from sidtool.mesh.mesh import ElementBlock, Mesh
 from sidtool.pipeline.model_to_sid import sid_from_model

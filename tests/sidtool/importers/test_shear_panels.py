@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.discretisation.shear_panels import shear_panel_stiffness
+from sidtool.discretisation.shell_elements import shear_panel_stiffness
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.model import ModelFile

@@ -18,8 +18,7 @@ from sidtool.elements.material_points import stress_rows
 from sidtool.elements.solid_elements import MatrixSum, element_mass, mapped_batch
 from sidtool.elements.solid_mesh import SolidMesh, mesh_continua, mesh_matrices
 from sidtool.formats.sid_mass import skew
-from sidtool.importers.calculix_deck import free_deck
-from sidtool.importers.calculix_engine import run_calculix
+from sidtool.importers.calculix_engine import free_deck, run_calculix
 from sidtool.mesh.materials import ElasticMaterial
 from sidtool.mesh.mesh import Mesh
 from sidtool.mesh.reference_elements import (

@@ -13,8 +13,7 @@ from scipy.linalg import eigh
 
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.measurement.body_variants import BodyVariants
-from sidtool.measurement.variants import Variant
+from sidtool.measurement.variants import BodyVariants, Variant
 from sidtool.pipeline.model_cache import BodyModel
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene, simulate

@@ -13,7 +13,7 @@ import pytest
 from scipy.special import ellipk
 
 import sidtool
-from sidtool.api.sweep import sweep
+from sidtool.api.study import sweep
 from sidtool.cli.common import table_on_screen
 from sidtool.cli.main import run
 from sidtool.formats.base.errors import InputError

@@ -19,7 +19,7 @@ from sidtool.formats.scene import unit_of
 from sidtool.formats.study import StudyFile, StudyPoint
 from sidtool.formats.toml.reading import validate_data
 from sidtool.plot import bodies, curves, figure, results, studies
-from sidtool.plot.body_pictures import BodyPicture, draw_bodies
+from sidtool.plot.bodies import BodyPicture, draw_bodies
 from sidtool.plot.figure import figure_style, wrap_label
 
 from ..models import IGA, rod_data

@@ -14,7 +14,7 @@ import pytest
 from numba import float64
 from numba.extending import intrinsic
 
-from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
+from sidtool.formats.diagnostics.record import DiagnosticWarning
 from sidtool.solver.compiler import kernel_cache, precompile
 from sidtool.solver.compiler.kernels import entry
 from sidtool.solver.integrators.registry import all_step_loops

@@ -15,7 +15,7 @@ import pytest
 from numba import float64
 from numba.extending import intrinsic
 
-from sidtool.formats.diagnostics.python_warnings import DiagnosticWarning
+from sidtool.formats.diagnostics.record import DiagnosticWarning
 from sidtool.solver.compiler import kernel_cache, kernels
 from sidtool.solver.compiler.kernels import Entry, entry
 from tests.codes import only_warning

@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.functions.features import characteristic_features
+from sidtool.solver.functions.piecewise import characteristic_features
 from sidtool.solver.integrators.registry import INTEGRATORS
 from tests.codes import with_code
 from tests.solver.scenes import polynomial, scene
