@@ -101,14 +101,6 @@ def combined(
     )
 
 
-def _without_projection(motion: Motion) -> Motion:
-    """The motion with states that are not projected again for an output: that would
-    be a jump at a tolerance.
-    """
-    free = np.full_like(motion.tolerances, np.inf)
-    return replace(motion, tolerances=free, _samplers={})
-
-
 class LinearisedPoint:
     """The linearised run of a point.
 
@@ -124,14 +116,13 @@ class LinearisedPoint:
     def __init__(self, point: Point, method: str) -> None:
         assert point.history is not None and point.grid is not None
         self._point = point
-        motion = _without_projection(point.history.motion)
+        self._history, motion = point.history, point.history.motion
         run = LinearisedRun(motion, point.grid)
         if len(run.differenced):
             # Newton's matrix lacks terms: its iteration is slow, and what it leaves
             # of the tolerance is more than derivatives bear.
-            motion = _without_projection(run_on_grid(motion.system, point.grid))
-            run = LinearisedRun(motion, point.grid)
-        self._history = History(motion)
+            motion = run_on_grid(motion.system, point.grid)
+            run, self._history = LinearisedRun(motion, point.grid), History(motion)
         self._motion = MotionDerivatives(run)
         self._error = DIFFERENCE_ERROR if len(run.differenced) else EXACT_ERROR
         self._terms = [t for t in point.terms if t.functional.needs_motion]

@@ -76,9 +76,10 @@ DERIVATIVES: Group = tuple(
         "linearise_states",
         "differentiate_states",
         "solve_columns",
+        "solve_derivatives",
         "linearise_projections",
     )
-)
+) + ("integrators.linearised_steps:march",)
 #: Entry kernels that were found on disk, or compiled, once, and what runs needed.
 _available: set[object] = set()
 #: Fewer kernels than this are compiled where they are used.

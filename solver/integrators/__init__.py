@@ -12,5 +12,6 @@
 - `trapezoidal`: trapezoidal rule, eq. (20)
 - `dop853_tableau`, `explicit_runge_kutta`: explicit method of order 8
 - `batch_evaluation`: the equations at many states, and their derivatives
+- `linearised_steps`: linearised steps of Radau methods, eq. (46) and (49)
 - `registry`: all integrators, and the choice of one
 """

@@ -182,6 +182,25 @@ def differentiate_states(
                 _add_residual(system, work, a[k], lambda_[k], weight, out[k, j])
 
 
+@inner(types.void(SYSTEM, WORK, MEMORY, F2))
+def _solve(system, work, memory, columns):
+    """K^-1 (r, g) in place at the state whose accelerations were just evaluated."""
+    n = len(work.f)
+    for j in range(columns.shape[0]):
+        x = columns[j]
+        for i in range(n):
+            memory.acceleration[i] = x[i]
+        for i in range(system.n_rows):
+            work.row[i, C_GAMMA] = x[n + i]
+        solve_with_constraints(
+            system, work, memory, memory.acceleration, memory.multiplier, 1.0
+        )
+        for i in range(n):
+            x[i] = memory.acceleration[i]
+        for i in range(system.n_rows):
+            x[n + i] = memory.multiplier[i]
+
+
 @entry(int64(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F3))
 def solve_columns(kernels, system, work, memory, clocks, times, z, v, columns):
     """K^-1 (r, g) of states in place: (states, columns, rows).
@@ -189,7 +208,6 @@ def solve_columns(kernels, system, work, memory, clocks, times, z, v, columns):
     With the sign of the second part changed before and after it is K^-T (r, g).
     Returns 0, or the code of a singular state.
     """
-    n = len(work.f)
     for k in range(len(times)):
         work.interval_time[0] = clocks[k]
         status = evaluate_accelerations(
@@ -197,19 +215,25 @@ def solve_columns(kernels, system, work, memory, clocks, times, z, v, columns):
         )
         if status != 0:
             return status
-        for j in range(columns.shape[1]):
-            x = columns[k, j]
-            for i in range(n):
-                memory.acceleration[i] = x[i]
-            for i in range(system.n_rows):
-                work.row[i, C_GAMMA] = x[n + i]
-            solve_with_constraints(
-                system, work, memory, memory.acceleration, memory.multiplier, 1.0
-            )
-            for i in range(n):
-                x[i] = memory.acceleration[i]
-            for i in range(system.n_rows):
-                x[n + i] = memory.multiplier[i]
+        _solve(system, work, memory, columns[k])
+    return 0
+
+
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F2, F2, F3))
+def solve_derivatives(
+    kernels, system, work, memory, clocks, times, z, v, a, lambda_, out
+):
+    """K^-1 times the derivatives of `linearise_states`; returns as `solve_columns`."""
+    for k in range(len(times)):
+        work.interval_time[0] = clocks[k]
+        status = evaluate_accelerations(
+            kernels, system, work, memory, times[k], z[k], v[k]
+        )
+        if status != 0:
+            return status
+        kernels.linearise(system, work, times[k], z[k], v[k], a[k], lambda_[k])
+        _write_derivatives(system, work, out[k])
+        _solve(system, work, memory, out[k])
     return 0
 
 

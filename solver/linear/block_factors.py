@@ -142,7 +142,7 @@ def _weakly_coupled(A, o, n, rigid):
 
 
 @inner(*[int64(A, int64, int64, int64, I1, int64) for A in (F1, C1)])
-def _lu_factor(A, o, stride, n, pivots, first):
+def lu_factor(A, o, stride, n, pivots, first):
     """LU with partial pivoting of the n x n block at o, in place; 1 if singular."""
     for j in range(n):
         best = j
@@ -169,8 +169,8 @@ def _lu_factor(A, o, stride, n, pivots, first):
 
 
 @inner(*[types.void(A, int64, int64, int64, I1, int64, A, int64) for A in (F1, C1)])
-def _lu_solve(A, o, stride, n, pivots, first, x, at):
-    """Solves with a factor of `_lu_factor`; x[at:at+n] is overwritten."""
+def lu_solve(A, o, stride, n, pivots, first, x, at):
+    """Solves with a factor of `lu_factor`; x[at:at+n] is overwritten."""
     for j in range(n):
         best = pivots[first + j]
         if best != j:
@@ -222,7 +222,7 @@ def block_factor(system, lapack, A, body, pivots):
     if n_full >= LARGE_BLOCK:
         return factor_large(lapack, A, o, n, pivots, first)
     _eliminate_weakly_coupled(A, o, n, n_full)
-    return _lu_factor(A, o, n, n_full, pivots, first)
+    return lu_factor(A, o, n, n_full, pivots, first)
 
 
 @inner(*[types.void(SYSTEM, LAPACK, A, int64, I1, A, int64) for A in (F1, C1)])
@@ -241,7 +241,7 @@ def block_solve(system, lapack, A, body, pivots, x, at):
         for i in range(n_full, n):
             total -= A[o + j * n + i] * x[at + i]
         x[at + j] = total
-    _lu_solve(A, o, n, n_full, pivots, first, x, at)
+    lu_solve(A, o, n, n_full, pivots, first, x, at)
     for i in range(n_full, n):
         total = x[at + i]
         for k in range(n_full):

@@ -145,7 +145,7 @@ class Motion:
     points : of a step, see `StepPoints`
     steps : (n_steps * points.count) states
     end_time : time at which the run ends [s]
-    tolerances : of the constraints
+    tolerances : of the constraints, for events
     energies : dissipated and supplied energy, if an output needs them
     places : number of the step of each step of the grid
     cut : the last step, if an event ends the run in it
@@ -211,13 +211,16 @@ class Motion:
         return replace(self, steps=steps, end_time=end, _samplers={})
 
     def _sampler(self, name: str) -> StateSampler:
-        """Evaluates one output; joints that became frames only where it needs them."""
+        """Evaluates one output; joints that became frames only where it needs them.
+
+        States are not projected again: that would be a jump at a tolerance.
+        """
         outputs = Outputs(record=(name,))
         scene = self.system.scene.model_copy(update={"outputs": outputs})
         system = replace(self.system, scene=scene)
         if not needs_reactions(scene, system.eliminated):
             system = replace(system, full_system=None)
-        return StateSampler(system, self.tolerances)
+        return StateSampler(system, np.full((system.n_rows, 2), np.inf))
 
 
 class _GridRun(Stepper):

@@ -5,9 +5,7 @@ obeys, eq. (46),
 
     dY = 1 dy + h (A x J) dY + h (A x I) F_p,    dy_1 = P dY_s - G c_p .
 
-The positions of the stages are eliminated: their rates depend on them by frames that
-turn only. What is left is a system of s n_velocities equations for each step, solved
-for all columns at once.
+The steps are solved one after the other, see `integrators.linearised_steps`.
 """
 
 from collections.abc import Sequence
@@ -22,7 +20,7 @@ from sidtool.formats.base.sid import Array
 from ..analyses.output_derivatives import POINTS, WEIGHTS
 from ..dynamics import control_laws as laws
 from ..dynamics.equations_of_motion import kernel_pointers
-from ..integrators import batch_evaluation
+from ..integrators import batch_evaluation, linearised_steps
 from ..integrators.radau_stages import collocation_matrix, radau_tableau
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
@@ -51,7 +49,7 @@ SECOND_ORDER = np.array([-1.0, 1.0]), np.array([-0.5, 0.5])
 #: relative to the largest one, below which they count as that.
 TRIED_STATES, SMALL_ROW = 10, 1e-5
 #: Numbers in the matrices of the steps that are treated together.
-BLOCK_NUMBERS = 4_000_000
+BLOCK_NUMBERS = 400_000
 
 
 #: Instructions of laws whose value or slope may jump; terms of smooth tables.
@@ -108,107 +106,6 @@ class States:
     @property
     def arguments(self) -> tuple[Array, Array, Array, Array]:
         return self.clocks, self.times, self.z, self.v
-
-
-@dataclass(frozen=True, eq=False)
-class StepMatrices:
-    """Matrices of some steps, with H = h (A x I) and the blocks of J.
-
-    Positions are dZ = position_start dz + response dV + P g_z, velocities
-    system dV = start dz + 1 dv + H (a_p + J_z P g_z) + g_v. P is `rates.positions`.
-
-    Attributes
-    ----------
-    h : (steps,)
-    by_position : (steps, s, nv, nz) J_z
-    rates : of positions at the stages, see `RotationRates`
-    """
-
-    h: Array
-    A: Array
-    by_position: Array
-    rates: "RotationRates"
-    position_start: Array
-    response: Array
-    system: Array
-    start: Array
-
-    def weighted_back(self, x: Array) -> Array:
-        """H^T x of columns of stages (steps, s, rows, columns)."""
-        return _by_stages(self.A.T, self.h, x)
-
-    def weighted(self, x: Array) -> Array:
-        """H x."""
-        return _by_stages(self.A, self.h, x)
-
-
-class RotationRates:
-    """Derivatives T of rates of positions by positions at the stages of some steps.
-
-    Rates depend on the rotations of the same body alone, on angles not at all for
-    rotations in the plane: 1 - H T is inverted by blocks of bodies.
-
-    Parameters
-    ----------
-    h : (steps,) [s]
-    A : (s, s) of the collocation method
-    by_position : (steps, s, nz, nz) T
-    rotations : (bodies, 1 or 4) angles or quaternions among the positions
-
-    Attributes
-    ----------
-    inverse : (steps, bodies, s q, s q) of 1 - H T in the q coordinates of the rotation
-        of each body; None in the plane, where it is 1
-    """
-
-    def __init__(self, h: Array, A: Array, by_position: Array, rotations: IntTable):
-        self.h, self.A, self.rotations = h, A, rotations
-        bodies, q = rotations.shape
-        n, s = by_position.shape[:2]
-        self.by_rotation = by_position[..., rotations.ravel()]
-        self.inverse: Array | None = None
-        if q > 1:
-            own = by_position[:, :, rotations[:, :, None], rotations[:, None, :]]
-            # (steps, bodies, s q, s q): rows of stage k, columns of stage l
-            full = np.einsum("n,kl,nlbij->nbkilj", h, A, own)
-            size = s * q
-            full = np.eye(size) - full.reshape(n, bodies, size, size)
-            self.inverse = np.asarray(np.linalg.inv(full), float)
-
-    def positions(self, x: Array) -> Array:
-        """(1 - H T)^-1 x of columns of stages (steps, s, nz, columns)."""
-        turned = self._apply_block_inverses(x[:, :, self.rotations], transposed=False)
-        return x + _by_stages(self.A, self.h, self.by_rotation @ turned)
-
-    def positions_back(self, x: Array) -> Array:
-        """The transposed of `positions`."""
-        by_rate = _by_stages(self.A.T, self.h, x)
-        moved = self.by_rotation.transpose(0, 1, 3, 2) @ by_rate
-        rows = moved.reshape(*x.shape[:2], *self.rotations.shape, x.shape[3])
-        solved = self._apply_block_inverses(rows, transposed=True)
-        found = x.copy()
-        found[:, :, self.rotations.ravel()] += solved
-        return found
-
-    def _apply_block_inverses(self, x: Array, *, transposed: bool) -> Array:
-        """Rows of rotations (steps, s, bodies, q, columns) by the inverse of each body,
-        as (steps, s, bodies q, columns).
-        """
-        n, s, bodies, q, columns = x.shape
-        if self.inverse is not None:
-            inverse = self.inverse
-            if transposed:
-                inverse = inverse.transpose(0, 1, 3, 2)
-            own = x.transpose(0, 2, 1, 3, 4).reshape(n, bodies, s * q, columns)
-            x = (inverse @ own).reshape(n, bodies, s, q, columns)
-            x = x.transpose(0, 2, 1, 3, 4)
-        return np.ascontiguousarray(x).reshape(n, s, bodies * q, columns)
-
-
-def _by_stages(A: Array, h: Array, x: Array) -> Array:
-    """h A x with A between the stages of x (steps, s, ...)."""
-    flat = x.reshape(*x.shape[:2], -1)
-    return np.asarray(((h[:, None, None] * A) @ flat).reshape(x.shape))
 
 
 class LinearisedRun:
@@ -477,19 +374,10 @@ class LinearisedRun:
     # Steps
 
     @cached_property
-    def rotations(self) -> IntTable:
-        """Angles or quaternions of bodies among the positions, (bodies, 1 or 4)."""
-        planar = self.system.planar
-        first, size = (2, 1) if planar else (3, 4)
-        turning = self.system.arrays.body[:, at.RD] == (3 if planar else 6)
-        begins = self.system.arrays.body[turning, at.POS] + first
-        return np.asarray(begins[:, None] + np.arange(size), np.int64)
-
-    @cached_property
     def block_length(self) -> int:
         """Steps that are treated together."""
-        size = (self.s * self.nv) ** 2 + 2 * (self.s * self.nz) ** 2
-        size += 2 * self.s * (self.nz + self.nv) * (self.nv + self.m)
+        states = self.nz + self.nv
+        size = 2 * self.s * states * (states + self.nv + self.m)
         return max(1, min(self.n_steps, BLOCK_NUMBERS // size))
 
     def blocks(self) -> list[slice]:
@@ -502,44 +390,84 @@ class LinearisedRun:
         """Rows of the stages of some steps."""
         return slice(steps.start * self.s, steps.stop * self.s)
 
-    def step_matrices(self, steps: slice) -> StepMatrices:
-        """Matrices of some steps."""
-        s, nz, nv, n = self.s, self.nz, self.nv, steps.stop - steps.start
-        rows = self.stage_rows(steps)
-        columns = self._residual_derivatives(rows)
-        self.solve(rows, columns)
-        J = -columns[:, :, :nv].transpose(0, 2, 1).reshape(n, s, nv, nz + nv)
-        Jz = np.ascontiguousarray(J[..., :nz])
-        states = self.stages.selected(rows)
-        rates = position_rates(self.system, states.z, states.v)
+    def slope_derivatives(self, rows: slice, *, transposed: bool = False) -> Array:
+        """Derivatives of the slopes by the states at some stages, with a row for each
+        slope, (stages, nz + nv, nz + nv).
+        """
+        nz, nv, given = self.nz, self.nv, self._states_with_forces(rows)
+        solved = np.empty((len(given[0]), 2 * nv, nv + self.m))
+        status = batch_evaluation.solve_derivatives(
+            self.kernels, self.system.arrays, self.work, self.memory, *given, solved
+        )
+        if status != 0:
+            raise NotLinearisable("a singular configuration")
+        rates = position_rates(self.system, given[2], given[3])
+        out = np.zeros((len(given[0]), nz + nv, nz + nv))
+        found = out.transpose(0, 2, 1) if transposed else out
+        found[:, :nz, :nz], found[:, :nz, nz:] = rates.by_position, rates.Z
+        by_tangent = -solved[:, :nv, :nv].transpose(0, 2, 1)
+        found[:, nz:, :nz] = by_tangent @ rates.to_tangent
+        found[:, nz:, nz:] = -solved[:, nv:, :nv].transpose(0, 2, 1)
+        if len(self.differenced):
+            columns = self.solve(rows, self._differences(rows, self.differenced))
+            found[:, nz:, self.differenced] = -columns[..., :nv].transpose(0, 2, 1)
+        return out
+
+    def march(
+        self,
+        steps: slice,
+        projections: Array,
+        forcing: Array,
+        added: Array,
+        current: Array,
+        *,
+        backward: bool = False,
+    ) -> tuple[Array, Array]:
+        """Solve linearised steps one after the other, see `linearised_steps`.
+
+        Parameters
+        ----------
+        projections : (., N, N) derivatives of the projections of the steps
+        forcing : (steps, s, columns, N) at the stages, besides the state; it is
+            multiplied by A h
+        added : (steps, columns, N) to the state after each step
+        current : (columns, N) state, which is replaced by that after the last step
+
+        Returns the stages (steps, columns, s, N), backwards u of (49), and the states
+        (steps, columns, N) before the steps in the sequence of time.
+
+        Raises
+        ------
+        NotLinearisable : the iteration does not converge.
+        """
+        A, tableau, s = self.A, radau_tableau(self.s), self.s
+        pairs, eigenvalues = (tableau.TI, tableau.T), tableau.complex_eigenvalues
+        sizes, rows = self.coordinate_steps, self.stage_rows(steps)
+        derivatives = self.slope_derivatives(rows, transposed=not backward)
+        if backward:
+            A, eigenvalues, sizes = A.T, eigenvalues.conj(), 1.0 / sizes
+            pairs = tableau.T.T, tableau.TI.T
+        else:
+            projections = projections.transpose(0, 2, 1)
+        n, count, size = len(forcing), *current.shape
         h = np.diff(self.times)[steps]
-        by_position = rates.by_position.reshape(n, s, nz, nz)
-        rotation_rates = RotationRates(h, self.A, by_position, self.rotations)
-        start = rotation_rates.positions(np.broadcast_to(np.eye(nz), by_position.shape))
-        Z = self._own_columns(rates.Z.reshape(n, s, nz, nv))
-        response = rotation_rates.positions(self._weighted_blocks(h, Z))
-        product = Jz @ response
-        product += self._own_columns(J[..., nz:])
-        system = np.eye(s * nv) - self._weighted_blocks(h, product).reshape(
-            n, s * nv, s * nv
+        given = np.einsum("n,ij,njcr->ncir", h, A, forcing)
+        stages = np.ascontiguousarray(given).reshape(-1, s, size)
+        starts = np.zeros((n * count, size))
+        eigenvalues = np.append(tableau.real_eigenvalue, eigenvalues)
+        groups = len(eigenvalues)
+        status = linearised_steps.march(
+            *(int(backward), self.nz, h),
+            *map(np.ascontiguousarray, (A, *pairs, eigenvalues)),
+            *(derivatives, np.ascontiguousarray(projections), sizes, stages),
+            *(np.ascontiguousarray(added.reshape(-1, size)), current, starts),
+            *(np.zeros((5, s, size)), np.zeros((self.nv, self.nv))),
+            np.zeros((groups, self.nv**2), complex),
+            *(np.zeros(size, complex), np.zeros(groups * self.nv, np.int64)),
         )
-        right = self._weighted_blocks(h, Jz @ start).reshape(n, s * nv, nz)
-        response = response.reshape(n, s * nz, s * nv)
-        return StepMatrices(
-            h, self.A, Jz, rotation_rates, start, response, system, right
-        )
-
-    def _weighted_blocks(self, h: Array, x: Array) -> Array:
-        """H times stages of blocks (steps, s, rows, columns)."""
-        return _by_stages(self.A, h, x)
-
-    def _own_columns(self, blocks: Array) -> Array:
-        """Blocks (steps, s, rows, columns), each in the columns of its own stage."""
-        n, s, rows, columns = blocks.shape
-        out = np.zeros((n, s, rows, s, columns))
-        for k in range(s):
-            out[:, k, :, k] = blocks[:, k]
-        return out.reshape(n, s, rows, s * columns)
+        if status != 0:
+            raise NotLinearisable("steps in which the equations change too much")
+        return stages.reshape(n, count, s, size), starts.reshape(n, count, size)
 
 
 def check_linearisable(motion: Motion, grid: Grid) -> None:

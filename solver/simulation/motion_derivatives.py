@@ -95,21 +95,35 @@ class _Projection:
 
 @dataclass(frozen=True, eq=False)
 class AdjointGradient:
-    """Gradients of functionals by what `ParameterChange` holds, a column for each."""
+    """Gradients of functionals by what `ParameterChange` holds, a column for each.
 
+    Attributes
+    ----------
+    slopes : (stages, columns, nz + nv) by the slopes at the stages
+    stretch : (steps, columns)
+    """
+
+    slopes: Array
     residual: Array
-    rates: Array
-    stretch: Array
     constraint: Array
     start: Array
+    derivatives: "MotionDerivatives"
+
+    @cached_property
+    def stretch(self) -> Array:
+        products = np.einsum("nr,ncr->nc", self.derivatives.slopes, self.slopes)
+        stages = self.derivatives.run.s
+        return np.asarray(products.reshape(-1, stages, products.shape[1]).sum(axis=1))
 
     def along(self, change: ParameterChange) -> Array:
         """Derivatives of the functionals by a number through the motion, (columns,)."""
         total = np.einsum("nr,nrc->c", change.residual, self.residual)
-        total += np.einsum("n,nc->c", change.stretch, self.stretch)
         total += np.einsum("nr,nrc->c", change.constraint, self.constraint)
+        if change.stretch.any():
+            total += change.stretch @ self.stretch
         if change.rates is not None:
-            total += np.einsum("nr,nrc->c", change.rates, self.rates)
+            nz = change.rates.shape[1]
+            total += np.einsum("nr,ncr->c", change.rates, self.slopes[..., :nz])
         return np.asarray(total + change.start @ self.start)
 
 
@@ -182,14 +196,14 @@ class MotionDerivatives:
             return np.asarray((above - below) / (2.0 * step))
 
         residual = difference(plus.residual, minus.residual)
-        second = np.abs(plus.residual + minus.residual - 2.0 * self._own_residual)
+        second = np.abs(plus.residual + minus.residual)  # the own one is rounding
         rounding = ROUNDING * self._force_size / step
         least = NEGLIGIBLE * self._force_size / size
         largest = max(float(np.abs(residual).max(initial=0.0)), least, TINY)
         error = SAFETY * second.max(initial=0.0) / size + rounding
         rates = None
         if plus.rates is not None or minus.rates is not None:
-            own = self._own_rates
+            own = self.slopes[:, : self.run.nz]
             rates = difference(
                 own if plus.rates is None else plus.rates,
                 own if minus.rates is None else minus.rates,
@@ -237,7 +251,7 @@ class MotionDerivatives:
     def _force_size(self) -> float:
         """Largest entry of the forces and of gamma at the stages."""
         run, states = self.run, self.run.stages
-        out = np.zeros_like(self._own_residual)
+        out = np.zeros((len(states.times), run.nv + run.m))
         none = np.zeros_like(run.accelerations), np.zeros_like(run.multipliers)
         batch_evaluation.residuals_of_states(
             run.kernels, run.system.arrays, run.work, *states.arguments, *none, out
@@ -253,14 +267,11 @@ class MotionDerivatives:
         ]
 
     @cached_property
-    def _own_rates(self) -> Array:
-        """Rates of positions at the stages."""
-        states = self.run.stages
-        return position_rates(self.run.system, states.z, states.v).rate
-
-    @cached_property
-    def _own_residual(self) -> Array:
-        return self.run.residuals(self.run.system, self.run.stages)
+    def slopes(self) -> Array:
+        """Slopes at the stages, (stages, nz + nv)."""
+        run, states = self.run, self.run.stages
+        rate = position_rates(run.system, states.z, states.v).rate
+        return np.concatenate([rate, run.accelerations], axis=1)
 
     # Direct
 
@@ -270,92 +281,50 @@ class MotionDerivatives:
         """
         run = self.run
         n_columns, nz, nv = len(changes), run.nz, run.nv
-        current = np.stack([change.start for change in changes], axis=1)
+        current = np.stack([change.start for change in changes])
         parts: list[Array] = []
         for steps in run.blocks():
-            stages, current = self._direct_block(steps, changes, current)
-            parts.append(np.einsum("pk,nkrc->nprc", self._points, stages))
+            stages, starts = run.march(
+                *(steps, self._projection_derivatives(steps)),
+                *(self._forcing(steps, changes), self._shifts(steps, changes)),
+                current,
+            )
+            states = np.concatenate([starts[:, :, None], stages], axis=2)
+            parts.append(np.einsum("pk,nckr->nprc", self._points, states))
         table = np.concatenate(parts).reshape(-1, nz + nv, n_columns)
         counters = np.zeros((len(table), run.system.n_rotation_counters, n_columns))
         z = np.concatenate([table[:, :nz], counters], axis=1)
         return z, table[:, nz:]
 
-    def _direct_block(
-        self, steps: slice, changes: Sequence[ParameterChange], current: Array
-    ) -> tuple[Array, Array]:
-        """Changes of starts and stages of some steps (steps, s + 1, nz + nv, columns),
-        and of the start of the next one.
+    def _forcing(self, steps: slice, changes: Sequence[ParameterChange]) -> Array:
+        """Direct changes of the slopes at the stages of some steps, (steps, s, columns,
+        nz + nv).
         """
-        run, count = self.run, len(changes)
-        s, nz, nv, n = run.s, run.nz, run.nv, steps.stop - steps.start
-        matrices = run.step_matrices(steps)
-        rows = run.stage_rows(steps)
-        forcing = np.stack([c.residual[rows] for c in changes], axis=1)
-        slopes = -run.solve(rows, forcing)[:, :, :nv].transpose(0, 2, 1)
-        slopes = slopes.reshape(n, s, nv, count)
-        stretch = np.stack([c.stretch[steps] for c in changes], axis=1)
-        own = run.accelerations[rows].reshape(n, s, nv, 1)
-        slopes = slopes + own * stretch[:, None, None, :]
-        rates = self._rate_changes(steps, changes, stretch)
-        moved = None
-        if rates is not None:
-            moved = matrices.rates.positions(matrices.weighted(rates))
-            slopes = slopes + matrices.by_position @ moved
-        right = matrices.weighted(slopes).reshape(n, s * nv, count)
-        ones = np.broadcast_to(np.tile(np.eye(nv), (s, 1)), (n, s * nv, nv))
-        columns = np.concatenate([matrices.start, ones, right], axis=2)
-        V = np.linalg.solve(matrices.system, columns)
-        last = matrices.response[:, -nz:] @ V
-        last[..., :nz] += matrices.position_start[:, -1]
-        if moved is not None:
-            last[..., nz + nv :] += moved[:, -1]
-        ends = self._projected(steps, last, V[:, -nv:], changes)
-        starts = np.zeros((n, nz + nv, count))
-        for k in range(n):
-            starts[k] = current
-            if k < len(ends):
-                current = ends[k, :, : nz + nv] @ current + ends[k, :, nz + nv :]
-        V = V[..., : nz + nv] @ starts + V[..., nz + nv :]
-        Z = (matrices.response @ V).reshape(n, s, nz, count)
-        Z += matrices.position_start @ starts[:, None, :nz]
-        if moved is not None:
-            Z += moved
-        stages = np.concatenate([Z, V.reshape(n, s, nv, count)], axis=2)
-        return np.concatenate([starts[:, None], stages], axis=1), current
-
-    def _rate_changes(
-        self, steps: slice, changes: Sequence[ParameterChange], stretch: Array
-    ) -> Array | None:
-        """Direct changes of the rates of positions (steps, s, nz, columns)."""
         run, rows = self.run, self.run.stage_rows(steps)
-        own = [change.rates for change in changes]
-        if not stretch.any() and all(part is None for part in own):
-            return None
-        rate = self._own_rates[rows].reshape(len(stretch), run.s, run.nz, 1)
-        total = rate * stretch[:, None, None, :]
-        for k, part in enumerate(own):
-            if part is not None:
-                total[..., k] += part[rows].reshape(total.shape[:3])
-        return np.asarray(total)
+        residual = np.stack([c.residual[rows] for c in changes], axis=1)
+        slopes = np.zeros((*residual.shape[:2], run.nz + run.nv))
+        slopes[..., run.nz :] = -run.solve(rows, residual)[..., : run.nv]
+        for k, change in enumerate(changes):
+            if change.rates is not None:
+                slopes[:, k, : run.nz] = change.rates[rows]
+            if change.stretch.any():
+                stretch = np.repeat(change.stretch[steps], run.s)
+                slopes[:, k] += stretch[:, None] * self.slopes[rows]
+        return slopes.reshape(-1, run.s, *slopes.shape[1:])
 
-    def _projected(
-        self, steps: slice, Z: Array, V: Array, changes: Sequence[ParameterChange]
-    ) -> Array:
-        """Changes of the starts of the next steps from those of the last stages."""
-        projection, part = self._projection, slice(steps.start, steps.stop)
-        C, G, rates = (x[part] for x in (projection.C, projection.G, projection.rates))
-        n, m = len(C), self.run.m
-        Z, V = Z[:n], V[:n]
-        tangent = projection.to_tangent[part] @ Z
-        given = np.stack([c.constraint[part] for c in changes], axis=2)
-        values, speeds = C @ tangent, C @ V
-        values[:, :, -len(changes) :] += given[:, :m]
-        tangent = tangent - G.transpose(0, 2, 1) @ values
-        speeds += rates.transpose(0, 2, 1) @ tangent
-        Z = projection.Z[part] @ tangent
-        speeds[:, :, -len(changes) :] += given[:, m:]
-        V = V - G.transpose(0, 2, 1) @ speeds
-        return np.concatenate([Z, V], axis=1)
+    def _shifts(self, steps: slice, changes: Sequence[ParameterChange]) -> Array:
+        """Direct changes of the states after the projections of some steps, (steps,
+        columns, nz + nv).
+        """
+        run, projection = self.run, self._projection
+        shifts = np.zeros((steps.stop - steps.start, len(changes), run.nz + run.nv))
+        G, rates, Z = (x[steps] for x in (projection.G, projection.rates, projection.Z))
+        given = np.stack([c.constraint[steps] for c in changes], axis=1)
+        tangent = -given[..., : run.m] @ G
+        speeds = given[..., run.m :] + tangent @ rates
+        shifts[: len(G), :, : run.nz] = tangent @ Z.transpose(0, 2, 1)
+        shifts[: len(G), :, run.nz :] = -speeds @ G
+        return shifts
 
     # Adjoint
 
@@ -370,103 +339,61 @@ class MotionDerivatives:
         run, count = self.run, seeds.shape[2]
         nz, nv = run.nz, run.nv
         table = seeds.reshape(run.n_steps, -1, nz + nv, count)
-        parts = np.einsum("pk,nprc->nkrc", self._points, table)
+        parts = np.einsum("pk,nprc->nkcr", self._points, table)
         gradient = AdjointGradient(
+            slopes=np.zeros((run.n_steps * run.s, count, nz + nv)),
             residual=np.zeros((run.n_steps * run.s, nv + run.m, count)),
-            rates=np.zeros((run.n_steps * run.s, nz, count)),
-            stretch=np.zeros((run.n_steps, count)),
             constraint=np.zeros((run.n_steps - 1, 2 * run.m, count)),
             start=np.zeros((nz + nv, count)),
+            derivatives=self,
         )
-        current = np.zeros((nz + nv, count))
+        current = np.zeros((count, nz + nv))
         for steps in reversed(run.blocks()):
-            current = self._adjoint_block(steps, parts[steps], current, gradient)
-        gradient.start[:] = current
+            self._adjoint_block(steps, parts[steps], current, gradient)
+        gradient.start[:] = current.T
         return gradient
 
     def _adjoint_block(
         self, steps: slice, seeds: Array, current: Array, gradient: AdjointGradient
-    ) -> Array:
-        """Fill the gradients of some steps; returns that by their first state.
+    ) -> None:
+        """Fill the gradients of some steps.
 
         Parameters
         ----------
-        seeds : (steps, s + 1, nz + nv, columns) by starts and stages
-        current : (nz + nv, columns) by the start of the next step
+        seeds : (steps, s + 1, columns, nz + nv) by starts and stages
+        current : (columns, nz + nv) by the start of the next step, which is replaced by
+            that of the first one
         """
-        run, count = self.run, seeds.shape[3]
-        s, nz, nv, n = run.s, run.nz, run.nv, steps.stop - steps.start
-        matrices = run.step_matrices(steps)
-        by_z = np.zeros((n, s, nz, nz + nv + count))
-        by_v = np.zeros((n, s, nv, nz + nv + count))
-        by_z[:, -1, :, :nz], by_v[:, -1, :, nz : nz + nv] = np.eye(nz), np.eye(nv)
-        by_z[..., nz + nv :], by_v[..., nz + nv :] = (
-            seeds[:, 1:, :nz],
-            seeds[:, 1:, nz:],
+        run, rows, nz = self.run, self.run.stage_rows(steps), self.run.nz
+        by_slopes, nexts = run.march(
+            *(steps, self._projection_derivatives(steps), seeds[:, 1:]),
+            *(seeds.sum(axis=1), current),
+            backward=True,
         )
-        right = by_v.reshape(n, s * nv, -1)
-        response = matrices.response.transpose(0, 2, 1)
-        right[..., :nz] += response[..., -nz:]
-        own = np.ascontiguousarray(by_z[..., nz + nv :]).reshape(n, s * nz, count)
-        right[..., nz + nv :] += response @ own
-        psi = np.linalg.solve(matrices.system.transpose(0, 2, 1), right)
-        start_back = matrices.position_start.reshape(n, s * nz, nz).transpose(0, 2, 1)
-        by_start = np.zeros((n, nz, nz + nv + count))
-        by_start[..., :nz] = start_back[..., -nz:]
-        by_start[..., nz + nv :] = start_back @ own
-        by_start += matrices.start.transpose(0, 2, 1) @ psi
-        ends = np.concatenate([by_start, psi.reshape(n, s, nv, -1).sum(axis=1)], axis=1)
-        back = self._projection_back(steps)
-        nexts, after = np.zeros((2, n, nz + nv, count))
-        for k in range(n - 1, -1, -1):
-            nexts[k] = after[k] = current
-            if k < len(back):
-                after[k] = back[k] @ current
-            current = ends[k, :, : nz + nv] @ after[k] + ends[k, :, nz + nv :]
-            current += seeds[k, 0]
-        self._add_constraints(steps, nexts, gradient)
-        psi = psi[..., : nz + nv] @ after + psi[..., nz + nv :]
-        by_z = by_z[..., : nz + nv] @ after[:, None] + by_z[..., nz + nv :]
-        rows = run.stage_rows(steps)
-        slopes = matrices.weighted_back(np.asarray(psi).reshape(n, s, nv, count))
-        moved = by_z + matrices.by_position.transpose(0, 1, 3, 2) @ slopes
-        rates = matrices.weighted_back(matrices.rates.positions_back(moved))
-        columns = np.zeros((n * s, count, nv + run.m))
-        columns[:, :, :nv] = slopes.reshape(n * s, nv, count).transpose(0, 2, 1)
-        own = run.accelerations[rows].reshape(n, s, nv)
-        own_rates = self._own_rates[rows]
-        stretch = np.einsum("nsr,nsrc->nc", own, slopes)
-        stretch += np.einsum("nsr,nsrc->nc", own_rates.reshape(n, s, nz), rates)
-        gradient.stretch[steps] = stretch
-        gradient.rates[rows] = rates.reshape(n * s, nz, count)
+        self._add_constraints(steps, nexts.transpose(0, 2, 1), gradient)
+        by_slopes = by_slopes.transpose(0, 2, 1, 3).reshape(-1, *current.shape)
+        gradient.slopes[rows] = by_slopes
+        columns = np.zeros((len(by_slopes), len(current), run.nv + run.m))
+        columns[..., : run.nv] = by_slopes[..., nz:]
         solved = run.solve_transposed(rows, columns)
         gradient.residual[rows] = -solved.transpose(0, 2, 1)
-        return current
 
-    def _projection_back(self, steps: slice) -> Array:
-        """Transposed derivatives of the projections at the ends of steps by the states
-        before them, (steps, nz + nv, nz + nv).
+    def _projection_derivatives(self, steps: slice) -> Array:
+        """Derivatives of the projections at the ends of steps by the states before
+        them, (steps, nz + nv, nz + nv).
         """
         projection, nz = self._projection, self.run.nz
-        C, G, rates, to_tangent, Z = (
-            part[steps.start : steps.stop]
-            for part in (
-                projection.C,
-                projection.G,
-                projection.rates,
-                projection.to_tangent,
-                projection.Z,
-            )
-        )
-        n, size = len(C), nz + self.run.nv
-        one, Ct = np.eye(self.run.nv), C.transpose(0, 2, 1)
-        keeps = one - Ct @ G
-        by_tangent = to_tangent.transpose(0, 2, 1) @ keeps
-        back = np.zeros((n, size, size))
-        back[:, :nz, :nz] = by_tangent @ Z.transpose(0, 2, 1)
-        back[:, :nz, nz:] = -by_tangent @ rates @ G
-        back[:, nz:, nz:] = keeps
-        return back
+        parts = projection.C, projection.G, projection.rates
+        C, G, rates = (part[steps] for part in parts)
+        Z, to_tangent = projection.Z[steps], projection.to_tangent[steps]
+        size = nz + self.run.nv
+        keeps = np.eye(self.run.nv) - G.transpose(0, 2, 1) @ C
+        by_tangent = keeps @ to_tangent
+        found = np.zeros((len(C), size, size))
+        found[:, :nz, :nz] = Z @ by_tangent
+        found[:, nz:, :nz] = -(rates @ G).transpose(0, 2, 1) @ by_tangent
+        found[:, nz:, nz:] = keeps
+        return found
 
     def _add_constraints(
         self, steps: slice, nexts: Array, gradient: AdjointGradient

@@ -36,15 +36,14 @@ class PositionRates:
 def position_rates(system: System, z: Array, v: Array) -> PositionRates:
     """The derivatives at states (states, .)."""
     n, nz = len(z), system.n_positions - system.n_rotation_counters
-    nv = system.n_velocities
-    Z, by_position = np.zeros((n, nz, nv)), np.zeros((n, nz, nz))
-    to_tangent = np.zeros((n, nv, nz))
+    by_position, one = np.zeros((n, nz, nz)), np.zeros((nz, system.n_velocities))
+    for row in system.arrays.body:
+        last_z, last_v = row[at.POS] + row[at.NP], row[at.VEL] + row[at.NV]
+        elastic = np.arange(row[at.NQ])
+        one[last_z - 1 - elastic, last_v - 1 - elastic] = 1.0
+    Z, to_tangent = np.repeat(one[None], n, axis=0), np.repeat(one.T[None], n, axis=0)
     for row in system.arrays.body:
         rd, p, u = int(row[at.RD]), int(row[at.POS]), int(row[at.VEL])
-        last_z, last_v = p + int(row[at.NP]), u + int(row[at.NV])
-        elastic = np.arange(int(row[at.NQ]))
-        rows, columns = last_z - 1 - elastic, last_v - 1 - elastic
-        Z[:, rows, columns] = to_tangent[:, columns, rows] = 1.0
         if rd == 0:
             continue
         axes = 2 if system.planar else 3
