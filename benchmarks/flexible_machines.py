@@ -19,8 +19,7 @@ from sidtool.solver.system.system import System
 
 from . import scenes
 from .machine import describe_machine
-from .peers.exudyn_scene import ExudynSettings
-from .peers.exudyn_scene import run as solve
+from .peers.exudyn_scene import ExudynSettings, run as solve
 from .precision import (
     Run,
     at_equal_error,

@@ -48,45 +48,49 @@ if TYPE_CHECKING:
     from sidtool.solver.functions.control_laws import Law as Law
     from sidtool.solver.system.errors import SimulationError as SimulationError
 
-    from .api.analyses import CampbellDiagram as CampbellDiagram
-    from .api.analyses import FloquetModes as FloquetModes
-    from .api.analyses import campbell as campbell
-    from .api.analyses import floquet as floquet
-    from .api.analyses import inverse_dynamics as inverse_dynamics
-    from .api.analyses import linearise as linearise
-    from .api.analyses import static_equilibrium as static_equilibrium
-    from .api.bodies import export_body as export_body
-    from .api.bodies import superelement as superelement
+    from .api.analyses import (
+        CampbellDiagram as CampbellDiagram,
+        FloquetModes as FloquetModes,
+        campbell as campbell,
+        floquet as floquet,
+        inverse_dynamics as inverse_dynamics,
+        linearise as linearise,
+        static_equilibrium as static_equilibrium,
+    )
+    from .api.bodies import export_body as export_body, superelement as superelement
     from .api.compiled_scene import CompiledScene as CompiledScene
     from .api.identify import identify as identify
     from .api.interrupts import Interrupted as Interrupted
-    from .api.operations import compare as compare
-    from .api.operations import convert as convert
-    from .api.operations import repair as repair
-    from .api.operations import simulate as simulate
-    from .api.operations import validate as validate
+    from .api.operations import (
+        compare as compare,
+        convert as convert,
+        repair as repair,
+        simulate as simulate,
+        validate as validate,
+    )
     from .api.optimise import optimise as optimise
-    from .api.plant import Plant as Plant
-    from .api.plant import PlantEvent as PlantEvent
+    from .api.plant import Plant as Plant, PlantEvent as PlantEvent
     from .api.result import Result as Result
-    from .api.scene import Model as Model
-    from .api.scene import Scene as Scene
-    from .api.scene import read as read
-    from .api.sensitivity import gradient as gradient
-    from .api.sensitivity import sensitivity as sensitivity
-    from .api.state_space import FrequencyResponse as FrequencyResponse
-    from .api.state_space import StateSpace as StateSpace
-    from .api.state_space import state_space as state_space
-    from .api.study import study as study
-    from .api.study import sweep as sweep
+    from .api.scene import Model as Model, Scene as Scene, read as read
+    from .api.sensitivity import gradient as gradient, sensitivity as sensitivity
+    from .api.state_space import (
+        FrequencyResponse as FrequencyResponse,
+        StateSpace as StateSpace,
+        state_space as state_space,
+    )
+    from .api.study import study as study, sweep as sweep
     from .api.tables import *  # noqa: F403
     from .model_derivatives.design_variables import ShapeVariable as ShapeVariable
-    from .model_derivatives.sid_derivatives import SidDerivatives as SidDerivatives
-    from .model_derivatives.sid_derivatives import sid_derivatives as sid_derivatives
+    from .model_derivatives.sid_derivatives import (
+        SidDerivatives as SidDerivatives,
+        sid_derivatives as sid_derivatives,
+    )
     from .pipeline.extra_outputs import outputs as outputs
     from .pipeline.files import write as write
-    from .pipeline.sid_from_arrays import sid_from_blocks as sid_from_blocks
-    from .pipeline.sid_from_arrays import sid_from_shapes as sid_from_shapes
+    from .pipeline.sid_from_arrays import (
+        sid_from_blocks as sid_from_blocks,
+        sid_from_shapes as sid_from_shapes,
+    )
     from .view.animation import animate as animate
     from .view.body_fields import peak_stresses as peak_stresses
 

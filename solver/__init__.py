@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from .analyses.linearisation import linearise as linearise
     from .analyses.static_equilibrium import static_equilibrium as static_equilibrium
     from .diagnostics.run_summary import describe as describe
-    from .functions.callables import Derivatives
-    from .functions.callables import Timed as Timed
+    from .functions.callables import Derivatives, Timed as Timed
     from .functions.control_laws import Law as Law
     from .simulation.simulate import simulate as simulate
     from .system.system import System

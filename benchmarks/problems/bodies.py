@@ -16,10 +16,14 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.reference import read_reference
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.examples import example_folder
-from tests.references import slender, test_interface_beam, test_rotor
-from tests.references import test_tight_string as strings
-from tests.references import test_tower as towers
-from tests.references import test_wind_turbine as turbines
+from tests.references import (
+    slender,
+    test_interface_beam,
+    test_rotor,
+    test_tight_string as strings,
+    test_tower as towers,
+    test_wind_turbine as turbines,
+)
 from tests.sidtool.conversion import test_beam_stiffening as cantilever
 from tests.sidtool.elements.test_frontend_patches import FV32, hertz, membrane
 

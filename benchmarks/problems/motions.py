@@ -13,13 +13,15 @@ from sidtool.cli.demo_run import PUBLISHED_MOTION
 from sidtool.formats.scene import read_scene
 from sidtool.pipeline.examples import example_folder
 from sidtool.solver import compile_scene, simulate
-from tests.references import spin_up
-from tests.references import test_andrews as andrews
-from tests.references import test_bricard as bricard
-from tests.references import test_four_bars as four_bars
-from tests.references import test_rigid_benchmarks as rigid
-from tests.references import test_simeon as simeon
-from tests.references import test_spin_up as spinning
+from tests.references import (
+    spin_up,
+    test_andrews as andrews,
+    test_bricard as bricard,
+    test_four_bars as four_bars,
+    test_rigid_benchmarks as rigid,
+    test_simeon as simeon,
+    test_spin_up as spinning,
+)
 
 from . import Problem, Row
 

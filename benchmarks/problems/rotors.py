@@ -9,8 +9,10 @@ from scipy.optimize import brentq
 from scipy.special import mathieu_a, mathieu_b
 
 import sidtool
-from tests.solver.analyses import test_floquet as floquet
-from tests.solver.analyses import test_multi_blade as multi_blade
+from tests.solver.analyses import (
+    test_floquet as floquet,
+    test_multi_blade as multi_blade,
+)
 
 from . import Problem, Row
 

@@ -10,32 +10,21 @@ In reading order:
 - `hdf5`: diagnostics as a table of a file
 """
 
-from .entry import ERROR, INFO, SEVERITIES, WARNING, Entry
-from .record import (
-    Diagnostic,
-    WithDiagnostics,
-    count_by_severity,
-    diagnose,
-    each_once,
-    from_data,
-    plain_text,
-    stop_message,
-    without,
+from .entry import (
+    ERROR as ERROR,
+    INFO as INFO,
+    SEVERITIES as SEVERITIES,
+    WARNING as WARNING,
+    Entry as Entry,
 )
-
-__all__ = [
-    "ERROR",
-    "INFO",
-    "SEVERITIES",
-    "WARNING",
-    "Diagnostic",
-    "Entry",
-    "WithDiagnostics",
-    "each_once",
-    "count_by_severity",
-    "diagnose",
-    "from_data",
-    "plain_text",
-    "stop_message",
-    "without",
-]
+from .record import (
+    Diagnostic as Diagnostic,
+    WithDiagnostics as WithDiagnostics,
+    count_by_severity as count_by_severity,
+    diagnose as diagnose,
+    each_once as each_once,
+    from_data as from_data,
+    plain_text as plain_text,
+    stop_message as stop_message,
+    without as without,
+)

@@ -1,33 +1,20 @@
 """Results of simulations, in memory and in files."""
 
 from .accuracy_report import (
-    AccuracyReport,
-    BudgetLine,
-    Decision,
-    Excitation,
-    FlexibleBody,
-    OutputError,
-    has_meaningless_numbers,
+    AccuracyReport as AccuracyReport,
+    BudgetLine as BudgetLine,
+    Decision as Decision,
+    Excitation as Excitation,
+    FlexibleBody as FlexibleBody,
+    OutputError as OutputError,
+    has_meaningless_numbers as has_meaningless_numbers,
 )
-from .data import Event, InMemory, Result, Sink
-from .hdf5 import ResultFile, TableFile, read_result, units_in, write_csv, write_result
-
-__all__ = [
-    "AccuracyReport",
-    "BudgetLine",
-    "Decision",
-    "Event",
-    "Excitation",
-    "FlexibleBody",
-    "InMemory",
-    "OutputError",
-    "Result",
-    "ResultFile",
-    "Sink",
-    "TableFile",
-    "has_meaningless_numbers",
-    "read_result",
-    "units_in",
-    "write_csv",
-    "write_result",
-]
+from .data import Event as Event, InMemory as InMemory, Result as Result, Sink as Sink
+from .hdf5 import (
+    ResultFile as ResultFile,
+    TableFile as TableFile,
+    read_result as read_result,
+    units_in as units_in,
+    write_csv as write_csv,
+    write_result as write_result,
+)

@@ -27,8 +27,8 @@ from ..measurement.candidates import (
     bodies_with_stiffening,
     is_out_of_plane,
     planar_scene,
+    shape_function_candidates as shapes_of,
 )
-from ..measurement.candidates import shape_function_candidates as shapes_of
 from ..measurement.request import refuse_accuracy
 from ..measurement.runs import Runs, Setting
 from .reference_run import Reference

@@ -26,12 +26,16 @@ from sidtool.formats.file_names import (
     scene_given,
 )
 from sidtool.formats.scene import SceneFile
-from sidtool.solver.analyses.campbell import CampbellDiagram as SolverCampbellDiagram
-from sidtool.solver.analyses.campbell import campbell_diagram
+from sidtool.solver.analyses.campbell import (
+    CampbellDiagram as SolverCampbellDiagram,
+    campbell_diagram,
+)
 from sidtool.solver.analyses.linearisation import Linearisation as SolverLinearisation
 from sidtool.solver.analyses.static_equilibrium import Equilibrium as SolverEquilibrium
-from sidtool.solver.simulation.floquet import FloquetModes as SolverFloquetModes
-from sidtool.solver.simulation.floquet import floquet_modes
+from sidtool.solver.simulation.floquet import (
+    FloquetModes as SolverFloquetModes,
+    floquet_modes,
+)
 from sidtool.solver.system.errors import SimulationError
 
 from ..pipeline.files import expect_kind

@@ -23,8 +23,8 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.files import locate_errors
 from sidtool.solver.analyses.frequency_response import (
     FrequencyResponse as SolverFrequencyResponse,
+    frequency_response,
 )
-from sidtool.solver.analyses.frequency_response import frequency_response
 from sidtool.solver.analyses.state_space import StateSpace as SolverStateSpace
 
 from ..pipeline.files import expect_kind

@@ -26,11 +26,15 @@ from ..measurement.variants import (
 )
 from ..pipeline.model_cache import model_digest
 from ..report.diagnostics import first_of_each_code
-from ..study.run_study import Say, Workers, workers
-from ..study.run_study import run_study as whole
+from ..study.run_study import Say, Workers, run_study as whole, workers
 from ..study.study_result import Study
-from ..sweep.design import Design, Designs, axis_combinations, models_of_designs
-from ..sweep.design import parse_axes as parse_sweep_axes
+from ..sweep.design import (
+    Design,
+    Designs,
+    axis_combinations,
+    models_of_designs,
+    parse_axes as parse_sweep_axes,
+)
 from ..sweep.sweep_result import (
     MEASURES,
     TIME,

@@ -21,8 +21,11 @@ from ..elements.finite_element_model import (
     GeometryMass,
     MarkerRows,
 )
-from ..elements.markers import check_length, name_marker_in_errors
-from ..elements.markers import markers_with_position as with_places
+from ..elements.markers import (
+    check_length,
+    markers_with_position as with_places,
+    name_marker_in_errors,
+)
 from ..mesh.reference_elements import gauss_legendre
 from .axis import Axis, beam_axis
 from .cross_section import (

@@ -247,8 +247,7 @@ def explain(code: str | None) -> None:
       sidtool explain N411
       sidtool explain
     """
-    from ..report.diagnostics import explain as explanation
-    from ..report.diagnostics import list_codes
+    from ..report.diagnostics import explain as explanation, list_codes
 
     click.echo(explanation(code) if code else list_codes())
 
@@ -331,8 +330,7 @@ def outputs(
     from sidtool.formats.result import units_in
 
     from ..api.scene import read
-    from ..pipeline.extra_outputs import outputs as evaluated
-    from ..pipeline.extra_outputs import with_outputs
+    from ..pipeline.extra_outputs import outputs as evaluated, with_outputs
     from ..pipeline.files import expect_kind, write
     from ..report.result import output_ranges
 

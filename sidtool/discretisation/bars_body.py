@@ -28,8 +28,11 @@ from ..elements.finite_element_model import (
     MarkerRows,
     fixed_marker,
 )
-from ..elements.markers import markers_with_position as with_places
-from ..elements.markers import name_marker_in_errors, position_of
+from ..elements.markers import (
+    markers_with_position as with_places,
+    name_marker_in_errors,
+    position_of,
+)
 from ..mesh.connections import RawBar
 from ..mesh.imported_mesh import ImportedMesh, undefined_notes
 from ..mesh.materials import ElasticMaterial

@@ -38,9 +38,9 @@ from .solid_elements import (
     internal_amplitudes,
     internal_values,
     mapped_batch,
+    with_incompatible_modes as with_modes,
     with_reduced_integration,
 )
-from .solid_elements import with_incompatible_modes as with_modes
 
 #: Entries of the largest array of one batch of elements. Small batches spend their time
 #: in Python: 62 000 tet10 take 6.4 s with 200 000 entries, 4.8 s with more.

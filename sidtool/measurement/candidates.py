@@ -23,8 +23,8 @@ from sidtool.formats.scene import (
     is_elastic,
     is_section_force,
     is_stress,
+    parse_output as parsed,
 )
-from sidtool.formats.scene import parse_output as parsed
 from sidtool.formats.scene.base import Placement, as_3d, orientation_matrix
 from sidtool.formats.scene.outputs import MULTIPLIER
 from sidtool.formats.toml.reading import validate_data

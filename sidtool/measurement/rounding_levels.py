@@ -17,8 +17,7 @@ import numpy as np
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Result
-from sidtool.formats.scene import SceneFile, unit_of
-from sidtool.formats.scene import parse_output as parsed
+from sidtool.formats.scene import SceneFile, parse_output as parsed, unit_of
 from sidtool.formats.scene.outputs import is_elastic
 from sidtool.formats.scene.wildcards import known_outputs
 

@@ -30,8 +30,7 @@ from sidtool.formats.result.accuracy_report import (
     deformation_diagnostics,
     stiffening_diagnostic,
 )
-from sidtool.formats.scene import SceneFile, is_elastic
-from sidtool.formats.scene import parse_output as parsed
+from sidtool.formats.scene import SceneFile, is_elastic, parse_output as parsed
 from sidtool.formats.storage.operating_system import busy_seconds
 
 from .candidates import Choice, scene_of_model, with_recorded_outputs

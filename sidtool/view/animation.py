@@ -39,8 +39,7 @@ from ..plot.curves import draw_curves_svg, output_errors
 from ..plot.figure import COLOURS
 from .body_fields import ColourRange, Given, colour_ranges, find_fields, fitting_scale
 from .film import vertical_axis, view_directions
-from .links import COLOURS as LINK_COLOURS
-from .links import Link
+from .links import COLOURS as LINK_COLOURS, Link
 from .motion import SampledMotion, sample_motion
 
 #: Total number of triangles above which bodies are decimated; number for slow browsers.

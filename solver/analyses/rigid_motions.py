@@ -15,8 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import null_space as kernel
-from scipy.linalg import orth
+from scipy.linalg import null_space as kernel, orth
 
 from sidtool.formats.base.sid import Array
 

@@ -17,8 +17,7 @@ from types import FunctionType
 from typing import Any
 
 import numba
-from llvmlite import binding as llvm
-from llvmlite import ir
+from llvmlite import binding as llvm, ir
 from numba import int64, types
 from numba.core import cgutils
 from numba.extending import (

@@ -11,18 +11,22 @@ from ..spatial.system_arrays import (
     W_WEIGHT,
 )
 from .constraint_rows import add_jacobian, add_term, is_coupled, term_at, write_row
-from .direction_constraints import angle_jacobian as linearise_angle
-from .direction_constraints import angle_residual as evaluate_angle
-from .direction_constraints import direction_jacobian as linearise_directions
-from .direction_constraints import direction_residual as evaluate_directions
+from .direction_constraints import (
+    angle_jacobian as linearise_angle,
+    angle_residual as evaluate_angle,
+    direction_jacobian as linearise_directions,
+    direction_residual as evaluate_directions,
+)
 from .drives import prescribed_value
-from .point_constraints import coincident_jacobian as linearise_coincident
-from .point_constraints import coincident_residual as evaluate_coincident
-from .point_constraints import coincident_wrench
-from .point_constraints import displacement_jacobian as linearise_along
-from .point_constraints import displacement_residual as evaluate_along
-from .point_constraints import distance_jacobian as linearise_distance
-from .point_constraints import distance_residual as evaluate_distance
+from .point_constraints import (
+    coincident_jacobian as linearise_coincident,
+    coincident_residual as evaluate_coincident,
+    coincident_wrench,
+    displacement_jacobian as linearise_along,
+    displacement_residual as evaluate_along,
+    distance_jacobian as linearise_distance,
+    distance_residual as evaluate_distance,
+)
 
 
 @inner()

@@ -10,10 +10,12 @@ from ..spatial.system_arrays import (
     FOLLOWER_LOAD,
     PRESCRIBED_VALUE,
 )
-from .applied_forces import applied_load as evaluate_given
-from .applied_forces import evaluate_coordinate_force as evaluate_coordinate
-from .applied_forces import linearise_applied_load as linearise_given
-from .applied_forces import linearise_coordinate_force as linearise_coordinate
+from .applied_forces import (
+    applied_load as evaluate_given,
+    evaluate_coordinate_force as evaluate_coordinate,
+    linearise_applied_load as linearise_given,
+    linearise_coordinate_force as linearise_coordinate,
+)
 from .force_law import force_law, set_force_scale, set_law_derivatives
 from .force_measures import (
     displacement_derivatives,

@@ -162,8 +162,7 @@ def _generalised_alpha(
     control: StepLoopState,
 ) -> StepFunction:
     from ..system.characteristic_sizes import coordinate_sizes
-    from . import generalised_alpha
-    from . import generalised_alpha_step as alpha_table
+    from . import generalised_alpha, generalised_alpha_step as alpha_table
 
     rho = control.spectral_radius
     sizes = coordinate_sizes(system)

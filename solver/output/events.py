@@ -16,8 +16,7 @@ import numpy as np
 from sidtool.formats.base.sid import Array
 from sidtool.formats.diagnostics import Diagnostic
 from sidtool.formats.result import Event
-from sidtool.formats.scene import Event as Wanted
-from sidtool.formats.scene import Outputs, parse_output
+from sidtool.formats.scene import Event as Wanted, Outputs, parse_output
 from sidtool.formats.scene.outputs import is_joint_output, is_section_force
 
 from ..integrators import loop_state

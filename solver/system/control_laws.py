@@ -31,13 +31,13 @@ from sidtool.formats.scene import (
 from sidtool.formats.scene.connections import force_coordinate, owner_table
 from sidtool.formats.scene.outputs import EFFORTS, POWER
 
-from ..dynamics import control_laws
-from ..dynamics import control_laws as op
+from ..dynamics import control_laws, control_laws as op
 from ..functions.callables import Derivatives, NativeCallable, Timed
 from ..functions.control_laws import (
     HELD_VALUE,
     CallableInstruction,
     CompiledLaw,
+    Law as GivenLaw,
     LawInstruction,
     LawInstructions,
     LawState,
@@ -47,7 +47,6 @@ from ..functions.control_laws import (
     compile_law,
     continuous_law,
 )
-from ..functions.control_laws import Law as GivenLaw
 from ..functions.function_table import FunctionTable, grid_data
 from ..functions.law_derivatives import function_of_time, prescribed_law
 from ..spatial import system_arrays as at

@@ -22,8 +22,10 @@ from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.plot import results
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.output import dense_output
-from sidtool.solver.simulation import replay as replay_module
-from sidtool.solver.simulation import simulate as simulate_module
+from sidtool.solver.simulation import (
+    replay as replay_module,
+    simulate as simulate_module,
+)
 from sidtool.view.motion import sample_motion
 from tests.places import SLIDER_CRANK, posix
 

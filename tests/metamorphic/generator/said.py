@@ -11,8 +11,7 @@ import numpy as np
 
 from sidtool.formats.base.sid import Array
 from tests.metamorphic.generator.case import AXIAL, VECTORS, Case, Table, Values
-from tests.metamorphic.generator.differences import Sizes, variation
-from tests.metamorphic.generator.differences import kind as kind
+from tests.metamorphic.generator.differences import Sizes, kind as kind, variation
 
 Back = Callable[[Values], Values]
 

@@ -23,8 +23,7 @@ from sidtool.solver.system.errors import SimulationError
 from sidtool.solver.system.system import System
 from tests.bodies import particle_body
 from tests.codes import codes
-from tests.metamorphic.generator import case as cases
-from tests.metamorphic.generator import scenes
+from tests.metamorphic.generator import case as cases, scenes
 from tests.sidtool.beams import IGA, beam
 from tests.solver.scenes import compiled, polynomial, scene
 

@@ -22,8 +22,6 @@ from tests.metamorphic.generator.scenes import random_scene, with_measures
 from tests.solver.integrators.test_singular_positions import slider_crank
 from tests.solver.scenes import (
     compiled as compiled_scene,
-)
-from tests.solver.scenes import (
     polynomial,
     scene,
     slender_rod,

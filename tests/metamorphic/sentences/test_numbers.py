@@ -21,8 +21,13 @@ from tests.codes import codes, with_code
 from tests.metamorphic.generator.case import Case, compiled, run, scene_of
 from tests.metamorphic.generator.said import copied, with_table
 from tests.metamorphic.generator.scenes import random_scene
-from tests.solver.scenes import compiled as compiled_scene
-from tests.solver.scenes import scene, slender_rod, soft_body, with_cubic_energy
+from tests.solver.scenes import (
+    compiled as compiled_scene,
+    scene,
+    slender_rod,
+    soft_body,
+    with_cubic_energy,
+)
 
 #: Random scenes with flexible bodies.
 #: Random scenes with flexible bodies.

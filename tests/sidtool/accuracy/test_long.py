@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import long_run_part as long
-from sidtool.accuracy import long_run_reference
+from sidtool.accuracy import long_run_part as long, long_run_reference
 from sidtool.api import interrupts
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.reading import validate_data
-from sidtool.measurement import cache, candidates
-from sidtool.measurement import runs as runs_
+from sidtool.measurement import cache, candidates, runs as runs_
 from sidtool.measurement.request import requested
 from sidtool.measurement.runs import OutsideTheory
 from sidtool.solver import compile_scene

@@ -17,8 +17,7 @@ from sidtool.importers.mesh_files import read_mesh
 from sidtool.reduction.admissible_space import constrained_space
 from sidtool.reduction.body_frames import Frame
 
-from ..importers.decks import STEEL as BAR
-from ..importers.decks import Block, deck
+from ..importers.decks import STEEL as BAR, Block, deck
 from ..importers.mesh_files import mesh_model
 from ..importers.test_import_couplings import bulk
 

@@ -27,8 +27,7 @@ from tests.sidtool.frames import (
     hinged_crane,
     section_forces,
 )
-from tests.sidtool.importers.bars.decks import bulk, grids
-from tests.sidtool.importers.bars.decks import model as deck_model
+from tests.sidtool.importers.bars.decks import bulk, grids, model as deck_model
 from tests.sidtool.importers.decks import frequencies
 
 G = E / (2 * (1 + NU))

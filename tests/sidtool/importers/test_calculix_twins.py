@@ -24,8 +24,7 @@ from sidtool.mesh.reference_elements import reference_element
 from tests.metamorphic.parts.meshes import STEEL
 
 from ..elements.drawn_parts import Part, drawn_part
-from .decks import MATERIAL, body, calculix, frequencies, listed
-from .decks import STEEL as STEEL_OF_DECK
+from .decks import MATERIAL, STEEL as STEEL_OF_DECK, body, calculix, frequencies, listed
 from .twins import ELEMENTS, by_calculix, by_sidtool, calculix_matrices
 
 CASES = [

@@ -11,8 +11,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from tests.codes import only
 
-from .bars.decks import body as bars_body
-from .bars.decks import bulk, grids
+from .bars.decks import body as bars_body, bulk, grids
 from .decks import STEEL, Block
 from .test_import_couplings import body
 

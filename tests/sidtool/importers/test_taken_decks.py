@@ -15,8 +15,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import SID
 from sidtool.pipeline.model_to_sid import sid_from_model
 
-from .decks import MATERIAL, STEEL, Block, frequencies
-from .decks import deck as inp_deck
+from .decks import MATERIAL, STEEL, Block, deck as inp_deck, frequencies
 from .mesh_files import mesh_model
 
 BLOCK = Block((4, 1, 1), (0.4, 0.1, 0.1))

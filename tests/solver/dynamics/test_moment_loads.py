@@ -16,8 +16,7 @@ from sidtool.formats.geometric_stiffening import load_stiffness
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validate_data
 from sidtool.pipeline.model_to_sid import sid_from_model
-from sidtool.solver import compile_scene, static_equilibrium
-from sidtool.solver import linearise as natural_modes
+from sidtool.solver import compile_scene, linearise as natural_modes, static_equilibrium
 from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.system.system import System
 from sidtool.solver.system.work_arrays import linearise
