@@ -152,7 +152,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         tensor = rotate_tensor(np.diag(numbers(lump.inertia)), frames.section_axes[0])
         rows, dofs = _marker_rows(beam, ends, lump.at)
         move = (rows.displacement, rows.rotation, dofs)
-        particles.add(frames.places[0], lump.mass, tensor, *move)
+        particles.add(frames.places, [lump.mass], tensor[None], *move)
     markers = []
     for name, at in places.items():
         rows, dofs = _marker_rows(beam, ends, at)
@@ -162,14 +162,11 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
                 name=name,
                 node=named[name].node,
                 position=frames.places[0],
-                displacement=rows_without_rounding(rows.displacement, dofs, ndof),
-                rotation=rows_without_rounding(rows.rotation, dofs, ndof),
+                displacement=rows_without_rounding(rows.displacement[0], dofs, ndof),
+                rotation=rows_without_rounding(rows.rotation[0], dofs, ndof),
                 tangent=frames.axes[0, 0],
             )
         )
-    outlines: tuple[BeamOutline, ...] = ()
-    if np.isrealobj(stiffness):  # a body with an imaginary step has no pictures
-        outlines = (_outline(beam, elements, ndof),)
     return FiniteElementModel(
         positions=axis.at(ends).places,
         scalar_mass=None,
@@ -179,7 +176,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         inertia_points=particles.points(),
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
-        outlines=outlines,
+        outlines=lambda: (_outline(beam, elements, ndof),),
         beam_stress=None if stress is None else stress.stress(),
         cuts=tuple(
             _cut(beam, ends, name, at, along, places) for name, at in cuts.items()
@@ -274,10 +271,9 @@ def _outline(
     motion = RowCollector(ndof)
     for i, element in enumerate(elements):
         places = np.arange(pieces + (i == len(elements) - 1)) / pieces
-        for rows in element.rows_at(places, element.frames(places)):
-            motion.add(
-                np.concatenate([rows.displacement, rows.rotation]), _element_dofs(i)
-            )
+        rows = element.rows_at(places, element.frames(places))
+        both = np.hstack([rows.displacement, rows.rotation])
+        motion.add(both, _element_dofs(i))
     return BeamOutline(frames.places, frames.axes[:, 1:], halves, motion.matrix())
 
 
@@ -306,8 +302,8 @@ def _cut(
         name=name,
         node=0,
         position=frames.places[0],
-        displacement=rows_without_rounding(rows.displacement, dofs, ndof),
-        rotation=rows_without_rounding(rows.rotation, dofs, ndof),
+        displacement=rows_without_rounding(rows.displacement[0], dofs, ndof),
+        rotation=rows_without_rounding(rows.rotation[0], dofs, ndof),
         tangent=frames.axes[0, 0],
     )
     beyond = tuple(marker for marker, place in places.items() if place.real > least)

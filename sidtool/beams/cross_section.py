@@ -84,6 +84,10 @@ class Profile:
         parts = zip(self.edges, self.edges[1:], self.pieces, strict=False)
         return float(sum(p.integ(lbnd=a)(b) for a, b, p in parts))
 
+    def at(self, fraction: float) -> Any:
+        """Return the value at one fraction."""
+        return self._at(fraction)(fraction)
+
     def _at(self, fraction: float) -> Polynomial:
         return self.pieces[int(np.searchsorted(self.edges[1:-1], fraction, "right"))]
 
@@ -383,7 +387,7 @@ def _torsion_of_rectangle(h: Any, w: Any) -> Any:
 
 
 def _side_at(geometry: BeamGeometry, name: str, fraction: float) -> Any:
-    value = side_profile(geometry, name)(np.array(fraction)).item()
+    value = side_profile(geometry, name).at(fraction)
     if value.real <= 0:
         raise InputError(
             f"becomes {value.real:.3g} at {fraction.real:.3g} of the length",

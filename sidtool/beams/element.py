@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.base.complex_step import number_type, without_rounding
 from sidtool.formats.base.sid import Array
@@ -45,13 +45,13 @@ class BeamProperties:
 
 
 class ElementRows(NamedTuple):
-    """Rows of the motion of an element at one position, by its degrees of freedom.
+    """Rows of the motion of an element at n positions, by its degrees of freedom.
 
     Attributes
     ----------
-    displacement, rotation : (3, 12) in the axes of the model
-    strains, resultants : (6, 12) in those of the section: stretch, shears xy and xz,
-        twist, curvatures about y and z; N, Qy, Qz, T, My, Mz
+    displacement, rotation : (n, 3, 12) in the axes of the model
+    strains, resultants : (n, 6, 12) in those of the section: stretch, shears xy and
+        xz, twist, curvatures about y and z; N, Qy, Qz, T, My, Mz
     """
 
     displacement: Array
@@ -83,11 +83,10 @@ class BeamElement:
         return self.beam.section(fraction)
 
     def rows(self, place: float) -> ElementRows:
-        """Return the rows at a fraction of the element."""
-        (rows_here,) = self.rows_at(np.array([place]), self.frames(np.array([place])))
-        return rows_here
+        """Return the rows at one fraction of the element."""
+        return self.rows_at(np.array([place]), self.frames(np.array([place])))
 
-    def rows_at(self, places: Array, frames: AxisFrames) -> tuple[ElementRows, ...]:
+    def rows_at(self, places: Array, frames: AxisFrames) -> ElementRows:
         """Return the rows at fractions (n,) of the element with given frames."""
         covered = self._flexibilities_before(places)
         back = translate_motion(frames.places - self._ends[1])
@@ -95,8 +94,7 @@ class BeamElement:
         motion[:, :, :6] += translate_motion(frames.places - self._ends[0])
         resultants = self._resultants(frames) @ self._forces
         strains = self._compliances(places, frames) @ resultants
-        parts = (motion[:, :3], motion[:, 3:], strains, resultants)
-        return tuple(map(ElementRows, *parts))
+        return ElementRows(motion[:, :3], motion[:, 3:], strains, resultants)
 
     @cached_property
     def gauss_frames(self) -> AxisFrames:
@@ -104,7 +102,7 @@ class BeamElement:
         return self.frames(GAUSS_POINTS)
 
     @cached_property
-    def gauss_rows(self) -> tuple[ElementRows, ...]:
+    def gauss_rows(self) -> ElementRows:
         """Return the rows at `GAUSS_POINTS`."""
         return self.rows_at(GAUSS_POINTS, self.gauss_frames)
 
@@ -191,8 +189,8 @@ class RowCollector:
         self._dofs: list[Indices] = []
 
     def add(self, rows: Array, dofs: Indices) -> None:
-        """Rows (r, k) of degrees of freedom (k,), of which some may be the same."""
-        self._rows.append(rows)
+        """Rows (..., k) of degrees of freedom (k,), of which some may be the same."""
+        self._rows.append(rows.reshape(-1, len(dofs)))
         self._dofs.append(dofs)
 
     def matrix(self) -> sp.csr_matrix:
@@ -213,12 +211,16 @@ class RowCollector:
 
 
 class ParticleCollector:
-    """Collects the points that carry the mass."""
+    """Collects the points that carry the mass.
+
+    count : of the points so far
+    """
 
     def __init__(self, ndof: int) -> None:
         self.ndof = ndof
+        self.count = 0
         self._where: list[Array] = []
-        self._masses: list[float] = []
+        self._masses: list[ArrayLike] = []
         self._inertias: list[Array] = []
         self._arms: list[Array] = []
         self._tangents: list[Array] = []
@@ -227,40 +229,35 @@ class ParticleCollector:
     def add(
         self,
         where: Array,
-        mass: float,
-        inertia: Array,
+        masses: ArrayLike,
+        inertias: Array,
         displacement: Array,
         rotation: Array,
         dofs: Indices,
-        arm: Array | None = None,
-        tangent: Array | None = None,
+        arms: Array | None = None,
+        tangents: Array | None = None,
     ) -> None:
-        """A piece, by rows (3, k) of its motion by degrees of freedom (k,).
+        """Pieces (p, ...), by rows (p, 3, k) of their motion by dofs (k,).
 
         Parameters
         ----------
-        arm, tangent : (3,) as in `InertiaPoints`
+        where, masses, inertias, arms, tangents : as in `InertiaPoints`; arms and
+            tangents are zero by default
         """
-        self._arms.append(np.zeros(3) if arm is None else arm)
-        self._tangents.append(np.zeros(3) if tangent is None else tangent)
+        self._arms.append(np.zeros(where.shape) if arms is None else arms)
+        self._tangents.append(np.zeros(where.shape) if tangents is None else tangents)
         self._where.append(where)
-        self._masses.append(mass)
-        self._inertias.append(inertia)
+        self._masses.append(masses)
+        self._inertias.append(inertias)
         self._displacement.add(displacement, dofs)
         self._rotation.add(rotation, dofs)
+        self.count += len(where)
 
     def add_slices(self, element: BeamElement, dofs: Indices, density: float) -> None:
         """Slices of the beam at its Gauss points."""
         frames = element.gauss_frames
-        pieces = zip(
-            *slice_inertia(element, frames, GAUSS_POINTS, GAUSS_WEIGHTS, density),
-            strict=True,
-        )
-        points = zip(frames.places, frames.axes[:, 0], strict=True)
-        for rows, (place, tangent), piece in zip(
-            element.gauss_rows, points, pieces, strict=True
-        ):
-            self._add_rigid_piece(rows, dofs, place, *piece, tangent)
+        slices = slice_inertia(element, frames, GAUSS_POINTS, GAUSS_WEIGHTS, density)
+        self._add_rigid_pieces(element.gauss_rows, dofs, frames, *slices)
 
     def add_half_elements(
         self, element: BeamElement, dofs: Indices, density: float
@@ -279,40 +276,34 @@ class ParticleCollector:
                 "p,pab,pbc->ac", masses, spread, spread
             )
             at_end = element.frames(np.array([end]))
-            place, tangent = at_end.places[0], at_end.axes[0, 0]
-            piece = centre, mass, tensor, tangent
-            self._add_rigid_piece(element.rows(end), dofs, place, *piece)
+            piece = centre[None], mass[None], tensor[None]
+            self._add_rigid_pieces(element.rows(end), dofs, at_end, *piece)
 
-    def _add_rigid_piece(
+    def _add_rigid_pieces(
         self,
         rows: ElementRows,
         dofs: Indices,
-        place: Array,
-        centre: Array,
-        mass: float,
-        tensor: Array,
-        tangent: Array,
+        frames: AxisFrames,
+        centres: Array,
+        masses: Array,
+        tensors: Array,
     ) -> None:
-        """A piece that is fixed to the section at a place of an element."""
-        arm = centre - place
-        moved = rows.displacement - skew(arm) @ rows.rotation
-        arm = arm - (arm @ tangent) * tangent
-        self.add(centre, mass, tensor, moved, rows.rotation, dofs, arm, tangent)
-
-    @property
-    def count(self) -> int:
-        """How many points there are so far."""
-        return len(self._masses)
+        """Pieces (p, ...) that are fixed to sections of an element."""
+        arms, tangents = centres - frames.places, frames.axes[:, 0]
+        moved = rows.displacement - skew(arms) @ rows.rotation
+        arms = arms - np.einsum("pa,pa->p", arms, tangents)[:, None] * tangents
+        motion = moved, rows.rotation, dofs
+        self.add(centres, masses, tensors, *motion, arms, tangents)
 
     def points(self) -> InertiaPoints:
         return InertiaPoints(
-            positions=np.array(self._where),
-            masses=np.array(self._masses),
-            inertias=np.array(self._inertias),
+            positions=np.concatenate(self._where),
+            masses=np.concatenate(self._masses),
+            inertias=np.concatenate(self._inertias),
             displacement=self._displacement.matrix(),
             rotation=self._rotation.matrix(),
-            arms=np.array(self._arms),
-            tangents=np.array(self._tangents),
+            arms=np.concatenate(self._arms),
+            tangents=np.concatenate(self._tangents),
         )
 
 
@@ -350,16 +341,14 @@ class MaterialPointCollector:
 
     def add(self, element: BeamElement, dofs: Indices) -> None:
         """The Gauss points of an element."""
-        frames = element.gauss_frames
-        for k, (place, rows) in enumerate(
-            zip(GAUSS_POINTS, element.gauss_rows, strict=True)
+        frames, rows = element.gauss_frames, element.gauss_rows
+        turns = frames.axes @ rows.rotation
+        for kept, some in zip(
+            self._rows, (rows.strains, turns, rows.resultants), strict=True
         ):
-            turns = frames.axes[k] @ rows.rotation
-            for kept, some in zip(
-                self._rows, (rows.strains, turns, rows.resultants), strict=True
-            ):
-                kept.add(some, dofs)
-            self._stress_moments.append(element.section(place).stress_moments)
+            kept.add(some, dofs)
+        sections = map(element.section, GAUSS_POINTS.tolist())
+        self._stress_moments.extend(each.stress_moments for each in sections)
         self._weights.extend(GAUSS_WEIGHTS * element.length)
         self._curvatures.extend(frames.curvatures)
 

@@ -27,7 +27,7 @@ from sidtool.formats.sid_mass import skew
 
 from ..elements.finite_element_model import BeamStress
 from .cross_section import Section
-from .element import BeamElement, Indices, RowCollector
+from .element import BeamElement, ElementRows, Indices, RowCollector
 from .section_shapes import named_properties, shape_of_section
 
 #: Points on a circle.
@@ -131,7 +131,8 @@ class StressCollector:
         """The points of both ends of an element of a beam."""
         places = np.array([0.0, 1.0])
         frames = element.frames(places)
-        for k, rows in enumerate(element.rows_at(places, frames)):
+        at_ends = element.rows_at(places, frames)
+        for k, rows in enumerate(map(ElementRows, *at_ends)):
             section = element.section(places[k])
             assert isinstance(section, Section)
             points = section_points(geometry, section)

@@ -44,12 +44,10 @@ class BarElement(BeamElement):
 
     ends: Array
 
-    def rows_at(self, places: Array, frames: AxisFrames) -> tuple[ElementRows, ...]:
+    def rows_at(self, places: Array, frames: AxisFrames) -> ElementRows:
         """Return the rows by the degrees of freedom of the nodes."""
         centroid_rows = super().rows_at(places, frames)
-        return tuple(
-            ElementRows(*(part @ self.ends for part in rows)) for rows in centroid_rows
-        )
+        return ElementRows(*(part @ self.ends for part in centroid_rows))
 
     def stiffness(self) -> Array:
         """(k, k) in the axes of the model."""
@@ -64,10 +62,12 @@ class BarElement(BeamElement):
 class RodElement(BarElement):
     """A rod: a bar that resists stretch and twist only and stays straight."""
 
-    def rows_at(self, places: Array, frames: AxisFrames) -> tuple[ElementRows, ...]:
-        return tuple(map(self._rows, places.tolist(), frames.axes[:, 0]))
+    def rows_at(self, places: Array, frames: AxisFrames) -> ElementRows:
+        rows = map(self._rows, places.tolist(), frames.axes[:, 0])
+        return ElementRows(*map(np.array, zip(*rows, strict=True)))
 
     def _rows(self, place: float, x: Array) -> ElementRows:
+        """Return the rows (3, k) and (6, k) at one place."""
         section = self.section(place)
         assert isinstance(section, Section)
         share, slope = np.array([1 - place, place]), np.array([-1.0, 1.0]) / self.length
@@ -90,17 +90,14 @@ class RodElement(BarElement):
     def end_forces(self) -> Array:
         pulled = np.zeros((12, self.ends.shape[1]), number_type(self.ends))
         along = self.frames(np.array([0.5])).axes[0, 0]
-        force = np.outer(
-            along, GAUSS_WEIGHTS @ [r.resultants[0] for r in self.gauss_rows]
-        )
+        force = np.outer(along, GAUSS_WEIGHTS @ self.gauss_rows.resultants[:, 0])
         pulled[:3], pulled[6:9] = -force, force
         return pulled
 
     def stiffness(self) -> Array:
-        weights = GAUSS_WEIGHTS * self.length
-        parts = zip(self.gauss_rows, weights, strict=True)
-        total = sum(w * rows.resultants.T @ rows.strains for rows, w in parts)
-        return np.asarray(total)
+        weights, rows = GAUSS_WEIGHTS * self.length, self.gauss_rows
+        resultants = weights[:, None, None] * rows.resultants
+        return np.asarray((resultants.swapaxes(1, 2) @ rows.strains).sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +230,7 @@ def bar_outline(
     places = np.linspace(0.0, 1.0, pieces + 1)
     frames = element.frames(places)
     rows = element.rows_at(places, frames)
-    motion = np.concatenate([part for row in rows for part in row[:2]])
+    motion = np.hstack([rows.displacement, rows.rotation]).reshape(-1, len(dofs))
     halves = np.array([element.section(place).halves for place in places.tolist()])
     return BeamOutline(
         frames.places, frames.axes[:, 1:], halves, scatter_rows(motion, dofs, ndof)

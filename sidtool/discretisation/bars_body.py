@@ -1,6 +1,6 @@
 """Bodies of bars and rods in a mesh file: frames, trusses, shafts."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -122,21 +122,15 @@ def bars_model(
     structure, unsupported = without_unsupported(structure, partial(_marked, model))
     nodes, ndof = structure.nodes, structure.ndof
     particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
-    outlines: list[BeamOutline] = []
     parts: list[tuple[Array, Indices]] = []
-    pieces = max(1, min(_PIECES, _SECTIONS // max(1, len(bars))))
     for bar in structure.bars:
         element, dofs = structure.bar_element(bar)
         parts.append((element.stiffness(), dofs))
         points.add(element, dofs)
-        outlines.append(bar_outline(element, dofs, ndof, pieces))
         add_bar_mass(particles, bar, element, dofs)
     structure.add_masses(particles)
     others, inertia = structure.other_elements()
     stiffness = sp.csr_matrix(others + assemble(parts, ndof))
-    if len(imported.shells) <= _PLATES:
-        motion = node_motion(nodes)
-        outlines += shell_outlines(imported.shells, nodes, motion, units.length)
     inertia += [particles.points()] if imported.bars or imported.masses else []
     if not inertia:
         raise InputError(
@@ -156,7 +150,7 @@ def bars_model(
         dof_table=nodes.table[used],
         beam_material=points.material() if alone and imported.bars else None,
         bar_ends=structure.bar_ends() if alone and imported.bars else None,
-        outlines=tuple(outlines),
+        outlines=lambda: tuple(_outlines(structure)),
         diagnostics=(
             *imported.diagnostics,
             *undefined_notes(imported.undefined),
@@ -174,6 +168,17 @@ def bars_model(
     body = replace(body, equations=equations, diagnostics=(*body.diagnostics, *found))
     check_mechanism(body)
     return body
+
+
+def _outlines(structure: Structure) -> Iterator[BeamOutline]:
+    """Yield the outlines of bars, and of shells that are not too many."""
+    shells, nodes = structure.imported.shells, structure.nodes
+    pieces = max(1, min(_PIECES, _SECTIONS // max(1, len(structure.bars))))
+    for bar in structure.bars:
+        yield bar_outline(*structure.bar_element(bar), structure.ndof, pieces)
+    if len(shells) <= _PLATES:
+        motion = node_motion(nodes)
+        yield from shell_outlines(shells, nodes, motion, structure.units.length)
 
 
 def _hinges(imported: ImportedMesh) -> list[Diagnostic]:

@@ -311,8 +311,8 @@ def member_cuts(
             name=f"{member}.{name}",
             node=0,
             position=frames.places[0],
-            displacement=rows_without_rounding(rows.displacement, dofs, ndof),
-            rotation=rows_without_rounding(rows.rotation, dofs, ndof),
+            displacement=rows_without_rounding(rows.displacement[0], dofs, ndof),
+            rotation=rows_without_rounding(rows.rotation[0], dofs, ndof),
             tangent=continued.get(of_nodes[k] + 1),
         )
         if mask is not None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,7 +30,6 @@ from ..beams.element import (
 )
 from ..beams.stress_points import StressCollector
 from ..elements.finite_element_model import (
-    BeamOutline,
     BodyCut,
     FiniteElementModel,
     GeometryMass,
@@ -112,14 +111,12 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
     nodes, ndof = structure.nodes, structure.ndof
     particles, points = ParticleCollector(ndof), MaterialPointCollector(ndof)
     stress = StressCollector(ndof) if model.stress else None
-    outlines: list[BeamOutline] = []
     parts: list[tuple[Array, Indices]] = []
     elements: dict[str, list[tuple[BarElement, Indices]]] = {}
     bars = iter(structure.bars)
     for member in members:
-        count = len(member.nodes) - 1
         own = elements[member.name] = []
-        for bar in (next(bars) for _ in range(count)):
+        for bar in islice(bars, len(member.nodes) - 1):
             element, dofs = structure.bar_element(bar)
             own.append((element, dofs))
             parts.append((element.stiffness(), dofs))
@@ -130,9 +127,6 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
                 add_bar_mass(particles, bar, element, dofs)
             if stress is not None:
                 stress.add(element, dofs, member.geometry)
-            if np.isrealobj(structure.nodes.mesh.positions):
-                pieces = -(-_PIECES // count)
-                outlines.append(bar_outline(element, dofs, ndof, pieces))
     inertia = [particles.points()]
     if (masses := structure.point_masses()) is not None:
         inertia.append(masses)
@@ -151,7 +145,11 @@ def frame_model(model: ModelFile) -> FiniteElementModel:
         dof_table=nodes.table[used],
         beam_material=points.material(),
         bar_ends=structure.bar_ends(),
-        outlines=tuple(outlines),
+        outlines=lambda: tuple(
+            bar_outline(*pair, ndof, -(-_PIECES // len(own)))
+            for own in elements.values()
+            for pair in own
+        ),
         beam_stress=None if stress is None else stress.stress(),
         cuts=cuts,
         diagnostics=(
@@ -370,7 +368,7 @@ def _point_of_member(
     rows = element.rows(where)
     frames = element.frames(np.array([where]))
     place, tangent = frames.places[0], frames.axes[0, 0]
-    return rows.displacement, rows.rotation, place, dofs, tangent
+    return rows.displacement[0], rows.rotation[0], place, dofs, tangent
 
 
 def _cuts(

@@ -342,9 +342,11 @@ class Structure:
             xx, yy, zz, xy, yz, zx = mass.inertia
             tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
             tensor = tensor * (units.mass * units.length**2)
-            heavy = mass.mass * units.mass
+            heavy = [mass.mass * units.mass]
             arm = self._arm(mass.node, place)
-            particles.add(place, heavy, tensor, motion[:3], motion[3:], dofs, arm)
+            move, turn = motion.reshape(2, 1, 3, -1)
+            piece = place[None], heavy, tensor[None], move, turn
+            particles.add(*piece, dofs, arm[None])
 
 
 def add_bar_mass(
@@ -355,10 +357,9 @@ def add_bar_mass(
     if bar.extra is None or not bar.extra.any():
         return
     masses = GAUSS_WEIGHTS * element.length * bar.extra
-    places = element.gauss_frames.places
-    for rows, place, mass in zip(element.gauss_rows, places, masses, strict=True):
-        move = (rows.displacement, rows.rotation, dofs)
-        particles.add(place, mass, np.zeros((3, 3)), *move)
+    places, rows = element.gauss_frames.places, element.gauss_rows
+    tensors = np.zeros((len(masses), 3, 3))
+    particles.add(places, masses, tensors, rows.displacement, rows.rotation, dofs)
 
 
 def check_mechanism(

@@ -226,7 +226,7 @@ class FiniteElementModel:
     drawing_mesh : a mesh for pictures whose nodes are the first rows of `positions`,
         if they need one besides `solids`
     patches : NURBS patches with the nodes that their control points are
-    outlines : of a beam, or of bars
+    outlines : function that returns those of a beam or of bars, for pictures
     cuts : sections for section forces
     beam_stress : points of a beam whose stress is requested
     diagnostics : properties of the body that are not in the model file
@@ -256,7 +256,7 @@ class FiniteElementModel:
     alternative: ElementAlternative | None = None
     drawing_mesh: Mesh | None = None
     patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
-    outlines: tuple[BeamOutline, ...] = ()
+    outlines: Callable[[], tuple[BeamOutline, ...]] = tuple
     cuts: tuple[BodyCut, ...] = ()
     beam_stress: BeamStress | None = None
     diagnostics: tuple[Diagnostic, ...] = ()

@@ -355,8 +355,8 @@ def sample_body(body: FiniteElementModel) -> SampledPoints:
     mesh = body.drawing_mesh if body.solids is None else body.solids.mesh
     if mesh is not None:
         return mesh_field(body, mesh)
-    if body.outlines:
-        return concatenate_points(map(beam_field, body.outlines))
+    if outlines := body.outlines():
+        return concatenate_points(map(beam_field, outlines))
     there = body.place_table[:, :3].max(axis=1) >= 0
     places = np.pad(body.positions, ((0, 0), (0, 3 - body.dimension)))[there]
     return SampledPoints(

@@ -511,9 +511,10 @@ def plot_model(path: Path, model: ModelFile) -> list[str]:
         for patch, _ in body.patches
         for line in _control_net(patch.control_points)
     ]
+    outlined = bool(body.outlines())
     if not len(faces):
         groups["nodes"] = sampled.positions
-    elif body.outlines:
+    elif outlined:
         groups["nodes"] = np.pad(body.positions, ((0, 0), (0, 3 - body.dimension)))
     picture = BodyPicture(
         f"{_without_control_characters(model.title) or 'model'}: {body.ndof} degrees "
@@ -523,7 +524,7 @@ def plot_model(path: Path, model: ModelFile) -> list[str]:
         marks={marker.name: marker.position for marker in body.markers},
         groups=groups,
         lines=tuple(nets),
-        meshed=not body.outlines,  # segments of beams are no elements
+        meshed=not outlined,  # segments of beams are no elements
     )
     notes = _write_pictures(path, [picture])
     if nets:
