@@ -251,20 +251,26 @@ def _side_distances(
     first, second = patches[a.patch], patches[b.patch]
     grid = _side_samples(first, a)
     points = evaluate_points(first, grid)
+    distances = np.full(len(points), np.inf)
+    hull = _side_control_points(patches, b)
+    low, high = hull.min(axis=0) - reach, hull.max(axis=0) + reach
+    close = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    if not close.size:
+        return distances
     parameters, nearest = nearest_parameters(
-        second, points, (b.direction, b.end), reach
+        second, points[close], (b.direction, b.end), reach
     )
-    distances = np.linalg.norm(nearest - points, axis=1)
+    off = np.linalg.norm(nearest - points[close], axis=1)
     across = b.along(range(parameters.shape[1]))
     inside = ((parameters[:, across] > 0) & (parameters[:, across] < 1)).all(axis=1)
-    distances[~inside | (distances > reach)] = np.inf
-    close = np.flatnonzero(np.isfinite(distances))
-    if not close.size:
-        return np.asarray(distances)
-    normals = _normals(first, grid[close], a), _normals(second, parameters[close], b)
+    kept = inside & (off <= reach)
+    if not kept.any():
+        return distances
+    close, parameters = close[kept], parameters[kept]
+    normals = _normals(first, grid[close], a), _normals(second, parameters, b)
     along = np.abs(np.einsum("nd,nd->n", *normals)) > 0.5
-    distances[close[~along]] = np.inf
-    return np.asarray(distances)
+    distances[close[along]] = off[kept][along]
+    return distances
 
 
 def _normals(patch: NurbsPatch, parameters: Array, side: Side) -> Array:
