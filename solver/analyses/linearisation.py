@@ -27,7 +27,13 @@ from .joint_friction import equations_at
 from .multi_blade import mixing_matrix
 from .reference_axes import axis_angular_velocities, body_axes, frame_rotation_matrix
 from .rigid_motions import spectrum
-from .state_matrix import SmallMotions, corner_notes, state_matrix
+from .state_matrix import (
+    SmallMotions,
+    corner_notes,
+    linear_equations,
+    small_motions,
+    state_matrix,
+)
 from .static_equilibrium import FORCE_ROUNDING, static_equilibrium
 from .steady_axes import SteadyAxes, steady_axes
 from .whirl import Whirl, mode_whirl
@@ -281,8 +287,10 @@ def linearised_at(
     if so."""
     mechanics = equations_at(system, t, z, v)
     mechanics.set_scale(z, stiffness=0.0)
-    axes = steady_axes(mechanics, z, v, multi_blade=multi_blade)
-    small = state_matrix(mechanics, z, v, axes.omegas, axes.blades)
+    equations = linear_equations(mechanics, z, v)
+    axes = steady_axes(mechanics, equations, multi_blade=multi_blade)
+    seen = equations.in_axes(mechanics, axes.omegas, axes.blades)
+    small = small_motions(mechanics, seen)
     steady, causes = near_steady_motion(mechanics, small)
     return mechanics, axes, steady, causes or axes.changing
 

@@ -26,6 +26,7 @@ from .frozen_inputs import state_entries
 from .multi_blade import BladeGroup, mixing_matrix
 from .power_laws import LIMIT_TOLERANCE, POWER_LAW, ZERO_SLOPE, limits
 from .reference_axes import (
+    axis_angular_velocities,
     frame_rotation_matrix,
     independent_rows,
 )
@@ -152,8 +153,8 @@ def state_matrix(
     blades
         Groups of bodies in multi-blade coordinates.
     """
-    equations = linear_equations(mechanics, z, v, omegas, blades=blades)
-    return small_motions(mechanics, equations)
+    equations = linear_equations(mechanics, z, v)
+    return small_motions(mechanics, equations.in_axes(mechanics, omegas, blades))
 
 
 def small_motions(
@@ -284,6 +285,37 @@ class LinearEquations:
             return x
         return np.asarray(x - self.free_directions @ (self.left_inverse @ x[self.rows]))
 
+    def in_axes(
+        self,
+        mechanics: DenseEquations,
+        omegas: Array,
+        blades: tuple[BladeGroup, ...] = (),
+    ) -> LinearEquations:
+        """The same equations seen in other axes; the state is the one evaluated last.
+
+        Parameters
+        ----------
+        omegas
+            Of the axes in which each body is seen, see `body_axes`.
+        blades
+            Groups of bodies in multi-blade coordinates.
+        """
+        mechanics.evaluate(self.z, self.v)
+        W = frame_rotation_matrix(mechanics, omegas) + mixing_matrix(mechanics, blades)
+        change, by_v = W - self.axes, self.by_velocity
+        return replace(
+            self,
+            omegas=omegas,
+            blades=blades,
+            frame_rates=self.frame_rates - change,
+            axes=W,
+            by_velocity=replace(
+                by_v,
+                force=by_v.force - self.mass @ change,
+                gamma=by_v.gamma - self.jacobian @ change,
+            ),
+        )
+
     def responses(
         self, mechanics: DenseEquations, displacements: Array, free: Array, by: Sources
     ) -> Responses:
@@ -319,21 +351,15 @@ def linear_equations(
     mechanics: DenseEquations,
     z: Array,
     v: Array,
-    omegas: Array,
     *,
     at_rest: bool = False,
-    blades: tuple[BladeGroup, ...] = (),
 ) -> LinearEquations:
-    """Linearise the equations about a state, which is evaluated.
+    """Linearise the equations about a state, each body seen in its own axes.
 
     Parameters
     ----------
-    omegas
-        Of the axes in which each body is seen, see `body_axes`.
     at_rest
         The state is an equilibrium: what is left of accelerations is rounding.
-    blades
-        Groups of bodies in multi-blade coordinates.
 
     Raises
     ------
@@ -354,17 +380,16 @@ def linear_equations(
         a, multipliers = np.zeros(len(v)), mechanics.multipliers(-mechanics.force)
     else:
         a, multipliers = mechanics.accelerations()
-    W = frame_rotation_matrix(mechanics, omegas) + mixing_matrix(mechanics, blades)
+    own, none = axis_angular_velocities(mechanics), np.zeros_like(E)
     by_z, by_v, corners = _state_derivatives(mechanics, z, v, a, multipliers)
-    by_v = replace(by_v, force=by_v.force - M @ W, gamma=by_v.gamma - C @ W)
     return LinearEquations(
         z,
         v,
-        omegas,
+        own,
         C,
         M,
-        E - W,
-        W,
+        E,
+        none,
         N,
         n_positions,
         Z,
@@ -377,7 +402,6 @@ def linear_equations(
         by_z,
         by_v,
         corners,
-        blades,
     )
 
 

@@ -39,7 +39,7 @@ from .input_effects import (
 )
 from .linearisation import linearised_at, operating_point, steady_residual
 from .output_derivatives import OutputEvaluation
-from .reference_axes import axis_angular_velocities, body_axes
+from .reference_axes import axis_angular_velocities
 from .state_matrix import corner_notes, linear_equations, small_motions
 from .state_space_forms import (
     DescriptorForm,
@@ -50,6 +50,7 @@ from .state_space_forms import (
 from .steady_axes import (
     ROTATION_ROUNDING,
     SteadyAxes,
+    body_axes_at,
     shared_steady_axes,
     steady_motion,
     turned_states,
@@ -80,7 +81,8 @@ class LinearisedScene:
     ) -> None:
         self.mechanics, self.z, self.v, self.omegas = mechanics, z, v, omegas
         self.names, self.coefficients = names, coefficients
-        self.equations = linear_equations(mechanics, z, v, omegas, at_rest=at_rest)
+        equations = linear_equations(mechanics, z, v, at_rest=at_rest)
+        self.equations = equations.in_axes(mechanics, omegas)
         self.small = small_motions(mechanics, self.equations)
         self.evaluation = OutputEvaluation(self.equations, mechanics)
         self.effects = [
@@ -189,14 +191,13 @@ def in_steady_axes(
         Parts by which they change.
     """
     mechanics, z, v = found.mechanics, found.z, found.v
-    mechanics.evaluate(z, v)
-    own = body_axes(mechanics, v / mechanics.scale, mechanics.accelerations()[0])
+    own = body_axes_at(mechanics, found.equations)
     spin = float(np.linalg.norm(own, axis=1).max(initial=0.0))
     time = mechanics.system.scene.time
     if spin * (time.end - time.start) < ROTATION_ROUNDING:
         return found, axes, np.zeros(len(found.evaluation.names))
     best, changes = found, found.response_changes(spin)
-    others = shared_steady_axes(mechanics, z, v, own)
+    others = shared_steady_axes(mechanics, found.equations, own)
     while changes.max(initial=0.0) > EQUAL_RESPONSE:
         candidate = next(others, None)
         if candidate is None:

@@ -28,7 +28,13 @@ from .reference_axes import (
     shared_axes,
     unpaired_frequency,
 )
-from .state_matrix import SmallMotions, elastic_coordinates, state_matrix
+from .state_matrix import (
+    LinearEquations,
+    SmallMotions,
+    elastic_coordinates,
+    small_motions,
+    state_matrix,
+)
 
 #: The motion is followed by so large an angle [rad] of each body.
 TEST_ANGLE = 0.4
@@ -69,7 +75,7 @@ class SteadyAxes:
 
 
 def steady_axes(
-    mechanics: DenseEquations, z: Array, v: Array, *, multi_blade: bool = False
+    mechanics: DenseEquations, equations: LinearEquations, *, multi_blade: bool = False
 ) -> SteadyAxes:
     """Return axes in which modes are those of a constant matrix.
 
@@ -78,46 +84,56 @@ def steady_axes(
 
     Parameters
     ----------
+    equations
+        Linearised equations at the state, in any axes.
     multi_blade
         Whether equal bodies around an axis may have coordinates in common.
     """
-    mechanics.evaluate(z, v)
-    own = body_axes(mechanics, v / mechanics.scale, mechanics.accelerations()[0])
+    own = body_axes_at(mechanics, equations)
     time = mechanics.system.scene.time
     if np.abs(own).max(initial=0.0) * (time.end - time.start) < ROTATION_ROUNDING:
         return SteadyAxes(np.zeros_like(own))
     # First: only in them a mode of the blades has one frequency in inertial axes.
     if multi_blade:
-        for axes in _multi_blade_axes(mechanics, z, v, own):
+        for axes in _multi_blade_axes(mechanics, equations, own):
             return axes
-    if lowest_changing_mode(mechanics, z, v, own) == np.inf:
+    if lowest_changing_mode(mechanics, equations, own) == np.inf:
         return SteadyAxes(own)
-    for axes in shared_steady_axes(mechanics, z, v, own):
+    for axes in shared_steady_axes(mechanics, equations, own):
         return axes
     cause, unpaired = "", np.inf
     for omegas, _ in shared_axes(mechanics, own):
-        mechanics.evaluate(z, v)
+        mechanics.evaluate(equations.z, equations.v)
         unpaired = min(unpaired, unpaired_frequency(mechanics, omegas))
     if 0.0 < unpaired < np.inf:
         cause = f" (the shape of {unpaired / (2.0 * np.pi):.4g} Hz has no partner)"
     return SteadyAxes(own, changing=(diagnose("N713", cause=cause),))
 
 
+def body_axes_at(mechanics: DenseEquations, equations: LinearEquations) -> Array:
+    """Angular velocities (bodies, 3) of the axes of each body, see `body_axes`."""
+    mechanics.evaluate(equations.z, equations.v)
+    slow = equations.v / mechanics.scale
+    return body_axes(mechanics, slow, mechanics.accelerations()[0])
+
+
 def shared_steady_axes(
-    mechanics: DenseEquations, z: Array, v: Array, own: Array
+    mechanics: DenseEquations, equations: LinearEquations, own: Array
 ) -> Iterator[SteadyAxes]:
     """Axes that bodies share and in which the equations of small motions are constant.
 
     Parameters
     ----------
+    equations
+        Linearised equations at the state, in any axes.
     own : (bodies, 3)
         Of the axes of each body, see `body_axes`.
     """
-    mechanics.evaluate(z, v)
+    mechanics.evaluate(equations.z, equations.v)
     unpaired = np.inf
     for omegas, name in list(shared_axes(mechanics, own)):
-        lowest = lowest_changing_mode(mechanics, z, v, omegas)
-        mechanics.evaluate(z, v)
+        lowest = lowest_changing_mode(mechanics, equations, omegas)
+        mechanics.evaluate(equations.z, equations.v)
         of_shapes = unpaired_frequency(mechanics, omegas)
         unpaired = min(unpaired, of_shapes)
         is_partly_steady = 0.0 < UNPAIRED_MODE * of_shapes <= lowest
@@ -137,22 +153,22 @@ def shared_steady_axes(
 
 
 def _multi_blade_axes(
-    mechanics: DenseEquations, z: Array, v: Array, own: Array
+    mechanics: DenseEquations, equations: LinearEquations, own: Array
 ) -> Iterator[SteadyAxes]:
     """Axes that all bodies share but equal ones around an axis, which have multi-blade
     coordinates, and in which the equations of small motions are constant."""
-    mechanics.evaluate(z, v)
+    mechanics.evaluate(equations.z, equations.v)
     blades = blade_groups(mechanics)
     if not blades:
         return
     members = [k for group in blades for k in group.bodies]
     names = [body.name for body in mechanics.system.bodies]
     listed = ", ".join(names[k] for k in members)
-    mechanics.evaluate(z, v)
+    mechanics.evaluate(equations.z, equations.v)
     for shared, _ in list(shared_axes(mechanics, own)):
         omegas = shared.copy()
         omegas[members] = own[members]
-        if lowest_changing_mode(mechanics, z, v, omegas, blades) == np.inf:
+        if lowest_changing_mode(mechanics, equations, omegas, blades) == np.inf:
             found = diagnose("N744", bodies=listed)
             yield SteadyAxes(omegas, (found,), blades=blades)
 
@@ -176,15 +192,15 @@ def turning_times(own: Array, omegas: Array) -> list[float]:
 
 def lowest_changing_mode(
     mechanics: DenseEquations,
-    z: Array,
-    v: Array,
+    equations: LinearEquations,
     omegas: Array,
     blades: tuple[BladeGroup, ...] = (),
 ) -> float:
     """Angular frequency of the lowest mode that changes along a motion that is steady
     in these axes, inf if none does."""
-    small = state_matrix(mechanics, z, v, omegas, blades)
-    mechanics.evaluate(z, v)
+    seen = equations.in_axes(mechanics, omegas, blades)
+    small = small_motions(mechanics, seen)
+    mechanics.evaluate(small.z, small.v)
     times = turning_times(axis_angular_velocities(mechanics), omegas)
     return min(_changing_mode(mechanics, small, dt) for dt in times)
 

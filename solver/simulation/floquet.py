@@ -29,7 +29,6 @@ from sidtool.formats.sid_mass import skew
 
 from ..analyses.joint_friction import equations_at
 from ..analyses.linearisation import growth_notes, operating_point
-from ..analyses.reference_axes import axis_angular_velocities
 from ..analyses.state_matrix import linear_equations, small_motions
 from ..initial_state.integrator_start import run_settings
 from ..integrators import batch_evaluation
@@ -290,9 +289,7 @@ class _Period:
         _check_equations(run, longer)
         mechanics = equations_at(system, float(run.times[0]), z, v)
         mechanics.set_scale(z, stiffness=0.0)
-        mechanics.evaluate(z, v)
-        omegas = axis_angular_velocities(mechanics)
-        small = small_motions(mechanics, linear_equations(mechanics, z, v, omegas))
+        small = small_motions(mechanics, linear_equations(mechanics, z, v))
         scale = mechanics.scale[:, None]
         moved, speeds = small.position_directions, small.velocity_directions
         self.size = 0
