@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import permutations
+from itertools import filterfalse, permutations
 from typing import Any, Protocol
 
 import numpy as np
@@ -304,7 +304,6 @@ def assemble_mesh(
         twice, or plane and solid elements are mixed.
     """
     labels = np.fromiter(nodes, np.int64, len(nodes))
-    row = {label: i for i, label in enumerate(nodes)}
     groups: dict[tuple[Any, ...], list[RawElement]] = {}
     elements = list(elements)
     check_unique_labels(elements)
@@ -312,7 +311,7 @@ def assemble_mesh(
         kind, listed = collapse_element(element.kind, element.nodes)
         if kind != element.kind:
             element = replace(element, kind=kind, nodes=listed, formulation=None)
-        _check_nodes(element, row)
+        _check_nodes(element, nodes)
         alike = (element.kind, element.material, element.thickness, element.formulation)
         groups.setdefault(alike, []).append(element)
     if not groups:
@@ -328,7 +327,7 @@ def assemble_mesh(
     blocks = tuple(
         ElementBlock(
             kind,
-            np.array([[row[n] for n in e.nodes] for e in group], np.int64),
+            rows_of_labels(labels, [e.nodes for e in group]),
             np.array([e.label for e in group], np.int64),
             material,
             thickness,
@@ -450,7 +449,14 @@ def reading_notes(
     return found
 
 
-def _check_nodes(element: RawElement, row: Mapping[int, int]) -> None:
+def rows_of_labels(labels: Indices, nodes: Sequence[Sequence[int]]) -> Indices:
+    """Return the rows of nodes (k, m) in a table of labels (n,) that holds them all."""
+    order = labels.argsort()
+    found = np.searchsorted(labels, np.array(nodes, np.int64), sorter=order)
+    return np.asarray(order[found])
+
+
+def _check_nodes(element: RawElement, nodes: Container[int]) -> None:
     needed = len(reference_element(element.kind).nodes)
     if len(element.nodes) != needed:
         raise InputError(
@@ -458,7 +464,7 @@ def _check_nodes(element: RawElement, row: Mapping[int, int]) -> None:
             place=element.place,
             expected=f"{needed} nodes",
         )
-    check_defined(element.label, element.nodes, row, element.place)
+    check_defined(element.label, element.nodes, nodes, element.place)
 
 
 def check_defined(
@@ -470,10 +476,9 @@ def check_defined(
     ------
     InputError : it does not.
     """
-    for node in nodes:
-        if node not in known:
-            raise InputError(
-                f"element {label} names node {node}, which is not defined",
-                place=place,
-                expected="a node of this file",
-            )
+    for node in filterfalse(known.__contains__, nodes):
+        raise InputError(
+            f"element {label} names node {node}, which is not defined",
+            place=place,
+            expected="a node of this file",
+        )

@@ -5,6 +5,7 @@ Every card is read, listed as without effect on a linear elastic body, or refuse
 """
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -228,9 +229,10 @@ def _read_element(content: BulkData, card: Card) -> None:
     words = card.words[2 : 2 + most]
     while words and not words[-1]:
         words.pop()
-    words = ["" if word == "0" else word for word in words]
-    while words and not words[-1]:
-        words.pop()
+    if "0" in words:
+        words = ["" if word == "0" else word for word in words]
+        while words and not words[-1]:
+            words.pop()
     known = _ELEMENTS[card.name]
     full = known[most]
     corners = reference_element(full).corners
@@ -386,6 +388,7 @@ def _elements_by_property(content: BulkData) -> dict[str, list[int]]:
     return parts
 
 
+@cache
 def _is_flat(kind: str) -> bool:
     return reference_element(kind).dimension == 2
 
@@ -435,7 +438,7 @@ def _imported_mesh(content: BulkData, bending: bool) -> ImportedMesh:
     stops, raw = content.stops, []
     equations: tuple[RawEquation, ...] = ()
     for label, property_, kind, nodes, place in content.elements:
-        with stops.collect_errors():
+        try:  # a context for each element would take as long
             given = content.properties.get(property_)
             check_membrane(content.shell_cards.get(property_))
             if given:
@@ -445,6 +448,8 @@ def _imported_mesh(content: BulkData, bending: bool) -> ImportedMesh:
             material = material_name(content, given) if given else None
             depth = thickness_of(content, label, given, place)
             raw.append(RawElement(label, kind, nodes, place, material, depth))
+        except InputError as error:
+            stops.add(error)
     with stops.collect_errors():
         equations = equations_of(content, turning=False)
     for coupling in content.couplings:

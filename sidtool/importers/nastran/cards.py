@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
@@ -57,6 +56,8 @@ _SHORT = 19
 CASE_CONTROL = "CASE CONTROL"
 #: Card of formulas, whose commas separate no fields.
 _EQUATION = "DEQATN"
+#: How lines may begin that are no cards: BEGIN, ENDDATA, INCLUDE.
+_COMMAND_STARTS = frozenset(" BbEeIi")
 _MPC = re.compile(r"MPC ?= ?(\d+)$")
 _TEMPERATURE = re.compile(r"TEMP(ERATURE)? ?(\(.*\))? ?=")
 #: Mark of a case control that selects temperatures.
@@ -143,7 +144,7 @@ _NARROW, _WIDE = (
 )
 
 
-@dataclass
+@dataclass(slots=True)
 class Card:
     """One card with all its continuations.
 
@@ -187,9 +188,11 @@ class Card:
         word = self.words[i] if i < len(self.words) else ""
         if not word:
             return default
-        with suppress(ValueError):
+        try:
             if abs(value := float(word)) <= LARGEST_NUMBER:
                 return value
+        except ValueError:
+            pass
         return real_number(word, f"{self.name}: {what}", self.place)
 
 
@@ -224,10 +227,15 @@ def read_cards(path: Path, included: IncludedFiles | None = None) -> list[Card]:
     cards = collector.cards
     nested = path.name if len(included.open) > 1 else ""
     for number, raw in lines[start:]:
-        text = raw.split("$", 1)[0].rstrip().expandtabs(8)
+        text = raw.split("$", 1)[0].rstrip()
         if not text:
             continue
+        if "\t" in text:
+            text = text.expandtabs(8)
         place = located_line(number, nested)
+        if text[0] not in _COMMAND_STARTS:  # nearly all lines of a large mesh
+            collector.add(text, place)
+            continue
         first = text.split(None, 1)[0].split(",", 1)[0].upper()
         if first == "ENDDATA":
             break
@@ -312,7 +320,7 @@ class _CardCollector:
 
     def add(self, text: str, place: str) -> None:
         """Add a line as a new card, or as a continuation."""
-        if text[:8].strip().upper() == _EQUATION:
+        if text[0] in "Dd " and text[:8].strip().upper() == _EQUATION:
             self.cards.append(Card(_EQUATION, place))
             return
         if text[0] in " +*" and self.cards and self.cards[-1].name == _EQUATION:
@@ -436,7 +444,7 @@ def _split_fields(text: str, place: str) -> tuple[str, list[str], str]:
             )
     else:
         columns = _WIDE if "*" in text[:8] else _NARROW
-        name, *words, after = [text[part].strip() for part in columns]
+        name, *words, after = map(str.strip, map(text.__getitem__, columns))
         return name.upper(), words, after.upper()
     words = fields[1 : count + 1]
     words += [""] * (count - len(words))

@@ -19,7 +19,7 @@ from sidtool.formats.diagnostics import Diagnostic, diagnose
 
 from ...mesh.connections import BarSection
 from ...mesh.deck_text import RefusalCollector
-from ...mesh.imported_mesh import RawCoupling, RawMass
+from ...mesh.imported_mesh import RawCoupling, RawMass, rows_of_labels
 from ...mesh.materials import ElasticMaterial
 from ...mesh.reference_elements import edge_nodes, reference_element, shape_of
 from .cards import Card, parse_member_groups
@@ -490,7 +490,8 @@ def reorder_left_handed(content: BulkData) -> None:
     """
     by_kind: dict[str, list[int]] = {}
     for row, (_, _, kind, nodes, _) in enumerate(content.elements):
-        if shape_of(kind) in _MIRRORED and content.nodes.keys() >= set(nodes):
+        is_known = all(map(content.nodes.__contains__, nodes))
+        if is_known and shape_of(kind) in _MIRRORED:
             by_kind.setdefault(kind, []).append(row)
     for kind, rows in by_kind.items():
         listed = [content.elements[row][3] for row in rows]
@@ -503,10 +504,13 @@ def reorder_left_handed(content: BulkData) -> None:
 def _is_left_handed(
     kind: str, elements: list[list[int]], positions: Mapping[int, Position]
 ) -> NDArray[np.int64]:
-    corners = np.array([[positions[n] for n in nodes] for nodes in elements])
-    slopes = reference_element(kind).gradients
-    jacobians = np.swapaxes(corners, 1, 2)[:, None] @ slopes
-    return np.flatnonzero((np.linalg.det(jacobians) < 0).all(axis=1))
+    labels = np.fromiter(positions, np.int64, len(positions))
+    corners = np.array([*positions.values()])[rows_of_labels(labels, elements)]
+    negative = np.arange(len(corners))
+    for slopes in reference_element(kind).gradients:
+        jacobians = np.swapaxes(corners[negative], 1, 2) @ slopes
+        negative = negative[np.linalg.det(jacobians) < 0]
+    return negative
 
 
 @cache

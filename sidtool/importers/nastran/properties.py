@@ -31,7 +31,7 @@ def fields_after_nodes(kind: str, words: list[str]) -> list[str]:
 
     A thickness of zero at a corner is one, unless all of them are zero.
     """
-    own = [word if not _is_zero(word) else "" for word in words]
+    own = [word if word and not _is_zero(word) else "" for word in words]
     if kind in _CORNERS:
         first, end, _ = _CORNERS[kind]
         if any(own[first:end]):
