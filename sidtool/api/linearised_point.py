@@ -85,20 +85,28 @@ class Point(Protocol):
 
 def combined(
     parts: Sequence[Difference | Failure], factors: Array
-) -> Difference | Failure:
-    """The derivative by a variable that changes several numbers by factors, or why one
-    of these has none.
+) -> list[Difference | Failure]:
+    """Derivatives by variables that change several numbers, or why one has none.
+
+    Parameters
+    ----------
+    factors : (variables, numbers) derivatives of the numbers by the variables
     """
-    chosen = np.flatnonzero(factors).tolist() or [0]
-    pairs = [(parts[k], factors[k]) for k in chosen]
-    good = [(one, factor) for one, factor in pairs if isinstance(one, Difference)]
-    if len(good) < len(pairs):
-        return next(one for one, _ in pairs if not isinstance(one, Difference))
-    return replace(
-        good[0][0],
-        derivatives=sum(one.derivatives * factor for one, factor in good),
-        errors=sum(one.errors * abs(factor) for one, factor in good),
-    )
+    good = [k for k, one in enumerate(parts) if isinstance(one, Difference)]
+    if not good:
+        return [parts[int(np.argmax(row != 0.0))] for row in factors]
+    known = [one for one in parts if isinstance(one, Difference)]
+    by_numbers = np.array([one.derivatives for one in known])
+    errors = np.abs(factors[:, good]) @ np.array([one.errors for one in known])
+    found: list[Difference | Failure] = [
+        Difference(row, error, 0, known[0].step, known[0].method)
+        for row, error in zip(factors[:, good] @ by_numbers, errors, strict=True)
+    ]
+    for k, one in enumerate(parts):
+        if not isinstance(one, Difference):
+            for row in np.flatnonzero(factors[:, k]).tolist():
+                found[row] = one
+    return found
 
 
 class LinearisedPoint:

@@ -144,6 +144,14 @@ class Problem:
     def needs_motion(self) -> bool:
         return any(f.needs_motion for f in self.functionals)
 
+    @cached_property
+    def unit_sizes(self) -> dict[str, float]:
+        """Sizes of numbers that are 0, by unit; 1 for others."""
+        length, span = self.compiled.system_with({}).length, self.scene.time
+        duration = span.end - span.start
+        per_second = {"m/s": length / duration, "rad/s": 1.0 / duration}
+        return {"m": length, "s": duration} | per_second
+
     def bodies(self, x: Array) -> dict[str, VariedBody]:
         """Bodies with variables of their models, by name.
 
@@ -414,7 +422,7 @@ class Point:
         if len(numbers.x) >= len(self.x):
             return LinearisedPoint(self, method).differences(range(len(self.x)))
         found = LinearisedPoint(numbers, method).differences(range(len(numbers.x)))
-        return [combined(found, row) for row in factors]
+        return combined(found, factors)
 
     def difference(self, k: int, good: float = GOOD_ERROR) -> Difference:
         """Derivatives of all terms by one variable.
@@ -527,20 +535,15 @@ class Point:
         variable, value = self.problem.variables[k], float(self.x[k])
         if value != 0.0:
             return abs(value)
-        scene, system = self.problem.scene, self.problem.compiled.system_with({})
-        time_ = scene.time
-        sizes = {"m": system.length, "s": time_.end - time_.start}
-        sizes["m/s"] = sizes["m"] / sizes["s"]
-        sizes["rad/s"] = 1.0 / sizes["s"]
-        return float(sizes.get(variable.unit, 1.0))
+        return self.problem.unit_sizes.get(variable.unit, 1.0)
 
     def warnings(self, k: int, found: Difference) -> list[Diagnostic]:
         """What is doubtful of the derivatives by a variable (N736, N737)."""
         variable = self.problem.variables[k]
-        least = NEGLIGIBLE * self.scales / self.size(k)
-        sizes = np.maximum(np.abs(found.derivatives), least)
         if self.n_values > len(self.problem.functionals):
             return []  # single values of a history
+        least = NEGLIGIBLE * self.scales / self.size(k)
+        sizes = np.maximum(np.abs(found.derivatives), least)
         warnings = self._large_errors(variable, found.errors / sizes)
         return warnings + self._rivals(variable, found.derivatives, sizes)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.formats.design import DesignFile, VariableRange, read_design
+from sidtool.formats.design import DesignFile, read_design
 from sidtool.formats.diagnostics.record import warn_of_each
 from sidtool.formats.file_names import path_of
 from sidtool.formats.scene import SceneFile, read_scene
@@ -17,11 +17,10 @@ from sidtool.formats.toml.files import locate_errors
 from ..sensitivity.functionals import parse_functionals
 from ..sensitivity.optimisation import Iteration, Optimum, Search, bounds
 from ..sensitivity.variables import (
+    Numbers,
     Variable,
-    group_variable,
     model_changes,
     scene_changes,
-    single_variable,
 )
 from ..sweep.design import Designs
 from .cached_problem import CachedProblem
@@ -113,14 +112,13 @@ def optimise(
 
 
 def _variables(design: DesignFile, scene: SceneFile) -> list[Variable]:
-    designs = Designs(scene, {}, [])
-    return [_variable(name, given, designs) for name, given in design.variables.items()]
-
-
-def _variable(name: str, given: VariableRange, designs: Designs) -> Variable:
-    if given.key is not None:
-        return single_variable(given.key, designs, name)
-    return group_variable(name, given.keys or {}, designs)
+    numbers = Numbers(Designs(scene, {}, []))
+    return [
+        numbers.group(name, given.keys or {})
+        if given.key is None
+        else numbers.single(given.key, name)
+        for name, given in design.variables.items()
+    ]
 
 
 def _start(design: DesignFile, problem: Problem, given: Mapping[str, float]) -> Array:

@@ -181,7 +181,7 @@ class Functional:
         """
         if peak is not None:
             sign = peak.sign if self.kind == "max_abs" else 1.0
-            times, weights = history.peak_weights(self.output, peak)
+            times, weights, _ = history.peak_samples(self.output, peak)
             return times, sign * weights
         if self.kind == "final":
             return history.t[-1:], np.ones(1)

@@ -51,6 +51,7 @@ class History:
         self.motion = motion
         self.points, self.t = motion.points, motion.steps.t
         self._values: dict[str, Array] = {}
+        self._peaks: dict[tuple[str, Peak], tuple[Array, Array, Array]] = {}
 
     def values(self, output: str) -> Array:
         """An output at the points of all steps, (nt,)."""
@@ -152,47 +153,53 @@ class History:
 
     def peak_value(self, output: str, peak: Peak) -> float:
         """The output at a peak, sought where it was in another motion."""
-        times, weights = self.peak_weights(output, peak)
-        if peak.at_point >= 0:
-            step = int(self.motion.places[peak.step])
-            values = self._values_in_steps(output, step, step + 1)
-            return float(values[0, peak.at_point])
-        return float(weights @ self.at(times, output))
+        _, weights, values = self.peak_samples(output, peak)
+        return float(weights @ values)
 
-    def peak_weights(self, output: str, peak: Peak) -> tuple[Array, Array]:
-        """Times about a peak [s], and the weights of the output there in its value.
+    def peak_samples(self, output: str, peak: Peak) -> tuple[Array, Array, Array]:
+        """Times about a peak [s], and weights and values of the output there.
 
-        The value is the vertex of a parabola, which is homogeneous in the values that
-        it goes through: the weights are its derivatives by these, too.
+        The value of the peak is the vertex of a parabola, which is homogeneous in the
+        values that it goes through: the weights are its derivatives by these, too.
 
         Raises
         ------
         StructureChange : the peak lies in another step.
         """
+        if (output, peak) not in self._peaks:
+            self._peaks[output, peak] = self._sample_peak(output, peak)
+        return self._peaks[output, peak]
+
+    def _sample_peak(self, output: str, peak: Peak) -> tuple[Array, Array, Array]:
         count = self.points.count
         step = int(self.motion.places[min(peak.step, len(self.motion.places) - 1)])
         if step >= len(self.t) // count:
             raise StructureChange(f"the peak of {output} lies in another step")
         if peak.at_point >= 0:
+            values = self._values_in_steps(output, step, step + 1)[0]
             place = step * count + peak.at_point
-            return self.t[place : place + 1], np.ones(1)
+            value = values[peak.at_point : peak.at_point + 1]
+            return self.t[place : place + 1], np.ones(1), value
         t, begin, end = self._climb(output, step, peak.sign)
-        times, weights = np.array([t]), np.ones(1)
+        times, weights, values = np.array([t]), np.ones(1), None
         for fraction in VERTEX_FRACTIONS:
             distance = fraction * (end - begin)
             around = np.array([t - distance, t, t + distance])
             if around[0] < self.t[0] or around[-1] > self.t[-1]:
                 break
-            low, middle, high = self.at(around, output)
+            found = self.at(around, output)
+            low, middle, high = found
             curvature = low + high - 2.0 * middle
             slope = (high - low) / curvature if peak.sign * curvature < 0.0 else np.inf
             if abs(slope) > 2.0:
                 break
             even, odd = slope**2 / 8.0, slope / 4.0
-            times = around
+            times, values = around, found
             weights = np.array([even + odd, 1.0 - 2.0 * even, even - odd])
             t -= 0.5 * slope * distance
-        return times, weights
+        if values is None:
+            values = self.at(times, output)
+        return times, weights, values
 
     # Settling
 

@@ -69,19 +69,17 @@ def find_variables(keys: str | Iterable[str], scene: SceneFile) -> list[Variable
     InputError : there is no such key, or it is no number.
     """
     given = [keys] if isinstance(keys, str) else [*keys]
-    designs = Designs(scene, {}, [])
+    numbers = Numbers(Designs(scene, {}, []))
     known = [*_numbers_in(scene)] if any("*" in text for text in given) else []
     variables: dict[str, Variable] = {}
     for text in given:
         if "=" in text:
             group = ShapeVariable.parse(text)
-            variables[group.name] = group_variable(
-                group.name, group.directions, designs
-            )
+            variables[group.name] = numbers.group(group.name, group.directions)
             continue
         for key in filter(None, (part.strip() for part in text.split(","))):
             for each in _matching(key, known):
-                variables[each] = single_variable(each, designs)
+                variables[each] = numbers.single(each)
     if not variables:
         raise InputError(
             "nothing is varied", place="--with", expected="a key such as rod.mass"
@@ -89,36 +87,47 @@ def find_variables(keys: str | Iterable[str], scene: SceneFile) -> list[Variable
     return [*variables.values()]
 
 
-def single_variable(key: str, designs: Designs, name: str = "") -> Variable:
-    """The variable of a key.
+class Numbers:
+    """Variables of a scene and its models; each number is looked up once."""
 
-    Raises
-    ------
-    InputError : there is no such key, or it is no number.
-    """
-    entry = _entry(key, 1.0, designs)
-    return Variable(name or key, entry.value, designs.unit(key), (entry,))
+    def __init__(self, designs: Designs) -> None:
+        self._designs = designs
+        self._found: dict[str, tuple[Entry, str]] = {}
 
+    def single(self, key: str, name: str = "") -> Variable:
+        """The variable of a key.
 
-def group_variable(
-    name: str, factors: Mapping[str, float], designs: Designs
-) -> Variable:
-    """The variable that changes several numbers by factors.
+        Raises
+        ------
+        InputError : there is no such key, or it is no number.
+        """
+        entry, unit = self._number(key)
+        return Variable(name or key, entry.value, unit, (entry,))
 
-    Raises
-    ------
-    InputError : there is no such key, or it is no number.
-    """
-    entries = tuple(_entry(key, factor, designs) for key, factor in factors.items())
-    units = {designs.unit(key) for key in factors}
-    return Variable(name, 0.0, units.pop() if len(units) == 1 else "", entries)
+    def group(self, name: str, factors: Mapping[str, float]) -> Variable:
+        """The variable that changes several numbers by factors.
 
+        Raises
+        ------
+        InputError : there is no such key, or it is no number.
+        """
+        found = [(*self._number(key), factor) for key, factor in factors.items()]
+        units = {unit for _, unit, _ in found}
+        entries = tuple(entry._replace(factor=factor) for entry, _, factor in found)
+        return Variable(name, 0.0, units.pop() if len(units) == 1 else "", entries)
 
-def _entry(key: str, factor: float, designs: Designs) -> Entry:
-    body, model_key = designs.key_of_model(key) or ("", "")
-    content: File = designs.model(body) if body else designs.scene
-    value = _number_at(content, model_key or key, key)
-    return Entry(key, body, model_key, value, factor)
+    def _number(self, key: str) -> tuple[Entry, str]:
+        """The entry of a key with the factor 1, and its unit."""
+        if key not in self._found:
+            designs = self._designs
+            body, model_key = designs.key_of_model(key) or ("", "")
+            content: File = designs.model(body) if body else designs.scene
+            value = _number_at(content, model_key or key, key)
+            self._found[key] = (
+                Entry(key, body, model_key, value, 1.0),
+                designs.unit(key),
+            )
+        return self._found[key]
 
 
 def _matching(key: str, known: Sequence[str]) -> list[str]:

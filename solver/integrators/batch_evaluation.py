@@ -182,12 +182,22 @@ def differentiate_states(
                 _add_residual(system, work, a[k], lambda_[k], weight, out[k, j])
 
 
+@inner(int64(F1))
+def _is_zero(x):
+    for i in range(len(x)):
+        if x[i] != 0.0:
+            return 0
+    return 1
+
+
 @inner(types.void(SYSTEM, WORK, MEMORY, F2))
 def _solve(system, work, memory, columns):
     """K^-1 (r, g) in place at the state whose accelerations were just evaluated."""
     n = len(work.f)
     for j in range(columns.shape[0]):
         x = columns[j]
+        if _is_zero(x) == 1:
+            continue
         for i in range(n):
             memory.acceleration[i] = x[i]
         for i in range(system.n_rows):

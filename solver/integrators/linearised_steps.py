@@ -27,10 +27,10 @@ from ..spatial.system_arrays import C1, C2, F1, F2, F3, I1
 from .loop_state import copy
 from .radau_stages import transform
 
-#: Error of the stages, relative to the largest of their entries in units of the sizes.
-TOLERANCE = 1e-12
-#: Iterations at most, and the last change with which rounding may end them.
-MAX_ITERATIONS, LAST_CHANGE = 50, 1e-9
+#: Error of the stages, relative to their norm: the largest of their weighted entries.
+TOLERANCE = 1e-13
+#: Changes that are rounding if they do not fall any more, and iterations at most.
+ROUNDING, MAX_ITERATIONS = 1e-10, 50
 
 
 @inner(int64(F2, int64, float64, C1, F2, C2, I1))
@@ -99,12 +99,12 @@ def _apply(F, x, out):
 
 
 @inner(float64(F2, F1))
-def _largest(x, sizes):
-    """Largest entry of stages in units of the sizes."""
+def _largest(x, weights):
+    """Largest entry of stages, weighted."""
     found = 0.0
     for i in range(x.shape[0]):
         for k in range(x.shape[1]):
-            found = max(found, abs(x[i, k]) / sizes[k])
+            found = max(found, abs(x[i, k]) * weights[k])
     return found
 
 
@@ -124,7 +124,7 @@ def march(
     eigenvalues,
     F,
     P,
-    sizes,
+    weights,
     x,
     added,
     current,
@@ -148,7 +148,7 @@ def march(
     eigenvalues : of these, the real one first
     F : (steps s, N, N) columns of F as rows
     P : (steps or one less, N, N) columns of P as rows
-    sizes : (N,) of the entries of x
+    weights : (N,) of the entries of x in its norm
     x : (steps columns, s, N) b without the part of the state before the step, which
         the stages replace
     added : (steps columns, N) to the state after the step
@@ -159,7 +159,7 @@ def march(
 
     Returns 0, or 1 where the iteration does not converge.
     """
-    s, n_steps, N, count = A.shape[0], len(h), len(sizes), current.shape[0]
+    s, n_steps, N, count = A.shape[0], len(h), len(weights), current.shape[0]
     b, r, w, f, change = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     for step in range(n_steps):
         k = n_steps - 1 - step if backward == 1 else step
@@ -189,13 +189,11 @@ def march(
                 y,
                 stages,
             )
-            size = last = _largest(stages, sizes)
+            size = last = _largest(stages, weights)
             iteration = 0
             while size > 0.0:
                 if iteration == MAX_ITERATIONS:
-                    if not last <= LAST_CHANGE * size:
-                        return 1
-                    break
+                    return 1
                 iteration += 1
                 for i in range(s):
                     _apply(F[k * s + i], stages[i], f[i])
@@ -220,8 +218,10 @@ def march(
                 for i in range(s):
                     for j in range(N):
                         stages[i, j] += change[i, j]
-                size, new = _largest(stages, sizes), _largest(change, sizes)
+                size, new = _largest(stages, weights), _largest(change, weights)
                 if new * new <= TOLERANCE * size * last:
+                    break
+                if 2.0 * new > last and new <= ROUNDING * size:
                     break
                 last = new
             after = added[k * count + column]

@@ -63,8 +63,7 @@ STEPS_AT_ONCE = 200
 CORNER_ITERATIONS = 12
 
 
-@dataclass(frozen=True)
-class GridStep:
+class GridStep(NamedTuple):
     """One step of a grid.
 
     Attributes

@@ -184,7 +184,7 @@ class LinearisedRun:
 
         A component of a quaternion that does not change at first does so later.
         """
-        some = self.stages.selected(self._rows_between(COMPARED_STATES))
+        some = self.stages.selected(self.rows_between(COMPARED_STATES))
         Z = np.abs(position_rates(self.system, some.z, some.v).Z).max(axis=0)
         return np.maximum(Z @ sizes, 1e-3 * sizes.min())
 
@@ -300,7 +300,7 @@ class LinearisedRun:
         by_position = to_tangent.transpose(0, 2, 1) @ tangent[:, : self.nv]
         return np.concatenate([by_position, tangent[:, self.nv :]], axis=1)
 
-    def _rows_between(self, count: int) -> IntTable:
+    def rows_between(self, count: int) -> IntTable:
         """Rows of so many stages."""
         last = len(self.stages.times) - 1
         return np.unique(np.linspace(0, last, count).astype(np.int64))
@@ -310,7 +310,7 @@ class LinearisedRun:
         everything = np.arange(self.nz + self.nv)
         if self._agrees():
             return everything[:0]
-        rows = self._rows_between(TRIED_STATES)
+        rows = self.rows_between(TRIED_STATES)
         near, wide = self._changes(rows, FOURTH_ORDER)
         sizes = self._row_sizes(np.abs(near).max(axis=(0, 1)))
         known = self._known_derivatives(rows) * self.coordinate_steps[:, None]
@@ -349,7 +349,7 @@ class LinearisedRun:
 
     def _agrees(self) -> bool:
         """Whether derivatives agree with differences along a random direction."""
-        rows = self._rows_between(COMPARED_STATES)
+        rows = self.rows_between(COMPARED_STATES)
         random = np.random.default_rng(0)
         dz = random.standard_normal((len(rows), self.nz)) * self.steps_z[: self.nz]
         dv = random.standard_normal((len(rows), self.nv)) * self.steps_v
@@ -442,10 +442,10 @@ class LinearisedRun:
         """
         A, tableau, s = self.A, radau_tableau(self.s), self.s
         pairs, eigenvalues = (tableau.TI, tableau.T), tableau.complex_eigenvalues
-        sizes, rows = self.coordinate_steps, self.stage_rows(steps)
+        weights, rows = 1.0 / self.coordinate_steps, self.stage_rows(steps)
         derivatives = self.slope_derivatives(rows, transposed=not backward)
         if backward:
-            A, eigenvalues, sizes = A.T, eigenvalues.conj(), 1.0 / sizes
+            A, eigenvalues, weights = A.T, eigenvalues.conj(), 1.0 / weights
             pairs = tableau.T.T, tableau.TI.T
         else:
             projections = projections.transpose(0, 2, 1)
@@ -459,7 +459,7 @@ class LinearisedRun:
         status = linearised_steps.march(
             *(int(backward), self.nz, h),
             *map(np.ascontiguousarray, (A, *pairs, eigenvalues)),
-            *(derivatives, np.ascontiguousarray(projections), sizes, stages),
+            *(derivatives, np.ascontiguousarray(projections), weights, stages),
             *(np.ascontiguousarray(added.reshape(-1, size)), current, starts),
             *(np.zeros((5, s, size)), np.zeros((self.nv, self.nv))),
             np.zeros((groups, self.nv**2), complex),

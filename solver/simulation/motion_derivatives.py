@@ -20,7 +20,13 @@ from ..output.dense_output import StepStates
 from ..spatial import system_arrays as at
 from ..system.system import System
 from .frozen_run import Motion, frozen_start, grid_times
-from .linearised_run import LinearisedRun, NotLinearisable, States, lagrange_matrix
+from .linearised_run import (
+    COMPARED_STATES,
+    LinearisedRun,
+    NotLinearisable,
+    States,
+    lagrange_matrix,
+)
 from .position_rates import position_rates
 
 #: Factor of the estimated truncation error of a central difference.
@@ -249,10 +255,14 @@ class MotionDerivatives:
 
     @cached_property
     def _force_size(self) -> float:
-        """Largest entry of the forces and of gamma at the stages."""
-        run, states = self.run, self.run.stages
+        """Largest entry of the forces and of gamma at some stages."""
+        run = self.run
+        states = run.stages.selected(run.rows_between(COMPARED_STATES))
+        none = (
+            np.zeros((len(states.times), run.nv)),
+            np.zeros((len(states.times), run.m)),
+        )
         out = np.zeros((len(states.times), run.nv + run.m))
-        none = np.zeros_like(run.accelerations), np.zeros_like(run.multipliers)
         batch_evaluation.residuals_of_states(
             run.kernels, run.system.arrays, run.work, *states.arguments, *none, out
         )

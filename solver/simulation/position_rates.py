@@ -41,7 +41,7 @@ def position_rates(system: System, z: Array, v: Array) -> PositionRates:
         last_z, last_v = row[at.POS] + row[at.NP], row[at.VEL] + row[at.NV]
         elastic = np.arange(row[at.NQ])
         one[last_z - 1 - elastic, last_v - 1 - elastic] = 1.0
-    Z, to_tangent = np.repeat(one[None], n, axis=0), np.repeat(one.T[None], n, axis=0)
+    Z, to_tangent = (np.broadcast_to(x, (n, *x.shape)).copy() for x in (one, one.T))
     for row in system.arrays.body:
         rd, p, u = int(row[at.RD]), int(row[at.POS]), int(row[at.VEL])
         if rd == 0:
