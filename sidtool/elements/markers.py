@@ -3,9 +3,12 @@
 Markers of a mesh: the elements that contain them, and the rows of their motion.
 """
 
-from collections.abc import Iterator, Mapping
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -43,8 +46,6 @@ _ITERATIONS = 30
 _PARAMETER_TOLERANCE = 1e-6
 #: Number of candidate elements for the nearest point of the mesh.
 _CANDIDATE_ELEMENTS = 48
-#: Number of a block, row of an element in it, point in the reference element.
-_Holder = tuple[int, int, Array]
 
 
 def markers_with_position(
@@ -245,28 +246,29 @@ class MeshPoints:
         )
 
     def _rows(
-        self, name: str, node: int, target: Array, holders: list[_Holder]
+        self, name: str, node: int, target: Array, holders: list[_HoldingElement]
     ) -> MarkerRows:
-        d, ndof = self.mesh.dimension, self.mesh.positions.size
-        gradient, strain = sp.csr_matrix((9, ndof)), sp.csr_matrix((9, ndof))
-        nodal, inside = self._nodal_rows(*holders[0]), sp.csr_matrix((3, ndof))
-        for holder in holders:
-            own = self._gradient(*holder)
-            gradient = gradient + own
-            strain = strain + self._strain_gradient(*holder, own)
-            inside = inside + self._internal_rows(*holder)
-        share = 1 / len(holders)
+        ndof, share = self.mesh.positions.size, 1 / len(holders)
+        gradients = [holder.gradient() for holder in holders]
+        strains = [
+            holder.strain_gradient(gradient)
+            for holder, gradient in zip(holders, gradients, strict=True)
+        ]
+        nodes = [holder.nodes for holder in holders]
+        nodal = _sparse_rows([holders[0].displacement()], nodes[:1], ndof)
+        inside = _sparse_rows([h.internal_displacement() for h in holders], nodes, ndof)
+        gradient, strain = (_sparse_rows(x, nodes, ndof) for x in (gradients, strains))
         return MarkerRows(
             name=name,
             node=node,
-            position=np.pad(target, (0, 3 - d)),
+            position=np.pad(target, (0, 3 - self.mesh.dimension)),
             displacement=sp.csr_matrix(nodal + inside * share),
-            rotation=half_curl(sp.csr_matrix(gradient * share)),
-            gradient=sp.csr_matrix(strain * share),
+            rotation=half_curl(gradient * share),
+            gradient=strain * share,
             nodal=nodal if inside.nnz else None,
         )
 
-    def _holding_elements(self, target: Array) -> list[_Holder]:
+    def _holding_elements(self, target: Array) -> list[_HoldingElement]:
         holders = []
         for number, block in enumerate(self.mesh.blocks):
             element = reference_element(block.kind)
@@ -277,7 +279,9 @@ class MeshPoints:
                     distance < 1e-9 * self._size
                     and element.excess(where) < _PARAMETER_TOLERANCE
                 ):
-                    holders.append((number, int(row), where))
+                    continuum = self._continua[number] if self._continua else None
+                    own = self.mesh, continuum, block, int(row), where
+                    holders.append(_HoldingElement(*own))
         return holders
 
     def _box_distances(self, number: int, target: Array) -> Array:
@@ -312,80 +316,103 @@ class MeshPoints:
             expected=f"a point of the mesh; the nearest node is at ({closest})",
         )
 
-    def _nodal_rows(self, number: int, row: int, where: Array) -> sp.csr_matrix:
-        """(3, ndof) displacement by the nodes of one element."""
-        block, d = self.mesh.blocks[number], self.mesh.dimension
-        values, _ = reference_element(block.kind).at(where[None])
-        rows = np.zeros((3, block.nodes.shape[1], d), values.dtype)
-        rows[range(d), :, range(d)] = values[0]
-        return _sparse_rows(rows, block.nodes[row], self.mesh.positions.size)
 
-    def _internal_rows(self, number: int, row: int, where: Array) -> sp.csr_matrix:
-        """(3, ndof) displacement by the internal modes of one element."""
-        nodes, d = self.mesh.blocks[number].nodes[row], self.mesh.dimension
-        values = internal_values(self.mesh.blocks[number].kind, where[None])[0]
-        rows = np.zeros((3, len(nodes), d), number_type(self.mesh.positions, where))
-        if (
-            self._has_incompatible_modes(number)
-            and np.abs(values).max() > _PARAMETER_TOLERANCE
-        ):
-            amplitudes = self._amplitudes(number, self._element(number, row))
-            amplitudes = amplitudes[: len(values)]
+@dataclass(frozen=True, eq=False)
+class _HoldingElement:
+    """An element around a point, and rows of the motion there by its m nodes.
+
+    Attributes
+    ----------
+    continuum : material of its block, for internal modes
+    row : of the element in its block
+    where : (d,) the point in the reference element
+    """
+
+    mesh: Mesh
+    continuum: Continuum | None
+    block: ElementBlock
+    row: int
+    where: Array
+
+    @property
+    def nodes(self) -> Indices:
+        return self.block.nodes[self.row]
+
+    def displacement(self) -> Array:
+        """(3, m, d) by the nodes."""
+        values, _ = reference_element(self.block.kind).at(self.where[None])
+        d = self.mesh.dimension
+        rows = np.zeros((3, len(self.nodes), d), values.dtype)
+        rows[range(d), :, range(d)] = values[0]
+        return rows
+
+    def internal_displacement(self) -> Array:
+        """(3, m, d) by the internal modes."""
+        d, values = self.mesh.dimension, np.zeros(0)
+        dtype = number_type(self.mesh.positions, self.where)
+        rows = np.zeros((3, len(self.nodes), d), dtype)
+        if self._has_internal_modes:
+            values = internal_values(self.block.kind, self.where[None])[0]
+        if np.abs(values).max(initial=0.0) > _PARAMETER_TOLERANCE:
+            amplitudes = self._amplitudes[: len(values)]
             rows = rows.astype(number_type(rows, amplitudes))
             rows[:d] = np.einsum("k,kcmd->cmd", values, amplitudes)
-        return _sparse_rows(rows, nodes, self.mesh.positions.size)
+        return rows
 
-    def _gradient(self, number: int, row: int, where: Array) -> sp.csr_matrix:
-        nodes = self.mesh.blocks[number].nodes[row]
-        element = reference_element(self.mesh.blocks[number].kind)
-        _, gradients = element.at(where[None])
-        jacobian = self.mesh.positions[nodes].T @ gradients[0]
+    def gradient(self) -> Array:
+        """(9, m, d) of the displacement gradient.
+
+        Raises
+        ------
+        InputError : the geometry degenerates.
+        """
+        element = reference_element(self.block.kind)
+        _, gradients = element.at(self.where[None])
+        jacobian = self.mesh.positions[self.nodes].T @ gradients[0]
         if _degenerates(jacobian):
             raise InputError(
                 "the geometry degenerates here, so that a rotation is not defined",
                 expected="a place where the edges of the element cross at an angle",
             )
         inverse, inside = np.linalg.inv(jacobian), None
-        if self._has_incompatible_modes(number):
-            one = self._element(number, row)
-            slopes = internal_gradients(element.name, where[None])[0] @ inverse
-            inside = slopes, self._amplitudes(number, one)[: len(slopes)]
-        rows = _mesh_gradient_rows(gradients[0] @ inverse, inside)
-        return _sparse_rows(rows, nodes, self.mesh.positions.size)
+        if self._has_internal_modes:
+            slopes = internal_gradients(element.name, self.where[None])[0] @ inverse
+            inside = slopes, self._amplitudes[: len(slopes)]
+        return _mesh_gradient_rows(gradients[0] @ inverse, inside)
 
-    def _strain_gradient(
-        self, number: int, row: int, where: Array, plain: sp.csr_matrix
-    ) -> sp.csr_matrix:
-        """Return the gradient (9, ndof) of the stiffness of one element."""
-        block, relieved = self.mesh.blocks[number], self._has_incompatible_modes(number)
-        shares = extrapolation(block.kind, where, relieved=relieved)
+    def strain_gradient(self, plain: Array) -> Array:
+        """(9, m, d) of the gradient of its stiffness; by default `plain`."""
+        relieved = self._has_internal_modes
+        shares = extrapolation(self.block.kind, self.where, relieved=relieved)
         if shares is None:
             return plain
-        one, inside = self._element(number, row), None
+        one, inside = self._batch, None
         if one.internal is not None:
             slopes = np.einsum("g,gkb->kb", shares, one.internal[0])
-            inside = slopes, self._amplitudes(number, one)
+            inside = slopes, self._amplitudes
         slopes = np.einsum("g,gmd->md", shares, one.gradients[0])
-        rows = _mesh_gradient_rows(slopes, inside)
-        return _sparse_rows(rows, block.nodes[row], self.mesh.positions.size)
+        return _mesh_gradient_rows(slopes, inside)
 
-    def _has_incompatible_modes(self, number: int) -> bool:
-        """Whether the elements of a block have internal modes."""
-        return bool(self._continua) and self._continua[number].internal_modes
+    @property
+    def _has_internal_modes(self) -> bool:
+        return self.continuum is not None and self.continuum.internal_modes
 
-    def _element(self, number: int, row: int) -> ElementBatch:
-        """One element at the points of its stiffness."""
-        block = self.mesh.blocks[number]
-        alone = ElementBlock(block.kind, block.nodes[[row]], block.labels[[row]])
-        relieved = self._has_incompatible_modes(number)
-        laws = self._continua[number].laws_at if self._continua else None
+    @cached_property
+    def _batch(self) -> ElementBatch:
+        """The element at the points of its stiffness."""
+        nodes, labels = self.block.nodes[[self.row]], self.block.labels[[self.row]]
+        alone = ElementBlock(self.block.kind, nodes, labels)
+        laws = self.continuum.laws_at if self.continuum is not None else None
+        relieved = self._has_internal_modes
         (one,) = element_batches(self.mesh, alone, relieved=relieved, laws=laws)
         return one
 
-    def _amplitudes(self, number: int, one: ElementBatch) -> Array:
-        """(k, d, m, d) internal modes of an element by its nodes."""
-        flat = internal_amplitudes(one, self._continua[number].law)[0]
-        *_, m, d = one.gradients.shape
+    @cached_property
+    def _amplitudes(self) -> Array:
+        """(k, d, m, d) internal modes by the nodes."""
+        assert self.continuum is not None
+        flat = internal_amplitudes(self._batch, self.continuum.law)[0]
+        *_, m, d = self._batch.gradients.shape
         return flat.reshape(-1, d, m, d)
 
 
@@ -430,13 +457,20 @@ def _invert_map(
     return where, float(np.linalg.norm(target - values[0] @ corners))
 
 
-def _sparse_rows(rows: Array, nodes: Indices, ndof: int) -> sp.csr_matrix:
-    """(k, m, d) coefficients at some nodes as (k, ndof)."""
-    k, _, d = rows.shape
-    rows = without_rounding(rows, 1e-12 * np.abs(rows).max())
-    columns = (nodes[:, None] * d + np.arange(d)).ravel()
-    index = (np.repeat(np.arange(k), columns.size), np.tile(columns, k))
-    matrix = sp.csr_matrix((rows.ravel(), index), shape=(k, ndof))
+def _sparse_rows(
+    parts: Sequence[Array], nodes: Sequence[Indices], ndof: int
+) -> sp.csr_matrix:
+    """(k, ndof) sum of coefficients (k, m, d) at some nodes (m,) each."""
+    values, rows, columns = [], [], []
+    for part, of_part in zip(parts, nodes, strict=True):
+        k, _, d = part.shape
+        values.append(without_rounding(part, 1e-12 * np.abs(part).max()).ravel())
+        own = (of_part[:, None] * d + np.arange(d)).ravel()
+        rows.append(np.repeat(np.arange(k), own.size))
+        columns.append(np.tile(own, k))
+    index = np.concatenate(rows), np.concatenate(columns)
+    shape = len(parts[0]), ndof
+    matrix = sp.csr_matrix((np.concatenate(values), index), shape=shape)
     matrix.eliminate_zeros()
     return matrix
 
