@@ -29,6 +29,9 @@ ENDING_SIGNALS = {
 PATIENCE, PAUSE = 2.0, 0.05
 #: How often the parent of a process is looked for where it cannot be waited for [s].
 PARENT_PAUSE = 1.0
+#: What stands between the options of a command on several lines; shells of Windows have
+#: no common sign for that, and read one line.
+LINE_CONTINUATION = " " if WINDOWS else " \\\n    "
 #: Windows waits for at most 63 processes, two of which are those of a pool itself.
 MAX_POOL_PROCESSES = 61 if WINDOWS else 10_000
 #: Windows ends a program so long after its console was closed [s].

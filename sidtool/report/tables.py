@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.base.errors import InputError, printable
 from sidtool.formats.base.html import html_table
+from sidtool.formats.storage.operating_system import LINE_CONTINUATION
 from sidtool.formats.text import WIDTH, wrapped
 
 #: Values below this fraction of the largest one are printed as zero.
@@ -138,7 +139,7 @@ def set_options(
 ) -> list[str]:
     """Return options of the command line that change a scene, and models by body.
 
-    Options that do not fit on a line continue on others, as a shell reads them.
+    Options that do not fit on a line continue on others as a shell reads them.
     """
     lines = []
     named = {"Scene": scene} | {f"Model of {body}": models[body] for body in models}
@@ -146,7 +147,7 @@ def set_options(
         options = [f"--set {key}={value!r}" for key, value in changes.items()]
         line = f"{name}: {' '.join(options)}"
         if len(line) > WIDTH:
-            line = f"{name}:\n    " + " \\\n    ".join(options)
+            line = f"{name}:\n    " + LINE_CONTINUATION.join(options)
         lines += [line] if options else []
     return lines
 

@@ -339,13 +339,13 @@ def steady_residual(mechanics: DenseEquations, small: SmallMotions) -> Array:
 def driven_accelerations(mechanics: DenseEquations, z: Array, v: Array) -> Array:
     """Accelerations (n,) that functions of time of drives demand in a state, relative
     to the sizes of coordinates [1/s^2]; zero where they are rounding of the loads or of
-    the squares of the rates. Those of laws are not known."""
+    the squares of the rates. What laws demand is not known and left out."""
     system = mechanics.system
-    none = np.zeros(system.n_velocities)
-    if system.drive_law_rows:
-        return none
+    none, constraint = np.zeros(system.n_velocities), system.arrays.constraint
+    by_law = constraint[constraint[:, at.C_LAW] >= 0, at.ROW]
     mechanics.evaluate(z, none)
-    a = least_squares(mechanics.jacobian, mechanics.gamma)
+    C, gamma = (np.delete(x, by_law, 0) for x in (mechanics.jacobian, mechanics.gamma))
+    a = least_squares(C, gamma)
     sizes = coordinate_sizes(system)
     found = np.abs(a) * mechanics.scale / sizes
     rate = np.abs(v / sizes).max(initial=0.0)

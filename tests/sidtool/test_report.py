@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from sidtool.report.sid import (
     label_without_frequency,
     natural_modes,
 )
-from sidtool.report.tables import text_table, without_rounding
+from sidtool.report.tables import set_options, text_table, without_rounding
 from sidtool.report.validation import judge_sid, judgement_as_text
 from tests.codes import only, with_code
 from tests.places import SLIDER_CRANK
@@ -115,6 +116,16 @@ def test_nodes_that_no_shape_function_moves_are_marked() -> None:
     lines = describe_sid(both).splitlines()
     assert lines[-2].endswith("rests in the frame")
     assert lines[-1].endswith("no shape function moves it")
+
+
+def test_options_that_are_printed_can_be_pasted_into_a_shell() -> None:
+    given = {f"geometry.section.height[{k}]": 0.1 + k / 3.0 for k in range(5)}
+    for changes in (given, dict([*given.items()][:1])):
+        lines = "\n".join(set_options({}, {"rod": changes})).split(":", 1)[1]
+        words = shlex.split(lines.replace("\\\n", ""))  # as a shell joins lines
+        assert len(lines.strip().splitlines()) in (1, len(changes))
+        assert words[::2] == ["--set"] * len(changes)
+        assert words[1::2] == [f"{key}={value!r}" for key, value in changes.items()]
 
 
 def test_a_rigid_body_with_nodes() -> None:
