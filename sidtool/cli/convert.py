@@ -301,10 +301,11 @@ def _read_or_convert(
     from sidtool.formats.model import read_model
     from sidtool.formats.toml.files import ignoring, parse_settings
 
-    from ..api.scene import read
     from ..pipeline.files import expect_kind
 
     if expect_kind(source, "model", "sid") == "sid":
+        from ..api.scene import read
+
         for option, given in (("--set", changes), ("--timing", times)):
             if given:
                 raise InputError(

@@ -242,7 +242,7 @@ class _StaticSolver:
         if rigid.shape[1]:
             balance = np.linalg.solve(self._gram, rigid.T @ loads)
             loads = loads - self._inertia @ balance
-        y = self._space.factors.solve(loads)
+        y = self._space.factors.solve(loads) if loads.any() else np.zeros_like(loads)
         if len(rows):
             gap = rows @ y - (0.0 if motions is None else motions)
             pull = -self._stopped.T @ loads

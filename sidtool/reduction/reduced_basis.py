@@ -183,7 +183,7 @@ def _orthonormalise(
     sizes : (n,) reference size for the independent part of each column
     """
     count = shapes.shape[1]
-    basis = np.zeros((len(shapes), count), number_type(shapes, model.mass))
+    basis = np.zeros((len(shapes), count), number_type(shapes, model.mass), order="F")
     momenta = np.zeros_like(basis)
     selected: list[int] = []
     for i in range(count):
