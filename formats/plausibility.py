@@ -110,7 +110,10 @@ def body_warnings(sid: SID, gravity: float | None = None) -> list[Diagnostic]:
     found = []
     if size > _MAX_LENGTH:
         found.append(diagnose("N103", reason=f"size of {size:.3g} m"))
-    damping = _smallest_damping_ratio(sid)
+    # Smallest eigenvalue of De over the largest absolute one; 0 without damping.
+    values = np.linalg.eigvalsh((sid.De.m0 + sid.De.m0.T) / 2)
+    largest = np.abs(values).max(initial=0.0)
+    damping = float(values[0] / largest) if largest > 0.0 else 0.0
     if damping < -_ROUNDING:
         found.append(diagnose("N104", share=damping))
     omega, ratio = _first_mode(sid)
@@ -137,13 +140,6 @@ def body_warnings(sid: SID, gravity: float | None = None) -> list[Diagnostic]:
     if ratio > 1.0:
         found.append(diagnose("N107", frequency=hertz, ratio=ratio))
     return found
-
-
-def _smallest_damping_ratio(sid: SID) -> float:
-    """Smallest eigenvalue of De over the largest absolute one; 0 without damping."""
-    values = np.linalg.eigvalsh((sid.De.m0 + sid.De.m0.T) / 2)
-    largest = np.abs(values).max(initial=0.0)
-    return float(values[0] / largest) if largest > 0.0 else 0.0
 
 
 def first_frequency(sid: SID) -> float:

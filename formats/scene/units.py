@@ -199,18 +199,12 @@ def _multiplier_unit(name: OutputName, scene: SceneTables | None) -> str:
         return _effort_unit(driven_coordinate(scene.drives[name.owner], scene.joints))
     joint = scene.joints[name.owner]
     if isinstance(joint, Gear | Coupling):
-        return _coupling_unit(joint, scene)
+        # The unit of the last coordinate of a gear, whose ratio converts the first; of
+        # other sums only if all coordinates are of one kind.
+        terms = coupled_coordinates(joint, scene.joints)
+        units = [_effort_unit(coordinate) for _, coordinate, _ in terms]
+        return units[-1] if isinstance(joint, Gear) or len(set(units)) == 1 else ""
     forces = FORCES[joint.type][scene.dimension == "spatial"]
     number = int(name.quantity[1:])
     is_thread = joint.type == "screw" and number == THREAD_MULTIPLIER
     return "N" if number <= forces or is_thread else "N m"
-
-
-def _coupling_unit(joint: Gear | Coupling, scene: SceneTables) -> str:
-    """Return the unit of the last coordinate of a gear; its ratio converts the first.
-
-    Of other sums only if all coordinates are of one kind.
-    """
-    terms = coupled_coordinates(joint, scene.joints)
-    units = [_effort_unit(coordinate) for _, coordinate, _ in terms]
-    return units[-1] if isinstance(joint, Gear) or len(set(units)) == 1 else ""

@@ -52,7 +52,10 @@ def dense_expansion(
     InputError : header or indices do not fit; an index occurs twice.
     """
     _check_header(raw, shape, to)
-    _check_unique(raw, to)
+    repeated = raw.codes.repeated
+    if repeated is not None:
+        line = int(raw.lines[repeated])
+        raise to.error(f"an entry of {raw.name} stands here again", "each once", line)
     m0 = _m0(raw, shape, place, to)
     m1 = mn = None
     if raw.codes.has(M1):
@@ -109,13 +112,6 @@ def _check_header(raw: RawTaylor, shape: tuple[int, int], to: ReadingContext) ->
         if value not in allowed:
             choices = " or ".join(str(choice) for choice in allowed)
             raise to.error(f"{raw.name} declares {item} = {value}", choices, line)
-
-
-def _check_unique(raw: RawTaylor, to: ReadingContext) -> None:
-    repeated = raw.codes.repeated
-    if repeated is not None:
-        line = int(raw.lines[repeated])
-        raise to.error(f"an entry of {raw.name} stands here again", "each once", line)
 
 
 def _check_size(raw: RawTaylor, numbers: int, to: ReadingContext) -> None:

@@ -91,7 +91,7 @@ def _file_text(sid: SID, style: Style) -> Iterator[str]:
     yield _entry_line(1, "part")
     yield _entry_line(6, "new modal", "")
     yield _entry_line(11, "refmod")
-    yield _entry_line(16, "mass", _format_real(sid.mass, style))
+    yield _entry_line(16, "mass", _format_reals(np.array([sid.mass]), style)[0])
     yield _entry_line(16, "nelastq", f"{sid.nq:5d}")
     for index, label in enumerate(sid.labels, start=1):
         yield _entry_line(16, f"ielastq ({index:4d})", f" {ascii_text(label)}".rstrip())
@@ -222,10 +222,6 @@ def _layout_tag(sid: SID, style: Style) -> Layout | None:
 def _entry_line(indent: int, key: str, value: str | None = None) -> str:
     left = " " * indent + key
     return f"{left}\n" if value is None else f"{left:<{_EQUALS}}={value}\n"
-
-
-def _format_real(value: float, style: Style) -> str:
-    return _format_reals(np.array([value]), style)[0]
 
 
 def _format_reals(values: Array, style: Style) -> list[str]:

@@ -156,18 +156,14 @@ def _move_into_place(temporary: Path, target: Path, given_path: Path | None) -> 
     except OSError as error:
         if given_path is None:
             raise
-        other = _free_name(target)
+        names = (f"{target.stem}.new{n}{target.suffix}" for n in count(1))
+        other = next(p for p in map(target.with_name, names) if not p.exists())
         replace_file(temporary, other)
         problem = f"cannot be replaced ({failure_reason(error)})"
         if is_open_in_other_program(target):
             problem = "is open in another program"
         text = f"{problem}: it is as before, and what was to replace it is {other.name}"
         raise StoredUnderOtherName(error.errno, text, os.fspath(given_path)) from error
-
-
-def _free_name(target: Path) -> Path:
-    names = (f"{target.stem}.new{n}{target.suffix}" for n in count(1))
-    return next(p for p in map(target.with_name, names) if not p.exists())
 
 
 def _file_mode(target: Path) -> int | None:

@@ -181,7 +181,9 @@ def _spline_axis(
     knots = np.concatenate([[0], np.cumsum(steps)])
     spline = _CubicSpline(knots, points)
     first, second = partial(spline, order=1), partial(spline, order=2)
-    marks = _refine_knots(knots)
+    parts = np.linspace(0, 1, _PIECES, endpoint=False)
+    inner = knots[:-1, None] + np.diff(knots)[:, None] * parts
+    marks = np.append(inner.ravel(), knots[-1])
 
     def lengths(start: Array, end: Array) -> Array:
         at, weights = _gauss_points(start, end)
@@ -341,12 +343,6 @@ class _CubicSpline:
         if order == 1:
             return np.asarray((3 * cube * t + 2 * square) * t + slope)
         return np.asarray(6 * cube * t + 2 * square)
-
-
-def _refine_knots(knots: Array) -> Array:
-    parts = np.linspace(0, 1, _PIECES, endpoint=False)
-    inner = knots[:-1, None] + np.diff(knots)[:, None] * parts
-    return np.append(inner.ravel(), knots[-1])
 
 
 def y_direction(y_axis: Any, x: Array) -> Array:

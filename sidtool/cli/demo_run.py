@@ -62,7 +62,13 @@ def run_demo(folder: Path, say: Print) -> None:
         raise InputError(
             f"cannot be a folder ({failure_reason(error)})", source=folder
         ) from None
-    _prepare_kernels(say)
+    # Compile the kernels now, so that measured times do not include it.
+    from sidtool.solver.compiler.precompile import ensure_compiled
+    from sidtool.solver.integrators.registry import INTEGRATORS
+
+    ensure_compiled(
+        True, [INTEGRATORS[name].step_loop for name in SETTINGS], False, say
+    )
     say("1. The rod, from its geometry to Standard Input Data (SID)\n")
     sids, fields = _convert_rods(examples, folder)
     reference = read_reference(examples / "frequencies.toml")
@@ -79,16 +85,6 @@ def run_demo(folder: Path, say: Print) -> None:
     say(_write_page(folder / "motion.html", results["Q4"], fields["Q4"]))
     seconds = time.perf_counter() - begin
     say(f"Plots, SIDs and results are in {folder} ({seconds:.1f} s in all).")
-
-
-def _prepare_kernels(say: Print) -> None:
-    """Compile the kernels of the demo, so that measured times do not include it."""
-    from sidtool.solver.compiler.precompile import ensure_compiled
-    from sidtool.solver.integrators.registry import INTEGRATORS
-
-    ensure_compiled(
-        True, [INTEGRATORS[name].step_loop for name in SETTINGS], False, say
-    )
 
 
 def _convert_rods(

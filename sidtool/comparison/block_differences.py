@@ -131,7 +131,7 @@ def block_rows(
         T = _basis_transformation(here, reference, first, second)
     except np.linalg.LinAlgError:
         return
-    transformed = change_basis(_known_part(here), T, reference.labels)
+    transformed = change_basis(replace(here, extra={}), T, reference.labels)
     sizes = {
         **dict.fromkeys(("mdCM", "Ct"), translation_scale(reference)),
         **dict.fromkeys(("J", "Cr", "Gr"), rotation_scale(reference)),
@@ -176,11 +176,6 @@ def _term_rows(
             max_magnitude(expected),
             share,
         )
-
-
-def _known_part(sid: SID) -> SID:
-    """Return the SID without blocks of unknown name and terms of unknown meaning."""
-    return replace(sid, extra={})
 
 
 def _basis_transformation(

@@ -108,7 +108,13 @@ def matrices_body(
     rounding = printed_rounding_of(k, rigid)
     k = balance_stiffness(k, table)
     check_digits(k, rounding, *softest_deformation(k, m, positions, table))
-    _check_mass(float(rigid[:, 0] @ (m @ rigid[:, 0])), expected_mass)
+    mass = float(rigid[:, 0] @ (m @ rigid[:, 0]))
+    if expected_mass is not None and abs(mass / expected_mass - 1) > 1e-3:
+        raise InputError(
+            f"the mass matrix holds {mass:.6g} kg",
+            place="geometry.expected_mass",
+            expected=f"{expected_mass:.6g} kg within 0.1 % (are the units consistent?)",
+        )
     markers = []
     for name, marker in markers_with_position(named):
         with name_marker_in_errors(name):
@@ -189,15 +195,6 @@ def _node_sets(data: ImportedMatrices, rows: Indices) -> NamedSets:
         numbers_of_set = number[nodes]
         sets[name] = numbers_of_set[numbers_of_set >= 0]
     return sets
-
-
-def _check_mass(mass: float, expected: float | None) -> None:
-    if expected is not None and abs(mass / expected - 1) > 1e-3:
-        raise InputError(
-            f"the mass matrix holds {mass:.6g} kg",
-            place="geometry.expected_mass",
-            expected=f"{expected:.6g} kg within 0.1 % (are the units consistent?)",
-        )
 
 
 def _marker_node(

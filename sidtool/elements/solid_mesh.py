@@ -254,7 +254,8 @@ def internal_inertia(
         for batch, moved in _with_amplitudes(
             mesh, block, law, laws_of_material(material), known
         ):
-            masses = _element_mass(batch, density)
+            whole, m = element_mass(batch, density), batch.nodes.shape[1]
+            masses = whole[:, :m, m:], whole[:, m:, m:]
             parts.append(_ElementGroup(batch.nodes, moved, *masses, count))
             added.add(parts[-1].added(d), batch.nodes)
             count += int(np.prod(parts[-1].own.shape[:2]))
@@ -286,12 +287,6 @@ def _with_amplitudes(
         start += len(batch.nodes)
         values = np.concatenate([batch.values, inner], axis=2)
         yield replace(batch, values=values), amplitudes
-
-
-def _element_mass(batch: ElementBatch, density: float) -> tuple[Array, Array]:
-    """(ne, m, k) and (ne, k, k): of nodal with internal functions, and of these."""
-    whole, m = element_mass(batch, density), batch.nodes.shape[1]
-    return whole[:, :m, m:], whole[:, m:, m:]
 
 
 @dataclass(frozen=True, eq=False)

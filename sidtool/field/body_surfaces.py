@@ -204,7 +204,10 @@ def surface_of_field(name: str, content: Field, elastic: bool = True) -> BodySur
     elastic : False for a body that the scene takes as rigid
     """
     if not len(content.triangles):
-        return _bars_of_points(name, content)
+        size = float(np.ptp(content.positions, axis=0).max())
+        turns = np.zeros_like(content.shapes)
+        lines = node_bars(content.positions, content.shapes, turns, 0.01 * size)
+        return BodySurface(name, *lines, source=f"the nodes of its field, {_BARS_TEXT}")
     used, rows = np.unique(content.triangles, return_inverse=True)
     surface = plate_surface(
         content.positions[used], rows.reshape(-1, 3), content.thickness
@@ -221,14 +224,6 @@ def surface_of_field(name: str, content: Field, elastic: bool = True) -> BodySur
         initial_stress=content.initial_stress[copies],
         source="its full field",
     )
-
-
-def _bars_of_points(name: str, content: Field) -> BodySurface:
-    """Return bars between the nodes of a body from matrices."""
-    size = float(np.ptp(content.positions, axis=0).max())
-    turns = np.zeros_like(content.shapes)
-    lines = node_bars(content.positions, content.shapes, turns, 0.01 * size)
-    return BodySurface(name, *lines, source=f"the nodes of its field, {_BARS_TEXT}")
 
 
 def surface_of_sid(name: str, sid: SID, width: float) -> BodySurface:

@@ -47,7 +47,8 @@ def outputs(
     InputError : there is no such output, the states do not determine it (an integral
         over the run, or a missing `Law`), or the result does not hold its scene.
     """
-    listed = _split_names(names)
+    texts = names.split(",") if isinstance(names, str) else names
+    listed = [text.strip() for text in texts if text.strip()]
     recorded = {name: result[name] for name in listed if name in result.names}
     if len(recorded) == len(listed):
         return recorded
@@ -113,11 +114,6 @@ def with_outputs(result: Result, columns: Mapping[str, Array]) -> Result:
     new = [name for name in columns if name not in result.names]
     values = np.column_stack([result.values, *(columns[name] for name in new)])
     return replace(result, names=(*result.names, *new), values=values)
-
-
-def _split_names(names: str | Iterable[str]) -> list[str]:
-    texts = names.split(",") if isinstance(names, str) else names
-    return [text.strip() for text in texts if text.strip()]
 
 
 def _order_outputs(

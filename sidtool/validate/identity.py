@@ -68,14 +68,21 @@ IDENTITIES: dict[str, Identity] = {}
 
 
 def identity(
-    name: str, *, bound: float
+    name: str, *, bound: float, of_shapes: bool = False
 ) -> Callable[[Callable[[SID], Finding]], Callable[[SID], Finding]]:
     """Register the decorated function as a check; its texts are in the catalogue of
     diagnostics.
+
+    of_shapes : the check does not apply to a body without shape functions
     """
 
     def register(measure: Callable[[SID], Finding]) -> Callable[[SID], Finding]:
-        IDENTITIES[name] = Identity(name, bound, measure)
+        def checked(sid: SID) -> Finding:
+            if of_shapes and sid.nq == 0:
+                return Finding(None, "rigid body")
+            return measure(sid)
+
+        IDENTITIES[name] = Identity(name, bound, checked)
         return measure
 
     return register

@@ -74,22 +74,18 @@ def rotation_deviation(sid: SID) -> Finding:
 # meet in each identity below, so 1e-11 (2e-11 for the sum of four) is exact.
 
 
-@identity("I4", bound=1e-11)
+@identity("I4", bound=1e-11, of_shapes=True)
 def first_moment_deviation(sid: SID) -> Finding:
     """Both are the integral of the shape functions over the mass."""
-    if sid.nq == 0:
-        return _rigid_finding()
     first = sid.mdCM.first_order(sid.nq)[:, :, 0]
     return finding_of_difference(
         first - sid.Ct.m0, first, sid.Ct.m0, natural=translation_scale(sid)
     )
 
 
-@identity("I5", bound=1e-11)
+@identity("I5", bound=1e-11, of_shapes=True)
 def centrifugal_deviation(sid: SID) -> Finding:
     """Note the order: Oe has yz before xz, J has xz before yz."""
-    if sid.nq == 0:
-        return _rigid_finding()
     six = sid.J.first_order(sid.nq)[:, :, 0]
     implied = -six[:, [0, 1, 2, 3, 5, 4]] * [0.5, 0.5, 0.5, 1.0, 1.0, 1.0]
     exchanged = implied[:, [0, 1, 2, 3, 5, 4]]
@@ -104,11 +100,9 @@ def centrifugal_deviation(sid: SID) -> Finding:
     )
 
 
-@identity("I6", bound=2e-11)
+@identity("I6", bound=2e-11, of_shapes=True)
 def gyroscopic_rotation_deviation(sid: SID) -> Finding:
     """The symmetric part of Gr is the rate of the inertia tensor."""
-    if sid.nq == 0:
-        return _rigid_finding()
     modes = modal_blocks(sid)
     layout = sid.dialect.gr_layout
     other = _gr_deviation(_other_layout(sid.Gr.m0, sid.nq, layout), modes.J1)
@@ -124,14 +118,12 @@ def gyroscopic_rotation_deviation(sid: SID) -> Finding:
     )
 
 
-@identity("I7", bound=1e-11)
+@identity("I7", bound=1e-11, of_shapes=True)
 def gyroscopic_elastic_deviation(sid: SID) -> Finding:
     """The second form is the exact one; it alone allows for geometric stiffening.
 
     The symmetric part that stiffening adds to Cr1 leaves its rounding in the second.
     """
-    if sid.nq == 0:
-        return _rigid_finding()
     modes = modal_blocks(sid)
     layout = sid.dialect.ge_layout
     deviation, form = min(_ge_deviations(modes.Ge, modes.Cr1))
@@ -153,11 +145,9 @@ def gyroscopic_elastic_deviation(sid: SID) -> Finding:
     )
 
 
-@identity("I8", bound=1e-11)
+@identity("I8", bound=1e-11, of_shapes=True)
 def gyroscopic_exact_deviation(sid: SID) -> Finding:
     """Holds with and without geometric stiffening."""
-    if sid.nq == 0:
-        return _rigid_finding()
     modes = modal_blocks(sid)
     exact = modes.Cr1 - transpose_modes(modes.Cr1)
     sizes = (modes.Ge, modes.Cr1)
@@ -166,11 +156,9 @@ def gyroscopic_exact_deviation(sid: SID) -> Finding:
     )
 
 
-@identity("I9", bound=1e-11)
+@identity("I9", bound=1e-11, of_shapes=True)
 def rotation_coupling_deviation(sid: SID) -> Finding:
     """The symmetric part, if any, is stiffening by angular acceleration (K0r)."""
-    if sid.nq == 0:
-        return _rigid_finding()
     Cr1 = modal_blocks(sid).Cr1
     if has_second_order_field(sid) or stiffens_by_turning(sid):
         share = relative_difference(Cr1 + transpose_modes(Cr1), Cr1)
@@ -182,11 +170,9 @@ def rotation_coupling_deviation(sid: SID) -> Finding:
     )
 
 
-@identity("I10", bound=0.1)
+@identity("I10", bound=0.1, of_shapes=True)
 def gyroscopic_antisymmetry(sid: SID) -> Finding:
     """Writers that lump the mass for Gr are off by some per cent: hence the bound."""
-    if sid.nq == 0:
-        return _rigid_finding()
     axis = _is_planar(sid)
     if axis is not None:
         return Finding(
@@ -200,11 +186,9 @@ def gyroscopic_antisymmetry(sid: SID) -> Finding:
     )
 
 
-@identity("I11", bound=1e-9)
+@identity("I11", bound=1e-9, of_shapes=True)
 def centrifugal_symmetry(sid: SID) -> Finding:
     """PY_SID stores only one of the two products in the columns xy, yz and xz."""
-    if sid.nq == 0:
-        return _rigid_finding()
     Oe1 = modal_blocks(sid).Oe1
     parts = {"xx, yy, zz": Oe1[..., :3], "xy, yz, xz": Oe1[..., 3:]}
     residuals = [
@@ -221,11 +205,9 @@ def centrifugal_symmetry(sid: SID) -> Finding:
     return replace(worst, detail=shares)
 
 
-@identity("I12", bound=0.1)
+@identity("I12", bound=0.1, of_shapes=True)
 def centrifugal_trace(sid: SID) -> Finding:
     """Exact for solids; lumped and beam masses are off, see the bound of I10."""
-    if sid.nq == 0:
-        return _rigid_finding()
     if has_second_order_field(sid):
         return Finding(None, "Oe m1 holds geometric stiffening")
     trace = modal_blocks(sid).Oe1[..., :3].sum(axis=2)
@@ -250,10 +232,6 @@ def _is_rotary_inertia(sid: SID, trace: Array) -> bool:
     inside = shares[0] > -_ROUNDING and shares[-1] < 1.0 + _ROUNDING
     least = shares[0] < _SMALL or shares[0] > 1.0 - _SMALL
     return bool(inside and least and shares[-1] > _SMALL)
-
-
-def _rigid_finding() -> Finding:
-    return Finding(None, "rigid body")
 
 
 def _is_planar(sid: SID) -> int | None:

@@ -54,11 +54,9 @@ _PRINT = 1e-10
 ROTATION_TOLERANCE = 1e-6
 
 
-@identity("I13", bound=1e-11)
+@identity("I13", bound=1e-11, of_shapes=True)
 def modal_matrix_deviation(sid: SID) -> Finding:
     """Largest asymmetry; definiteness is decided by eigenvalues."""
-    if sid.nq == 0:
-        return Finding(None, "rigid body")
     blocks = {"Me": sid.Me.m0, "Ke": sid.Ke.m0, "De": sid.De.m0}
     asymmetry, size = max(
         (relative_difference(m - m.T, m), max_magnitude(m)) for m in blocks.values()
@@ -134,11 +132,9 @@ def inertia_tensor_deviation(sid: SID) -> Finding:
     return Finding(float(excess / size), f"principal moments {parts}")
 
 
-@identity("I17", bound=1e-9)
+@identity("I17", bound=1e-9, of_shapes=True)
 def damping_deviation(sid: SID) -> Finding:
     """alpha Me + beta Ke, or 2 zeta sqrt(K M) per mode (of the body or of the file)."""
-    if sid.nq == 0:
-        return Finding(None, "rigid body")
     if not sid.De.m0.any():
         return Finding(None, "no damping")
     if not _is_definite(sid.Me.m0, strictly=True):
@@ -288,13 +284,11 @@ def node_orientation_deviation(sid: SID) -> Finding:
     return Finding(worst, f"{text} at node {name}{more}", broken=True)
 
 
-@identity("I19", bound=0.0)
+@identity("I19", bound=0.0, of_shapes=True)
 def placeholder_count(sid: SID) -> Finding:
     """Return the number of blocks that are zero although others imply non-zero
     values.
     """
-    if sid.nq == 0:
-        return Finding(None, "rigid body")
     empty = list(_empty_blocks(sid))
     return Finding(float(len(empty)), "empty: " + ", ".join(empty) if empty else "")
 
@@ -337,11 +331,9 @@ def stiffening_sign_deviation(sid: SID) -> Finding:
     return Finding(worst, "correlation " + ", ".join(texts))
 
 
-@identity("I21", bound=SYMMETRY_ROUNDING)
+@identity("I21", bound=SYMMETRY_ROUNDING, of_shapes=True)
 def energy_free_part(sid: SID) -> Finding:
     """The part of the elastic force of first order that has no energy."""
-    if sid.nq == 0:
-        return Finding(None, "rigid body")
     measured = non_potential_fraction(sid)
     try:
         check_first_order(sid, "the SID", "")
