@@ -7,8 +7,8 @@ import numpy as np
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import parse_output
 from sidtool.formats.scene.outputs import is_stress
-from sidtool.solver.analyses.output_derivatives import POINTS, WEIGHTS
 from sidtool.solver.simulation.frozen_run import Motion
+from sidtool.solver.simulation.linearised_run import FOURTH_ORDER, SECOND_ORDER
 from sidtool.solver.spatial import system_arrays as at
 from sidtool.solver.spatial.system_arrays import IntTable
 
@@ -17,6 +17,9 @@ from .history import History, Peak
 
 #: Coordinates that change an output by less than this part are not among its states.
 NEGLIGIBLE = 1e-14
+#: Differences of second order are taken where those of fourth order differ by less than
+#: this part of the largest one.
+AGREEMENT = 1e-9
 #: States that are evaluated together.
 STATES_AT_ONCE = 10_000
 #: Number of times at which the coordinates are sought that an output depends on.
@@ -76,9 +79,9 @@ def functional_seeds(
     steps = _steps_for(functional.output, history.motion, steps)
     times, weights = functional.times, functional.weights
     if times is None:
-        own = _columns(functional.output, history, steps, nz)
+        own, difference = _columns(functional.output, history, steps, nz)
         parts, name = (states.t, states.z, states.v), functional.output
-        found = _output_derivatives(name, history, parts, steps, own, nz)
+        found = _output_derivatives(name, history, parts, steps, own, nz, difference)
         seeds[:, own] = weights[:, None] * found
         return seeds
     times = np.clip(times, states.t[0], states.t[-1])
@@ -110,15 +113,25 @@ def _steps_for(output: str, motion: Motion, steps: Array) -> Array:
     return changed
 
 
-def _columns(output: str, history: History, steps: Array, nz: int) -> IntTable:
-    """Coordinates that an output depends on."""
+def _columns(
+    output: str, history: History, steps: Array, nz: int
+) -> tuple[IntTable, tuple[Array, Array]]:
+    """Coordinates that an output depends on, and the difference that resolves it: of
+    second order if one of fourth order agrees.
+    """
     states = history.motion.steps
     rows = np.unique(np.linspace(0, len(states.t) - 1, ASKED_TIMES).astype(int))
-    parts = states.t[rows], states.z[rows], states.v[rows]
-    every = np.arange(len(steps))
-    found = _output_derivatives(output, history, parts, steps, every, nz)
-    changes = np.abs(found * steps).max(axis=0)
-    return np.flatnonzero(changes > NEGLIGIBLE * changes.max(initial=0.0))
+    parts = output, history, (states.t[rows], states.z[rows], states.v[rows])
+    given = *parts, steps, np.arange(len(steps)), nz
+    found, other = (
+        _output_derivatives(*given, difference) * steps
+        for difference in (FOURTH_ORDER, SECOND_ORDER)
+    )
+    changes = np.abs(found).max(axis=0)
+    largest = changes.max(initial=0.0)
+    agrees = np.abs(found - other).max(initial=0.0) <= AGREEMENT * largest
+    columns = np.flatnonzero(changes > NEGLIGIBLE * largest)
+    return columns, SECOND_ORDER if agrees else FOURTH_ORDER
 
 
 def _output_derivatives(
@@ -128,25 +141,26 @@ def _output_derivatives(
     steps: Array,
     columns: IntTable,
     nz: int,
+    difference: tuple[Array, Array] = FOURTH_ORDER,
 ) -> Array:
     """Derivatives of an output by some coordinates at states, (nt, columns)."""
-    t, z, v = states
-    n, width = len(t), max(1, STATES_AT_ONCE // (len(POINTS) * len(t)))
+    (t, z, v), (points, weights) = states, difference
+    n, width = len(t), max(1, STATES_AT_ONCE // (len(points) * len(t)))
     found = [np.zeros((n, 0))]
     for first in range(0, len(columns), width):
         group = columns[first : first + width]
-        changes = np.zeros((len(group), len(POINTS), 1, len(steps)))
+        changes = np.zeros((len(group), len(points), 1, len(steps)))
         for index, k in enumerate(group):
-            changes[index, :, 0, k] = np.multiply(POINTS, steps[k])
-        shape = len(group) * len(POINTS) * n, -1
-        moved_z = np.tile(z, (len(group), len(POINTS), 1, 1))
+            changes[index, :, 0, k] = np.multiply(points, steps[k])
+        shape = len(group) * len(points) * n, -1
+        moved_z = np.tile(z, (len(group), len(points), 1, 1))
         moved_z[..., :nz] += changes[..., :nz]
         moved_v = v + changes[..., nz:]
-        times = np.tile(t, len(group) * len(POINTS))
+        times = np.tile(t, len(group) * len(points))
         parts = moved_z.reshape(shape), moved_v.reshape(shape)
         values = history.motion.output(output, times, *parts)
-        values = values.reshape(len(group), len(POINTS), n)
+        values = values.reshape(len(group), len(points), n)
         # In pairs: what an output does not depend on is exactly 0.
         pairs = 0.5 * (values - values[:, ::-1])
-        found.append(np.einsum("cpt,p->tc", pairs, WEIGHTS) / steps[group])
+        found.append(np.einsum("cpt,p->tc", pairs, weights) / steps[group])
     return np.concatenate(found, axis=1)

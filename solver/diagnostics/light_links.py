@@ -95,19 +95,19 @@ def refuse_light_links(system: System, start: StateVectors) -> None:
         Names the body, and the joint that replaces it.
     """
     attached = _joints_by_body(system)
-    heaviest = {data.name: _inertia_range(system, data)[1] for data in system.bodies}
+    ranges = {data.name: _inertia_range(system, data) for data in system.bodies}
     for b, data in enumerate(system.bodies):
-        least = _inertia_range(system, data)[0]
         links = attached.get(data.name, [])
         neighbours = [marker_reference(link.other)[0] for link in links]
         others = [name for name in neighbours if name != GROUND_NAME]
         if data.sid.nq or len(links) < 2 or not others or not data.is_scene_body:
             continue
-        heavy = max(others, key=lambda name: heaviest[name])
-        limit = MIN_INERTIA_RATIO * heaviest[heavy]
+        least, heavy = ranges[data.name][0], max(others, key=lambda n: ranges[n][1])
+        heaviest = ranges[heavy][1]
+        limit = MIN_INERTIA_RATIO * heaviest
         if 0.0 < least < limit and _transmits_forces(system, start, b):
             raise InputError(
-                f"has an inertia of {least / heaviest[heavy]:.1g} of that of {heavy}, "
+                f"has an inertia of {least / heaviest:.1g} of that of {heavy}, "
                 "which rounding hides in the forces that pass through it",
                 place=f"bodies.{data.name}",
                 expected=_replacement_text(system, data, links, limit),

@@ -40,17 +40,18 @@ def _factor(F, nz, h, eigenvalues, product, blocks, pivots):
     for i in range(nv):
         for j in range(nv):
             product[i, j] = 0.0
-    for k in range(nz):
-        for i in range(nv):
-            factor = F[k, nz + i]
-            for j in range(nv):
-                product[i, j] += factor * F[nz + j, k]
+    for j in range(nv):  # Z^T J_z^T
+        row = product[j]
+        for k in range(nz):
+            factor, column = F[nz + j, k], F[k]
+            for i in range(nv):
+                row[i] += factor * column[nz + i]
     for part in range(len(eigenvalues)):
         mu = complex(eigenvalues[part].real / h, eigenvalues[part].imag / h)
         inverse, block = quotient(1.0, mu), blocks[part]
         for i in range(nv):
             for j in range(nv):
-                block[i * nv + j] = -F[nz + j, nz + i] - product[i, j] * inverse
+                block[i * nv + j] = -F[nz + j, nz + i] - product[j, i] * inverse
             block[i * nv + i] += mu
         if lu_factor(block, 0, nv, nv, pivots, part * nv) != 0:
             return 1
@@ -73,14 +74,15 @@ def _precondition(
         for i in range(nz, N):
             y[i] *= mu
         for k in range(nz):
+            factor, column = y[k], F[k]
             for i in range(nz, N):
-                y[i] += F[k, i] * y[k]
+                y[i] += column[i] * factor
         lu_solve(blocks[part], 0, nv, nv, pivots, part * nv, y, nz)
         inverse = quotient(1.0, mu)
         for i in range(nz, N):
-            factor = y[i] * inverse
+            factor, column = y[i] * inverse, F[i]
             for k in range(nz):
-                y[k] += F[i, k] * factor
+                y[k] += column[k] * factor
         for k in range(N):
             w[first, k] = y[k].real
             if part > 0:
@@ -94,8 +96,9 @@ def _apply(F, x, out):
     for j in range(len(out)):
         out[j] = 0.0
     for i in range(len(x)):
+        factor, column = x[i], F[i]
         for j in range(len(out)):
-            out[j] += x[i] * F[i, j]
+            out[j] += factor * column[j]
 
 
 @inner(float64(F2, F1))

@@ -155,7 +155,9 @@ class Recorder:
 
     def _update_largest(self, z: Array) -> None:
         """Update the largest coordinates by finite states z (nt, n_positions)."""
-        largest = np.nan_to_num(np.abs(z), posinf=0.0).max(axis=0, initial=0.0)
+        largest = np.abs(z).max(axis=0, initial=0.0)
+        if not np.isfinite(largest).all():
+            largest = np.nan_to_num(np.abs(z), posinf=0.0).max(axis=0, initial=0.0)
         np.maximum(self._largest, largest, out=self._largest)
 
     def may_exceed(self, deflection: float, rotation: float) -> bool:
