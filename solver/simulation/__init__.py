@@ -9,6 +9,6 @@
 - `position_rates`, `linearised_run`: a frozen run linearised about itself, eq. (46)
 - `motion_derivatives`: its direct and adjoint derivatives by numbers of the scene
 - `floquet`: multipliers of a periodic motion, eq. (50)
-- `plant`: a scene that a program advances to given times
+- `plant`, `input_pieces`: a scene that a program advances to given times
 - `replay`: outputs of a finished run
 """
