@@ -273,14 +273,16 @@ class _Labelled(Protocol):
     def place(self) -> str: ...
 
 
-def check_unique_labels(elements: Iterable[_Labelled]) -> None:
-    """Refuse elements that share a number.
+def check_unique_labels(
+    elements: Iterable[_Labelled], others: Iterable[int] = ()
+) -> None:
+    """Refuse elements that share a number, also with other elements.
 
     Raises
     ------
     InputError : a number appears twice.
     """
-    known: set[int] = set()
+    known = set(others)
     for element in elements:
         if element.label in known:
             raise InputError(

@@ -86,13 +86,7 @@ def player_page(
     ------
     InputError : three.js is not installed, or there is nothing to colour by.
     """
-    ranges = colour_ranges(motion, bodies)
-    if colour and colour not in ranges:
-        raise InputError(
-            f"there is no {colour} to colour by",
-            place="--colour",
-            expected=" or ".join(ranges) or "a flexible body",
-        )
+    ranges = colour_ranges(motion, bodies, colour)
     sentences = [*notes]
     total = sum(len(body.triangles) for body in bodies)
     entries = []

@@ -122,9 +122,14 @@ class ColourRange:
 
 
 def colour_ranges(
-    motion: SampledMotion, bodies: Sequence[BodySurface]
+    motion: SampledMotion, bodies: Sequence[BodySurface], colour: str
 ) -> dict[str, ColourRange]:
-    """Return the ranges of elastic displacement and von Mises stress of all bodies."""
+    """Return the ranges of elastic displacement and von Mises stress of all bodies.
+
+    Raises
+    ------
+    InputError : the quantity `colour` is requested, and no body has it.
+    """
     ranges = {}
     moved = max((_largest_values(motion, body, False) for body in bodies), default=0.0)
     if moved > 0:
@@ -137,6 +142,12 @@ def colour_ranges(
     if stress > 0:
         unit, per = _prefixed_unit(stress, "Pa")
         ranges["stress"] = ColourRange("von Mises stress", unit, stress, per)
+    if colour and colour not in ranges:
+        raise InputError(
+            f"there is no {colour} to colour by",
+            place="--colour",
+            expected=" or ".join(ranges) or "a flexible body",
+        )
     return ranges
 
 

@@ -52,13 +52,7 @@ def write_film(
     ------
     InputError : ffmpeg is not installed, or there is nothing to colour by.
     """
-    ranges = colour_ranges(motion, bodies)
-    if colour and colour not in ranges:
-        raise InputError(
-            f"there is no {colour} to colour by",
-            place="--colour",
-            expected=" or ".join(ranges) or "a flexible body",
-        )
+    ranges = colour_ranges(motion, bodies, colour)
     writer = _film_writer(path)
     total = sum(len(body.triangles) for body in bodies)
     parts = _decimated_bodies(bodies)

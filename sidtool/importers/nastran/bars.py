@@ -9,6 +9,7 @@ from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 
 from ...mesh.connections import BarSection, RawBar, RawEquation, Vector
+from ...mesh.imported_mesh import check_unique_labels
 from .cards import Card, is_real
 from .content import BarProperty, BulkData, duplicate_error
 
@@ -68,15 +69,7 @@ def bars_of(content: BulkData) -> tuple[RawBar, ...]:
         with content.stops.collect_errors():
             bars.append(readers[card.name](content, card))
     elements = tuple(bars)
-    labels = {label for label, *_ in content.elements}
-    for one in elements:
-        if one.label in labels:
-            raise InputError(
-                f"element {one.label} is defined twice",
-                place=one.place,
-                expected="one definition",
-            )
-        labels.add(one.label)
+    check_unique_labels(elements, (label for label, *_ in content.elements))
     return elements
 
 
