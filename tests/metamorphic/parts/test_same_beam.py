@@ -83,9 +83,8 @@ def assert_same(found: Array, expected: Array) -> None:
 
 
 def any_turn(seed: int) -> Array:
-    return np.asarray(
-        Rotation.random(rng=np.random.default_rng([41, seed])).as_matrix()
-    )
+    random = np.random.default_rng([41, seed])
+    return np.asarray(Rotation.random(random_state=random).as_matrix())
 
 
 # Beams by stations -------------------------------------------------------------------
