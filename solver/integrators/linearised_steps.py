@@ -177,33 +177,10 @@ def march(
             for i in range(s):
                 weight = h[k] * A[i, s - 1] if backward == 1 else 1.0
                 for j in range(N):
-                    b[i, j] = stages[i, j] + weight * state[j]
-            _precondition(
-                middle,
-                nz,
-                h[k],
-                eigenvalues,
-                to_pairs,
-                from_pairs,
-                blocks,
-                pivots,
-                b,
-                w,
-                y,
-                stages,
-            )
-            size = last = _largest(stages, weights)
-            iteration = 0
-            while size > 0.0:
-                if iteration == MAX_ITERATIONS:
-                    return 1
-                iteration += 1
-                for i in range(s):
-                    _apply(F[k * s + i], stages[i], f[i])
-                transform(A, f, r)
-                for i in range(s):
-                    for j in range(N):
-                        r[i, j] = b[i, j] - stages[i, j] + h[k] * r[i, j]
+                    b[i, j] = r[i, j] = stages[i, j] + weight * state[j]
+                    stages[i, j] = 0.0
+            last, converged = 0.0, 0
+            for _ in range(MAX_ITERATIONS + 1):
                 _precondition(
                     middle,
                     nz,
@@ -222,11 +199,20 @@ def march(
                     for j in range(N):
                         stages[i, j] += change[i, j]
                 size, new = _largest(stages, weights), _largest(change, weights)
-                if new * new <= TOLERANCE * size * last:
-                    break
-                if 2.0 * new > last and new <= ROUNDING * size:
+                if new * new <= TOLERANCE * size * last or (
+                    2.0 * new > last and new <= ROUNDING * size
+                ):
+                    converged = 1
                     break
                 last = new
+                for i in range(s):
+                    _apply(F[k * s + i], stages[i], f[i])
+                transform(A, f, r)
+                for i in range(s):
+                    for j in range(N):
+                        r[i, j] = b[i, j] - stages[i, j] + h[k] * r[i, j]
+            if converged == 0:
+                return 1
             after = added[k * count + column]
             if backward == 1:
                 for i in range(s):
