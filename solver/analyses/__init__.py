@@ -6,7 +6,8 @@
 - `static_equilibrium`, `initial_equilibrium`: static equilibrium
 - `rotating_groups`, `steady_rotation`: steady rotation
 - `reference_axes`: axes in which small motions are seen
-- `power_laws`: limits of differences that fall slowly with their step
+- `power_laws`, `state_derivatives`: derivatives of forces by differences, and limits of
+  those that fall slowly with their step
 - `multi_blade`: equal bodies around an axis (Coleman transformation)
 - `state_matrix`, `steady_axes`, `rigid_motions`, `whirl`, `linearisation`: natural
   modes, eq. (23)

@@ -23,12 +23,8 @@ from .output_derivatives import (
     OutputEvaluation,
 )
 from .power_laws import POWER_LAW, limits, power_law_limit
-from .state_matrix import (
-    CORNER,
-    CORNER_ROUNDING,
-    LinearEquations,
-    Sources,
-)
+from .state_derivatives import CORNER, CORNER_ROUNDING
+from .state_matrix import LinearEquations, Sources
 
 #: What the name of an input of the scene gets as its derivative, by the order.
 DERIVATIVE_NAMES = ("", ".rate", ".acceleration")

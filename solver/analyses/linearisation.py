@@ -27,9 +27,9 @@ from .joint_friction import equations_at
 from .multi_blade import mixing_matrix
 from .reference_axes import axis_angular_velocities, body_axes, frame_rotation_matrix
 from .rigid_motions import spectrum
+from .state_derivatives import corner_notes
 from .state_matrix import (
     SmallMotions,
-    corner_notes,
     linear_equations,
     small_motions,
     state_matrix,
@@ -273,7 +273,7 @@ def linearise(
         *axes.diagnostics,
         *(() if causes else _growth_notes(modes)),
         *mechanics.notes(),
-        *corner_notes(mechanics, small),
+        *corner_notes(mechanics, small.z, small.v, small.corners),
         *point.law_diagnostics,
     )
     return replace(modes, diagnostics=without(found, system.scene.diagnostics.ignore))

@@ -40,7 +40,8 @@ from .input_effects import (
 from .linearisation import linearised_at, operating_point, steady_residual
 from .output_derivatives import OutputEvaluation
 from .reference_axes import axis_angular_velocities
-from .state_matrix import corner_notes, linear_equations, small_motions
+from .state_derivatives import corner_notes
+from .state_matrix import linear_equations, small_motions
 from .state_space_forms import (
     DescriptorForm,
     FirstOrderForm,
@@ -357,7 +358,7 @@ def state_space(
         *axes.diagnostics,
         *response_change_notes(evaluation.names, changes),
         *mechanics.notes(),
-        *corner_notes(mechanics, chosen.small),
+        *corner_notes(mechanics, chosen.small.z, chosen.small.v, chosen.small.corners),
         *point.law_diagnostics,
         *(note for effect in effects for note in input_notes(effect)),
         *((diagnose("N728", names=integrals),) if integrals else ()),
