@@ -211,14 +211,10 @@ class RowCollector:
 
 
 class ParticleCollector:
-    """Collects the points that carry the mass.
-
-    count : of the points so far
-    """
+    """Collects the points that carry the mass."""
 
     def __init__(self, ndof: int) -> None:
         self.ndof = ndof
-        self.count = 0
         self._where: list[Array] = []
         self._masses: list[ArrayLike] = []
         self._inertias: list[Array] = []
@@ -251,7 +247,6 @@ class ParticleCollector:
         self._inertias.append(inertias)
         self._displacement.add(displacement, dofs)
         self._rotation.add(rotation, dofs)
-        self.count += len(where)
 
     def add_slices(self, element: BeamElement, dofs: Indices, density: float) -> None:
         """Slices of the beam at its Gauss points."""
@@ -294,6 +289,11 @@ class ParticleCollector:
         arms = arms - np.einsum("pa,pa->p", arms, tangents)[:, None] * tangents
         motion = moved, rows.rotation, dofs
         self.add(centres, masses, tensors, *motion, arms, tangents)
+
+    @property
+    def count(self) -> int:
+        """How many points there are so far."""
+        return sum(map(len, self._where))
 
     def points(self) -> InertiaPoints:
         return InertiaPoints(

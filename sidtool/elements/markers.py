@@ -123,18 +123,17 @@ def _displacement_rows(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
     d = patch.points.shape[1]
     rows = np.zeros((3, basis.nodes.size, d), basis.values.dtype)
     rows[range(d), :, range(d)] = basis.values
-    return _sparse_matrix(rows, basis.nodes, patch)
+    return _sparse_rows([rows], [basis.nodes], patch.points.size)
 
 
 def _gradient_rows(patch: NurbsPatch, where: Array) -> sp.csr_matrix:
     """(9, ndof) row 3 a + b: derivative of u_a by x_b, averaged over adjacent spans."""
     sides = [(False, True) if 0 < x < 1 else (False,) for x in where]
     choices = np.array(np.meshgrid(*sides)).reshape(len(sides), -1).T
-    total = sp.csr_matrix((9, patch.points.size))
-    for lefts in choices:
-        basis = point_basis(patch, where, tuple(lefts))
-        total = total + _span_gradient(basis, patch)
-    return sp.csr_matrix(total / len(choices))
+    spans = [point_basis(patch, where, tuple(lefts)) for lefts in choices]
+    rows = [_span_gradient(basis, patch) for basis in spans]
+    total = _sparse_rows(rows, [basis.nodes for basis in spans], patch.points.size)
+    return sp.csr_matrix(total / len(spans))
 
 
 def _degenerates(jacobian: Array) -> bool:
@@ -147,7 +146,8 @@ def _degenerates(jacobian: Array) -> bool:
     return bool(flat or lengths.min() <= least)
 
 
-def _span_gradient(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
+def _span_gradient(basis: PointBasis, patch: NurbsPatch) -> Array:
+    """(9, m, d) by the control points of one span."""
     nodes = patch.points[basis.nodes]
     jacobian = nodes.T @ basis.gradients
     if _degenerates(jacobian):
@@ -155,22 +155,7 @@ def _span_gradient(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
             "the geometry degenerates here, so that a rotation is not defined",
             expected="a place where the two parameter lines cross at an angle",
         )
-    gradients = basis.gradients @ np.linalg.inv(jacobian)
-    d = nodes.shape[1]
-    rows = np.zeros((3, 3, basis.nodes.size, d), gradients.dtype)
-    for axis in range(d):
-        rows[axis, :d, :, axis] = gradients.T
-    return _sparse_matrix(rows.reshape(9, -1, d), basis.nodes, patch)
-
-
-def _sparse_matrix(rows: Array, nodes: Indices, patch: NurbsPatch) -> sp.csr_matrix:
-    """(k, m, d) coefficients at some nodes as (k, ndof)."""
-    k, _, d = rows.shape
-    columns = (nodes[:, None] * d + np.arange(d)).ravel()
-    index = (np.repeat(np.arange(k), columns.size), np.tile(columns, k))
-    matrix = sp.csr_matrix((rows.ravel(), index), shape=(k, patch.points.size))
-    matrix.eliminate_zeros()
-    return matrix
+    return _gradient_by_nodes(basis.gradients @ np.linalg.inv(jacobian), None)
 
 
 def position_of(mesh: Mesh, marker: NodeMarker) -> Array:
@@ -255,9 +240,12 @@ class MeshPoints:
             for holder, gradient in zip(holders, gradients, strict=True)
         ]
         nodes = [holder.nodes for holder in holders]
-        nodal = _sparse_rows([holders[0].displacement()], nodes[:1], ndof)
-        inside = _sparse_rows([h.internal_displacement() for h in holders], nodes, ndof)
-        gradient, strain = (_sparse_rows(x, nodes, ndof) for x in (gradients, strains))
+        inner = [holder.internal_displacement() for holder in holders]
+        nodal = _sparse_rows(_rounded([holders[0].displacement()]), nodes[:1], ndof)
+        inside, gradient, strain = (
+            _sparse_rows(_rounded(parts), nodes, ndof)
+            for parts in (inner, gradients, strains)
+        )
         return MarkerRows(
             name=name,
             node=node,
@@ -378,7 +366,7 @@ class _HoldingElement:
         if self._has_internal_modes:
             slopes = internal_gradients(element.name, self.where[None])[0] @ inverse
             inside = slopes, self._amplitudes[: len(slopes)]
-        return _mesh_gradient_rows(gradients[0] @ inverse, inside)
+        return _gradient_by_nodes(gradients[0] @ inverse, inside)
 
     def strain_gradient(self, plain: Array) -> Array:
         """(9, m, d) of the gradient of its stiffness; by default `plain`."""
@@ -391,7 +379,7 @@ class _HoldingElement:
             slopes = np.einsum("g,gkb->kb", shares, one.internal[0])
             inside = slopes, self._amplitudes
         slopes = np.einsum("g,gmd->md", shares, one.gradients[0])
-        return _mesh_gradient_rows(slopes, inside)
+        return _gradient_by_nodes(slopes, inside)
 
     @property
     def _has_internal_modes(self) -> bool:
@@ -416,7 +404,7 @@ class _HoldingElement:
         return flat.reshape(-1, d, m, d)
 
 
-def _mesh_gradient_rows(slopes: Array, inside: tuple[Array, Array] | None) -> Array:
+def _gradient_by_nodes(slopes: Array, inside: tuple[Array, Array] | None) -> Array:
     """(9, m, d) gradient by the displacements of the nodes.
 
     Parameters
@@ -457,6 +445,11 @@ def _invert_map(
     return where, float(np.linalg.norm(target - values[0] @ corners))
 
 
+def _rounded(parts: Sequence[Array]) -> list[Array]:
+    """Without entries that are rounding beside the largest one of their part."""
+    return [without_rounding(part, 1e-12 * np.abs(part).max()) for part in parts]
+
+
 def _sparse_rows(
     parts: Sequence[Array], nodes: Sequence[Indices], ndof: int
 ) -> sp.csr_matrix:
@@ -464,7 +457,7 @@ def _sparse_rows(
     values, rows, columns = [], [], []
     for part, of_part in zip(parts, nodes, strict=True):
         k, _, d = part.shape
-        values.append(without_rounding(part, 1e-12 * np.abs(part).max()).ravel())
+        values.append(part.ravel())
         own = (of_part[:, None] * d + np.arange(d)).ravel()
         rows.append(np.repeat(np.arange(k), own.size))
         columns.append(np.tile(own, k))
