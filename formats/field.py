@@ -4,7 +4,7 @@ shape functions and stresses at all nodes. A sealed HDF5 file beside the SID.
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import h5py
@@ -83,8 +83,6 @@ class Field:
 
 def field_of(sid: SID, content: Field) -> Field:
     """A field with what it needs to know its SID again."""
-    from dataclasses import replace
-
     return replace(
         content,
         stiffness=sid.Ke.m0,

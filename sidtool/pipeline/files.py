@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.file_names import path_of
+from sidtool.formats.file_names import kind_by_ending, path_of
 from sidtool.formats.storage.hdf5_files import (
     HDF5_SIGNATURE,
     SEAL_SIGNATURE,
@@ -122,7 +122,6 @@ def write(path: Path_, content: SID | Result, *, dialect: str = "fembs") -> None
         file.
     """
     from sidtool.formats.base.sid import SID
-    from sidtool.formats.file_names import kind_by_ending
     from sidtool.formats.result import Result, write_csv, write_result
     from sidtool.formats.sid_files import write_sid
 

@@ -28,6 +28,7 @@ from ..field.surface import border_edges, decimate
 from .figure import (
     COLOURS,
     LEGEND_ROW_HEIGHT,
+    NotebookFigure,
     figure_style,
     legend_columns,
     order_by_rows,
@@ -257,8 +258,6 @@ def _is_plate(pictures: Sequence[BodyPicture], extent: float) -> bool:
 def _draw_flat_page(
     pictures: Sequence[BodyPicture], window: tuple[Array, Array], heading: str
 ) -> tuple[Figure, list[str]]:
-    from .figure import NotebookFigure
-
     rows, columns, width = _picture_grid(len(pictures))
     low, high = window
     size = high - low
@@ -290,8 +289,6 @@ def _draw_flat_page(
 def _draw_solid_page(
     pictures: Sequence[BodyPicture], window: tuple[Array, Array], heading: str
 ) -> tuple[Figure, list[str]]:
-    from .figure import NotebookFigure
-
     rows, columns, width = _picture_grid(len(pictures))
     shape = BodyAxes(*window, width)
     cell = shape.height + _TITLE

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.study import StudyFile, StudyPoint
 
 from .figure import (
+    PowersOfTen,
     draw_legend,
     legend_columns,
     legend_rows,
@@ -162,14 +163,6 @@ def _label_decades(axes: Any) -> None:
     """Label 1, 2 and 5 of each decade if there are few, else powers of ten: labels at
     every minor tick would overlap.
     """
-    from matplotlib.ticker import (
-        LogLocator,
-        MaxNLocator,
-        NullFormatter,
-    )
-
-    from .figure import PowersOfTen
-
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() != "log":
             continue

@@ -30,7 +30,7 @@ from ..report.diagnostics import (
     first_of_each_code,
     table_of_codes,
 )
-from ..report.tables import named_values, text_table
+from ..report.tables import import_optional, named_values, text_table
 
 if TYPE_CHECKING:
     import os
@@ -138,8 +138,6 @@ class Study:
         ------
         InputError : pandas is not installed.
         """
-        from ..report.tables import import_optional
-
         table = import_optional("pandas").DataFrame(study_columns(study_file(self)))
         table.attrs["units"] = dict.fromkeys(("step", "conversion", "seconds"), "s")
         return table

@@ -19,7 +19,7 @@ from sidtool.formats.storage.atomic import atomic_path
 
 from ..field.body_surfaces import BodySurface
 from ..field.surface import decimate
-from ..plot.figure import COLOURS, figure_style
+from ..plot.figure import COLOURS, NotebookFigure, figure_style
 from .body_fields import ColourRange, colour_ranges
 from .links import COLOURS as LINK_COLOURS
 from .motion import SampledMotion
@@ -151,8 +151,6 @@ class Stage:
         scale: float,
     ) -> None:
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-        from ..plot.figure import NotebookFigure
 
         self.motion, self.bodies, self.triangles = motion, bodies, triangles
         self.range, self.colour, self.scale = colour_range, colour, scale

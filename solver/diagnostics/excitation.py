@@ -12,9 +12,11 @@ from sidtool.formats.base.sid import Array, Node
 from sidtool.formats.result import Excitation
 from sidtool.formats.scene import (
     Joint,
+    Placement,
     driven_coordinate,
     marker_names,
     marker_reference,
+    orientation_matrix,
 )
 
 from ..spatial import system_arrays as at
@@ -248,8 +250,6 @@ def prescribed_frames(system: System, history: DriveHistory) -> dict[str, FrameH
 
 def start_frame(system: System, z: Array, v: Array, body: str) -> FrameHistory:
     """Orientation and angular velocity of a frame at one state; no accelerations."""
-    from sidtool.formats.scene import Placement, orientation_matrix
-
     row = system.arrays.body[system.index(body)]
     p, u, rigid = int(row[at.POS]), int(row[at.VEL]), int(row[at.RD])
     w, pose = np.zeros(3), Placement()

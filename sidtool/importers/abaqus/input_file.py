@@ -39,7 +39,7 @@ from .equations import read_equation, read_tie
 from .instances import merge_instances, place_nodes
 from .keywords import Block, UnreadKeyword, keyword_effect, read_blocks, spelled_out
 from .materials import read_elastic, read_orientation
-from .mesh import read_shell_section
+from .mesh import mesh_of, read_shell_section
 from .surfaces import check_no_system, read_surface, read_system, to_global
 
 #: Tolerance of the nodes of an arc, relative to the radius.
@@ -324,8 +324,6 @@ def read_inp(
     ------
     InputError : the file is not valid; the error names file, line and expectation.
     """
-    from .mesh import mesh_of
-
     try:
         deck = read_deck(Path(path), ignored)
         deck.density = density
