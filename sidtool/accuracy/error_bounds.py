@@ -396,25 +396,27 @@ class ElasticEquations:
     def n(self) -> int:
         return len(self.M)
 
+    def forces(self, t: Array, q: Array, v: Array) -> Array:
+        """Return f - D v - K q (nt, n) at times (nt,) and states (nt, n)."""
+        mechanics, values = self.mechanics, np.empty((len(t), self.n))
+        times, intervals = t.tolist(), self.system.clocks(t).tolist()
+        for row, force in enumerate(values):
+            mechanics.t, mechanics.work.interval_time[0] = times[row], intervals[row]
+            mechanics.evaluate(q[row], v[row])
+            force[:] = mechanics.force
+        return values
+
     def force(self, t: float, q: Array, v: Array) -> Array:
-        """Return f - D v - K q."""
-        mechanics = self.mechanics
-        if mechanics.t != t:
-            mechanics.t = t
-            interval_time = self.system.clocks(np.array([t]))[0]
-            mechanics.work.interval_time[0] = float(interval_time)
-        mechanics.evaluate(q, v)
-        return mechanics.force.copy()
+        """Return f - D v - K q (n,) at one state."""
+        return self.forces(np.array([t]), q[None], v[None])[0]
 
     def accelerations(self, t: Array, q: Array, v: Array) -> Array:
         """(nt, n)"""
-        forces = [self.force(*state) for state in zip(t, q, v, strict=True)]
-        return np.asarray(np.linalg.solve(self.M, np.array(forces).T).T)
+        return np.asarray(np.linalg.solve(self.M, self.forces(t, q, v).T).T)
 
     def residual(self, t: Array, q: Array, v: Array, a: Array) -> Array:
         """Return the residual (nt, n) f - D v - K q - M a."""
-        forces = [self.force(*state) for state in zip(t, q, v, strict=True)]
-        return np.array(forces) - a @ self.M
+        return self.forces(t, q, v) - a @ self.M
 
     def weighted_norm(self, residual: Array) -> Array:
         """Return the norms (nt,) in the metric of the inverse mass matrix."""
@@ -429,16 +431,13 @@ class ElasticEquations:
 
     def linear_part(self, t: float) -> tuple[Array, Array]:
         """Return K and D (n, n) at a time."""
-        zero = np.zeros(self.n)
-        rest = self.force(t, zero, zero)
+        n = self.n
+        states, times = np.zeros((2 * n + 1, 2 * n)), np.full(2 * n + 1, t)
         steps = 1.0 / np.sqrt(self.M.diagonal())
-        K, D = np.zeros((2, self.n, self.n))
-        for k, step in enumerate(steps):
-            one = zero.copy()
-            one[k] = step
-            K[:, k] = (rest - self.force(t, one, zero)) / step
-            D[:, k] = (rest - self.force(t, zero, one)) / step
-        return K, D
+        states[1:] = np.diag(np.tile(steps, 2))
+        rest, *moved = self.forces(times, states[:, :n], states[:, n:])
+        K, D = (rest - np.array(moved)).reshape(2, n, n) / steps[:, None]
+        return K.T.copy(), D.T.copy()
 
     @cached_property
     def samples(self) -> MatrixSamples:
