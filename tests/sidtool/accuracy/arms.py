@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import sidtool
+from sidtool.accuracy.mesh_choice import RefinedBodies, refine_bodies
 from sidtool.accuracy.reference_run import Reference, make_reference
 from sidtool.formats.base.sid import SID, Taylor
 from sidtool.formats.scene import SceneFile
 from sidtool.measurement.candidates import finest_model as scene_finest
 from sidtool.measurement.request import requested
 from sidtool.measurement.runs import Runs
+from sidtool.pipeline.model_cache import Refinement, body_models
 from sidtool.pipeline.model_to_sid import sid_from_model
 from sidtool.solver import compile_scene
 from sidtool.solver.system.system import System
@@ -90,6 +93,17 @@ def reference_of(scene: SceneFile, sids: Mapping[str, SID], wanted: float) -> Re
     request = requested(scene, sids, wanted)
     runs = Runs(scene, sids, compiled, request.names)
     return make_reference(runs, scene_finest(scene, sids), request)
+
+
+def refined(scene: SceneFile, wanted: Any) -> RefinedBodies:
+    """The bodies of a search, without what it chooses among their shape functions."""
+    models = body_models(scene, Path())
+    sids = {name: model.sid(Refinement()).sid for name, model in models.items()}
+
+    def compiled(content: SceneFile, found: Any) -> Any:
+        return compile_scene(content, ".", found)
+
+    return refine_bodies(scene, sids, models, requested(scene, sids, wanted), compiled)
 
 
 def particles(spatial: bool) -> tuple[SceneFile, SID]:
