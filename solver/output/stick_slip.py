@@ -218,7 +218,7 @@ class StickSlipDecision:
         slip_direction[:] = np.where(at_rest, 0.0, np.sign(output[:, OUTPUT_RATE]))
         self._set_prescribed_directions(output)
         slip_direction[self.is_without_limit] = 1.0  # either sense has no friction
-        self.sliding_acceleration = self._largest_sliding_acceleration(states)
+        all_slide, output = slip_direction.all(), self._slide(states)
         at_rest &= ~self.prescribed & ~self.is_without_limit
         stays_stuck = (before[:, at.SLIP_DIRECTION] == 0.0) & at_rest & self.is_started
         self.friction_state[:, at.STICK_POSITION] = np.where(
@@ -228,14 +228,19 @@ class StickSlipDecision:
             if self._reverses(states, int(j), -before[j, at.SLIP_DIRECTION]):
                 at_rest[j] = False
         self.changing_joints = []
-        if np.abs(v / self.sizes).max() * self.span <= RESTING_RATE:
-            self._leave_dead_points(states, at_rest)
-        is_decided = self._release_overloaded(
-            states, at_rest, [j for j in changing if stays_stuck[j]]
-        )
-        self.groups = self.groups_of_one_motion()
+        if all_slide:
+            self.groups = []
+            is_decided = bool(np.isfinite(output[:, OUTPUT_FRICTION]).all())
+        else:
+            if np.abs(v / self.sizes).max() * self.span <= RESTING_RATE:
+                self._leave_dead_points(states, at_rest)
+            is_decided = self._release_overloaded(
+                states, at_rest, [j for j in changing if stays_stuck[j]]
+            )
+            self.groups = self.groups_of_one_motion()
+            output = self.friction_output(*states)[0]
         self.friction_state[~self._is_sticking, at.STICK_POSITION] = 0.0
-        self._set_contact_sides(states, before[:, at.CONTACT_SIDE :])
+        self._set_contact_sides(output, before[:, at.CONTACT_SIDE :])
         changed = (before[:, at.SLIP_DIRECTION] != slip_direction) & self.is_started
         self.changed_joints = {*np.flatnonzero(changed).tolist(), *changing}
         self.is_started = True
@@ -291,12 +296,17 @@ class StickSlipDecision:
             directions[self.prescribed]
         )
 
-    def _set_contact_sides(self, states: StatesOfMotion, before: Array) -> None:
-        """Store the contact sides of sliding joints, until they change."""
-        output = self.friction_output(*states)
+    def _set_contact_sides(self, output: Array, before: Array) -> None:
+        """Store the contact sides of sliding joints, until they change.
+
+        Parameters
+        ----------
+        output
+            (frictions, .) in the state, of the friction states chosen.
+        """
         contact_force, certain_force = (
-            output[0, :, OUTPUT_CONTACT_FORCE:],
-            self._certain_contact_force(output),
+            output[:, OUTPUT_CONTACT_FORCE:],
+            self._certain_contact_force(output[None]),
         )
         sides = np.where(before == 0.0, 1.0, before)
         sides.ravel()[self.reversing_contacts] *= -1.0
@@ -520,19 +530,21 @@ class StickSlipDecision:
         negligible = max(1.0, rounding / RESTING_RATE) * self.is_at_rest / self.span
         return np.asarray(negligible / mobility)
 
-    def _largest_sliding_acceleration(self, states: StatesOfMotion) -> float:
-        """Largest acceleration if all joints slide, relative to the sizes of
-        coordinates [1/s^2].
+    def _slide(self, states: StatesOfMotion) -> Array:
+        """Friction quantities (frictions, .) if all joints slide.
 
-        Joints that stick at a dead point would ask for accelerations without bound.
+        Stores the largest acceleration then, relative to the sizes of coordinates
+        [1/s^2]. Joints that stick at a dead point would ask for accelerations without
+        bound.
         """
         slip_direction = self.friction_state[:, at.SLIP_DIRECTION]
         before = slip_direction.copy()
         slip_direction[(before == 0.0) & ~self.prescribed] = 1.0
-        self.friction_output(*states)
+        output = self.friction_output(*states)[0]
         slip_direction[:] = before
         largest = np.abs(self.memory.acceleration / self.sizes).max()
-        return float(largest) if np.isfinite(largest) else 0.0
+        self.sliding_acceleration = float(largest) if np.isfinite(largest) else 0.0
+        return output
 
     def _release_together(self, states: StatesOfMotion, slow: Array) -> bool:
         """Lets go all that rests and holds one motion together, one way or the other.
