@@ -7,13 +7,13 @@ READY := .venv/.installed
 # processes that tests start would translate numpy, numba and sidtool again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint kernels bench docs clean
+.PHONY: demo test lint kernels collected bench docs clean
 
 demo: $(READY)
 	$(BIN)/sidtool demo
 
 test: $(READY)
-	@$(MAKE) --no-print-directory --jobs=2 lint kernels
+	@$(MAKE) --no-print-directory --jobs=2 lint kernels collected
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: $(READY)
@@ -23,6 +23,11 @@ lint: $(READY)
 
 kernels: $(READY)
 	$(BIN)/sidtool warmup $(if $(shell command -v cc),--fmu)
+
+# Each of the two processes of pytest would translate all test files: once is enough.
+collected: $(READY) lint
+	@$(BIN)/python -m pytest --collect-only -q > .venv/collected.log \
+		|| (cat .venv/collected.log; exit 1)
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks

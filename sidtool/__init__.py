@@ -180,11 +180,13 @@ def _unknown(name: str) -> str:
 
     Python adds no suggestion of its own if the error has the argument `name`.
     """
-    from difflib import get_close_matches
+    near: list[str] = []
+    if not name.startswith("__"):  # which tools ask each module for
+        from difflib import get_close_matches
 
-    folded = {known.lower(): known for known in __all__}
-    near = get_close_matches(name.lower(), folded, n=1)
-    there = f"perhaps {folded[near[0]]}" if near else "dir(sidtool) lists all"
+        folded = {known.lower(): known for known in __all__}
+        near = [folded[n] for n in get_close_matches(name.lower(), folded, n=1)]
+    there = f"perhaps {near[0]}" if near else "dir(sidtool) lists all"
     return f"module {__name__!r} has no attribute {name!r}; {there}"
 
 
