@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -198,8 +199,10 @@ FOLDER = Path(__file__).parent
 #: Words of the image are read as numbers and as pointers.
 OPTIONS = (
     *("-std=c11", "-O2", "-fno-strict-aliasing", "-ffp-contract=off"),
-    *("-fvisibility=hidden", "-shared", "-s"),
+    *("-fvisibility=hidden", "-s"),
 )
+#: Sources that include a generated header; the others are the same in all units.
+OWN_SOURCES = ("unit.c", "plant.c", "linear_plant.c")
 
 
 def c_sources(sources: Sequence[str]) -> dict[str, str]:
@@ -266,17 +269,44 @@ def _linked(
     sources: Sequence[str],
 ) -> bytes:
     """The library of `link`, made in an empty folder, which takes all files."""
-    for name, text in (c_sources(sources) | dict(headers)).items():
+    options = (*OPTIONS, "-DLINEAR") if sources == LINEAR_SOURCES else OPTIONS
+    files = (*sources, *PLATFORM_SOURCES.get(platform, ()))
+    keeps_objects = "ziglang" in command
+    own = [name for name in files if keeps_objects or name in OWN_SOURCES]
+    common = tuple(name for name in files if name not in own)
+    compiled = _compiled((*command, *options), common) if common else {}
+    for name, text in (c_sources(own) | dict(headers)).items():
         (folder / name).write_text(text, encoding="utf-8")
-    for symbol, code in objects.items():
-        (folder / f"{symbol}.o").write_bytes(code)
+    for name, code in (compiled | dict(objects)).items():
+        own.append(f"{name}.o")
+        (folder / own[-1]).write_bytes(code)
     library = "unit" + PLATFORMS[platform].ending
-    files = [*sources, *PLATFORM_SOURCES.get(platform, ())]
-    files += [f"{symbol}.o" for symbol in objects]
-    options = [*OPTIONS, "-DLINEAR"] if sources == LINEAR_SOURCES else OPTIONS
     libraries = ["-lm"] if library.endswith(".so") else []
+    output = ["-shared", *own, "-o", library, *libraries]
+    _run_compiler([*command, *options, *output], folder)
+    return (folder / library).read_bytes()
+
+
+@cache
+def _compiled(command: tuple[str, ...], sources: tuple[str, ...]) -> dict[str, bytes]:
+    """Object files of C sources of this package by name, compiled once per process."""
+    with tempfile.TemporaryDirectory(prefix="sidtool-fmu-") as name:
+        folder = Path(name)
+        for source, text in c_sources(sources).items():
+            (folder / source).write_text(text, encoding="utf-8")
+        _run_compiler([*command, "-c", *sources], folder)
+        return {path.stem: path.read_bytes() for path in folder.glob("*.o")}
+
+
+def _run_compiler(command: list[str], folder: Path) -> None:
+    """Run a C compiler in a folder.
+
+    Raises
+    ------
+    InputError : it fails.
+    """
     outcome = subprocess.run(
-        [*command, *options, *files, "-o", library, *libraries],
+        command,
         cwd=folder,
         env=os.environ | _zig_caches(folder),
         capture_output=True,
@@ -291,7 +321,6 @@ def _linked(
             place="linker",
             expected="a working C compiler, or --linker",
         )
-    return (folder / library).read_bytes()
 
 
 def _zig_caches(folder: Path) -> dict[str, str]:

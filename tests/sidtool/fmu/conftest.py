@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import sidtool
-from sidtool.fmu.linking import own_platform
+from sidtool.fmu import export as export_module
+from sidtool.fmu.linking import SCENE_SOURCES, link, own_platform
 from tests.places import SLIDER_CRANK
 from tests.sidtool.fmu.importer import Library
 
@@ -49,6 +50,34 @@ def slider_crank(**changes: Any) -> sidtool.Scene:
         }
         | changes
     )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def linked_once() -> Iterator[None]:
+    """Each library is linked once: that of both versions of FMI is the same."""
+    libraries: dict[Any, bytes] = {}
+
+    def cached(
+        platform: str,
+        headers: Mapping[str, str],
+        objects: Mapping[str, bytes],
+        linker: str | None = None,
+        sources: Sequence[str] = SCENE_SOURCES,
+    ) -> bytes:
+        key = platform, *headers.items(), *objects.items(), linker, *sources
+        if key not in libraries:
+            libraries[key] = link(platform, headers, objects, linker, sources)
+        return libraries[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(export_module, "link", cached)
+        yield
+
+
+@pytest.fixture
+def without_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Units contain no library: a test looks at their descriptions alone."""
+    monkeypatch.setattr(export_module, "link", lambda *arguments: b"")
 
 
 @pytest.fixture(scope="session")

@@ -114,7 +114,7 @@ def check_archive(path: Path, version: str) -> None:
 def test_a_scene_is_linked_for_all_platforms(version: str, tmp_path: Path) -> None:
     path = tmp_path / "machine.fmu"
     unit = slider_crank().fmu(
-        path, version=version, linking=list(PLATFORMS), linker="zig"
+        path, version=version, platforms=list(PLATFORMS), linker="zig"
     )
     assert unit.libraries.keys() == EXPECTED.keys()
     check_archive(path, version)
@@ -123,7 +123,7 @@ def test_a_scene_is_linked_for_all_platforms(version: str, tmp_path: Path) -> No
 @pytest.mark.needs("ziglang")
 def test_a_state_space_is_linked_for_all_platforms(tmp_path: Path) -> None:
     space = slider_crank().state_space(about="start", outputs=["piston.x"])
-    space.fmu(tmp_path / "plant.fmu", version="3.0", linking=list(PLATFORMS))
+    space.fmu(tmp_path / "plant.fmu", version="3.0", platforms=list(PLATFORMS))
     check_archive(tmp_path / "plant.fmu", "3.0")
 
 

@@ -231,7 +231,9 @@ def test_integrators_of_units_exist() -> None:
 
 
 @needs_cc
-def test_what_has_no_effect_in_a_unit_is_told(export: Export, tmp_path: Path) -> None:
+def test_what_has_no_effect_in_a_unit_is_told(
+    without_library: None, tmp_path: Path
+) -> None:
     """Events that only record (N601), and tables of inputs (N602)."""
     event = {"quantity": "piston.x", "value": 1.05}
     table = {"initial": 5.0, "times": [0.0, 0.1], "values": [0.0, 1.0]}
