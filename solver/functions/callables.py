@@ -55,6 +55,16 @@ def real_number(value: Any) -> float:
     return float(value)
 
 
+@dataclass(frozen=True)
+class ArrayFunction:
+    """A function of time that gives values (nt,) at times (nt,)."""
+
+    values: Callable[[Array], Array]
+
+    def __call__(self, t: float) -> float:
+        return float(self.values(np.array([t]))[0])
+
+
 #: A function of time, or one with its first derivative, or with its first two.
 TimeFunctions = Callable[[float], float] | tuple[Callable[[float], float], ...]
 
@@ -172,7 +182,10 @@ def _evaluate_callable(
     function: Callable[[float], float], times: Array, place: str
 ) -> Array:
     try:
-        values = np.array([real_number(function(t)) for t in times.tolist()])
+        if isinstance(function, ArrayFunction):
+            values = function.values(times)
+        else:
+            values = np.array([real_number(function(t)) for t in times.tolist()])
     except (TypeError, ValueError, ArithmeticError) as error:
         raise InputError(
             f"the callable fails: {error}", place=place, expected="a number"

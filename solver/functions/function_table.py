@@ -34,7 +34,12 @@ from sidtool.formats.scene import (
 
 from ..spatial import system_arrays as at
 from ..spatial.system_arrays import IntTable
-from .callables import Derivatives, interpolate_callable, shortest_resolved_feature
+from .callables import (
+    ArrayFunction,
+    Derivatives,
+    interpolate_callable,
+    shortest_resolved_feature,
+)
 from .piecewise import (
     CompiledFunction,
     Features,
@@ -236,11 +241,13 @@ class FunctionTable:
             self._grids[name] = self._pool.add(data)
         return self._grids[name]
 
-    def add_law_features(self, program: Callable[[float], float], name: str) -> None:
+    def add_law_features(self, program: Callable[[Array], Array], name: str) -> None:
         """Has steps look at what a law makes of time; what jumps is left to them."""
         try:
             curve = SmoothCurve(
-                *interpolate_callable(program, self._span, name, smooth=False)
+                *interpolate_callable(
+                    ArrayFunction(program), self._span, name, smooth=False
+                )
             )
             features_ = curve.features(self._span)
         except InputError:

@@ -11,11 +11,13 @@ import math
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import repeat
 from typing import Any, Literal
 
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import Instruction
 
 from .callables import real_number
@@ -272,10 +274,13 @@ _UNARY_DERIVATIVES: dict[str, Callable[[LawInstructions], LawInstructions]] = {
 }
 
 
-_BINARY_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+#: Operators that give arrays the same bits as numbers, and raise nothing.
+_ARRAY_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
+}
+_BINARY_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     "/": operator.truediv,
     "**": math.pow,
     "min": min,
@@ -289,9 +294,9 @@ _UNARY_OPERATORS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def function_of_time(parts: LawInstructions) -> Callable[[float], float] | None:
-    """The value of a law over time while all that it reads is one; None for a law that
-    does not look at the time.
+def function_of_time(parts: LawInstructions) -> Callable[[Array], Array] | None:
+    """Values (nt,) of a law at times (nt,) while all that it reads is one; None for a
+    law that does not look at the time.
 
     Functions of time in it are known as such.
     """
@@ -302,43 +307,69 @@ def function_of_time(parts: LawInstructions) -> Callable[[float], float] | None:
     if not any(looks):
         return None
 
-    return lambda t: evaluate_law(parts, t, {})
+    return lambda t: np.array(np.broadcast_to(_law_value(parts, t, {}), t.shape), float)
 
 
 def evaluate_law(parts: LawInstructions, t: float, known: Mapping[str, float]) -> float:
     """The value of a law where all that it reads is one, but for what is known."""
+    return float(_law_value(parts, t, known))
+
+
+def _law_value(
+    parts: LawInstructions, t: float | Array, known: Mapping[str, float]
+) -> Any:
+    """The value at a time; the values (nt,), or the only one, at times (nt,)."""
     stack: list[Any] = []
-    for part in parts:
-        _execute(part, stack, t, known)
-    return float(stack[0])
+    with np.errstate(over="ignore", invalid="ignore"):  # as of floats
+        for part in parts:
+            _execute(part, stack, t, known)
+    return stack[0]
 
 
-def _execute(part: Any, stack: list[Any], t: float, known: Mapping[str, float]) -> None:
+def _each(function: Callable[..., Any], *operands: Any) -> Any:
+    """A function of numbers for each row of operands of which some are arrays."""
+    if not any(isinstance(operand, np.ndarray) for operand in operands):
+        return function(*operands)
+    rows = (o.tolist() if isinstance(o, np.ndarray) else repeat(o) for o in operands)
+    return np.array(list(map(function, *rows)), float)
+
+
+def _execute(
+    part: Any, stack: list[Any], t: float | Array, known: Mapping[str, float]
+) -> None:
     if isinstance(part, CallableInstruction):
         native = part.native
-        values = np.array(stack[len(stack) - native.count :], float)
+        values = stack[len(stack) - native.count :]
         del stack[len(stack) - native.count :]
+
+        def number(t: float, *values: float) -> float:
+            return real_number(native.function(t, np.array(values, float)))
+
         try:
-            stack.append(real_number(native.function(t, values)))
+            stack.append(_each(number, t, *values))
         except Exception as error:
             raise ValueError(str(error)) from None
     elif isinstance(part, TableLookup):
         first = len(stack) - part.table.variables
-        point = [float(value) for value in stack[first:]]
+        point = stack[first:]
         del stack[first:]
-        stack.append(part.value(*point))
+        stack.append(_each(lambda *x: part.value(*map(float, x)), *point))
     elif not isinstance(part, Instruction):
         stack.append(1.0)
     elif part.kind == "name":
         stack.append(known.get(str(part.value), 1.0))
     elif part.kind in ("number", "time"):
         stack.append(part.value if part.kind == "number" else t)
+    elif part.kind in _ARRAY_OPERATORS:
+        right = stack.pop()
+        stack.append(_ARRAY_OPERATORS[part.kind](stack.pop(), right))
     elif part.kind in _BINARY_OPERATORS:
         right = stack.pop()
-        stack.append(_BINARY_OPERATORS[part.kind](stack.pop(), right))
+        stack.append(_each(_BINARY_OPERATORS[part.kind], stack.pop(), right))
+    elif part.kind in _UNARY_OPERATORS:
+        stack.append(_UNARY_OPERATORS[part.kind](stack.pop()))
     else:
-        function = _UNARY_OPERATORS.get(part.kind) or getattr(math, part.kind)
-        stack.append(function(stack.pop()))
+        stack.append(_each(getattr(math, part.kind), stack.pop()))
 
 
 def prescribed_law(
