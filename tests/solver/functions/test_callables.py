@@ -56,7 +56,7 @@ def test_no_pulse_is_lost(shape: str, part: float) -> None:
     """Its impulse is the exact one, wherever it lies."""
     random = np.random.default_rng([int(1e6 * part), list(PULSES).index(shape)])
     width = part * (SPAN[1] - SPAN[0])
-    for begin in random.uniform(SPAN[0], SPAN[1] - width, 3):
+    for begin in random.uniform(SPAN[0], SPAN[1] - width, 2):
         found = impulse(pulse(shape, begin, width))
         assert found == pytest.approx(500.0 * width * PULSES[shape][1], rel=1e-6)
 
@@ -73,7 +73,7 @@ def test_where_a_feature_is_named_it_may_be_as_short_as_one_likes(part: float) -
 
 def test_a_shorter_feature_can_be_asked_for() -> None:
     random = np.random.default_rng(7)
-    for begin in random.uniform(3.0, 11.0, 4):
+    for begin in random.uniform(3.0, 11.0, 2):
         given = pulse("half sine", begin, 2e-4)
         found = impulse(Timed(given, shortest=2e-4))
         assert found == pytest.approx(0.1 * 2.0 / math.pi, rel=1e-6)
@@ -120,7 +120,7 @@ def test_what_is_smooth_stays_cheap(given: Function, pieces: int) -> None:
 
 
 #: Halving meets some of these times exactly.
-PLACES = [0.5, 0.25, 0.125, 0.75, 0.1875, 0.3]
+PLACES = [0.5, 0.125, 0.3]
 
 
 @pytest.mark.parametrize("t0", PLACES)
@@ -170,7 +170,7 @@ def acceleration(edges: Array, terms: Array, times: Array) -> Array:
     return np.asarray(polyval(x, twice.T, tensor=False)) / half**2
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("degree", [3, 5])
 def test_a_drive_by_a_spline_has_the_acceleration_of_the_spline(
     degree: int, seed: int
@@ -210,7 +210,7 @@ def test_jumps_up_to_the_third_derivative_are_found_wherever_they_are(
 ) -> None:
     """At random places, also close to both ends, and steps end at them."""
     random = np.random.default_rng([power, len(shape)])
-    for t0 in (*random.uniform(0.02, 0.78, 8), random.uniform(0.02, 0.04)):
+    for t0 in (*random.uniform(0.02, 0.78, 4), random.uniform(0.02, 0.04)):
         edges, terms, kinks = interpolate_callable(
             lambda t, t0=t0: bent(shape, power, t0, t),  # type: ignore[misc]
             (0.0, 0.8),
@@ -227,7 +227,7 @@ def test_jumps_up_to_the_third_derivative_are_found_wherever_they_are(
             assert acceleration(edges, terms, looks) == pytest.approx(exact, abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_smooth_functions_have_no_kinks_however_quick(seed: int) -> None:
     random = np.random.default_rng(seed)
     for width in 10.0 ** random.uniform(-3.0, 0.0, 4):
@@ -248,7 +248,7 @@ def test_smooth_functions_have_no_kinks_however_quick(seed: int) -> None:
 def test_jumps_of_the_fourth_derivative_are_followed_found_or_not() -> None:
     """No claim that each is an end of steps: values and accelerations are right."""
     random = np.random.default_rng(4)
-    for t0 in random.uniform(0.05, 0.75, 6):
+    for t0 in random.uniform(0.05, 0.75, 4):
         edges, terms, kinks = interpolate_callable(
             lambda t, t0=t0: bent("cosine", 4, t0, t),  # type: ignore[misc]
             (0.0, 0.8),

@@ -61,7 +61,7 @@ def gain(
 def test_no_smooth_pulse_is_passed(method: str, part: float) -> None:
     """The block gets its impulse over its mass, wherever the pulse lies."""
     width = 10.0 * part / 6.0
-    for middle in np.random.default_rng(int(1 / part)).uniform(0.5, 9.5, 6):
+    for middle in np.random.default_rng(int(1 / part)).uniform(0.5, 9.5, 2):
 
         def push(t: float, middle: float = middle) -> float:
             return 500.0 * math.exp(-0.5 * ((t - middle) / width) ** 2)
@@ -129,7 +129,7 @@ def test_no_zone_of_a_spring_is_passed(
 ) -> None:
     """Flown through, it takes its work from the energy."""
     way = abs(speed) * 10.0
-    for at in np.random.default_rng(5).uniform(0.1 * way, 0.8 * way, 4):
+    for at in np.random.default_rng(5).uniform(0.1 * way, 0.8 * way, 2):
         height = math.copysign(0.15 * MASS * speed**2 / (part * way), speed)
         begin = at if speed > 0.0 else -at - part * way
         force, work = detent(begin, part * way, height, interpolation)
@@ -201,7 +201,7 @@ def test_no_zone_of_friction_is_passed(method: str, speed: float, brake: float) 
     """A block that stands for 0.1 to 0.25 s of 10 s has lost nothing later."""
     rng = np.random.default_rng(3)
     for depth in (3e-3, 1e-3):
-        for middle in rng.uniform(3.0, 8.0, 6):
+        for middle in rng.uniform(3.0, 8.0, 2):
             content, exact = braked(middle, depth, speed, brake)
             system = compile_scene(content)
             result = simulate(system, integrator=method, rtol=LOOSE.get(method, 1e-6))
@@ -241,7 +241,7 @@ def test_fixed_steps_say_what_they_may_have_passed(method: str) -> None:
         assert (found["counts"], found["times"]) == ((1,), (6.0,))
     else:  # a step knows the rates at its ends only
         assert not found
-    assert not passed(pulse, method, 5e-4, forces={"f": push})
-    assert not passed(zone, method, 5e-4)
+    assert not passed(pulse, method, 2e-3, forces={"f": push})
+    assert not passed(zone, method, 2e-3)
     slow, _ = braked(6.05, 1e-3, 0.5, 0.05)
     assert not passed(slow, method, 0.01)

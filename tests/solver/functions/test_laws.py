@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,9 @@ from scipy.linalg import expm
 
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import SceneFile
-from sidtool.solver import (
-    Law,
-    compile_scene,
-)
+from sidtool.solver import Law, compile_scene, simulate
 from sidtool.solver.integrators.registry import INTEGRATORS
+from sidtool.solver.system.system import System
 from tests.solver.functions.loops import GIVEN, METHODS, expression, pid, run
 from tests.solver.scenes import scene, slender_rod
 
@@ -52,43 +51,43 @@ SAID: dict[str, tuple[Any, Law | None]] = {
     "compiled": (GIVEN, Law(compilable, READS)),
     "uncompiled": (GIVEN, Law(lambda t, y: float({0: compilable(t, y)}[0]), READS)),
     "derivatives": (GIVEN, Law(compilable, READS, lambda t, y: (-47.0, -2.7))),
-    "no derivatives": (GIVEN, Law(compilable, READS, lambda t, y: (0.0, 0.0))),
+    "no derivatives": (GIVEN, Law(compilable, READS, lambda t, y: np.zeros(2))),
 }
+
+
+@cache
+def sprung(name: str) -> System:
+    """Compiled once, as numba takes long for callables."""
+    function, law = SAID[name]
+    force = {"type": "actuator", "joint": "hinge", "function": function}
+    return compile_scene(pendulum(force), forces={"motor": law} if law else {})
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_spring_is_a_spring_however_it_is_said(method: str) -> None:
     tolerance = 1e-5 if INTEGRATORS[method].order == 2 else 1e-8
     wanted = run(pendulum(SPRING), integrator=method, rtol=tolerance).values
-    for name, (function, law) in SAID.items():
-        if law and name != "uncompiled" and method != "radau5":
-            continue
-        force = {"type": "actuator", "joint": "hinge", "function": function}
-        laws = {"motor": law} if law else {}
-        found = run(pendulum(force), laws, integrator=method, rtol=tolerance).values
+    for name in SAID:
+        found = simulate(sprung(name), integrator=method, rtol=tolerance).values
         size = np.abs(wanted).max(axis=0)
         assert (np.abs(found - wanted) / size).max() < 60 * tolerance, name
 
 
 def test_callables_are_compiled_where_they_can_be() -> None:
-    force = {"type": "actuator", "joint": "hinge", "function": GIVEN}
     for name, wanted in {"compiled": True, "uncompiled": False}.items():
-        law = SAID[name][1]
-        system = compile_scene(pendulum(force), forces={"motor": law})  # type: ignore[dict-item]
-        assert [native.compiled_function for native in system.natives] == [wanted]
+        natives = sprung(name).natives
+        assert [native.compiled_function for native in natives] == [wanted]
 
 
-def _steps(law: Law) -> tuple[int, int]:
-    force = {"type": "actuator", "joint": "hinge", "function": GIVEN}
-    result = run(pendulum(force), {"motor": law}, integrator="radau5", rtol=1e-7)
-    counters = result.counters
+def _steps(name: str) -> tuple[int, int]:
+    counters = simulate(sprung(name), integrator="radau5", rtol=1e-7).counters
     return int(counters["newton_iterations"]), int(counters["jacobians"])
 
 
 def test_newtons_matrix_holds_what_a_law_reads() -> None:
-    known, _ = _steps(Law(compilable, READS))
-    given, _ = _steps(Law(compilable, READS, lambda t, y: np.array([-47.0, -2.7])))
-    missing, _ = _steps(Law(compilable, READS, lambda t, y: np.array([0.0, 0.0])))
+    known, _ = _steps("compiled")
+    given, _ = _steps("derivatives")
+    missing, _ = _steps("no derivatives")
     assert known == given < missing
 
 
