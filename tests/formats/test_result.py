@@ -160,19 +160,19 @@ def test_files_of_version_1_are_read(result: Result, tmp_path: Path) -> None:
 
 
 def test_lists_of_any_length_are_stored(result: Result, tmp_path: Path) -> None:
-    """5 000 planar bodies, 100 000 outputs, a body of 20 000 elastic coordinates."""
-    names = tuple(f"b{k}.x" for k in range(100_000))
+    """5 000 planar bodies, 15 000 outputs, a body of 10 000 elastic coordinates."""
+    names = tuple(f"b{k}.x" for k in range(15_000))
     rod = FlexibleBody(
         highest_frequency=1.0,
         excitation=Excitation(),
         expected=LoadStiffening(),
-        labels=names[:20_000],
-        frequencies=np.arange(20_000.0),
+        labels=names[:10_000],
+        frequencies=np.arange(10_000.0),
     )
     wide = replace(
         result,
         names=names,
-        values=np.arange(3e5).reshape(3, -1),
+        values=np.arange(4.5e4).reshape(3, -1),
         positions=np.ones((3, 15_000)),
         position_names=names[:15_000],
         diagnostics=tuple(map(plain_text, names[:5000])),

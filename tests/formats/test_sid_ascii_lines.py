@@ -25,6 +25,11 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return path.read_text(encoding="utf-8").split("\n")
 
 
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory: pytest.TempPathFactory, lines: list[str]) -> SID:
+    return _read(tmp_path_factory.mktemp("expected"), lines)
+
+
 def _entries(lines: list[str]) -> list[int]:
     return [k for k, line in enumerate(lines) if re.match(r" +m[01]\(", line)]
 
@@ -49,16 +54,16 @@ SAME: dict[str, Callable[[str], list[str]]] = {
 }
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("habit", SAME)
 def test_an_odd_line_is_read_as_the_others(
-    tmp_path: Path, lines: list[str], habit: str, seed: int
+    tmp_path: Path, lines: list[str], expected: SID, habit: str, seed: int
 ) -> None:
     odd = list(lines)
     chosen = random.Random(seed).sample(_entries(lines), 1 + 200 * (seed % 2))
     for k in sorted(chosen, reverse=True):
         odd[k : k + 1] = SAME[habit](odd[k])
-    assert_same(_read(tmp_path, odd), _read(tmp_path, lines), 0.0)
+    assert_same(_read(tmp_path, odd), expected, 0.0)
 
 
 def _without_key(line: str) -> str:
@@ -79,7 +84,7 @@ WRONG: dict[str, Callable[[str], str]] = {
 }
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("mistake", WRONG)
 def test_a_wrong_line_is_named(
     tmp_path: Path, lines: list[str], mistake: str, seed: int
@@ -90,7 +95,7 @@ def test_a_wrong_line_is_named(
         _read(tmp_path, odd)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_an_entry_that_stands_twice_is_named(
     tmp_path: Path, lines: list[str], seed: int
 ) -> None:

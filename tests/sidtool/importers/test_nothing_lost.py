@@ -107,8 +107,10 @@ def content(value: Any) -> Any:
 
 
 def read(folder: Path, text: str, file: str = "part.inp") -> Any:
-    (folder / file).write_text(text, encoding="utf-8")
-    return content(read_mesh(folder / file))
+    path = folder / file
+    path.unlink(missing_ok=True)  # to shorten a file takes much longer
+    path.write_text(text, encoding="utf-8")
+    return content(read_mesh(path))
 
 
 def other(word: str) -> str:

@@ -24,7 +24,7 @@ from ..models import IGA, annulus
 
 SMALL = {"type": "iga", "degrees": [2, 2], "elements": [1, 1]}
 #: How many spoiled copies of every file are read.
-COPIES = int(os.environ.get("SIDTOOL_DAMAGED_COPIES", "25"))
+COPIES = int(os.environ.get("SIDTOOL_DAMAGED_COPIES", "12"))
 NUMBERS = ["-1", "0", "1e400", "nan", "99999999999", "1.5", "x", "", "1e-320", "7"]
 #: Writes files into a folder; returns the model file and the file to be spoiled.
 Case = Callable[[Path], tuple[Path, str]]
