@@ -171,15 +171,15 @@ def test_a_kind_of_table_with_a_key_of_the_same_name(
         ("a.json", b'{"x": 1, "x": 2}', "x: appears twice"),
         (
             "a.json",
-            b"{" + b",".join(b'"k%d": 1' % i for i in range(300_000)) + b', "k9": 1}',
+            b"{" + b",".join(b'"k%d": 1' % i for i in range(30_000)) + b', "k9": 1}',
             "k9: appears twice",
         ),
         (
             "b.json",
             b"{"
-            + b",".join(b'"k%d": 1' % i for i in range(300_000))
-            + b', "k299999": 1}',
-            "k299999: appears twice",
+            + b",".join(b'"k%d": 1' % i for i in range(30_000))
+            + b', "k29999": 1}',
+            "k29999: appears twice",
         ),
         ("a.toml", b" " * 1_000_000 + b"$", "a.toml: line 1"),
         ("a.json", b"[1]", "holds no table"),

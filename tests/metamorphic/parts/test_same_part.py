@@ -118,7 +118,7 @@ def frequencies(model: ModelFile) -> np.ndarray:
 
 
 MESHED = {
-    kind: block(kind, (3, 2, 2), (1.0, 0.3, 0.2), seed=7)
+    kind: block(kind, (2, 1, 2), (1.0, 0.3, 0.2), seed=7)
     for kind in ("hex8", "hex20", "wedge6", "wedge15", "tet10", "pyramid13")
 }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from numpy.testing import assert_allclose
 
 from sidtool.conversion.inertia_integrals import inertia_blocks, mass_moments
@@ -72,6 +72,7 @@ def assert_defined(blocks: dict[str, Taylor], expected: dict, nq: int) -> None:
 @given(
     seed=st.integers(0, 10**6), nq=st.integers(0, 4), dimension=st.sampled_from([2, 3])
 )
+@settings(max_examples=30)
 def test_particles(seed: int, nq: int, dimension: int) -> None:
     """A diagonal mass matrix is a cloud of particles: sums by definition."""
     random = np.random.default_rng(seed)

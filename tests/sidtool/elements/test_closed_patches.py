@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -163,10 +162,10 @@ def test_quadrilaterals_and_iga_agree_on_a_thick_ring() -> None:
 @pytest.mark.parametrize("degree", [2, 3])
 def test_rings_converge_with_order_2p(degree: int) -> None:
     exact = hertz(ring(iga(7, 2, 16), 0.6))
-    errors = [hertz(ring(iga(degree, n, 8 * n), 0.6)) / exact - 1 for n in (1, 2, 4)]
-    assert (errors[-1] > 0).all()
-    rates = [np.log2(a / b) for a, b in pairwise(errors)]
-    assert (rates[-1] > 2 * degree - 0.4).all(), rates
+    errors = [hertz(ring(iga(degree, n, 8 * n), 0.6)) / exact - 1 for n in (2, 4)]
+    assert (errors[1] > 0).all()
+    rate = np.log2(errors[0] / errors[1])
+    assert (rate > 2 * degree - 0.4).all(), rate
 
 
 BODIES = {
@@ -196,15 +195,15 @@ def exact_tube(inner: float) -> np.ndarray:
     return hertz(tube(iga(4, 1, 8, 1), inner))
 
 
-@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet10"])
-@pytest.mark.parametrize("inner", [0.0, 0.5])
+@pytest.mark.parametrize(
+    ("kind", "inner"), [("hex8", 0.0), ("hex8", 0.5), ("hex20", 0.5), ("tet10", 0.0)]
+)
 def test_meshes_of_tubes_and_cylinders_are_closed(kind: str, inner: float) -> None:
     settings = {"type": kind, "elements": [2, 16, 2]}
     model = tube(settings, inner)
     body = finite_element_model(model)
-    if inner or kind != "hex20":
-        near = np.linalg.norm(body.positions[:, None] - body.positions, axis=2)
-        assert (near + np.eye(len(near)) > 1e-6).all()
+    near = np.linalg.norm(body.positions[:, None] - body.positions, axis=2)
+    assert (near + np.eye(len(near)) > 1e-6).all()
     tolerance = 0.09 if kind == "hex8" else 0.02
     assert_allclose(hertz(model), exact_tube(inner), rtol=tolerance)
 
@@ -212,11 +211,10 @@ def test_meshes_of_tubes_and_cylinders_are_closed(kind: str, inner: float) -> No
 def test_a_disk_of_quadrilaterals() -> None:
     exact = hertz(disk(iga(5, 3, 8)))
     errors = [
-        hertz(disk({"type": "q4", "elements": [n, 6 * n]})) / exact - 1
-        for n in (4, 8, 16)
+        hertz(disk({"type": "q4", "elements": [n, 6 * n]})) / exact - 1 for n in (8, 16)
     ]
     assert (np.abs(errors[-1]) < 4e-3).all()
-    assert (np.abs(errors[1]) > 3 * np.abs(errors[2])).all()
+    assert (np.abs(errors[0]) > 3 * np.abs(errors[1])).all()
 
 
 def test_a_side_on_a_part_of_the_other_is_tied() -> None:

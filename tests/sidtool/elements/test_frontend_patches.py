@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -57,13 +56,13 @@ def membrane(discretisation: dict[str, Any]) -> ModelFile:
 def test_fv32_by_quadrilaterals() -> None:
     """Second order from above towards the converged values, within 1 % of NAFEMS."""
     errors = []
-    for n in (8, 16, 32):
+    for n in (16, 32):
         settings = {"type": "q4", "elements": [2 * n, n]}
         full = settings | {"formulation": "full_integration"}
         frequencies = hertz(membrane(full))
         errors.append(frequencies / FV32 - 1)
     assert (errors[-1] > 0).all()
-    rate = np.log2(errors[1] / errors[2])
+    rate = np.log2(errors[0] / errors[1])
     assert (rate > 1.8).all() and (rate < 2.1).all()
     published = [44.623, 130.03, 162.70, 246.05, 379.90, 391.44]
     assert_allclose(frequencies, published, rtol=1e-2)
@@ -89,14 +88,14 @@ def free_hertz(model: ModelFile, count: int = 3) -> np.ndarray:
 def test_annulus_at_the_optimal_rate() -> None:
     """Eigenvalues converge with order 2 p on the exact quarter annulus."""
     exact = free_hertz(annulus({"type": "iga", "degrees": [6, 6], "elements": [4, 8]}))
-    for degree, meshes in ((2, (4, 8, 16)), (3, (2, 4, 8))):
+    for degree, meshes in ((2, (8, 16)), (3, (4, 8))):
         errors = []
         for n in meshes:
             settings = {"type": "iga", "degrees": [degree] * 2, "elements": [n, n]}
             errors.append(free_hertz(annulus(settings)) / exact - 1)
-        rates = [np.log2(a / b) for a, b in pairwise(errors)]
-        assert (errors[-1] > 0).all()
-        assert (rates[-1] > 2 * degree - 0.4).all(), rates
+        assert (errors[1] > 0).all()
+        rate = np.log2(errors[0] / errors[1])
+        assert (rate > 2 * degree - 0.4).all(), rate
 
 
 def test_frequencies_do_not_depend_on_the_parametrisation() -> None:
@@ -197,23 +196,33 @@ def refined(patch: NurbsPatch) -> dict[str, NurbsPatch]:
     }
 
 
+COARSE = {"type": "iga", "degrees": [3, 3], "elements": [2, 6]}
+
+
+@pytest.fixture(scope="module")
+def bounds(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, np.ndarray]:
+    """Converged frequencies of two patches, and those of a coarse conforming mesh."""
+    folder = tmp_path_factory.mktemp("conforming")
+    first, second = split(patch_from_model(annulus(IGA).geometry), 1)
+    written(folder / "patches.json", {"a": first, "b": second})
+    exact = {**COARSE, "degrees": [5, 5], "elements": [10, 10]}
+    converged = hertz(patches_model(folder, "a.bottom", exact))
+    return converged, hertz(patches_model(folder, "a.bottom", COARSE))
+
+
 @pytest.mark.parametrize("fine", ["knots", "degree"])
 @pytest.mark.parametrize("order", ["ab", "ba"])
 def test_equal_sides_of_other_knots_are_tied(
-    fine: str, order: str, tmp_path: Path
+    fine: str, order: str, tmp_path: Path, bounds: tuple[np.ndarray, np.ndarray]
 ) -> None:
     """They were refused; with a coarse slave frequencies fell below the exact ones."""
+    converged, conforming = bounds
     first, second = split(patch_from_model(annulus(IGA).geometry), 1)
-    settings = {"type": "iga", "degrees": [3, 3], "elements": [2, 6]}
-    written(tmp_path / "patches.json", {"a": first, "b": second})
-    exact = {**settings, "degrees": [5, 5], "elements": [10, 10]}
-    converged = hertz(patches_model(tmp_path, "a.bottom", exact))
-    conforming = hertz(patches_model(tmp_path, "a.bottom", settings))
     parts = {"a": first, "b": refined(second)[fine]}
     written(tmp_path / "patches.json", {name: parts[name] for name in order})
-    path = patches_model(tmp_path, "a.bottom", settings)
-    found = hertz(path)
-    assert codes(sid_from_model(path)).count("N123") == 1
+    sid = sid_from_model(patches_model(tmp_path, "a.bottom", COARSE))
+    found = np.sqrt(np.diag(sid.Ke.m0)) / (2 * np.pi)
+    assert codes(sid).count("N123") == 1
     assert (found > converged * (1 - 1e-6)).all()
     assert (found < conforming * (1 + 1e-6)).all()
 

@@ -39,10 +39,10 @@ def test_rod_150x10_gives_the_reference_numbers() -> None:
 def test_bending_frequencies_of_the_clamped_rod_converge_with_order_2() -> None:
     """Towards the converged values of the exact geometry (R1)."""
     converged = np.array([31.475, 199.118, 556.662, 1074.347])
-    errors = [hertz(q4((15 * n, n)))[:4] - converged for n in (5, 10, 20)]
+    errors = [hertz(q4((15 * n, n)))[:4] - converged for n in (5, 10)]
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (rates > 1.9).all() and (rates < 2.1).all()
-    assert (errors[2] < 2.1e-3 * converged).all()
+    assert (errors[1] < 8.4e-3 * converged).all()
 
 
 def test_incompatible_modes_remove_the_shear_locking() -> None:

@@ -44,7 +44,7 @@ def reweighted(model: ModelFile, ratio: float, along: int) -> ModelFile:
 
 @pytest.mark.parametrize(
     ("ratio", "along"),
-    [(1.0, 0), (10.0, 0), (10.0, 1), (100.0, 0), (100.0, 1), (0.02, 0), (0.02, 1)],
+    [(1.0, 0), (100.0, 0), (100.0, 1), (0.02, 0), (0.02, 1)],
 )
 @pytest.mark.parametrize("width", [None, 0.3])
 def test_mass_of_a_ring_whatever_its_weights(

@@ -167,11 +167,10 @@ _CUTS = ((0, 25), (25, 55), (55, 90))
 
 
 @pytest.mark.parametrize("name", PARTS)
-@pytest.mark.parametrize("turn", [0.0, 0.7])
-def test_ties_pass_the_patch_test(tmp_path: Path, name: str, turn: float) -> None:
+def test_ties_pass_the_patch_test(tmp_path: Path, name: str) -> None:
     """Linear fields do not feel the tie, and the body moves as one rigid piece."""
     parts, _, (clamp, _), count = PARTS[name]
-    turned = {key: box(*_ends(patch), turn=turn) for key, patch in parts.items()}
+    turned = {key: box(*_ends(patch), turn=0.7) for key, patch in parts.items()}
     body = finite_element_model(model_of(tmp_path, turned, 3, clamp))
     assert codes(body) == ["N123"] * count
     d = body.dimension
@@ -227,7 +226,7 @@ def test_sides_that_cannot_be_joined_are_refused(tmp_path: Path, message: str) -
         finite_element_model(model)
 
 
-@pytest.mark.parametrize("tolerance", [1e-9, 1e-4, 1e-2])
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-2])
 def test_the_tolerance_does_not_melt_refined_patches(
     tmp_path: Path, tolerance: float
 ) -> None:
@@ -275,7 +274,7 @@ def test_the_finer_side_of_a_tie_is_held_between_knots(
         model = model_of(tmp_path, {**parts, "a": patch}, 1, ["a.left"], degree=3)
         found.append(np.sqrt(np.diag(sid_from_model(model).Ke.m0)))
     whole = {"a": box((0, 1), (0, 0.5), *depth)}
-    model = model_of(tmp_path, whole, 6 - dimension, ["a.left"], degree=5)
+    model = model_of(tmp_path, whole, 8 - 2 * dimension, ["a.left"], degree=5)
     exact = np.sqrt(np.diag(sid_from_model(model).Ke.m0))
     errors, upper = found[1] / exact - 1, found[0] / exact - 1
     assert (errors > -1e-5).all()

@@ -155,6 +155,7 @@ MODELS: list[tuple[str, Callable[[], ModelFile], list[str]]] = [
 )
 def test_discretised_models(model: Callable[[], ModelFile], keys: list[str]) -> None:
     nominal = model()
+    sizes = quantities(finite_element_model(nominal))
     for key in keys:
         variable = design_variable(nominal, key)
         body = finite_element_model(variable.with_imaginary_step(nominal))
@@ -162,7 +163,6 @@ def test_discretised_models(model: Callable[[], ModelFile], keys: list[str]) -> 
         expected = central_difference(
             nominal, key, lambda m: quantities(finite_element_model(m)), 1e-3
         )
-        sizes = quantities(finite_element_model(nominal))
         assert_equal_derivatives(found, expected, sizes, abs(variable.value) or 0.02)
 
 

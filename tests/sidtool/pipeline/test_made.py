@@ -109,7 +109,7 @@ def test_a_scene_saved_in_another_folder_finds_its_models(folder: Path) -> None:
 
 def pressed(folder: Path, modes: int) -> Path:
     """A clamped arm that is pressed in its middle, slowly, with 0.02 N in the end."""
-    end = 40.0
+    end = 20.0
     ramp = {"type": "sine_ramp", "from": 0.0, "to": 0.9 * end, "end": 1.0}
     push = {
         "type": "force",

@@ -321,8 +321,8 @@ def test_the_reference_may_be_a_sid_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("what", ["info", "compare"])
 def test_the_cost_grows_with_the_nodes(what: str) -> None:
-    """Memory of 1 200 nodes: a matrix over pairs of nodes would be 100 MB."""
-    body = particle_body(3, 1200, nodes=1200)
+    """Memory of 900 nodes: a matrix over pairs of nodes would be 58 MB."""
+    body = particle_body(3, 900, nodes=900)
     tracemalloc.start()
     if what == "info":
         describe_sid(body)
@@ -330,7 +330,7 @@ def test_the_cost_grows_with_the_nodes(what: str) -> None:
         compare(body, body)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    stored = 1200 * 8 * (3 + 3 * 3 + 3 * 3 + 3 * 3 + 9 + 27)
+    stored = 900 * 8 * (3 + 3 * 3 + 3 * 3 + 3 * 3 + 9 + 27)
     assert peak < 10 * stored
 
 
