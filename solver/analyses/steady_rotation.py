@@ -262,7 +262,7 @@ class _SteadyRotationSearch:
     def growth_rate(self, z: Array, groups: tuple[RotatingGroup, ...]) -> float:
         """The largest rate [1/s] at which small motions about it grow, 0.0 where none
         does or where their equations are not constant."""
-        v = self._state(z, groups, 0.0)[1]
+        v = self._state(z, groups, 0.0, self._frames(z))[1]
         try:
             modes, causes = modes_at(self.system, self.system.scene.time.start, z, v)
         except (InputError, SimulationError, np.linalg.LinAlgError):
@@ -374,10 +374,11 @@ class _SteadyRotationSearch:
         """At some times [s], default all."""
         mechanics = self.mechanics
         closure, rates, forces, torques = np.zeros(0), [], [], []
+        frames, sizes = self._frames(z), mechanics.constraint_sizes
         for time in self.times if times is None else times:
-            z_there, v, a, spins = self._state(z, groups, time)
+            z_there, v, a, spins = self._state(z, groups, time, frames)
             mechanics.evaluate(z_there, v)
-            C, sizes = mechanics.jacobian, mechanics.constraint_sizes
+            C = mechanics.jacobian
             if time == 0.0:
                 acceleration_residual = (C @ a - mechanics.gamma) / (
                     self.fastest**2 * sizes
@@ -407,7 +408,7 @@ class _SteadyRotationSearch:
     ) -> Array:
         """Scaled velocities (groups, n), each of one group that rotates alone and does
         not drift."""
-        return self._state(z, groups, 0.0)[3]
+        return self._state(z, groups, 0.0, self._frames(z))[3]
 
     def _rows(self, left: _Residual) -> Array:
         """All equations in one vector: forces per unit of the scale, the others per
@@ -508,17 +509,29 @@ class _SteadyRotationSearch:
             if rd > self.axes:
                 x[u + self.axes : u + rd] = rotation[3 - (rd - self.axes) :]
 
+    def _frames(self, z: Array) -> tuple[Array, Array]:
+        """Origins (bodies, 3) and rotation matrices of all frames at a position."""
+        self.mechanics.evaluate(z, np.zeros(self.n))
+        positions, rotations = frame_positions(self.mechanics, z)
+        return positions, rotations.copy()  # not those of the next evaluation
+
     def _state(
-        self, z: Array, groups: tuple[RotatingGroup, ...], time: float
+        self,
+        z: Array,
+        groups: tuple[RotatingGroup, ...],
+        time: float,
+        frames: tuple[Array, Array],
     ) -> tuple[Array, Array, Array, Array]:
         """Position, velocity and scaled acceleration when so much time has passed, and
         the scaled velocities (groups, n) of each group that rotates alone and does not
-        drift."""
+        drift.
+
+        frames : those at z, see `_frames`
+        """
         mechanics, system = self.mechanics, self.system
         step, v, a = np.zeros(self.n), np.zeros(self.n), np.zeros(self.n)
         spins = np.zeros((len(groups), self.n))
-        mechanics.evaluate(z, np.zeros(self.n))
-        positions, turns = frame_positions(mechanics, z)
+        positions, turns = frames
         for group, spin in zip(groups, spins, strict=True):
             bodies, axes = list(group.axes), group.axes.values()
             omega = np.array([axis.omega for axis in axes])
@@ -544,9 +557,10 @@ class _SteadyRotationSearch:
             angular = _rotated(Q, gain)
             self._set_frame_motions(a, bodies, _rotated(Q, change), angular)
         if time:
-            rates = mechanics.rotation_rates(StateVectors(z, v))
+            n_counters = system.n_rotation_counters
+            rates = mechanics.rotation_rates(StateVectors(z, v)) if n_counters else 0.0
             z = mechanics.displaced(z, step / mechanics.scale)
-            z[len(z) - len(rates) :] += time * rates
+            z[len(z) - n_counters :] += time * rates
         return z, v, a / mechanics.scale, spins / mechanics.scale
 
     def scene(self, z: Array, groups: tuple[RotatingGroup, ...]) -> SceneFile:
@@ -554,8 +568,7 @@ class _SteadyRotationSearch:
         system = self.system
         scene = scene_at(system, z)
         bodies = dict(scene.bodies)
-        self.mechanics.evaluate(z, np.zeros(self.n))
-        positions, _ = frame_positions(self.mechanics, z)
+        positions, _ = self._frames(z)
         for group in groups:
             for b, axis in group.axes.items():
                 speed = group.drift + np.cross(axis.omega, positions[b] - axis.point)
