@@ -68,10 +68,9 @@ class Rub:
 
         if excess(t) > 0.0:
             return t, float(np.sign(-self.need(t, x)))
-        times = np.linspace(t, end, 20_001)
-        over = [k for k, when in enumerate(times) if excess(float(when)) > 0.0]
-        if not over:
+        times = np.linspace(t, end, 2_001).tolist()
+        later = next((k for k, when in enumerate(times) if excess(when) > 0.0), None)
+        if later is None:
             return end, 0.0
-        low, high = times[over[0] - 1], times[over[0]]
-        when = float(brentq(excess, low, high, xtol=1e-15))
+        when = float(brentq(excess, *times[later - 1 : later + 1], xtol=1e-15))
         return when, float(np.sign(-self.need(when, x)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -122,12 +123,17 @@ def motored(
     )
 
 
+@cache
+def guided(start: float) -> Result:
+    """The guide alone rubs."""
+    return motored(start, 6.0, [0.0, -9.81], {"guide": {"coefficient": 0.25}}, {})
+
+
 @pytest.mark.parametrize("start", [0.6, 0.0, np.pi])
 def test_the_guide_is_pressed_up_and_down_after_dead_points(start: float) -> None:
     """A motor turns a slider-crank whose guide alone rubs, six times and more over its
     dead points: what the motor gives is motion, height and the work of friction."""
-    guide = {"guide": {"coefficient": 0.25}}
-    result = motored(start, 6.0, [0.0, -9.81], guide, {})
+    result = guided(start)
     assert np.ptp(result["crank.angle"]) > 6.0 * np.pi
     lost = result["energy.dissipated"][-1]
     assert np.ptp(result["energy.balance"]) < 1e-7 * lost
@@ -137,10 +143,7 @@ def test_the_guide_is_pressed_up_and_down_after_dead_points(start: float) -> Non
 def test_a_motor_leaves_a_dead_point_at_once(dead_point: float) -> None:
     """The motion depends continuously on the start. From rest at the inner dead point
     the guide stuck for up to 0.1 s, as the sense of its motion is of second order."""
-    ends = [
-        motored(start, 6.0, [0.0, -9.81], {"guide": {"coefficient": 0.25}}, {})
-        for start in (dead_point, dead_point + 1e-9)
-    ]
+    ends = [guided(start) for start in (dead_point, dead_point + 1e-9)]
     turned = [(r["crank.angle"] - r["crank.angle"][0])[1:] for r in ends]
     assert turned[0] == pytest.approx(turned[1], rel=1e-7)
 
