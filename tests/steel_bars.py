@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -52,10 +53,17 @@ def bar_data(
 
 
 def steel_bar(**described: Any) -> SID:
-    """The SID of `bar_data`; it may be stout, of which a conversion warns."""
+    """The SID of `bar_data`, converted once; it may be stout, of which a conversion
+    warns."""
+    return _converted(json.dumps(described))
+
+
+@cache
+def _converted(described: str) -> SID:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return sid_from_model(validate_data(bar_data(**described), ModelFile))
+        data = bar_data(**json.loads(described))
+        return sid_from_model(validate_data(data, ModelFile))
 
 
 @cache

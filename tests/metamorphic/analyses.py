@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from tests.metamorphic.generator.said import copied, kind, with_table
 from tests.metamorphic.generator.scenes import settled
 from tests.metamorphic.generator.states import started_at, with_corners
 
+#: Equilibria that a process keeps.
+KEPT = 100
 #: Speeds of a small motion [m/s], [rad/s], and its length [s].
 SMALL, SPAN, ROWS = 1e-4, 1.0, 300
 #: Unstable equilibria grow faster than this [1/s]; a run then leaves them by itself.
@@ -47,6 +50,7 @@ def held(case: Case) -> Case:
     return with_corners(with_table(case, table))
 
 
+@lru_cache(KEPT)
 def equilibrium(case: Case) -> tuple[Case, Values] | None:
     """The scene in its static equilibrium, if there is one, and its measures there."""
     seen = held(case)
@@ -58,6 +62,7 @@ def equilibrium(case: Case) -> tuple[Case, Values] | None:
     return with_table(seen, started_at(seen, seen, values, -1)), values
 
 
+@lru_cache(KEPT)
 def eigenvalues(resting: Case) -> Array:
     system = compiled(resting, keep_joints=True)
     return linearise(system, "start").eigenvalues

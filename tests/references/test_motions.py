@@ -83,7 +83,7 @@ def test_turns_of_a_free_body_may_be_many(
     check(free_body(*spin), integrator, 1e-3, 1e-5, tight)
 
 
-@pytest.mark.parametrize("turns", [100, 500, 1000])
+@pytest.mark.parametrize("turns", [100, 1000])
 @pytest.mark.parametrize(
     ("integrator", "rtols"),
     [("radau9", [1e-3, 1e-4]), ("radau13", [1e-6]), ("dop853", [1e-3, 1e-4])],
@@ -126,7 +126,7 @@ def turning_over(speed: float, turns: int) -> Case:
 
 
 @pytest.mark.parametrize("integrator", HIGH)
-@pytest.mark.parametrize(("speed", "turns"), [(40.0, 300), (15.0, 200)])
+@pytest.mark.parametrize(("speed", "turns"), [(40.0, 150), (15.0, 100)])
 def test_a_pendulum_may_turn_over_many_times(
     speed: float, turns: int, integrator: str
 ) -> None:

@@ -316,8 +316,8 @@ def test_both_variants_follow_the_equations_of_the_source(
     nonlinear: bool, stretching_rod: SID
 ) -> None:
     rod = stretching_rod if nonlinear else connecting_rod()
-    result = run(True, rod=rod, until=0.01)
-    positions, speeds = source_equations(nonlinear, until=0.01)
+    result = run(True, rod=rod, until=0.004)
+    positions, speeds = source_equations(nonlinear, until=0.004)
     for value, name in zip(positions[1:], NAMES, strict=True):
         assert end(result, name) == pytest.approx(value, abs=1e-11)
     for i, value in enumerate(speeds[3:], 1):

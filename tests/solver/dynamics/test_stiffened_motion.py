@@ -37,15 +37,17 @@ def planar(table: dict[str, Any]) -> dict[str, Any]:
     return table | cut | {"angular_velocity": table["angular_velocity"][2]}
 
 
-@pytest.mark.parametrize("dimension", ["planar", "spatial"])
 @pytest.mark.parametrize("stiffened", [False, True])
-@pytest.mark.parametrize("frame", FRAMES)
-def test_energy_and_momenta_of_a_free_bar_are_constant_over_250_periods(
+@pytest.mark.parametrize(
+    ("frame", "dimension"),
+    [*((frame, "spatial") for frame in FRAMES), (TANGENT, "planar")],
+)
+def test_energy_and_momenta_of_a_free_bar_are_constant_over_100_periods(
     frame: str, stiffened: bool, dimension: str
 ) -> None:
-    """250 of its slowest vibration. Without stiffening by the quadratic inertia."""
-    sid, end = slender_bar(2, frame, stiffened), 2.4
-    assert end * slowest(sid) > 250.0
+    """100 of its slowest vibration. Without stiffening by the quadratic inertia."""
+    sid, end = slender_bar(2, frame, stiffened), 1.0
+    assert end * slowest(sid) > 100.0
     hit = [0.1, 0.6, 0.4 if dimension == "spatial" else 0.0]
     start = struck(sid, hit, [0.0, 0.0, 3.0])
     if dimension == "planar":
@@ -54,7 +56,7 @@ def test_energy_and_momenta_of_a_free_bar_are_constant_over_250_periods(
         "format": "sidtool scene",
         "version": 1,
         "dimension": dimension,
-        "time": {"end": end, "output_step": 0.5},
+        "time": {"end": end, "output_step": 0.2},
         "bodies": {
             "bar": {
                 "sid": "-",

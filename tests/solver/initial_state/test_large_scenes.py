@@ -281,7 +281,7 @@ def test_a_stretched_loop_at_its_dead_point_hides_no_rounding(
     assert unnamed(told[0]) == unnamed(told[1])
 
 
-@pytest.mark.parametrize("count", [11, 20, 23, 44, 71])
+@pytest.mark.parametrize("count", [11, 23, 44])
 def test_a_stretched_chain_is_no_redundant_one(
     monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
@@ -416,9 +416,9 @@ def test_random_networks_have_the_verdicts_of_dense_matrices(
         return len(found.redundant), found.inactive_rows, slack, *states
 
     monkeypatch.setattr(constraint_jacobian, "LARGE_SCENE_ROWS", 1)
-    sparse = [verdict(seed) for seed in range(15)]
+    sparse = [verdict(seed) for seed in range(8)]
     dense(monkeypatch)
-    for seed in range(15):
+    for seed in range(8):
         np.testing.assert_equal(sparse[seed], verdict(seed))
     redundant = [bool(found[0]) and len(found) > 1 for found in sparse]
     assert any(redundant) and not all(redundant)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import SID
+from sidtool.formats.base.sid import SID, Array
+from sidtool.formats.result import Result
 from sidtool.solver import compile_scene, inverse_dynamics, linearise, simulate
 from sidtool.solver.system.system import System
 from tests.bodies import Cloud
@@ -22,7 +23,6 @@ WAVE = np.sqrt(2.1e11 / 7850.0)
 FAR = ("N219", "N220")
 
 
-@cache
 def stout_bar() -> SID:
     return steel_bar(width=0.5, height=0.4, elements=24, modes=16)
 
@@ -102,13 +102,26 @@ def on_a_hub(how: str, state: str, dimension: str, keep_joints: bool = False) ->
     return compile_scene(described, sids=sids, keep_joints=keep_joints)
 
 
+@cache
+def run_on_a_hub(how: str) -> Result:
+    return simulate(on_a_hub(how, "static", "planar"))
+
+
+@cache
+def analyses_on_a_hub(how: str, dimension: str) -> tuple[Array, Array]:
+    """Frequencies about the start, and forces of the weld of inverse dynamics."""
+    system = on_a_hub(how, "stated", dimension, keep_joints=True)
+    forces = inverse_dynamics(system, quasi_static=True)["weld.fx"]
+    return linearise(system, about="start").frequencies, forces
+
+
 @pytest.mark.parametrize("how", ["rate", "polynomial", "formula", "acceleration"])
 def test_a_constant_rate_has_the_steady_start_of_its_angle(how: str) -> None:
     """u(L) = tan(k L) / k - L, see above, without vibration; the run goes on as with
     the angle, and so do modes about the start and inverse dynamics."""
     k = 250.0 / WAVE
     stretch = np.tan(k) / k - 1.0
-    runs = [simulate(on_a_hub(by, "static", "planar")) for by in (how, "value")]
+    runs = [run_on_a_hub(by) for by in (how, "value")]
     for run in runs:
         assert run["bar.b.ux"] == pytest.approx(stretch, rel=1e-3)
         for output in ("bar.b.ux", "bar.b.uy"):
@@ -121,17 +134,11 @@ def test_a_constant_rate_has_the_steady_start_of_its_angle(how: str) -> None:
         assert only(run, "N404").data["ratio"] == pytest.approx(-softening, rel=0.1)
     assert runs[0]["disc.angle"] == pytest.approx(0.3 + 250.0 * runs[0].t, rel=1e-7)
     for dimension in ("planar", "spatial"):
-        this, that = (
-            on_a_hub(by, "stated", dimension, keep_joints=True) for by in (how, "value")
+        (this, force), (that, known) = (
+            analyses_on_a_hub(by, dimension) for by in (how, "value")
         )
-        modes = [linearise(system, about="start") for system in (this, that)]
-        both = [found.frequencies for found in modes]
-        assert both[0] == pytest.approx(both[1], rel=1e-9)
-        forces = [
-            inverse_dynamics(system, quasi_static=True)["weld.fx"]
-            for system in (this, that)
-        ]
-        assert forces[0] == pytest.approx(forces[1], rel=1e-9, abs=1e-6)
+        assert this == pytest.approx(that, rel=1e-9)
+        assert force == pytest.approx(known, rel=1e-9, abs=1e-6)
 
 
 def test_a_rate_that_follows_the_motion_has_no_steady_start() -> None:

@@ -250,7 +250,8 @@ def test_a_drive_beyond_reach_stops_where_the_mechanism_is_stretched(
     }
     system = slider_crank(0.4, rod=1.5, drive=drive)
     with pytest.raises(SimulationError, match="stopped at t = ") as failure:
-        simulate(system, integrator=integrator, rtol=1e-6)
+        order = INTEGRATORS[integrator].order
+        simulate(system, integrator=integrator, rtol=1e-6 if order > 2 else 1e-4)
     result = failure.value.result
     assert result is not None and not result.completed
     assert failure.value.code in {"N302", "N303"} and failure.value.data["fastest"]
