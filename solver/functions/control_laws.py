@@ -7,6 +7,8 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import (
@@ -19,7 +21,7 @@ from sidtool.formats.scene import (
 from sidtool.formats.toml.expressions import LOOKUPS
 
 from .callables import NativeCallable, real_number
-from .function_table import curve_of_table, curve_value
+from .function_table import curve_of_table, curve_values
 from .piecewise import PiecewisePolynomial
 
 #: A function of the time and of what a law reads.
@@ -101,11 +103,15 @@ class TableLookup:
         """Of a table of one variable."""
         return curve_of_table(self.table)
 
+    def values(self, x: Array) -> Array:
+        """The values of a table of one variable at places (nx,)."""
+        return curve_values(self.curve, x, self.order)
+
     def value(self, *point: float) -> float:
         """The value at a point."""
         if self.table.variables == 2:
             return self.table.value(*point)
-        return curve_value(self.curve, point[0], self.order)
+        return float(self.values(np.array(point))[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike
 
 from sidtool.formats.base.errors import InputError
@@ -516,8 +517,8 @@ def grid_data(table: LookupTable) -> Array:
     return np.concatenate([[len(x), len(y)], x, y, values.ravel()])
 
 
-def curve_value(curve: PiecewisePolynomial, x: float, order: int) -> float:
-    """The value of a curve, or a derivative."""
-    k = max(int(np.searchsorted(curve.starts, x, side="right")) - 1, 0)
-    terms = np.polynomial.Polynomial(curve.terms[k])
-    return float(terms.deriv(order)(x - curve.starts[k]))
+def curve_values(curve: PiecewisePolynomial, x: Array, order: int) -> Array:
+    """The values of a curve at places (nx,), or a derivative."""
+    k = np.maximum(np.searchsorted(curve.starts, x, side="right") - 1, 0)
+    terms = polyder(curve.terms, order, axis=1)[k]
+    return np.asarray(polyval(x - curve.starts[k], terms.T, tensor=False))

@@ -353,7 +353,10 @@ def _execute(
         first = len(stack) - part.table.variables
         point = stack[first:]
         del stack[first:]
-        stack.append(_each(lambda *x: part.value(*map(float, x)), *point))
+        if len(point) == 1 and isinstance(point[0], np.ndarray):
+            stack.append(part.values(point[0]))
+        else:
+            stack.append(_each(lambda *x: part.value(*map(float, x)), *point))
     elif not isinstance(part, Instruction):
         stack.append(1.0)
     elif part.kind == "name":
