@@ -15,7 +15,7 @@ from sidtool.solver.system.errors import SimulationError
 from .error_control import CASES, compiled, relative_error
 
 TOLERANCES = (1e-3, 1e-6, 1e-10)
-LOOSE = (1e-3, 1e-5)
+LOOSE = (1e-3, 1e-4)
 HONEST = 10.0
 
 

@@ -78,8 +78,9 @@ def test_a_change_point_is_told_on_the_way_there_and_back(integrator: str) -> No
         assert before - 1e-3 < when < before + 0.021 and near < 1e-3
 
 
-@pytest.mark.parametrize("longer", [0.0, 1e-6, 1e-4, 0.02])
-@pytest.mark.parametrize("guides", [1, 3])
+@pytest.mark.parametrize(
+    ("longer", "guides"), [(0.0, 1), (0.0, 3), (1e-6, 3), (1e-4, 3), (0.02, 3)]
+)
 def test_sparse_matrices_tell_what_dense_ones_tell(
     longer: float, guides: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

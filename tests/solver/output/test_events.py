@@ -161,9 +161,10 @@ def test_events_of_elastic_coordinates_joint_forces_and_energies() -> None:
 
 @pytest.mark.parametrize("integrator", sorted(INTEGRATORS))
 def test_events_change_no_digit_of_the_motion(integrator: str) -> None:
-    plain = simulate(oscillator(), integrator=integrator)
-    watched = simulate(
-        oscillator(middle={"quantity": "mass.x", "value": 2.0}), integrator=integrator
+    rtol = 1e-6 if INTEGRATORS[integrator].order > 2 else 1e-4
+    plain, watched = (
+        simulate(oscillator(**events), integrator=integrator, rtol=rtol)
+        for events in ({}, {"middle": {"quantity": "mass.x", "value": 2.0}})
     )
     assert np.array_equal(plain.values, watched.values)
     assert np.array_equal(plain.positions, watched.positions)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -62,24 +64,25 @@ def pendulum(dimension: str, end: float, **options: Any) -> Result:
     )
 
 
+@cache
 def known_pendulum(end: float) -> list[tuple[str, float, float]]:
     """theta'' depends on the load, and the load on theta''."""
     m, arm, r = ROD["m"], ROD["l"], ROD["r"]
 
     def load(angle: float, rate: float, push: float) -> float:
-        along = G * np.cos(angle) + arm * rate**2
-        return float(m * np.hypot(along, G * np.sin(angle) + arm * push))
+        along = G * math.cos(angle) + arm * rate**2
+        return m * math.hypot(along, G * math.sin(angle) + arm * push)
 
     def slide(t: float, angle: float, rate: float, s: float) -> float:
-        weight = m * G * arm * np.sin(angle)
+        weight = m * G * arm * math.sin(angle)
 
         def left(push: float) -> float:
-            return float(SWING * push + weight + s * MU * r * load(angle, rate, push))
+            return SWING * push + weight + s * MU * r * load(angle, rate, push)
 
         return float(brentq(left, -500.0, 500.0, xtol=1e-15))
 
     return Rub(
-        lambda t, angle: m * G * arm * float(np.sin(angle)),
+        lambda t, angle: m * G * arm * math.sin(angle),
         lambda t, angle: REST * r * load(angle, 0.0, 0.0),
         slide,
     ).motion(ROD["start"], 0.0, end)
@@ -92,7 +95,6 @@ def known_pendulum(end: float) -> list[tuple[str, float, float]]:
         ("planar", "auto", True, RTOL, 1e-9),
         ("spatial", "radau9", True, RTOL, 1e-9),
         ("spatial", "auto", False, RTOL, 1e-9),
-        ("planar", "generalised_alpha", False, 1e-5, 1e-4),
         ("spatial", "generalised_alpha", True, 1e-5, 1e-4),
     ],
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -148,6 +150,36 @@ def test_block_with_generalised_alpha() -> None:
     assert_balanced(result, 1e-6)
 
 
+#: Amplitude [rad] and angular frequency of a rail, start and width of its block.
+TOP, OMEGA, START, WIDTH = 0.45, 5.0, 0.3, 0.15
+
+
+@cache
+def rocked_block() -> list[tuple[str, float, float]]:
+    """N = m (g cos + 2 theta' x' + theta'' x) of the rail's angle theta."""
+
+    def theta(t: float) -> tuple[float, float, float]:
+        s, c = math.sin(OMEGA * t), math.cos(OMEGA * t)
+        return TOP * s, TOP * OMEGA * c, -TOP * OMEGA**2 * s
+
+    def mu(v: float) -> float:
+        return MU + (REST - MU) * math.exp(-((v / WIDTH) ** 2))
+
+    def load(t: float, x: float, v: float) -> float:
+        angle, rate, push = theta(t)
+        return abs(G * math.cos(angle) + 2.0 * rate * v + push * x)
+
+    def need(t: float, x: float) -> float:
+        angle, rate, _ = theta(t)
+        return G * math.sin(angle) - rate**2 * x
+
+    return Rub(
+        need,
+        lambda t, x: REST * load(t, x, 0.0),
+        lambda t, x, v, s: -need(t, x) - s * mu(v) * load(t, x, v),
+    ).motion(START, 0.0, 6.0)
+
+
 @pytest.mark.parametrize(
     ("dimension", "method", "rtol", "tolerated"),
     [
@@ -159,29 +191,7 @@ def test_block_with_generalised_alpha() -> None:
 def test_block_on_a_rocking_rail(
     dimension: str, method: str, rtol: float, tolerated: float
 ) -> None:
-    """N = m (g cos + 2 theta' x' + theta'' x) of the rail's angle theta."""
-    top, omega, start, width = 0.45, 5.0, 0.3, 0.15
-
-    def theta(t: float) -> tuple[float, float, float]:
-        s, c = np.sin(omega * t), np.cos(omega * t)
-        return top * s, top * omega * c, -top * omega**2 * s
-
-    def mu(v: float) -> float:
-        return MU + (REST - MU) * float(np.exp(-((v / width) ** 2)))
-
-    def load(t: float, x: float, v: float) -> float:
-        angle, rate, push = theta(t)
-        return abs(G * np.cos(angle) + 2.0 * rate * v + push * x)
-
-    def need(t: float, x: float) -> float:
-        angle, rate, _ = theta(t)
-        return float(G * np.sin(angle) - rate**2 * x)
-
-    known = Rub(
-        need,
-        lambda t, x: REST * load(t, x, 0.0),
-        lambda t, x, v, s: -need(t, x) - s * mu(v) * load(t, x, v),
-    ).motion(start, 0.0, 6.0)
+    known, top, omega = rocked_block(), TOP, OMEGA
     inertia = 0.1 if dimension == "planar" else [0.1, 0.1, 0.1]
     energies = ENERGIES if method == "radau9" else []  # long to add up over many steps
     drive = {"type": "harmonic", "amplitude": top, "angular_frequency": omega}
@@ -195,8 +205,8 @@ def test_block_on_a_rocking_rail(
                 "mass": MASS,
                 "inertia": inertia,
                 "initial": {
-                    "position": vector(dimension, start, 0.0),
-                    "velocity": vector(dimension, 0.0, top * omega * start),
+                    "position": vector(dimension, START, 0.0),
+                    "velocity": vector(dimension, 0.0, top * omega * START),
                     "angular_velocity": top * omega
                     if dimension == "planar"
                     else [0.0, 0.0, top * omega],
@@ -211,7 +221,7 @@ def test_block_on_a_rocking_rail(
                 "friction": {
                     "coefficient": MU,
                     "static": REST,
-                    "stribeck_velocity": width,
+                    "stribeck_velocity": WIDTH,
                 },
             },
         },
