@@ -23,7 +23,11 @@ STEP = 1e-30
 
 def number_type(*arrays: Any) -> np.dtype[Any]:
     """Return complex if one of the arrays is complex, else float."""
-    parts = (getattr(array, "dtype", None) or np.asarray(array) for array in arrays)
+    parts = [
+        getattr(array, "dtype", None) or np.asarray(array)
+        for array in arrays
+        if type(array) is not float
+    ]
     return np.result_type(np.float64, *parts)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache, partial
 from typing import Any
 
@@ -216,7 +216,9 @@ class Section:
         warping function w. Of e a general section knows the mean only, the polar
         moment less the torsion constant.
         """
-        result = np.zeros((6, 6), number_type(e, g, *astuple(self)[:6], *curvatures))
+        bending = self.area, self.iy, self.iz, self.torsion
+        shears = self.shear_y, self.shear_z
+        result = np.zeros((6, 6), number_type(e, g, *bending, *shears, *curvatures))
         axial = np.ix_([0, 3, 4, 5], [0, 3, 4, 5])
         moments = self._of_rectangle if self.sides else self._of_general
         result[axial] = e * moments(np.asarray(curvatures))

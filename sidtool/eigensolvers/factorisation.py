@@ -305,18 +305,32 @@ def _smallest_separators(
     part : number of the part of every point
     """
     i, j = edges
-    plane = np.unique(np.where(side[i] > side[j], i, j))
-    fewest = _minimum_vertex_cover(edges, side)
+    is_swapped = side[i] > side[j]
+    first, row = np.unique(np.where(is_swapped, j, i), return_inverse=True)
+    plane, column = np.unique(np.where(is_swapped, i, j), return_inverse=True)
+    shape = (len(first), len(plane))
+    graph = sp.csr_matrix((np.ones(len(row), np.int32), (row, column)), shape=shape)
+    partner = maximum_bipartite_matching(graph, perm_type="row")
     count = part.max(initial=-1) + 1
-    sizes = [np.bincount(part[x], minlength=count) for x in (plane, fewest)]
+    # the fewest are as many as pairs of the matching (theorem of König)
+    sizes = [
+        np.bincount(part[x], minlength=count) for x in (plane, plane[partner >= 0])
+    ]
     is_ragged = sizes[1] < _WORTH_RAGGED * sizes[0]
+    if not is_ragged.any():
+        return plane
+    is_first, is_second = _minimum_vertex_cover(graph, partner)
+    fewest = np.concatenate([first[is_first], plane[is_second]])
     return np.concatenate(
         [plane[~is_ragged[part[plane]]], fewest[is_ragged[part[fewest]]]]
     )
 
 
-def _minimum_vertex_cover(edges: Indices, side: NDArray[np.int8]) -> Indices:
-    """The smallest set of points that touches all edges between two sides.
+def _minimum_vertex_cover(
+    graph: sp.csr_matrix, partner: Indices
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which points of two sides (n,), (m,) make the smallest set that touches all edges
+    between these.
 
     By the theorem of König: from a maximum matching, the points of the first side that
     no alternating path from an unmatched point of that side reaches, and those of the
@@ -324,30 +338,23 @@ def _minimum_vertex_cover(edges: Indices, side: NDArray[np.int8]) -> Indices:
 
     Parameters
     ----------
-    edges : (2, m) pairs of points, one on either side
-    side : 0 or 1 for every point
+    graph : (n, m) positive at edges
+    partner : (m,) of the points of the second side in the matching, -1 for none
     """
-    swapped = side[edges[0]] > side[edges[1]]
-    first, row = np.unique(np.where(swapped, edges[1], edges[0]), return_inverse=True)
-    second, column = np.unique(
-        np.where(swapped, edges[0], edges[1]), return_inverse=True
-    )
-    shape = (len(first), len(second))
-    graph = sp.csr_matrix((np.ones(len(row), np.int32), (row, column)), shape=shape)
-    partner = maximum_bipartite_matching(graph, perm_type="row")
+    count, second_count = graph.shape
     to_second = graph.T.tocsr()
-    matched = np.zeros(len(first), bool)
+    matched = np.zeros(count, bool)
     matched[partner[partner >= 0]] = True
-    reached, reached_second = ~matched, np.zeros(len(second), bool)
+    reached, reached_second = ~matched, np.zeros(second_count, bool)
     new = reached.copy()
     while new.any():
         touched = (to_second @ new.astype(np.int32) > 0) & ~reached_second
         reached_second |= touched
-        new = np.zeros(len(first), bool)
+        new = np.zeros(count, bool)
         new[partner[touched & (partner >= 0)]] = True
         new &= ~reached
         reached |= new
-    return np.concatenate([first[~reached], second[reached_second]])
+    return ~reached, reached_second
 
 
 def _parts_to_cut(active: Indices, part: Indices) -> Indices:

@@ -438,8 +438,8 @@ def _invert_map(
         miss = target - values[0] @ corners
         jacobian = corners.T @ gradients[0]
         step = np.linalg.lstsq(jacobian, miss, rcond=None)[0]
-        where = np.clip(where + step, -0.5, 1.5)
-        if np.abs(step).max() < 1e-13:
+        before, where = where, np.clip(where + step, -0.5, 1.5)
+        if np.abs(where - before).max() < 1e-13:
             break
     values, _ = element.at(where[None])
     return where, float(np.linalg.norm(target - values[0] @ corners))

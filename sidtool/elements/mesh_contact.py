@@ -167,8 +167,9 @@ def _invert_maps(kind: str, nodes: Array, points: Array) -> tuple[Array, Array]:
         jacobians[~safe] = np.eye(nodes.shape[2])
         miss = points[active] - _interpolate(values, corners)
         step = np.linalg.solve(jacobians, miss[..., None])[..., 0]
-        where[active] = np.clip(where[active] + step, -0.5, 1.5)
-        active = active[np.abs(step).max(axis=1) > 1e-10]
+        before = where[active]
+        where[active] = np.clip(before + step, -0.5, 1.5)
+        active = active[np.abs(where[active] - before).max(axis=1) > 1e-10]
         if not active.size:
             break
         values, gradients = element.at(where[active])

@@ -65,11 +65,13 @@ def local_basis(knots: Array, degree: int, points: ArrayLike) -> LocalBasis:
         start = span + np.arange(1 - p, 1)
         left, right = knots[start], knots[start + p]
         share = values / (right - left)
-        values, derivatives = np.zeros((2, len(x), p + 1), x.dtype)
-        values[:, 1:] += (x - left) * share
+        values = np.zeros((len(x), p + 1), x.dtype)
+        values[:, 1:] = (x - left) * share
         values[:, :-1] += (right - x) * share
-        derivatives[:, 1:] += p * share
-        derivatives[:, :-1] -= p * share
+        if p == degree:
+            derivatives = np.zeros_like(values)
+            derivatives[:, 1:] = p * share
+            derivatives[:, :-1] -= p * share
     return LocalBasis(span[:, 0] - degree, values, derivatives)
 
 

@@ -256,7 +256,10 @@ def _shape_coefficients(kind: str) -> Array:
 def _tabulate(kind: str, points: Array) -> tuple[Array, Array]:
     values, slopes = _power_products(kind, points)
     coefficients = _shape_coefficients(kind)
-    return values @ coefficients, np.stack([s @ coefficients for s in slopes], axis=2)
+    gradients = np.empty((*values.shape, len(slopes)), values.dtype)
+    for i, slope in enumerate(slopes):
+        gradients[:, :, i] = slope @ coefficients
+    return values @ coefficients, gradients
 
 
 def _power_products(kind: str, points: Array) -> tuple[Array, list[Array]]:
@@ -265,36 +268,55 @@ def _power_products(kind: str, points: Array) -> tuple[Array, list[Array]]:
     At the apex of a pyramid, where the gradient depends on the direction, it is that
     on the line to the middle of the base.
     """
-    bases, signs = points.T, np.ones(points.shape[1])
+    bases = points.T
     if shape_of(kind) == "pyramid":
         height = np.maximum(1 - points[:, 2], 1e-14)
         bases = np.array([*points[:, :2].T, height])
         bases[:2, height < 1e-12] = 0.5e-14
-        signs = np.array([1.0, 1.0, -1.0])
-    exponents = _shape_exponents(kind).T
-    lists = exponents.tolist()
-    powers = [_raise_powers(x, *e) for x, e in zip(bases, lists, strict=True)]
-    slopes = []
-    for i, e in enumerate(exponents):
-        reduced = [power - 1 if power else 0 for power in lists[i]]
-        lowered = signs[i] * e * _raise_powers(bases[i], *reduced)
-        slopes.append(np.asarray(prod([*powers[:i], lowered, *powers[i + 1 :]])))
+    powers, derivatives = [], []
+    for base, axis in zip(bases, _axis_powers(kind), strict=True):
+        table = np.empty((len(base), len(axis.exponents)), base.dtype)
+        for k, exponent in enumerate(axis.exponents):
+            table[:, k] = base**exponent
+        powers.append(table[:, axis.place])
+        derivatives.append(axis.factors * table[:, axis.lowered_place])
+    slopes = [
+        np.asarray(prod([*powers[:i], derivative, *powers[i + 1 :]]))
+        for i, derivative in enumerate(derivatives)
+    ]
     return np.asarray(prod(powers)), slopes
 
 
-def _raise_powers(base: Array, *exponents: int) -> Array:
-    """Return powers (g, m); each power is computed once, because that takes most of the
-    time.
+@dataclass(frozen=True, eq=False)
+class _AxisPowers:
+    """Powers of one coordinate in the shape functions: each is computed once, because
+    that takes most of the time.
+
+    Attributes
+    ----------
+    exponents : those of the powers and of their derivatives, without repetition
+    place, lowered_place : (m,) where those of the powers and of the derivatives are
+    factors : (m,) of the derivatives
     """
-    distinct, place = _distinct(exponents)
-    return np.stack([base**e for e in distinct], axis=1)[:, place]
+
+    exponents: list[float]
+    place: NDArray[np.int64]
+    lowered_place: NDArray[np.int64]
+    factors: Array
 
 
 @cache
-def _distinct(exponents: tuple[int, ...]) -> tuple[list[float], NDArray[np.int64]]:
-    """The exponents without repetition, and where each (m,) is among them."""
-    distinct, place = np.unique(exponents, return_inverse=True)
-    return [float(e) for e in distinct], place
+def _axis_powers(kind: str) -> list[_AxisPowers]:
+    """For each coordinate; the third one of a pyramid is the distance from its apex."""
+    axes = []
+    for i, powers in enumerate(_shape_exponents(kind).T):
+        lowered = np.where(powers != 0, powers - 1, 0)
+        exponents, places = np.unique([powers, lowered], return_inverse=True)
+        place, lowered_place = places.reshape(2, -1)
+        sign = -1.0 if shape_of(kind) == "pyramid" and i == 2 else 1.0
+        numbers = [float(e) for e in exponents]
+        axes.append(_AxisPowers(numbers, place, lowered_place, sign * powers))
+    return axes
 
 
 _SQUARED = sqrt(38 - 44 * sqrt(2 / 5))
