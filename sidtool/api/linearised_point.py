@@ -355,15 +355,25 @@ class LinearisedPoint:
         return self._motion.adjoint(np.stack(seeds, axis=2))
 
     def _with_other_terms(self, k: int, found: Difference) -> Difference:
-        """With the terms that need no motion, by differences of systems."""
+        """With the terms that need no motion, by differences of systems where they
+        need more than SIDs."""
         if self._is_motion.all():
             return found
-        others = self._point.without_motion()
-        try:
-            other = others.difference(k)
-        except (StructureChange, InputError, SimulationError):
-            nan = np.full(int((~self._is_motion).sum()), np.nan)
-            other = replace(found, derivatives=nan, errors=nan)
+        others, of_models = (
+            self._point.without_motion(),
+            self._point.model_derivatives(k),
+        )
+        known = [term.functional.by_sids(of_models) for term in others.terms]
+        if of_models and None not in known:
+            values: Array = np.array(known, float)
+            errors: Array = EXACT_ERROR * np.abs(values)
+            other = replace(found, derivatives=values, errors=errors)
+        else:
+            try:
+                other = others.difference(k)
+            except (StructureChange, InputError, SimulationError):
+                nan = np.full(int((~self._is_motion).sum()), np.nan)
+                other = replace(found, derivatives=nan, errors=nan)
         parts = []
         for own, given in (
             (found.derivatives, other.derivatives),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from sidtool.formats.base.errors import InputError
-from sidtool.formats.base.sid import Array
+from sidtool.formats.base.sid import SID, Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, parse_output, unit_of
 from sidtool.formats.toml.expressions import evaluate_number, split_at_commas
@@ -239,6 +239,20 @@ class Functional:
                 expected="the number of one of them",
             )
         return float(column[k - 1])
+
+    def by_sids(self, derivatives: Iterable[tuple[str, SID, float]]) -> float | None:
+        """The derivative of a value without a motion by a variable of models, None if
+        it needs more than the derivatives of SIDs.
+
+        Parameters
+        ----------
+        derivatives : name of a body, derivative of its SID by a number, derivative of
+            the number by the variable
+        """
+        if self.kind != "mass":
+            return None
+        parts = [(f * sid.mass, body) for body, sid, f in derivatives]
+        return sum(part for part, body in parts if self.output in ("*", body))
 
     def _mass(self, system: System) -> float:
         masses = {b.name: b.sid.mass for b in system.bodies if b.is_scene_body}
