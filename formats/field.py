@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .base.errors import InputError
 from .base.sid import SID, Array
 from .file_names import check_ending
-from .storage.hdf5_files import check_own_data, check_seal, check_sizes, write_sealed
+from .storage.hdf5_files import check_contents, check_seal, write_sealed
 from .storage.unreadable import unreadable_error
 
 FORMAT = "sidtool field"
@@ -128,8 +128,7 @@ def read_field(path: str | os.PathLike[str]) -> Field:
         check_seal(Path(path))
         with h5py.File(path, "r") as file:
             _check_format(file)
-            check_own_data(file)
-            check_sizes(file)
+            check_contents(file)
             return _read_content(file)
     except InputError as error:
         raise error.located(path) from None

@@ -7,10 +7,11 @@ Higher orders are stored for those nodes that have them, with their node numbers
 The file has a check sum, see `storage/hdf5_files.py`.
 """
 
+import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -40,11 +41,12 @@ from .sid_ascii import read_ascii, write_ascii
 from .storage.hdf5_files import (
     HDF5_SIGNATURE,
     SEAL_SIGNATURE,
+    check_contents,
     check_finite,
-    check_own_data,
     check_seal,
-    check_sizes,
+    open_dataset,
     put_texts,
+    stored_array,
     write_sealed,
 )
 from .storage.unreadable import unreadable_error
@@ -100,8 +102,7 @@ def read_hdf5(path: str | os.PathLike[str]) -> SID:
         check_seal(Path(path))
         with h5py.File(path, "r") as file:
             _check_kind(file, source)
-            check_own_data(file)
-            check_sizes(file)
+            check_contents(file)
             sid = SidReader(source).sid(file)
         check_finite(sid)
     except InputError as error:
@@ -220,7 +221,7 @@ def _first_line(error: BaseException) -> str:
 class SidReader:
     """Takes datasets out of a file that may lie about their type.
 
-    Their sizes are those of `check_sizes`.
+    Their sizes are those of `check_contents`.
     """
 
     def __init__(self, source: str) -> None:
@@ -268,7 +269,7 @@ class SidReader:
         if "carried" not in file:
             return None
         group = file["carried"]
-        rows = self._numbers(group["shares"], 2).tolist()
+        rows = self._numbers(group.id, "shares", 2).tolist()
         known_rows = [tuple(None if math.isnan(x) else x for x in row) for row in rows]
         names = self._texts(group["id"])
         lost = tuple(float(x) for x in group.attrs["lost"])
@@ -279,10 +280,10 @@ class SidReader:
 
     def _block(self, group: h5py.Group) -> Taylor:
         parts = {
-            part: self._numbers(group[part], 3) if part in group else None
+            part: self._numbers(group.id, part, 3) if part in group else None
             for part in PARTS
         }
-        m0 = self._numbers(group["m0"], 2)
+        m0 = self._numbers(group.id, "m0", 2)
         return Taylor(m0, order=int(group.attrs["order"]), **parts)
 
     def _nodes(self, group: h5py.Group) -> tuple[Node, ...]:
@@ -302,45 +303,47 @@ class SidReader:
         )
 
     def _stack(self, group: h5py.Group) -> dict[int, Taylor]:
-        m0 = self._numbers(group["m0"], 3)
+        place = group.id
+        m0 = self._numbers(place, "m0", 3)
         linear: dict[int, Array] = {}
         if "m1" in group:
-            m1 = self._numbers(group["m1"], 4)
-            linear = dict(zip(self._indices(group["m1_node"]), m1, strict=True))
-        higher: Mapping[str, Any] = group.get("mn", {})
-        nodes, orders = self._indices(group["node"]), self._indices(group["order"])
+            m1 = self._numbers(place, "m1", 4)
+            linear = dict(zip(self._indices(place, "m1_node"), m1, strict=True))
+        higher = set(group["mn"]) if "mn" in group else ()
+        nodes, orders = self._indices(place, "node"), self._indices(place, "order")
         return {
             node: Taylor(
                 value,
                 linear.get(node),
-                self._numbers(higher[str(node)], 3) if str(node) in higher else None,
+                self._numbers(place, f"mn/{node}", 3) if str(node) in higher else None,
                 order,
             )
             for node, order, value in zip(nodes, orders, m0, strict=True)
         }
 
-    def _numbers(self, dataset: h5py.Dataset, dimensions: int) -> Array:
-        if dataset.dtype.kind != "f" or dataset.ndim != dimensions:
+    def _numbers(self, group: h5py.h5g.GroupID, name: str, dimensions: int) -> Array:
+        dataset = open_dataset(group, name.encode())
+        if dataset.dtype.kind != "f" or dataset.rank != dimensions:
             raise self._wrong(dataset, f"{dimensions} dimensions of real numbers")
-        values: Array = np.asarray(dataset[()], dtype=np.float64)
-        return values
+        return np.asarray(stored_array(dataset), dtype=np.float64)
 
-    def _indices(self, dataset: h5py.Dataset) -> list[int]:
-        if dataset.dtype.kind not in "iu" or dataset.ndim != 1:
+    def _indices(self, group: h5py.h5g.GroupID, name: str) -> list[int]:
+        dataset = open_dataset(group, name.encode())
+        if dataset.dtype.kind not in "iu" or dataset.rank != 1:
             raise self._wrong(dataset, "a list of integers")
-        indices: list[int] = dataset[()].tolist()
+        indices: list[int] = stored_array(dataset).tolist()
         return indices
 
     def _texts(self, dataset: h5py.Dataset) -> list[str]:
         if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
-            raise self._wrong(dataset, "a list of texts")
+            raise self._wrong(dataset.id, "a list of texts")
         return [str(text) for text in dataset.asstr()[:]]
 
-    def _wrong(self, dataset: h5py.Dataset, expected: str) -> InputError:
+    def _wrong(self, dataset: h5py.h5d.DatasetID, expected: str) -> InputError:
         return InputError(
             f"has shape {dataset.shape} and type {dataset.dtype}",
             source=self._source,
-            place=f"dataset {dataset.name}",
+            place=f"dataset {h5py.h5i.get_name(dataset).decode()}",
             expected=expected,
         )
 
@@ -405,11 +408,17 @@ FORMATS = (
 )
 
 
+#: So many files, each of at most so many bytes, are not read again.
+MAX_READ, MAX_SIZE = 16, 4 * 2**20
+_READ: dict[tuple[str, bytes] | None, SID] = {}
+
+
 def read_sid(path: str | os.PathLike[str]) -> SID:
     """Read the SID in a file of any known format and dialect.
 
     The content decides what the file is, except that an empty or damaged file is
-    judged by its name. `SID.dialect` states how the file was written.
+    judged by its name. `SID.dialect` states how the file was written. A file that was
+    read before and has the same content gives the same object.
 
     Raises
     ------
@@ -421,7 +430,25 @@ def read_sid(path: str | os.PathLike[str]) -> SID:
             problem, expected = "is a pipe or a device", "a regular file"
             raise InputError(problem, source=source, expected=expected)
         raise unreadable_error(source, "a SID file, ASCII or HDF5")
-    return _format_by_content(source).read(source)
+    content = _content_key(source)
+    known = _READ.get(content)
+    if known is None:
+        known = _format_by_content(source).read(source)
+        if content is not None and _content_key(source) == content:
+            _READ[content] = known
+            while len(_READ) > MAX_READ:
+                _READ.pop(next(iter(_READ)), None)
+    return known
+
+
+def _content_key(source: Path) -> tuple[str, bytes] | None:
+    """Name and check sum of a file, None of one that is not kept."""
+    try:
+        if source.stat().st_size > MAX_SIZE:
+            return None
+        return source.name, hashlib.sha256(source.read_bytes()).digest()
+    except OSError:
+        return None
 
 
 def write_sid(path: str | os.PathLike[str], sid: SID, dialect: str = CANONICAL) -> None:

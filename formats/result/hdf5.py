@@ -37,10 +37,9 @@ from ..sid_files import SidReader, write_sid_group
 from ..storage.atomic import GrowingFile
 from ..storage.hdf5_files import (
     SealedFile,
+    check_contents,
     check_finite,
-    check_own_data,
     check_seal,
-    check_sizes,
     put_texts,
     read_texts,
 )
@@ -251,8 +250,7 @@ def read_result(path: str | Path) -> Result:
         check_seal(Path(path))
         with h5py.File(path, "r") as file:
             _check_format(file, path)
-            check_own_data(file)
-            check_sizes(file)
+            check_contents(file)
             return _read_content(file, Path(path))
     except InputError as error:
         raise error.located(path) from None

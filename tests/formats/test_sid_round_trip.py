@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -289,3 +290,17 @@ def test_older_measures_of_inertia_loads_are_kept(tmp_path: Path, ending: str) -
     found = read_sid(tmp_path / f"arm.{ending}")
     assert found.carried is not None and found.carried.lost == lost
     assert not found.carried.knows_inertia
+
+
+@pytest.mark.parametrize("ending", [".h5", ".SID_FEM"])
+def test_a_file_that_changed_is_read_again(tmp_path: Path, ending: str) -> None:
+    """Also one of the same size and time."""
+    path, sids = (
+        tmp_path / f"body{ending}",
+        [replace(particle_body(2, 4), mass=m) for m in (2.0, 3.0)],
+    )
+    for sid in sids:
+        write_sid(path, sid)
+        os.utime(path, (0.0, 0.0))
+        assert read_sid(path).mass == sid.mass
+        assert read_sid(path) is read_sid(path)
