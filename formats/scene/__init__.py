@@ -12,6 +12,7 @@ from .base import (
     as_3d as as_3d,
     orientation_matrix as orientation_matrix,
     position_3d as position_3d,
+    rotation_matrix as rotation_matrix,
 )
 from .bodies import (
     Body as Body,

@@ -90,13 +90,14 @@ def orientation_matrix(placement: Placement | None) -> NDArray[np.float64]:
     if placement.quaternion is not None:
         return _from_quaternion(np.array(placement.quaternion))
     if placement.axis_angle is not None:
-        return _from_rotation_vector(np.array(placement.axis_angle))
+        return rotation_matrix(np.array(placement.axis_angle))
     if not placement.angle:
         return np.eye(3)
-    return _from_rotation_vector(np.array([0.0, 0.0, placement.angle]))
+    return rotation_matrix(np.array([0.0, 0.0, placement.angle]))
 
 
-def _from_rotation_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotation_matrix(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation matrix (3, 3) of a rotation vector [rad]."""
     half = np.linalg.norm(vector) / 2
     axis = vector * np.sinc(half / np.pi) / 2
     return _from_quaternion(np.array([np.cos(half), *axis]))

@@ -26,6 +26,7 @@ from sidtool.formats.scene import (
     marker_names,
     marker_reference,
     orientation_matrix,
+    rotation_matrix,
 )
 
 from ..dynamics.drives import function_value
@@ -37,7 +38,6 @@ from ..system.body_data import BodyData
 from ..system.force_rows import ForceRow
 from ..system.joints import is_point_mass_joint, joint_primitives
 from ..system.rotated_markers import (
-    rotation_matrix,
     rotation_vector,
     shortest_rotation,
     to_rotation_matrices,

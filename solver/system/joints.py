@@ -28,6 +28,7 @@ from sidtool.formats.scene import (
     marker_names,
     marker_reference,
 )
+from sidtool.formats.sid_mass import cross
 
 from ..spatial.system_arrays import (
     ANGLE,
@@ -124,9 +125,9 @@ def spatial_axis(joint: Joint) -> Array:
 def normals(axis: Array) -> tuple[Array, Array]:
     """Two unit vectors that complete `axis` to a right-handed frame."""
     helper = np.eye(3)[int(np.argmin(abs(axis)))]
-    first = np.cross(helper, axis)
+    first = cross(helper, axis)
     first /= np.linalg.norm(first)
-    return first, np.cross(axis, first)
+    return first, cross(axis, first)
 
 
 _POINT = Primitive(COINCIDENT)
@@ -244,7 +245,7 @@ def _universal(joint: Joint, axis: Array) -> JointPrimitives:
     """The cross turns by angle_1 about `axis`, the second body by angle_2 on it."""
     second = as_3d(joint.second_axis or (0.0, 1.0, 0.0))  # type: ignore[union-attr]
     second = second / np.linalg.norm(second)
-    third = np.cross(axis, second)
+    third = cross(axis, second)
     coordinates = {
         "angle_1": _angle(second, third),
         "angle_2": _angle(axis, third, swapped=True),

@@ -17,13 +17,14 @@ import numpy as np
 from sidtool.formats.base.sid import Array
 from sidtool.formats.scene import (
     Initial,
-    Placement,
     SceneFile,
     as_3d,
     marker_names,
     marker_reference,
     orientation_matrix,
+    rotation_matrix,
 )
+from sidtool.formats.sid_mass import cross
 
 from .body_data import BodyData, without_held_frames
 from .joints import spatial_axis
@@ -57,11 +58,6 @@ def to_rotation_matrices(R: Array) -> Array:
     return R3
 
 
-def rotation_matrix(vector: Array) -> Array:
-    """Of a rotation vector [rad], (3, 3)."""
-    return orientation_matrix(Placement(axis_angle=tuple(vector)))
-
-
 def rotation_vector(matrix: Array) -> Array:
     """Axis times angle [rad] of a rotation matrix, (3,)."""
     q = quaternion(matrix)
@@ -71,11 +67,11 @@ def rotation_vector(matrix: Array) -> Array:
 
 def shortest_rotation(source: Array, target: Array) -> Array:
     """The smallest rotation of one unit vector onto another, (3, 3)."""
-    axis = np.cross(source, target)
+    axis = cross(source, target)
     size = np.linalg.norm(axis)
     angle = np.arctan2(size, source @ target)
     if size < 1e-12:
-        axis = np.cross(target, np.eye(3)[int(np.argmin(abs(target)))])
+        axis = cross(target, np.eye(3)[int(np.argmin(abs(target)))])
         size = np.linalg.norm(axis)
     return rotation_matrix(angle * axis / size)
 

@@ -109,6 +109,7 @@ def pack_sid(sid_: SID, planar: bool) -> Array:
     return np.concatenate([np.ravel(block) for block in blocks])
 
 
+@cached_by_identity
 def pack_spatial_marker(node: Node) -> Array:
     """Position, orientation (rows), Phi and Psi of a marker in space."""
     frame, shapes = nearest_rotation(node.AP.m0), shape_functions(node, planar=False)
