@@ -163,14 +163,15 @@ def _largest_values(motion: SampledMotion, body: BodySurface, stress: bool) -> f
         extremes = np.concatenate([q.argmax(axis=0), q.argmin(axis=0)])
         even = np.round(np.linspace(0, len(q) - 1, wanted)).astype(int)
         rows = np.unique(np.concatenate([even, extremes]))
+    by_shape = np.ascontiguousarray(field.reshape(-1, field.shape[-1]))
     best = 0.0
     for k in rows:
-        values = field @ q[k]
+        values = (by_shape @ q[k]).reshape(field.shape[:-1])
         if stress:
-            values = von_mises(values + body.initial_stress)
+            size = von_mises(values + body.initial_stress)
         else:
-            values = np.linalg.norm(values, axis=1)
-        best = max(best, float(values.max(initial=0.0)))
+            size = np.sqrt(np.einsum("pa,pa->p", values, values))
+        best = max(best, float(size.max(initial=0.0)))
     return best
 
 

@@ -41,9 +41,13 @@ def bodies(places: dict[str, list[float]], spin: list[float]) -> sidtool.Result:
     ).simulate()
 
 
-def seen(picture: np.ndarray, number: int) -> np.ndarray:
-    """Pixels in the hue of a body, whatever its shade."""
-    hsv = rgb_to_hsv(picture[..., :3])
+def seen(picture: np.ndarray) -> list[np.ndarray]:
+    """Pixels in the hues of the first two bodies, whatever their shade."""
+    hsv = rgb_to_hsv(picture)
+    return [_in_hue(hsv, number) for number in (0, 1)]
+
+
+def _in_hue(hsv: np.ndarray, number: int) -> np.ndarray:
     hue = rgb_to_hsv(np.array(to_rgb(COLOURS[number])))[0]
     return (hsv[..., 1] > 0.5) & (np.abs(hsv[..., 0] - hue) < 0.02)
 
@@ -70,10 +74,11 @@ def test_no_body_leaves_the_picture(ends: tuple[list[float], list[float]]) -> No
     rows = [0, len(motion.motion.t) - 1]
     for data in film.snapshots(motion.motion, motion.bodies, rows, 1.0):
         picture = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), float) / 255
-        areas = [seen(picture, number).sum() for number in (0, 1)]
+        cubes = seen(picture)
+        areas = [cube.sum() for cube in cubes]
         assert min(areas) > 60
         assert max(areas) < 2.2 * min(areas)  # equal cubes, turned alike: none is cut
-        drawn = seen(picture, 0) | seen(picture, 1)
+        drawn = cubes[0] | cubes[1]
         rows_, columns = np.nonzero(drawn)
         height, width = drawn.shape
         for inside, size in ((rows_, height), (columns, width)):
@@ -109,7 +114,7 @@ def test_mp4(tmp_path: Path) -> None:
     distances = []
     for name in ("f01.png", f"f{(FRAMES + 1) // 2:02d}.png", f"f{FRAMES}.png"):
         picture = np.asarray(Image.open(tmp_path / name).convert("RGB"), float) / 255
-        middles = [np.argwhere(seen(picture, n)).mean(axis=0) for n in (0, 1)]
+        middles = [np.argwhere(cube).mean(axis=0) for cube in seen(picture)]
         distances.append(np.linalg.norm(middles[1] - middles[0]))
     shares = np.array(distances) / distances[0]
     np.testing.assert_allclose(shares, [1.0, 1.5, 2.0], rtol=0.05)

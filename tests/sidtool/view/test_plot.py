@@ -32,6 +32,7 @@ from ..models import IGA, QM6, rod, rod_data
 from ..pipeline.test_afterwards import spatial_wheel
 
 STARTS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
+TWO_MODES = {"method": "modal", "modes": 2}
 Shown = Callable[..., Any]
 
 
@@ -61,9 +62,9 @@ def test_no_shape_leaves_its_window(
     kind: str, with_field: bool, pages: list[Any]
 ) -> None:
     model = (
-        rod(QM6)
+        rod(QM6, reduction=TWO_MODES)
         if kind == "plane"
-        else volume({"type": "hex20", "elements": [6, 1, 1]})
+        else volume({"type": "hex20", "elements": [6, 1, 1]}, modes=2)
     )
     sid, field = field_from_model(model)
     bodies.plot_sid(Path("x.png"), sid, field if with_field else None)
@@ -266,7 +267,7 @@ def test_the_command_draws_every_kind_of_file(
     ending: str, wheel: Result, tmp_path: Path
 ) -> None:
     write_result(tmp_path / "r.h5", wheel)
-    sid, field = field_from_model(rod(QM6))
+    sid, field = field_from_model(rod(QM6, reduction=TWO_MODES))
     sidtool.write(tmp_path / "rod.SID_FEM", sid)
     write_field(tmp_path / "rod.field.h5", field)
     files = ["r.h5", "rod.SID_FEM", "rod.field.h5"] if ending == ".png" else ["r.h5"]

@@ -7,7 +7,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pytest
 
 import sidtool
 from sidtool.plot.figure import saved_figure, use_log_scale
@@ -61,13 +60,15 @@ def test_titles_are_no_mathematics(tmp_path: Path) -> None:
     assert not set(page) & set("\x07\x1b\x85\udcff")
 
 
-@pytest.mark.parametrize("odd", ODD)
-def test_labels_are_no_mathematics(odd: str, tmp_path: Path) -> None:
-    points = {ODD[odd]: [(1e-3, 1.0), (1e-9, 30.0)]}
+def test_labels_are_no_mathematics(tmp_path: Path) -> None:
+    points = {text: [(1e-3, 1.0), (1e-9, 30.0)] for text in ODD.values()}
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
-        plot_precision(tmp_path / "p.svg", points, ODD[odd])
-    assert sum(ODD[odd][:4] in text for text in texts(tmp_path / "p.svg")) >= 2
+        plot_precision(tmp_path / "p.svg", points, ODD["wrong"])
+    found = texts(tmp_path / "p.svg")
+    for odd in ODD.values():
+        times = 2 if odd == ODD["wrong"] else 1
+        assert sum(odd[:4] in text for text in found) >= times
 
 
 def test_powers_of_ten_are_characters(tmp_path: Path) -> None:

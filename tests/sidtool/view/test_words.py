@@ -117,10 +117,10 @@ def test_broken_labels_lose_no_letter(label: str) -> None:
 @pytest.mark.parametrize(
     ("ends", "count"),
     [
-        ((0.8, 0.05, 0.05), 3),
+        ((0.8, 0.05, 0.05), 2),
         ((0.3, 0.3, 0.3), 1),
         ((0.0, 0.0, 2.0), 1),
-        ((1.0, 0.2, 0.0), 3),
+        ((1.0, 0.2, 0.0), 2),
     ],
     ids=str,
 )
