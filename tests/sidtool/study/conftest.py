@@ -7,8 +7,17 @@ from pathlib import Path
 
 import pytest
 
+from sidtool.measurement import tasks
+
 from ..beams import beam_data
 from .parts import IGA, Q4
+
+
+@pytest.fixture(autouse=True)
+def timed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Conversions and runs of studies are not repeated for their computing times."""
+    monkeypatch.setattr(tasks, "MIN_TOTAL_SECONDS", 1e-9)
+    monkeypatch.setattr(tasks, "MAX_REPEATS", 1)
 
 
 @pytest.fixture

@@ -77,18 +77,25 @@ def test_frames_of_models_keep_their_interfaces(tmp_path: Path) -> None:
     assert max(p.error for p in study.points) < 1e-2
 
 
+RATIOS = {"type": "modal", "ratio": [0.01 * k for k in range(1, 11)]}
+RAYLEIGH = {"type": "rayleigh", "alpha": 300.0}
+
+
 @pytest.mark.parametrize(
-    ("of_scene", "of_model"),
+    ("own", "of_scene", "of_model"),
     [
-        ({"type": "modal", "ratio": 0.3}, None),
-        ({"type": "modal", "ratio": [0.01 * k for k in range(1, 11)]}, None),
-        ({"type": "frequency"}, None),
-        ({"type": "rayleigh", "alpha": 300.0}, None),
-        (None, {"type": "rayleigh", "alpha": 300.0}),
-        ({"type": "sid"}, {"type": "rayleigh", "alpha": 300.0}),
+        ("tangent", RATIOS, None),
+        ("chord", RATIOS, None),
+        ("buckens", RATIOS, None),
+        ("buckens", {"type": "modal", "ratio": 0.3}, None),
+        ("chord", {"type": "frequency"}, None),
+        ("tangent", RAYLEIGH, None),
+        ("tangent", None, RAYLEIGH),
+        ("chord", None, RAYLEIGH),
+        ("buckens", None, RAYLEIGH),
+        ("tangent", {"type": "sid"}, RAYLEIGH),
     ],
 )
-@pytest.mark.parametrize("own", ["tangent", "chord", "buckens"])
 def test_frames_keep_the_damping_of_a_law(
     tmp_path: Path,
     own: str,
