@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import shutil
 import signal
-import subprocess
-import sys
 import time
 import tracemalloc
 from pathlib import Path
@@ -28,6 +26,7 @@ from sidtool.solver.simulation import (
 )
 from sidtool.view.motion import sample_motion
 from tests.places import SLIDER_CRANK, posix
+from tests.processes import PythonProcess
 
 RECORD = ["piston.x", "energy.balance", "energy.supplied", "crank_pin.f*", "rod.q*"]
 EVENTS = {
@@ -110,9 +109,9 @@ def test_the_energy_supplied_is_that_of_the_motion_however_many_rows(
 
 
 PEAK = """
-import resource, sys
+import resource
 from sidtool.cli.main import run
-assert run(sys.argv[1:]) == 0
+assert run({arguments!r}) == 0
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
@@ -126,14 +125,9 @@ def peak(folder: Path, rows: int) -> float:
     )
     shutil.copy(SLIDER_CRANK / "rod_q4.SID_FEM", folder)
     arguments = ["simulate", "s.toml", "--rtol", "1e-4", "-o", "r.h5", "-o", "r.csv"]
-    done = subprocess.run(
-        [sys.executable, "-c", PEAK, *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=True,
-        encoding="utf-8",
-    )
+    with PythonProcess(PEAK.format(arguments=arguments), folder) as process:
+        done = process.wait()
+    assert done.status == 0, done.stderr
     return float(done.stdout.split()[-1]) / 1024
 
 
@@ -188,6 +182,14 @@ def test_the_files_are_those_of_the_result_in_memory(tmp_path: Path) -> None:
     assert np.array_equal(back.t, result.t)
 
 
+SIMULATE = """
+import sys
+from sidtool.cli.main import main
+sys.argv[1:] = ["simulate", "s.toml", "-o", "r.h5", "-o", "r.csv"]
+main()
+"""
+
+
 @posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_run_that_is_ended_in_a_step_of_many_rows_keeps_them(
@@ -199,21 +201,13 @@ def test_a_run_that_is_ended_in_a_step_of_many_rows_keeps_them(
         text.replace("output_step = 0.01", "output_step = 3e-7"), encoding="utf-8"
     )
     shutil.copy(SLIDER_CRANK / "rod_q4.SID_FEM", tmp_path)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sidtool", "simulate", str(scene)]
-        + ["-o", "r.h5", "-o", "r.csv"],
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        encoding="utf-8",
-    )
-    while sum(p.stat().st_size for p in tmp_path.glob(".*.part")) < 1_000_000:
-        assert process.poll() is None
-        time.sleep(0.02)
-    process.send_signal(number)
-    error = process.communicate(timeout=60)[1]
-    assert process.returncode == 128 + number and "ended by" in error
+    with PythonProcess(SIMULATE, tmp_path) as process:
+        while sum(p.stat().st_size for p in tmp_path.glob(".*.part")) < 1_000_000:
+            assert process.is_alive()
+            time.sleep(0.02)
+        process.signal(number)
+        done = process.wait()
+    assert done.status == 128 + number and "ended by" in done.stderr
     files = {"s.toml", "rod_q4.SID_FEM", "r.h5", "r.csv"}
     assert {p.name for p in tmp_path.iterdir()} == files
     result = read_result(tmp_path / "r.h5")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from sidtool.api.interrupts import stop_on_signals
 from sidtool.cli.main import run
 from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
+from tests.processes import Ended, PythonProcess
 
 #: The command line, whose run gets a signal when it has passed a time.
 AT = """
@@ -44,18 +43,10 @@ main()
 """
 
 
-def ended(
-    folder: Path, t: float, number: int, *arguments: str
-) -> subprocess.CompletedProcess[str]:
+def ended(folder: Path, t: float, number: int, *arguments: str) -> Ended:
     code = AT.format(t=t, number=int(number), arguments=["simulate", *arguments])
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        encoding="utf-8",
-    )
+    with PythonProcess(code, folder) as process:
+        return process.wait()
 
 
 @pytest.fixture
@@ -73,7 +64,7 @@ def test_a_run_continues_after_two_signals(
     command += ["time.end=0.6", "-o", "table.csv"]
     for t, number in ((0.2, signal.SIGTERM), (0.41, signal.SIGINT)):
         done = ended(folder, t, number, *command)
-        assert done.returncode == 128 + number, done.stderr
+        assert done.status == 128 + number, done.stderr
         assert "ended by" in done.stderr and "N319" in done.stderr
         assert "Traceback" not in done.stderr
         part = sidtool.read(folder / "result.h5")

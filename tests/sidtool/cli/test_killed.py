@@ -19,6 +19,7 @@ from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import has_ended
 from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK, posix
+from tests.processes import Ended, PythonProcess
 
 #: The command line, stopped in the midst of writing its output.
 STOPPED = """
@@ -55,23 +56,13 @@ def killed(
     number: int | None,
     stop: str = "module.flush_to_disk",
     module: str = "sidtool.formats.storage.atomic",
-) -> subprocess.CompletedProcess[str]:
+) -> Ended:
     """A command that gets a signal, or is killed without one, while it writes."""
     code = STOPPED.format(arguments=arguments, stop=stop, module=module)
-    with subprocess.Popen(
-        [sys.executable, "-c", code],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        encoding="utf-8",
-    ) as process:
-        assert process.stdout is not None
-        for line in process.stdout:
-            if line == "writing\n":
-                process.kill() if number is None else process.send_signal(number)
-        _, errors = process.communicate(timeout=60)
-    return subprocess.CompletedProcess(arguments, process.returncode, "", errors)
+    with PythonProcess(code, folder) as process:
+        if process.wait_for_line("writing"):
+            process.signal(number)
+        return process.wait()
 
 
 #: Ctrl-C when the first module of the command line is imported.
@@ -103,7 +94,7 @@ main.cli.main = interrupt
 command.main()
 """
 #: The exit status of a process that is ended by force.
-KILLED = 1 if sys.platform == "win32" else -9
+KILLED = -signal.SIGTERM if sys.platform == "win32" else -9
 CONVERT = ["convert", "rod_q4.SID_FEM", "-o", "rod.h5"]
 
 
@@ -114,7 +105,7 @@ CONVERT = ["convert", "rod_q4.SID_FEM", "-o", "rod.h5"]
 def test_a_terminated_run_cleans_up(name: str, status: int, folder: Path) -> None:
     before = names(folder)
     done = killed(folder, CONVERT, signal.Signals[name])
-    assert done.returncode == status, done.stderr
+    assert done.status == status, done.stderr
     assert done.stderr.strip().count("\n") == 0
     assert names(folder) == before
 
@@ -126,7 +117,7 @@ def test_a_factorisation_can_be_ended(folder: Path) -> None:
     before, module = names(folder), "sidtool.eigensolvers.factorisation"
     command = ["convert", "rod_q4.toml", "-o", "rod.h5"]
     done = killed(folder, command, signal.SIGTERM, "module.splu", module)
-    assert done.returncode == 143, done.stderr
+    assert done.status == 143, done.stderr
     assert done.stderr.strip().splitlines()[-1] == "sidtool: ended by a signal"
     assert names(folder) == before
 
@@ -152,7 +143,7 @@ def test_the_next_run_removes_files_of_a_killed_one(
 ) -> None:
     monkeypatch.chdir(folder)
     before = names(folder)
-    assert killed(folder, CONVERT, None).returncode == KILLED
+    assert killed(folder, CONVERT, None).status == KILLED
     (rest,) = names(folder) - before
     assert rest.endswith(".part") and not (folder / "rod.h5").exists()
     assert run(["convert", "rod_q4.SID_FEM", "-o", "other.h5"]) == 0
@@ -184,7 +175,7 @@ def test_a_killed_simulation_writes_no_half_file(
         target.write_bytes(b"as before")
     before = names(folder)
     command = [*SIMULATE, "--force", "-o", result.name, "-o", table.name]
-    assert killed(folder, command, None, f"module.{stop}", module).returncode == KILLED
+    assert killed(folder, command, None, f"module.{stop}", module).status == KILLED
     assert result.read_bytes() == b"as before"
     assert (table.read_bytes() != b"as before") == table_is_complete
     rests = names(folder) - before
@@ -275,7 +266,7 @@ def test_a_killed_study_leaves_no_folder_half_filled(
 ) -> None:
     """Before its runs there is no folder yet; while it plots no text either."""
     done = killed(folder, STUDY, None, f"module.{stop}", module)
-    assert done.returncode == KILLED
+    assert done.status == KILLED
     created = names(folder) - {"slider_crank.toml", "rod_q4.SID_FEM"}
     if stop == "study":
         assert created == set()
@@ -291,8 +282,8 @@ def test_a_study_first_refuses_a_folder_that_cannot_be_made(
 
 
 COMPILING = """
-import os, signal, sys, threading, time
-from queue import Queue
+import os, sys, time
+os.environ["NUMBA_CACHE_DIR"] = {cache!r}
 from sidtool.cli.main import main
 from sidtool.solver.compiler import precompile
 
@@ -339,19 +330,12 @@ def test_compiling_processes_end_with_their_parent(
     """A process that is inside a kernel also ends with its parent, which may be killed
     without a signal.
     """
-    with subprocess.Popen(
-        [sys.executable, "-c", COMPILING.format(helper=helper)],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        encoding="utf-8",
-    ) as process:
-        assert process.stdout is not None
-        number = int(process.stdout.readline())
+    code = COMPILING.format(helper=helper, cache=str(tmp_path))
+    with PythonProcess(code, tmp_path) as process:
+        number = int(process.wait_for_line())
         time.sleep(0.3)
-        process.send_signal(signal.Signals[name]) if name else process.kill()
-        process.communicate(timeout=30)
+        process.signal(signal.Signals[name] if name else None)
+        process.wait()
     deadline = time.monotonic() + 30
     while _alive(number) and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -21,6 +21,7 @@ from sidtool.formats.storage import atomic, operating_system
 from sidtool.formats.storage.atomic import atomic_path
 from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK, posix
+from tests.processes import PythonProcess
 
 
 @pytest.fixture
@@ -173,10 +174,10 @@ def test_the_standard_output_can_be_named(folder: Path) -> None:
 
 
 LIMITED = """
-import contextlib, io, json, os, resource, sys, tempfile
+import contextlib, io, json, os, resource, tempfile
 from sidtool.cli.main import run
 tempfile.tempdir, most = os.getcwd(), resource.getrlimit(resource.RLIMIT_FSIZE)[1]
-for arguments in json.loads(sys.argv[1]):
+for arguments in {calls!r}:
     size, *words = arguments
     errors = io.StringIO()
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
@@ -197,12 +198,8 @@ def test_a_limit_on_file_sizes_leaves_nothing_half_written(folder: Path) -> None
     convert = ["convert", "rod_q4.SID_FEM", "--force", "-o"]
     targets = ("rod.h5", "rod.SID_FEM")
     calls = [[size, *convert, t] for size in (0, 600, 20_000) for t in targets]
-    subprocess.run(
-        [sys.executable, "-c", LIMITED, json.dumps(calls)],
-        cwd=folder,
-        check=True,
-        timeout=120,
-    )
+    with PythonProcess(LIMITED.format(calls=calls), folder) as process:
+        assert process.wait().status == 0, process.read("stderr")
     written = (folder / "found.jsonl").read_text(encoding="utf-8").splitlines()
     assert len(written) == len(calls)
     for line in written:
