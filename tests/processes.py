@@ -17,6 +17,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+from tests.places import posix
+
 CONTEXT: Any = multiprocessing.get_context(
     "spawn" if sys.platform == "win32" else "forkserver"
 )
@@ -77,7 +79,7 @@ class PythonProcess:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._process.kill()
+        self.kill()
         self._process.join()
         self._files.cleanup()
 
@@ -99,13 +101,14 @@ class PythonProcess:
     def is_alive(self) -> bool:
         return self._process.is_alive()
 
-    def signal(self, number: int | None) -> None:
-        """Send a signal, or end it without one."""
-        if number is None:
-            self._process.kill()
-        else:
-            assert self._process.pid is not None
-            os.kill(self._process.pid, number)
+    def kill(self) -> None:
+        """End it without a signal that it could answer."""
+        self._process.kill()
+
+    @posix
+    def send_signal(self, number: int) -> None:
+        assert self._process.pid is not None
+        os.kill(self._process.pid, number)
 
     def wait(self) -> Ended:
         """Wait for its end; the exit status is negative after a signal."""

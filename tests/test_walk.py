@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -26,6 +24,7 @@ from sidtool.solver.simulation.run_loop import Run
 from sidtool.solver.system.system import System
 
 from .places import ROOT
+from .processes import PythonProcess
 from .sidtool.api.test_compiled import ARM, FOUNDING
 
 OURS = tuple(
@@ -99,15 +98,23 @@ def arm_with_friction_and_controller(folder: Path) -> sidtool.Scene:
 SCENES = {load.__name__: load for load in (founding, arm_with_friction_and_controller)}
 
 
+WALKS = """
+import json, tempfile
+from pathlib import Path
+from tests.test_walk import SCENES, walk
+with tempfile.TemporaryDirectory() as folder:
+    print(json.dumps({name: walk(load(Path(folder))) for name, load in SCENES.items()}))
+"""
+
+
 @cache
 def walks() -> dict[str, tuple[int, list[str]]]:
     """The walks of all scenes, in a process of their own: what other tests have left in
     caches would shorten them, and what is finalised meanwhile would be seen as calls.
     """
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.test_walk"], cwd=ROOT, capture_output=True
-    )
-    assert done.returncode == 0, done.stderr.decode()
+    with PythonProcess(WALKS, ROOT) as process:
+        done = process.wait()
+    assert done.status == 0, done.stderr
     return json.loads(done.stdout)
 
 
@@ -116,9 +123,3 @@ def test_no_file_is_entered_twice_on_the_way_down(name: str) -> None:
     calls, again = walks()[name]
     assert calls > 1000
     assert again == []
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as own_folder:
-        found = {name: walk(load(Path(own_folder))) for name, load in SCENES.items()}
-    print(json.dumps(found))

@@ -205,7 +205,7 @@ def test_a_run_that_is_ended_in_a_step_of_many_rows_keeps_them(
         while sum(p.stat().st_size for p in tmp_path.glob(".*.part")) < 1_000_000:
             assert process.is_alive()
             time.sleep(0.02)
-        process.signal(number)
+        process.send_signal(number)
         done = process.wait()
     assert done.status == 128 + number and "ended by" in done.stderr
     files = {"s.toml", "rod_q4.SID_FEM", "r.h5", "r.csv"}

@@ -61,7 +61,7 @@ def killed(
     code = STOPPED.format(arguments=arguments, stop=stop, module=module)
     with PythonProcess(code, folder) as process:
         if process.wait_for_line("writing"):
-            process.signal(number)
+            process.kill() if number is None else process.send_signal(number)
         return process.wait()
 
 
@@ -334,7 +334,7 @@ def test_compiling_processes_end_with_their_parent(
     with PythonProcess(code, tmp_path) as process:
         number = int(process.wait_for_line())
         time.sleep(0.3)
-        process.signal(signal.Signals[name] if name else None)
+        process.send_signal(signal.Signals[name]) if name else process.kill()
         process.wait()
     deadline = time.monotonic() + 30
     while _alive(number) and time.monotonic() < deadline:
