@@ -96,7 +96,7 @@ def hidden_path(path: str, folder: Path) -> str:
             links = folder / f"path{k}"
             links.mkdir(parents=True)
             for name in held - hidden:
-                (links / name).symlink_to(Path(entry, name).absolute())
+                os.symlink(os.path.abspath(os.path.join(entry, name)), links / name)
             entries.append(str(links))
     return os.pathsep.join(entries)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ G = 9.81
 STEEL, DENSITY = 2.1e11, 7850.0
 
 
+@cache
 def bar(length: float, radius: float, stiffened: bool) -> SID:
     """A round steel bar, clamped in its frame, with bending modes in both planes."""
     area = math.pi * radius**2

@@ -316,7 +316,8 @@ def test_a_prescribed_frame_moves_as_with_its_constraints(integrator: str) -> No
     for keep in (False, True):
         described = scene(bodies, joints, drive, record=record)
         system = compile_scene(described, keep_joints=keep)
-        runs.append((system, simulate(system, integrator=integrator, rtol=1e-9)))
+        rtol = 1e-9 if integrator == "radau5" else 1e-7
+        runs.append((system, simulate(system, integrator=integrator, rtol=rtol)))
     (without, moved), (kept, constrained) = runs
     assert without.n_velocities == kept.n_velocities - 3
     assert "bearing" in without.eliminated
