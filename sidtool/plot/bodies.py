@@ -121,11 +121,15 @@ class BodyAxes:
 
     def _label(self, axes: Any) -> None:
         """Set the names of the axes as close as the tick labels allow."""
+        if len(self.pads) < 3:
+            axes.figure.draw_without_rendering()  # places tick labels
         for name in "xyz":
+            axis = getattr(axes, f"{name}axis")
+            others = [] if name in self.pads else text_boxes(axes, axis.label)
             for pad in [self.pads[name]] if name in self.pads else _LABEL_PADS:
                 set_label = getattr(axes, f"set_{name}label")
                 set_label(f"{name} [m]", fontsize="x-small", labelpad=pad)
-                if name not in self.pads and _is_label_free(axes, name):
+                if name not in self.pads and _is_label_free(axis, others):
                     self.pads[name] = pad
                     break
 
@@ -175,12 +179,11 @@ class BodyAxes:
         return Bbox(corners * page.dpi)
 
 
-def _is_label_free(axes: Any, name: str) -> bool:
-    """Return whether the label of an axis overlaps no other text of the axes."""
-    axes.figure.draw_without_rendering()
-    label = getattr(axes, f"{name}axis").label
-    mine = label.get_window_extent().padded(2)
-    return not any(mine.overlaps(box) for box in text_boxes(axes, label))
+def _is_label_free(axis: Any, others: Sequence[Bbox]) -> bool:
+    """Return whether the label of an axis overlaps none of the boxes of others."""
+    axis.draw(axis.figure.canvas.get_renderer())  # places the label
+    mine = axis.label.get_window_extent().padded(2)
+    return not any(mine.overlaps(box) for box in others)
 
 
 @dataclass(frozen=True, eq=False)

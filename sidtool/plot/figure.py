@@ -77,11 +77,12 @@ class NotebookFigure(Figure):
         FigureCanvasAgg(self)
 
     def draw(self, renderer: Any) -> None:
-        for text in self.findobj(Text):
-            assert isinstance(text, Text)
-            printed = printable(text.get_text())
-            if printed != text.get_text():
-                text.set_text(printed)
+        if self.stale:  # not once more for the second pass of a layout
+            for text in self.findobj(Text):
+                assert isinstance(text, Text)
+                printed = printable(text.get_text())
+                if printed != text.get_text():
+                    text.set_text(printed)
         super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
