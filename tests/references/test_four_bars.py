@@ -69,12 +69,7 @@ DIGITS = {"radau5": 10, "radau9": 10, "radau13": 9}
 
 @pytest.mark.parametrize(
     "integrator, rtol",
-    [
-        (name, 10.0**-k)
-        for name, most in DIGITS.items()
-        for k in (5, 7, 8, 9, 10)
-        if k <= most
-    ],
+    [(name, 10.0**-k) for name, most in DIGITS.items() for k in (5, 8, most)],
 )
 def test_two_loops_end_where_published(integrator: str, rtol: float) -> None:
     result = simulate(four_bars(2, 10.0), integrator=integrator, rtol=rtol)

@@ -62,7 +62,7 @@ def test_the_exact_beam_within_half_a_per_cent(
 
 @pytest.mark.parametrize(
     ("modes", "published"),
-    [(1, -0.57826), (2, -0.573549), (3, -0.574443), (5, -0.574380)],
+    [(1, -0.57826), (2, -0.573549), (5, -0.574380)],
 )
 def test_the_stated_values_of_a_floating_frame(modes: int, published: float) -> None:
     """R4, lowest v by the number of bending modes; 160 elements leave 4e-6 of it.

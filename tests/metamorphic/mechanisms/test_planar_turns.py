@@ -6,11 +6,13 @@ every relative angle; and what joints hold is held without turning a body round.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
+from sidtool.formats.base.sid import Array
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene, simulate
@@ -105,6 +107,11 @@ def mechanism(
     )
 
 
+@cache
+def plain_motion(kind: str) -> Array:
+    return run(mechanism(kind, 0.1, 0.1)).values
+
+
 @pytest.mark.parametrize("kind", ["fixed", "revolute", "prismatic"])
 @pytest.mark.parametrize("keep", [False, True])
 @pytest.mark.parametrize("swapped", [False, True])
@@ -113,8 +120,7 @@ def test_whole_turns_move_nothing(
     kind: str, keep: bool, swapped: bool, mount: float, rod: float
 ) -> None:
     """The joint holds the same orientation; a coil counts the rod's own turns."""
-    plain = mechanism(kind, 0.1, 0.1)
-    expected = run(plain).values
+    expected = plain_motion(kind)
     turned = mechanism(kind, 0.1 + mount, 0.1 + rod, swapped)
     table = turned.model_dump(by_alias=True, exclude_none=True)
     table["forces"]["coil"]["rest"] = -rod
@@ -126,7 +132,7 @@ def test_whole_turns_move_nothing(
 @pytest.mark.parametrize("keep", [False, True])
 @pytest.mark.parametrize("swapped", [False, True])
 def test_a_drive_may_begin_after_whole_turns(keep: bool, swapped: bool) -> None:
-    expected = run(mechanism("revolute", 0.1, 0.1)).values
+    expected = plain_motion("revolute")
     later = mechanism("revolute", 0.1, 0.1, swapped, start=2 * TURN)
     assert np.abs(run(later, keep).values - expected).max() < 1e-5
 

@@ -87,8 +87,17 @@ def exact_and_found(
     return exact_motion(make), result
 
 
-@pytest.mark.parametrize("wanted", [0.05, 1e-3])
-@pytest.mark.parametrize("make", [struck, shaken, tumbling, ramped])
+@pytest.mark.parametrize(
+    ("make", "wanted"),
+    [
+        (struck, 0.05),
+        (struck, 1e-3),
+        (shaken, 1e-3),
+        (tumbling, 0.05),
+        (tumbling, 1e-3),
+        (ramped, 0.05),
+    ],
+)
 def test_no_error_exceeds_its_bound_and_bounds_are_near(
     make: Callable[[], SceneFile], wanted: float
 ) -> None:

@@ -10,14 +10,11 @@ import pytest
 
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
-from sidtool.solver import (
-    Law,
-    compile_scene,
-)
+from sidtool.solver import Law, compile_scene, simulate
 from sidtool.solver.system.errors import SimulationError
 from tests.codes import codes, only
 from tests.solver.functions.loops import GIVEN, METHODS, expression, pid, run
-from tests.solver.functions.test_laws import READS, pendulum
+from tests.solver.functions.test_laws import READS, SPRING, pendulum
 from tests.solver.scenes import scene, slender_rod
 
 
@@ -80,9 +77,8 @@ def test_an_exception_in_a_rejected_step_is_noted(late: str) -> None:
         return [0.0, -0.1]
 
     force = {"type": "actuator", "joint": "hinge", "function": GIVEN}
-    scene = pendulum(force)
-    found = run(scene, {"motor": Law(damping, READS, slopes)}, rtol=1e-9)
-    known = run(scene, {"motor": Law(lambda t, y: -0.1 * y[1], READS)}, rtol=1e-9)
+    found = run(pendulum(force), {"motor": Law(damping, READS, slopes)}, rtol=1e-9)
+    known = run(pendulum(SPRING | {"stiffness": 0.0, "damping": 0.1}), rtol=1e-9)
     assert raised and found.completed
     reason = str(only(found, "N510").data["reason"])
     assert all(word in reason for word in ("motor", "KeyError", "lost"))
@@ -205,8 +201,9 @@ def test_no_step_passes_a_pulse_of_a_law_unseen(said: str) -> None:
     )
     momentum = 1000.0 * 0.002 * math.sqrt(math.pi)
     tolerance = 2e-3 if said == "product" else 1e-6
+    system = compile_scene(made, forces=laws)
     for method in ("radau9", "dop853"):
-        found = run(made, laws, integrator=method, rtol=1e-7)
+        found = simulate(system, integrator=method, rtol=1e-7)
         assert found.values[-1, 0] == pytest.approx(momentum / 4.0, rel=tolerance)
 
 

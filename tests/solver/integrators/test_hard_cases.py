@@ -78,7 +78,7 @@ def rigid_piston(t: Array) -> Array:
 
 @pytest.mark.parametrize("integrator", STIFF)
 @pytest.mark.parametrize("damped", [True, False], ids=["damped", "undamped"])
-@pytest.mark.parametrize("factor", [1e2, 1e4, 1e6])
+@pytest.mark.parametrize("factor", [1e2, 1e6])
 def test_a_rod_of_growing_stiffness_becomes_rigid(
     rod: SID, factor: float, damped: bool, integrator: str
 ) -> None:
