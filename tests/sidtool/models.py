@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import json
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,9 +20,14 @@ IGA = {"type": "iga", "degrees": [3, 2], "elements": [10, 2]}
 DISCRETISATIONS = {"q4": Q4, "qm6": QM6, "iga": IGA}
 
 
+@cache
+def _rod_text() -> str:
+    return json.dumps(read_data(SLIDER_CRANK / "rod_q4.toml"))
+
+
 def rod_data(discretisation: dict[str, Any] | None = None, **changes: Any) -> Any:
     """The piston rod as plain data; `changes` replace whole tables."""
-    data = copy.deepcopy(read_data(SLIDER_CRANK / "rod_q4.toml"))
+    data = json.loads(_rod_text())
     data["discretisation"] = copy.deepcopy(discretisation or Q4)
     return data | changes
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -133,14 +134,18 @@ def test_a_large_plate_with_a_hole(tmp_path: Path) -> None:
     assert pulled(sid, moved * force) == pytest.approx(expected * far, rel=1e-2)
 
 
+@cache
+def with_peak_nodes(count: int, first: int) -> SID:
+    return sid_from_model(rod(Q4, stress={"peak_points": count, "first_node": first}))
+
+
 @pytest.mark.parametrize("ending", [".SID_FEM", ".h5"])
 @pytest.mark.parametrize(("count", "first"), [(0, 10001), (5, 10001), (5, 301)])
 def test_peak_nodes_are_not_known_by_their_numbers(
     tmp_path: Path, ending: str, count: int, first: int
 ) -> None:
     """Markers may have the numbers 10001 and more, peak nodes others."""
-    stress = {"peak_points": count, "first_node": first}
-    sid = sid_from_model(rod(Q4, stress=stress))
+    sid = with_peak_nodes(count, first)
     if first != 10001 or not count:
         moved = {"1": "10001", "2": "20002"}
         nodes = [replace(node, id=moved.get(node.id, node.id)) for node in sid.nodes]
