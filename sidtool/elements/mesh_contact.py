@@ -6,7 +6,7 @@ share from both sides, the number of elements that cover a point does not change
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from itertools import combinations
 
 import numpy as np
@@ -313,15 +313,19 @@ def _check_overlap(
     mesh: Mesh, outer: list[_Faces], finder: ElementFinder, place: str
 ) -> None:
     """Check that no point just inside a free face lies in another element."""
-    for part in outer:
-        points, owners = _points_inside_faces(mesh, part)
+    for number in range(len(mesh.blocks)):
+        faces = [part for part in outer if part.block == number and len(part.rows)]
+        if not faces:
+            continue
+        found = [_points_inside_faces(mesh, part) for part in faces]
+        points, owners = (np.concatenate(parts) for parts in zip(*found, strict=True))
         for block in range(len(mesh.blocks)):
             rows = np.arange(len(mesh.blocks[block].nodes))
-            own = owners if block == part.block else np.full(len(owners), -1)
+            own = owners if block == number else np.full(len(owners), -1)
             others = partial(_is_other_node, own)
             for point, row in finder.holders(points, block, rows, -1e-3, others):
                 if len(row):
-                    owner = _element_label(mesh, part.block, owners[point[0]])
+                    owner = _element_label(mesh, number, owners[point[0]])
                     raise _raise_overlap(
                         owner, _element_label(mesh, block, row[0]), place
                     )
@@ -334,10 +338,17 @@ def _is_other_node(owners: Indices, point: Indices, row: Indices) -> NDArray[np.
 def _points_inside_faces(mesh: Mesh, part: _Faces) -> tuple[Array, Indices]:
     """Points just inside some faces, and the rows of their elements."""
     block = mesh.blocks[part.block]
-    if not len(part.rows):
-        return np.zeros((0, mesh.dimension)), part.rows
-    element = reference_element(block.kind)
-    corners = element.nodes[part.local[0]]
+    values = _functions_inside_face(block.kind, tuple(part.local[0].tolist()))
+    nodes = mesh.positions[block.nodes[part.rows]]
+    points = np.einsum("gm,kmd->kgd", values, nodes)
+    return points.reshape(-1, mesh.dimension), np.repeat(part.rows, len(values))
+
+
+@cache
+def _functions_inside_face(kind: str, face: tuple[int, ...]) -> Array:
+    """(g, m) shape functions at points just inside a face, by its corners."""
+    element = reference_element(kind)
+    corners = element.nodes[list(face)]
     middle = corners.mean(axis=0)
     on_face = np.array(
         [middle + t * (c - middle) for t in _SAMPLE_POSITIONS for c in corners]
@@ -345,9 +356,7 @@ def _points_inside_faces(mesh: Mesh, part: _Faces) -> tuple[Array, Indices]:
     on_face = np.unique(np.round(on_face, 12), axis=0)
     centre = element.nodes[: element.corners].mean(axis=0)
     values, _ = element.at(on_face + _SAMPLE_DEPTH * (centre - on_face))
-    nodes = mesh.positions[block.nodes[part.rows]]
-    points = np.einsum("gm,kmd->kgd", values, nodes)
-    return points.reshape(-1, mesh.dimension), np.repeat(part.rows, len(on_face))
+    return values
 
 
 def _check_hanging(

@@ -88,9 +88,10 @@ class AdmissibleSpace:
         """
         rest = self.loads(loads)
         possible = np.linalg.norm(abs(self.transform).T @ np.abs(loads), axis=0)
-        held = np.linalg.qr(self.constraints.T)[0]
-        for _ in range(2):
-            rest = rest - held @ (held.T @ rest)
+        if len(self.constraints):
+            held = np.linalg.qr(self.constraints.T)[0]
+            for _ in range(2):
+                rest = rest - held @ (held.T @ rest)
         return np.linalg.norm(rest, axis=0) > _NO_MOTION * possible
 
     def with_constraints(self, rows: Array) -> AdmissibleSpace:

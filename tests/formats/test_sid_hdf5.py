@@ -26,13 +26,14 @@ def test_damaged_files(tmp_path: Path, damage: str) -> None:
     path, rng = tmp_path / "body.h5", random.Random(damage)
     write_sid(path, BODY)
     whole = path.read_bytes()
-    for _ in range(300):
+    for _ in range(100):
         content = bytearray(whole)
         if damage == "cut":
             del content[rng.randrange(len(content)) :]
         else:
             for where in rng.sample(range(len(content)), rng.randrange(1, 9)):
                 content[where] ^= rng.randrange(1, 256)
+        path.unlink()  # to shorten a file takes much longer
         path.write_bytes(content)
         with pytest.raises(InputError) as caught:
             read_sid(path)

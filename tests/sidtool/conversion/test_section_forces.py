@@ -316,6 +316,7 @@ def test_envelopes_along_the_beam(
         sidtool.convert(bar()),
         gravity=[0.0, 0.0, -9.81],
         joints={"wall": {"type": "fixed", "markers": ["ground", "bar.root"]}},
+        time={"end": 0.01, "output_step": 0.005},
     )
     sidtool.write(tmp_path / "r.h5", result)
     picture = tmp_path / "p.png"

@@ -13,6 +13,7 @@ from sidtool.cli.main import cli
 from sidtool.discretisation.registry import finite_element_model
 from sidtool.elements.finite_element_model import FiniteElementModel
 from sidtool.formats.base.errors import InputError
+from sidtool.formats.base.sid import SID
 from sidtool.formats.diagnostics import WARNING
 from sidtool.formats.model import read_model
 from sidtool.pipeline.model_to_sid import sid_from_model
@@ -121,18 +122,26 @@ def multi_point(parts: tuple[Part, Part]) -> str:
     return "*MPC\n" + rows
 
 
+@pytest.fixture(scope="module")
+def merged(tmp_path_factory: pytest.TempPathFactory) -> SID:
+    """Two parts whose elements have common nodes."""
+    parts = two((3, 2, 2), (4, 2, 2))
+    text = whole(parts)
+    for a, b in pairs(parts):
+        text = _renumbered(text, b, a)
+    return body(tmp_path_factory.mktemp("merged"), text)
+
+
 @pytest.mark.parametrize(
     "tied",
     [equation_tie, through_free_nodes, in_turned_axes, multi_point, surface_tie],
 )
-def test_matching_meshes_that_are_tied_are_one_mesh(tied, tmp_path: Path) -> None:
+def test_matching_meshes_that_are_tied_are_one_mesh(
+    tied, tmp_path: Path, merged: SID
+) -> None:
     """Reference: the same elements with common nodes."""
     parts = two((3, 2, 2), (4, 2, 2))
     sid = body(tmp_path, whole(parts, tied(parts)))
-    text = whole(parts)
-    for a, b in pairs(parts):
-        text = _renumbered(text, b, a)
-    merged = body(tmp_path, text)
     assert_allclose(frequencies(sid), frequencies(merged), rtol=1e-7)
     assert_allclose(sid.mass, merged.mass, rtol=1e-12)
     assert_allclose(sid.J.m0, merged.J.m0, rtol=1e-9, atol=1e-12)

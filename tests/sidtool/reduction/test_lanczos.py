@@ -118,7 +118,7 @@ def entries(matrix: sp.csr_matrix, order: str) -> int:
     return int(factors.nnz)
 
 
-@pytest.mark.parametrize(("sizes", "gain"), [((120, 120), 0.95), ((40, 10, 10), 1.2)])
+@pytest.mark.parametrize(("sizes", "gain"), [((80, 80), 0.95), ((40, 10, 10), 1.2)])
 def test_nested_dissection_keeps_factors_small(
     sizes: tuple[int, ...], gain: float
 ) -> None:
