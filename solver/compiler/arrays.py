@@ -5,6 +5,7 @@ indices. Therefore a view consists of the address of the first entry and the sha
 which compiles and runs faster than an array of numba.
 """
 
+import ctypes
 import operator
 import os
 from typing import Any, NamedTuple
@@ -63,7 +64,14 @@ def array_words(kind: Any, array: Any) -> list[int]:
     fits = array.ndim == kind.ndim and array.dtype == kind.numbers
     if not (fits and array.flags.c_contiguous):
         raise TypeError(f"not an array of {kind}: {array.dtype}, {array.shape}")
-    return [array.__array_interface__["data"][0], *array.shape]
+    return [address_of(array), *array.shape]
+
+
+def address_of(array: Any) -> int:
+    """Of the first entry of a C-contiguous array."""
+    if array.size and array.flags.writeable:  # takes a quarter of the time
+        return ctypes.addressof(ctypes.c_byte.from_buffer(array))
+    return int(array.__array_interface__["data"][0])
 
 
 @register_model(ViewType)

@@ -10,7 +10,7 @@ import ctypes
 import hashlib
 import platform
 from collections.abc import Callable
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from types import FunctionType
 from typing import Any, NamedTuple
 
@@ -273,7 +273,7 @@ def _argument_conversion(kind: Any) -> tuple[list[Any], Callable[[Any], list[Any
         return [ctypes.c_void_p], lambda table: [kind.checked(table).address]
     if isinstance(kind, ViewType):
         words: list[Any] = [ctypes.c_void_p, *[ctypes.c_int64] * kind.ndim]
-        return words, lambda array: array_words(kind, array)
+        return words, partial(array_words, kind)
     if kind == types.complex128:
         return [ctypes.c_double] * 2, lambda z: [z.real, z.imag]
     return [C_TYPES[kind]], lambda number: [number]

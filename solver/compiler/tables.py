@@ -24,7 +24,7 @@ from numba.extending import (
     register_model,
 )
 
-from .arrays import PointerType, ViewType, array_words, make_view
+from .arrays import PointerType, ViewType, address_of, array_words, make_view
 from .records import RowsType, load_invariant_word
 
 _WORD = ir.IntType(64)
@@ -152,10 +152,6 @@ def _check_names(kind: TableType, given: Mapping[str, Any]) -> None:
         )
 
 
-def _address_of(array: np.ndarray) -> int:
-    return int(array.__array_interface__["data"][0])
-
-
 def _table_type_of(owner: type[Table], name: str) -> TableType:
     return owner.kinds[name]
 
@@ -212,7 +208,7 @@ class Table:
 
         def make() -> Any:
             memory = np.zeros(size + ALIGNMENT, np.uint8)
-            base = _address_of(memory)
+            base = address_of(memory)
             gap = -base % ALIGNMENT
             table = cls.__new__(cls)
             zeros = memory[gap : gap + size]
@@ -231,7 +227,7 @@ class Table:
             if field not in scalars:
                 self.__dict__[field] = value
         derived = {"_memory": words, "_numbers": _as_numbers(words)}
-        self.__dict__.update(derived, address=_address_of(words))
+        self.__dict__.update(derived, address=address_of(words))
 
     def __getattr__(self, name: str) -> Any:
         """A number, or an array of zeros on its first request."""
