@@ -74,8 +74,8 @@ def test_responses_are_pictures_and_tables(
     scene: sidtool.Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["response", "arm.toml", "--to", "pivot.angle", "--frequencies"]
-    for name in ("bode.png", "bode.svg", "bode.csv", "bode.json"):
-        assert run([*command, "0.1:10:log:20", "-o", name]) == 0
+    # a table is written twice: the second time over one of its own
+    for name in ("bode.png", "bode.svg", "bode.csv", "bode.json", "bode.csv"):
         assert run([*command, "0.1:10:log:20", "-o", name]) == 0
     assert "unbounded" in capsys.readouterr().out  # no damping
     header, *rows = Path("bode.csv").read_text(encoding="utf-8").splitlines()

@@ -23,21 +23,24 @@ TITLE = (
 
 
 TWICE = """
-import sys
+import io, sys
 from sidtool.cli.main import main
-(name,) = sys.argv[1:]
-for option in ([], ["--json"]):
-    sys.argv[1:] = ["info", name, *option]
-    try:
-        main()
-    except SystemExit as end:
-        assert end.code == 0
-    print("end of output")
+name, *encodings = sys.argv[1:]
+for encoding in encodings:
+    sys.stdout = io.TextIOWrapper(sys.stdout.detach(), encoding)
+    for option in ([], ["--json"]):
+        sys.argv[1:] = ["info", name, *option]
+        try:
+            main()
+        except SystemExit as end:
+            assert end.code == 0
+        print("end of output")
 """
+#: Of terminals: the first is that with which the process starts.
+ENCODINGS = ["cp1252", "cp850", "utf-8"]
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "cp850", "utf-8"])
-def test_text_beyond_the_code_page_is_escaped(encoding: str, tmp_path: Path) -> None:
+def test_text_beyond_the_code_page_is_escaped(tmp_path: Path) -> None:
     """It ended in a UnicodeEncodeError."""
     scene = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     lines = [line for line in scene.splitlines() if not line.startswith("title")]
@@ -46,16 +49,18 @@ def test_text_beyond_the_code_page_is_escaped(encoding: str, tmp_path: Path) -> 
     path = tmp_path / "scene.toml"
     path.write_text(text.replace("rod_q4.SID_FEM", sid.as_posix()), encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-c", TWICE, str(path)],
-        env=os.environ | {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"},
+        [sys.executable, "-c", TWICE, str(path), *ENCODINGS],
+        env=os.environ | {"PYTHONIOENCODING": ENCODINGS[0], "PYTHONUTF8": "0"},
         capture_output=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    text, data, _ = done.stdout.decode(encoding).split("end of output")
-    assert (TITLE if encoding == "utf-8" else r"\u2192") in text
-    assert r"\u2192" in data
     assert b"Traceback" not in done.stderr
+    parts = done.stdout.split(b"end of output")
+    for encoding, text, data in zip(ENCODINGS, parts[::2], parts[1::2], strict=False):
+        expected = TITLE if encoding == "utf-8" else r"\u2192"
+        assert expected in text.decode(encoding)
+        assert r"\u2192" in data.decode(encoding)
 
 
 def test_an_invalid_argument_of_a_file_is_no_closed_pipe(

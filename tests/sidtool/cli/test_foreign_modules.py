@@ -14,6 +14,7 @@ import pytest
 from sidtool.solver.compiler import precompile
 from tests.places import ROOT, SLIDER_CRANK
 
+SIMULATE = "sidtool", "simulate", "slider_crank.toml", "--set", "time.end=0.05"
 #: Leaves a trace and then fails.
 HOSTILE = "open(__file__ + '.ran', 'w').close()\nraise SystemExit('hostile')\n"
 
@@ -43,7 +44,7 @@ def ran(folder: Path) -> list[str]:
 
 
 def test_the_command_line_runs_installed_modules(folder: Path) -> None:
-    done = python(folder, "-m", "sidtool", "simulate", "slider_crank.toml")
+    done = python(folder, "-m", *SIMULATE)
     assert done.returncode == 0, done.stderr
     assert ran(folder) == []
 
@@ -61,17 +62,12 @@ def test_compiling_processes_run_installed_modules(
     assert process.returncode == 0 and ran(folder) == []
 
 
-@pytest.mark.parametrize(
-    "script", ["import sidtool.api.operations", "from sidtool import read"]
-)
-def test_scripts_next_to_foreign_modules_import_sidtool(
-    script: str, folder: Path
-) -> None:
+def test_scripts_next_to_foreign_modules_import_sidtool(folder: Path) -> None:
     for name in ("numba", "click"):  # what a script's folder holds is the script's
         (folder / f"{name}.py").unlink()
     (folder / "script.py").write_text(
-        f"{script}\nfrom sidtool.solver.simulation.simulate import "
-        "simulate\nprint('well')\n",
+        "from sidtool import read\nimport sidtool.api.operations\n"
+        "from sidtool.solver.simulation.simulate import simulate\nprint('well')\n",
         encoding="utf-8",
     )
     done = python(folder, "script.py")
@@ -99,7 +95,7 @@ def test_the_path_of_the_environment_hides_nothing(
         (folder / f"{name}.py").unlink()
     paths = [".", *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
-    done = python(folder, "-m", "sidtool", "simulate", "slider_crank.toml")
+    done = python(folder, "-m", *SIMULATE)
     assert done.returncode == 0, done.stderr
     assert ran(folder) == []
 

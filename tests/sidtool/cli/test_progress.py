@@ -63,7 +63,7 @@ def test_every_long_command_reports_progress(
         monkeypatch.setattr(f"sidtool.solver.output.dense_output.{name}", 10)
     monkeypatch.setattr("sidtool.solver.simulation.preparation.STEPS_PER_REPORT", 10)
     commands = {
-        "simulating": ["simulate", SCENE, *SHORT, "-o", "r.h5"],
+        "simulating": ["simulate", SCENE, "--set", "time.end=0.08", "-o", "r.h5"],
         "drawing pictures": ["animate", "r.h5", "-o", "m.gif"],
         "writing times": ["export", "r.h5", "-o", "m.vtkhdf"],
         "measuring points": [
