@@ -22,6 +22,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
+from inspect import Signature
 from typing import (
     TYPE_CHECKING,
     Any,
@@ -131,6 +132,14 @@ def _require_tags(schema: dict[str, Any], model: type[BaseModel]) -> None:
         schema["required"] = list(dict.fromkeys([name, *schema.get("required", [])]))
 
 
+class _DeferredSignature:
+    """Signature of a table, which is built when somebody asks for its keys."""
+
+    def __get__(self, table: Table | None, kind: type[Table]) -> Signature:
+        kind.model_rebuild()  # replaces this one
+        return kind.__signature__
+
+
 class Table(_Checked):
     """A frozen table of a file: unknown keys and infinite numbers are errors.
 
@@ -153,6 +162,12 @@ class Table(_Checked):
 
     #: whether it is a whole file, and no table of one
     is_file: ClassVar[bool] = False
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        super().__pydantic_init_subclass__(**options)
+        if not cls.__pydantic_complete__:
+            cls.__signature__ = _DeferredSignature()  # type: ignore[assignment]
 
     @classmethod
     def checked(cls, data: Mapping[str, Any], source: str | os.PathLike[str]) -> Self:

@@ -21,6 +21,7 @@ from sidtool.formats.scene import (
     functions as function_kinds,
     joints as joint_kinds,
 )
+from sidtool.formats.toml.tables import Table
 from sidtool.solver.compiler import precompile
 from tests.codes import unwrapped
 from tests.places import SLIDER_CRANK
@@ -44,7 +45,11 @@ def projectile(**changes: Any) -> sidtool.Scene:
     return sidtool.Scene(**given | changes)
 
 
-def test_everything_public_is_there_and_documented() -> None:
+def test_everything_public_is_there_and_documented(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # help lists the names of classes: their own pages take a second
+    monkeypatch.setattr(pydoc.TextDoc, "docclass", lambda self, kind, name, *_: name)
     classes = {name for name in vars(tables) if not name.startswith("_")}
     assert classes < set(sidtool.__all__) <= set(dir(sidtool))
     text = pydoc.render_doc(sidtool)
@@ -53,6 +58,18 @@ def test_everything_public_is_there_and_documented() -> None:
     for name in sidtool.__all__:
         assert getattr(sidtool, name).__doc__, name
     assert (Path(sidtool.__file__).parent / "py.typed").is_file()
+
+
+def test_constructors_show_their_keys_before_their_first_use() -> None:
+    class Part(Table):
+        mass: float
+
+    class Piece(Part):
+        length: float = 1.0
+
+    for kind, keys in ((Part, ["mass"]), (Piece, ["mass", "length"])):
+        assert list(inspect.signature(kind).parameters) == keys
+    assert Piece(mass=2.0).length == 1.0
 
 
 def test_every_kind_that_files_know_has_its_class() -> None:
