@@ -178,7 +178,7 @@ def test_commands_on_the_file_of_such_a_run(
     sprung.save("r.h5")
     for words in (
         "outputs r.h5 --add block.v*,slide.displacement_rate -o more.h5",
-        "animate r.h5 -o m.gif --outputs block.vx",
+        "animate r.h5 -o page.html --outputs block.vx",
         "export r.h5 -o m.vtkhdf",
         "report r.h5 -o m.html",
         "plot r.h5 -o m.svg --kind energy",
