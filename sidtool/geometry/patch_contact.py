@@ -234,11 +234,13 @@ def _parameter_samples(patch: NurbsPatch) -> tuple[Array, ...]:
     return tuple(np.linspace(0, 1, count) for _ in patch.degrees)
 
 
-def _side_samples(patch: NurbsPatch, side: Side) -> Array:
-    """Parameters (n, k) inside one side."""
+@lru_cache(maxsize=8)
+def _side_samples(patch: NurbsPatch, side: Side) -> tuple[Array, Array]:
+    """Parameters (n, k) inside one side, and their points (n, d)."""
     axes = [axis[1:-1] for axis in _parameter_samples(patch)]
     axes[side.direction] = np.array([float(side.end)])
-    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
+    return grid, evaluate_points(patch, grid)
 
 
 def _side_distances(
@@ -249,8 +251,7 @@ def _side_distances(
     """
     reach = max(near, _NEARLY_EQUAL_TOLERANCE * _side_size(patches, a))
     first, second = patches[a.patch], patches[b.patch]
-    grid = _side_samples(first, a)
-    points = evaluate_points(first, grid)
+    grid, points = _side_samples(first, a)
     distances = np.full(len(points), np.inf)
     hull = _side_control_points(patches, b)
     low, high = hull.min(axis=0) - reach, hull.max(axis=0) + reach

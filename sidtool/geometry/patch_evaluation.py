@@ -4,6 +4,9 @@ Volume and centre follow from the surface by the divergence theorem. The rule is
 independent of the quadrature of the elements, to check that one.
 """
 
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -90,18 +93,13 @@ def nearest_parameters(
     reach : for targets that are farther away than this, any point of the patch farther
         away is enough
     """
-    from scipy.spatial import cKDTree
-
-    axes = [np.linspace(0, 1, _GRID) for _ in patch.degrees]
-    if side is not None:
-        axes[side[0]] = np.array([float(side[1])])
-    free = np.flatnonzero([len(axis) > 1 for axis in axes])
-    grid = evaluate_grid(patch, tuple(axes))
-    starts = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
-    distances, numbers = cKDTree(grid.reshape(-1, targets.shape[1])).query(targets)
+    count = len(patch.degrees)
+    free = np.array([i for i in range(count) if side is None or i != side[0]])
+    starts, tree, cell = _coarse_grid(patch, side)
+    distances, numbers = tree.query(targets)
     parameters = starts[numbers]
     # no point of the patch is farther from the grid than a cell
-    moving = np.flatnonzero(distances <= reach + _cell_size(grid))
+    moving = np.flatnonzero(distances <= reach + cell)
     for _ in range(_ITERATIONS):
         if not moving.size:
             break
@@ -115,6 +113,23 @@ def nearest_parameters(
         parameters[np.ix_(moving, free)] = after
         moving = moving[np.abs(after - before).max(axis=1) > 1e-15]
     return parameters, evaluate_points(patch, parameters)
+
+
+@lru_cache(maxsize=8)
+def _coarse_grid(
+    patch: NurbsPatch, side: tuple[int, int] | None
+) -> tuple[Array, Any, float]:
+    """Parameters (m, k) of a coarse grid of a patch or a side, a tree of its points and
+    the size of a cell. The sides of a patch are compared in pairs.
+    """
+    from scipy.spatial import cKDTree
+
+    axes = [np.linspace(0, 1, _GRID) for _ in patch.degrees]
+    if side is not None:
+        axes[side[0]] = np.array([float(side[1])])
+    grid = evaluate_grid(patch, tuple(axes))
+    starts = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
+    return starts, cKDTree(grid.reshape(-1, grid.shape[-1])), _cell_size(grid)
 
 
 def map_grid(
