@@ -221,8 +221,7 @@ def test_equivalent_blades_by_stations_move_alike(tmp_path: Path, kind: str) -> 
     twisted = table | {"twist": [v - 0.4 for v in table["twist"]]}
     axis = {"y_axis": about_tangent(0.4)[:, 1].tolist()}
     ways = {
-        "turned": (blade(table, turn), turn),
-        "more stations": (blade(refined(table), one), one),
+        "turned, with more stations": (blade(refined(table), turn), turn),
         "twist of the axis": (blade(twisted, one, **axis), one),
         "from the tip": (blade(reversed_table(table), one, back=True), one),
     }
@@ -346,11 +345,8 @@ def test_equivalent_frames_carry_the_same_section_forces() -> None:
     one, turn, small = np.eye(3), any_turn(2), 1e-5
     sections = [f"{name}.s{k}" for name in MEMBERS for k in range(1, 5)]
     expected = carried(crane(one), one, sections, small)
-    for model, axes in (
-        (crane(turn), turn),
-        (crane(one, order=-1, halves=True), one),
-    ):
-        assert_same(carried(model, axes, sections, small), expected)
+    found = carried(crane(turn, order=-1, halves=True), turn, sections, small)
+    assert_same(found, expected)
     back = [f"{name}.s{k}" for name in MEMBERS for k in range(4, 0, -1)]
     found = carried(crane(one, back=True), one, back, small)
     assert_same(found * REVERSED, expected)
@@ -379,8 +375,7 @@ def test_equivalent_cuts_of_a_solid_carry_the_same() -> None:
     cut = {"point": point, "normal": normal, "y_axis": y}
     expected = carried(cut_bar(one, cut), one, ["s"])
     moved = cut | {"point": point + np.cross(normal, [0.3, -0.1, 0.7])}
-    for model, axes in ((cut_bar(turn, cut), turn), (cut_bar(one, moved), one)):
-        assert_same(carried(model, axes, ["s"]), expected)
+    assert_same(carried(cut_bar(turn, moved), turn, ["s"]), expected)
     found = carried(cut_bar(one, cut | {"normal": -normal}), one, ["s"])
     assert_same(found * REVERSED, expected)
     n = normal / np.linalg.norm(normal)

@@ -140,8 +140,9 @@ def test_renumbered_turned_and_in_other_units(tmp_path: Path, kind: str) -> None
     mesh = MESHED[kind]
     sids = {
         "as it is": sid_from_model(meshed_model(tmp_path, mesh)),
-        "renumbered": sid_from_model(meshed_model(tmp_path, renumbered(mesh, 5))),
-        "turned": sid_from_model(meshed_model(tmp_path, turned(mesh, 3))),
+        "renumbered and turned": sid_from_model(
+            meshed_model(tmp_path, turned(renumbered(mesh, 5), 3))
+        ),
         "in mm": sid_from_model(
             meshed_model(tmp_path, replace(mesh, positions=mesh.positions * 1e3), 1e-3)
         ),

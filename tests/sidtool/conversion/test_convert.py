@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,12 @@ SPATIAL |= {name: beam(settings, 3) for name, settings in BEAMS.items()}
 def sid(request: pytest.FixtureRequest) -> SID:
     shape, _, name = request.param.rpartition(" ")
     return sid_from_model((annulus if shape else rod)(DISCRETISATIONS[name]))
+
+
+@cache
+def example(name: str) -> SID:
+    """The SID of a model of the slider-crank."""
+    return sid_from_model(SLIDER_CRANK / f"{name}.toml")
 
 
 def test_every_frontend_is_tested_here() -> None:
@@ -126,7 +133,7 @@ def test_nothing_moves_or_turns_at_the_tangent_frame(sid: SID) -> None:
 
 
 def test_frequencies_and_labels() -> None:
-    sid = sid_from_model(SLIDER_CRANK / "rod_q4.toml")
+    sid = example("rod_q4")
     assert sid.labels == (
         "Eigen Mode    1 :       31.701 Hz",
         "Eigen Mode    2 :      200.553 Hz",
@@ -188,9 +195,7 @@ def test_scaling_laws() -> None:
 
 
 def test_q4_and_iga_describe_the_same_body() -> None:
-    q4, iga = (
-        sid_from_model(SLIDER_CRANK / f"rod_{name}.toml") for name in ("q4", "iga")
-    )
+    q4, iga = example("rod_q4"), example("rod_iga")
     assert_allclose(q4.mass, iga.mass, rtol=3e-5)
     assert_allclose(q4.J.m0, iga.J.m0, rtol=6e-4, atol=1e-12)
     assert_allclose(q4.Ct.m0, iga.Ct.m0, atol=2e-3)
@@ -212,7 +217,7 @@ def test_the_caller_hears_of_the_stages() -> None:
 @pytest.mark.parametrize("name", ["rod_q4", "rod_iga"])
 def test_example_sids_equal_their_converted_models(name: str) -> None:
     stored = read_sid(SLIDER_CRANK / f"{name}.SID_FEM")
-    fresh = sid_from_model(SLIDER_CRANK / f"{name}.toml")
+    fresh = example(name)
     assert stored.labels == fresh.labels and stored.title == fresh.title
     for block, taylor in fresh.blocks.items():
         assert_same(getattr(stored, block), taylor, block)

@@ -39,15 +39,12 @@ REDUCTIONS: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("reduction", REDUCTIONS, ids=lambda r: r["method"])
 def test_section_forces_of_a_ring_and_of_what_it_carries(
-    reduction: dict[str, Any], tmp_path: Path
+    reduction: dict[str, Any],
 ) -> None:
     """Moments about the pins: the strut carries 2 sqrt(2) F; beside the ring the part
-    beyond a section is in equilibrium. In other units and from a file likewise."""
+    beyond a section is in equilibrium."""
     force = 0.1
-    sid = sidtool.convert(hinged_crane(reduction=reduction))
-    write_sid(tmp_path / "c.h5", sid)
-    assert not differing_entries(sid, read_sid(tmp_path / "c.h5"))
-    found = section_forces(sid, force)
+    found = section_forces(sidtool.convert(hinged_crane(reduction=reduction)), force)
     expected = {
         "c.strut.s2.N": -2 * math.sqrt(2) * force,
         "c.strut.s2.My": 0.0,
@@ -67,10 +64,16 @@ def test_section_forces_of_a_ring_and_of_what_it_carries(
         assert abs(found[name]) == pytest.approx(abs(value), abs=2e-4 * force), name
     assert found["c.strut.s2.N"] < 0 < found["c.inner.s2.N"]
     assert found["c.strut.s2.N"] == pytest.approx(-2 * math.sqrt(2) * force, rel=1e-9)
+
+
+def test_sections_of_rings_in_other_units_and_from_a_file(tmp_path: Path) -> None:
+    force = 0.1
+    sid = sidtool.convert(hinged_crane(reduction=REDUCTIONS[0]))
+    write_sid(tmp_path / "c.h5", sid)
+    assert not differing_entries(sid, read_sid(tmp_path / "c.h5"))
     back = convert_units(convert_units(sid, "SI", "mm-t-s"), "mm-t-s", "SI")
-    assert section_forces(back, force)["c.strut.s2.N"] == pytest.approx(
-        found["c.strut.s2.N"], rel=1e-9
-    )
+    found = section_forces(back, force)["c.strut.s2.N"]
+    assert found == pytest.approx(-2 * math.sqrt(2) * force, rel=1e-9)
 
 
 @pytest.mark.parametrize("reduction", REDUCTIONS, ids=lambda r: r["method"])

@@ -123,8 +123,8 @@ def test_a_large_plate_with_a_hole(tmp_path: Path) -> None:
         outer = [corners[0], corners.mean(axis=0), corners[1]]
         points = [point.tolist() for point in outer]
         patches.append(between(inner, points, [[1.0, weight, 1.0], [1.0] * 3]))
-    graded = (np.linspace(0.0, 1.0, 9)[1:-1] ** 2).tolist()
-    even = np.linspace(0.0, 1.0, 5)[1:-1].tolist()
+    graded = (np.linspace(0.0, 1.0, 7)[1:-1] ** 2).tolist()
+    even = np.linspace(0.0, 1.0, 4)[1:-1].tolist()
     knots = [[0.0] * 5 + inside + [1.0] * 5 for inside in (graded, even)]
     mesh = {"type": "iga", "degrees": [4, 4], "knots": knots}
     sid = drawn(tmp_path, patches, ("p2.right", "p0.right"), mesh)

@@ -155,7 +155,7 @@ def test_a_ring_of_one_patch_is_closed(settings: dict[str, Any]) -> None:
 
 def test_quadrilaterals_and_iga_agree_on_a_thick_ring() -> None:
     exact = hertz(ring(iga(6, 2, 16), 0.5))
-    mesh = hertz(ring({"type": "q4", "elements": [24, 240]}, 0.5))
+    mesh = hertz(ring({"type": "q4", "elements": [18, 180]}, 0.5))
     assert_allclose(mesh, exact, rtol=1e-3)
 
 
@@ -294,7 +294,7 @@ def test_a_ball_has_the_torsion_of_a_ball() -> None:
     root = brentq(lambda x: spherical_jn(2, x) - x * spherical_jn(3, x), 2, 3)
     shear = STEEL["youngs_modulus"] / 2 / (1 + STEEL["poissons_ratio"])
     expected = root * np.sqrt(shear / STEEL["density"]) / (2 * np.pi)
-    frequencies = hertz(ball(iga(3, 2, 8, 4)), 5)
+    frequencies = hertz(ball(iga(3, 2, 8, 3)), 5)
     assert_allclose(frequencies, expected, rtol=2e-3)
 
 

@@ -34,7 +34,7 @@ def free_hertz(model: ModelFile, count: int) -> np.ndarray:
 
 @cache
 def converged_free_hertz() -> np.ndarray:
-    return free_hertz(iga(8, (40, 4)), 4)
+    return free_hertz(iga(8, (20, 2)), 4)
 
 
 def test_rod_gives_the_reference_numbers() -> None:

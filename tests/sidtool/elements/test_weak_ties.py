@@ -252,7 +252,7 @@ def test_a_gap_within_the_tolerance_is_closed(tmp_path: Path, gap: float) -> Non
     assert resisting < 1e-10 * np.abs(body.stiffness).max()
 
 
-@pytest.mark.parametrize("dimension, spans", [(2, 3), (2, 15), (3, 5)])
+@pytest.mark.parametrize("dimension, spans", [(2, 3), (2, 15), (3, 3)])
 def test_the_finer_side_of_a_tie_is_held_between_knots(
     tmp_path: Path, dimension: int, spans: int
 ) -> None:

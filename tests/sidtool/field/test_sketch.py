@@ -87,7 +87,7 @@ def test_pictures_note_an_unknown_surface(
     """A solid with stress points: its hull in place of a zigzag between these."""
     pages = []
     monkeypatch.setattr(bodies, "save_figure", lambda page, path: pages.append(page))
-    model = volume({"type": "hex20", "elements": [4, 1, 1]})
+    model = volume({"type": "hex20", "elements": [4, 1, 1]}, 2)
     sid, field = field_from_model(model)
     bodies.plot_sid(Path("x.png"), sid, field)
     assert not any("not known" in text.get_text() for text in pages[0].texts)
