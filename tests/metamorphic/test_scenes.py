@@ -21,7 +21,7 @@ SEEDS = range(12)
 STRETCHED = (105, 749)
 RTOL = 1e-7
 #: Scenes with tables over time, of drives and forces, and springs with curves.
-WITH_TABLES = (3, 6, 33, 43)
+WITH_TABLES = (3, 6, 33)
 #: Share of the ways in which each scene is said.
 TURNS = 4
 

@@ -131,7 +131,7 @@ def drive(stiffened: bool) -> tuple[SceneFile, dict[str, SID]]:
     rubbing = {"coefficient": 0.15, "radius": 0.02}
     torque = {"type": "harmonic", "amplitude": 8.0, "frequency": 6.0}
     scene = scene_with(
-        0.25,
+        0.17,
         ["motor.wx", "disc.wx", "left.mx", "bearing.fz", "shaft.tip.z"],
         dimension="spatial",
         gravity=[0.0, 0.0, -9.81],
