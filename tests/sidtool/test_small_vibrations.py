@@ -47,6 +47,7 @@ def run(rod: SID, kind: str, energy: float, **changes: Any) -> sidtool.Result:
     body = body.model_copy(update={"initial": start} | changes)
     outputs = scene.outputs.model_copy(update={"record": ("piston.x",)})
     update = {"bodies": dict(scene.bodies) | {"rod": body}, "outputs": outputs}
+    update["time"] = scene.time.model_copy(update={"end": 2.0})
     return sidtool.simulate(
         scene.model_copy(update=update), sids={"rod": rod}, base_folder=FOLDER
     )
