@@ -340,6 +340,23 @@ def test_plates_are_closed_and_thinning_keeps_their_extent() -> None:
     assert np.all(extent > [0.9 * n, 0.9 * n, 10.0])
 
 
+def test_ranges_of_colours_end_at_the_largest_values(
+    result: Result, rod_with_field: tuple[sidtool.SID, Field]
+) -> None:
+    data = animation_data(result, {"rod": rod_with_field[1]})
+    ranges = body_fields.colour_ranges(data.motion, data.bodies, "stress")
+    (rod,) = (body for body in data.bodies if body.name == "rod")
+    q = data.motion.elastic["rod"]
+    moved = np.linalg.norm(np.einsum("pak,tk->tpa", rod.shapes, q), axis=2)
+    assert ranges["displacement"].most == pytest.approx(moved.max(), rel=1e-12)
+    assert rod.stress is not None
+    xx, yy, zz, xy, yz, zx = np.einsum("pak,tk->atp", rod.stress, q)
+    square = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    square += 6.0 * (xy**2 + yz**2 + zx**2)
+    largest = np.sqrt(square.max() / 2.0)
+    assert ranges["stress"].most == pytest.approx(largest, rel=1e-12)
+
+
 def test_films(result: Result, tmp_path: Path) -> None:
     from PIL import Image
 
