@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,9 @@ FRAMES: dict[str, dict[str, Any]] = {
 
 
 def piston(sid: SID) -> np.ndarray:
-    """x of the piston over the first two seconds."""
+    """x of the piston over the first second."""
     data = read_data(SLIDER_CRANK / "slider_crank.toml")
-    data["time"]["end"] = 2.0
+    data["time"]["end"] = 1.0
     data["accuracy"]["rtol"] = 1e-8
     data["outputs"]["record"] = ["piston.x"]
     # The crank pin starts at the crank's end, wherever the frame is.
@@ -40,9 +41,11 @@ def piston(sid: SID) -> np.ndarray:
     return result["piston.x"]
 
 
-def clamped_modes(frame: str, **tables: Any) -> SID:
+@cache
+def clamped_modes(frame: str, stiffened: bool = False) -> SID:
     """The five modes of the rod held at its left edge, seen from any frame."""
     modes = {"method": "modal", "modes": 5, "fix": "left"}
+    tables: dict[str, Any] = {"stiffening": {}} if stiffened else {}
     return sid_from_model(rod(Q4, frame=FRAMES[frame], reduction=modes, **tables))
 
 
@@ -53,7 +56,7 @@ def reference() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def stiffened() -> np.ndarray:
-    return piston(clamped_modes("tangent", stiffening={}))
+    return piston(clamped_modes("tangent", stiffened=True))
 
 
 @pytest.mark.parametrize("frame", ["chord", "buckens"])
@@ -70,13 +73,13 @@ def test_with_the_second_order_field_no_difference_is_left(
     frame: str, stiffened: np.ndarray
 ) -> None:
     """Geometric stiffening is that field: 2e-9."""
-    x = piston(clamped_modes(frame, stiffening={}))
+    x = piston(clamped_modes(frame, stiffened=True))
     assert np.abs(x - stiffened).max() < 2e-9
 
 
 @pytest.mark.parametrize("frame", ["tangent:2", "chord:1,2", "buckens"])
 def test_re_referenced_sids_move_the_same(frame: str, stiffened: np.ndarray) -> None:
-    sid = change_frame(clamped_modes("tangent", stiffening={}), frame)
+    sid = change_frame(clamped_modes("tangent", stiffened=True), frame)
     assert np.abs(piston(sid) - stiffened).max() < 2e-9
 
 

