@@ -18,7 +18,7 @@ from tests.metamorphic.generator.rubbing import rubbing_scene
 from tests.metamorphic.invariants import violations
 from tests.metamorphic.ways.transformations import TRANSFORMATIONS, compared
 
-SEEDS = (0, 1, 3)
+SEEDS = (0, 1)
 RTOL = 1e-7
 #: Share of the ways in which each scene is said.
 TURNS = 8

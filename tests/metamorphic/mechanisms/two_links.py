@@ -74,7 +74,7 @@ class TwoLinks:
         gravity: Array,
     ) -> None:
         self.angles, self.gravity, self.length = (shoulder, elbow), gravity, beam.length
-        nodes, weights = np.polynomial.legendre.leggauss(24)
+        nodes, weights = np.polynomial.legendre.leggauss(12)
         x = np.append(0.5 * (nodes + 1.0), 1.0)
         mass = beam.density * beam.area * beam.length
         displacement, rotation, stiffness = [], [], []

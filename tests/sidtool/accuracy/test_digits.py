@@ -100,7 +100,7 @@ def test_changes_by_digits_stay_below_their_estimate(case: str) -> None:
         sid = replace(sid, Ke=Taylor(Ke), De=Taylor(2e-4 * Ke))
     exact = columns(scene, sid)
     ratios = []
-    for text in ("%.4e", "%.8e", "%.6f", "%.8f"):
+    for text in ("%.4e", "%.8e", "%.6f"):
         poor = reprinted(sid, text)
         changes = np.abs(columns(scene, poor) - exact).max(axis=0)
         estimates = digits_told(scene, poor)

@@ -148,13 +148,12 @@ def test_mesh_errors_do_not_force_full_runs() -> None:
     assert any(line.part == "shape functions" for line in found.lines)
 
 
-@pytest.mark.parametrize("spatial", [False, True])
 def test_where_choices_in_a_part_cost_too_much_a_few_whole_runs_do(
-    spatial: bool, ends: list[float], monkeypatch: pytest.MonkeyPatch
+    ends: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An undamped spatial four-bar of 36 elastic coordinates had made 62 tight ones."""
     monkeypatch.setattr(long, "MAX_FULL_RUNS", 0.0)
-    scene, sid = particles(spatial)
+    scene, sid = particles(True)
     scene = lasting(scene, 30.0 * scene.time.end, 600)
     result = simulated(scene, sid, accuracy=WANTED)
     check(scene, sid, result)

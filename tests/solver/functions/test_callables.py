@@ -50,7 +50,7 @@ def impulse(program: Derivatives) -> float:
     return float(np.diff(edges) @ terms @ even)
 
 
-@pytest.mark.parametrize("part", [0.07, 0.01, 3e-4])
+@pytest.mark.parametrize("part", [0.07, 3e-4])
 @pytest.mark.parametrize("shape", PULSES)
 def test_no_pulse_is_lost(shape: str, part: float) -> None:
     """Its impulse is the exact one, wherever it lies."""
@@ -210,7 +210,7 @@ def test_jumps_up_to_the_third_derivative_are_found_wherever_they_are(
 ) -> None:
     """At random places, also close to both ends, and steps end at them."""
     random = np.random.default_rng([power, len(shape)])
-    for t0 in (*random.uniform(0.02, 0.78, 4), random.uniform(0.02, 0.04)):
+    for t0 in (*random.uniform(0.02, 0.78, 2), random.uniform(0.02, 0.04)):
         edges, terms, kinks = interpolate_callable(
             lambda t, t0=t0: bent(shape, power, t0, t),  # type: ignore[misc]
             (0.0, 0.8),

@@ -488,7 +488,7 @@ def test_a_load_hangs_outwards_beside_a_fast_rotor(foot: str, carrier: str) -> N
     assert "N224" not in codes(result)
 
 
-@pytest.mark.parametrize(("speed", "angle"), [(6.0, 5.0), (14.0, 30.0), (30.0, 5.0)])
+@pytest.mark.parametrize(("speed", "angle"), [(6.0, 5.0), (14.0, 30.0)])
 def test_a_governor_swings_out(speed: float, angle: float) -> None:
     """tan(out) = w^2 (r + l sin(out)) / g from arms within the unstable rotation.
 
