@@ -70,7 +70,7 @@ def updated_system(
     functions = _changed_functions(before, previous, scene)
     if data is None or functions is None:
         return None
-    if data and not _keeps_rotated_markers(before, scene, data):
+    if data and not _rotates_markers_as_before(before, scene, data):
         return None
     return _with_changed_numbers(before, scene, data, *functions)
 
@@ -94,7 +94,7 @@ def _depends_on_numbers_only(before: System, sids: Mapping[str, SID]) -> bool:
     )
 
 
-def _keeps_rotated_markers(
+def _rotates_markers_as_before(
     before: System, scene: SceneFile, changed: Mapping[str, BodyData]
 ) -> bool:
     """True if the second markers of joints are rotated as before."""
