@@ -69,6 +69,9 @@ LARGEST_STEP = 0.3
 RESIDUAL_TOLERANCE = 1e-10
 #: Scaled stiffnesses are kept above this part of the largest one and of the forces.
 MIN_STIFFNESS = 1e-12
+#: Along stiffnesses below this part of the largest one, forces move nothing that are
+#: rounding: below this part of the single forces.
+SOFT, SUM_ROUNDING = 1e-6, 1e-15
 #: An equilibrium is unstable with a negative stiffness above this part of the largest
 #: one: differences do not separate less from none.
 UNSTABLE_STIFFNESS = 1e-8
@@ -227,7 +230,9 @@ def _balance(mechanics: DenseEquations, z: Array) -> _Balance:
         may_refine = not is_refined and iteration + 1 < MAX_ITERATIONS
         if FORCE_ROUNDING < residual < FORCE_TOLERANCE and may_refine:
             # one step more, which is quadratic here, as derivatives see what is left
-            step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
+            step = motion @ _newton_step(
+                mechanics, z, motion, force, multipliers, largest
+            )
             refined = mechanics.closed(mechanics.displaced(z, step))
             remaining = _force_balance(mechanics, refined)[1]
             if np.linalg.norm(remaining) < np.linalg.norm(force):
@@ -239,7 +244,7 @@ def _balance(mechanics: DenseEquations, z: Array) -> _Balance:
             return _Balance(
                 z, mechanics, motion, multipliers, residual, iteration, no_friction
             )
-        step = motion @ _newton_step(mechanics, z, motion, force, multipliers)
+        step = motion @ _newton_step(mechanics, z, motion, force, multipliers, largest)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
     none = diagnose(
@@ -397,20 +402,42 @@ def _force_balance(
 
 
 def _newton_step(
-    mechanics: DenseEquations, z: Array, motion: Array, force: Array, multipliers: Array
+    mechanics: DenseEquations,
+    z: Array,
+    motion: Array,
+    force: Array,
+    multipliers: Array,
+    largest: float,
 ) -> Array:
+    """A step along the free directions.
+
+    Parameters
+    ----------
+    largest
+        Size of the single forces.
+    """
     stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
-    softest = MIN_STIFFNESS * max(np.abs(stiffness).max(), float(np.linalg.norm(force)))
-    if any(element.code for element in mechanics.system.forces):
-        least = float(np.linalg.eigvals(stiffness).real.min())
+    size = max(np.abs(stiffness).max(), float(np.linalg.norm(force)))
+    softest = MIN_STIFFNESS * size
+    has_laws = any(element.code for element in mechanics.system.forces)
+    symmetric = 0.5 * (stiffness + stiffness.T)
+    values, vectors = (
+        np.linalg.eig(stiffness) if has_laws else np.linalg.eigh(symmetric)
+    )
+    is_soft = np.abs(values) <= SOFT * size
+    if is_soft.any():
+        parts = np.linalg.lstsq(vectors, force, rcond=None)[0]
+        parts[is_soft & (np.abs(parts) <= SUM_ROUNDING * largest)] = 0.0
+        force = (vectors @ parts).real
+    if has_laws:
+        least = float(values.real.min())
         shift = max(0.0, softest - 2.0 * least) if least < softest else 0.0
-        shifted = stiffness + shift * np.eye(len(force))
-        return np.asarray(np.linalg.solve(shifted, force), np.float64)
-    values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
-    if values[0] > softest:
-        return np.asarray(np.linalg.solve(stiffness, force), np.float64)
-    positive = np.maximum(np.abs(values), softest)
-    return vectors @ ((vectors.T @ force) / positive)
+        stiffness = stiffness + shift * np.eye(len(force))
+    elif values[0] <= softest:
+        return np.asarray(
+            vectors @ (vectors.T @ force / np.maximum(np.abs(values), softest))
+        )
+    return np.asarray(np.linalg.solve(stiffness, force), np.float64)
 
 
 def tangent_stiffness(

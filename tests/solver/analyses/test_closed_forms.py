@@ -311,6 +311,41 @@ def test_a_load_rests_on_springs_alone(dimension: str) -> None:
     assert found["left.fx"][0] == pytest.approx(-50.0 * (length - 1.0) / length)
 
 
+def test_links_on_ball_joints_do_not_turn_about_the_vertical() -> None:
+    """From a start in a vertical plane they come to hang in it, though they rest at any
+    angle about the vertical: rounding turned them by 1e-6 rad."""
+    rng = np.random.default_rng(0)
+    for first, second, mass in rng.uniform(
+        [-2.5, -2.5, 0.1], [-0.5, -0.5, 9.0], (6, 3)
+    ):
+        bodies, joints, joint, last = {}, {}, np.zeros(2), "ground"
+        for name, angle, m in (("a", first, 2.0), ("b", second, mass)):
+            cos, sin = np.cos(angle), np.sin(angle)
+            rotation = np.array([[cos, -sin], [sin, cos]])
+            top, end = np.array([-0.5, 0.15]), np.array([0.5, 0.15])
+            places = {"top": top, "end": end, "side": np.array([0.1, 0.2])}
+            centre = joint - rotation @ top
+            bodies[name] = {
+                "mass": m,
+                "inertia": [0.2, 0.2, 0.2],
+                "markers": {
+                    k: {"position": [*x, 0.3 * (k == "side")]}
+                    for k, x in places.items()
+                },
+                "initial": {"position": [*centre, 0.0], "axis_angle": [0, 0, angle]},
+            }
+            markers = [last, f"{name}.top"]
+            joints[f"ball_{name}"] = {"type": "spherical", "markers": markers}
+            joint, last = centre + rotation @ end, f"{name}.end"
+        record = ["a.side.z", "b.side.z"]
+        gravity = [0.0, -G, 0.0]
+        hanging = scene(
+            "spatial", record, bodies=bodies, joints=joints, gravity=gravity
+        )
+        found = static_equilibrium(compiled(hanging)).result()
+        assert [found[name][0] for name in record] == pytest.approx([0.3] * 2, abs=1e-7)
+
+
 def test_a_falling_body_has_no_equilibrium() -> None:
     content = scene("planar", bodies={"stone": {"mass": 1.0}}, gravity=[0.0, -G])
     with pytest.raises(SimulationError, match="N701"):
