@@ -313,7 +313,8 @@ def test_a_load_rests_on_springs_alone(dimension: str) -> None:
 
 def test_links_on_ball_joints_do_not_turn_about_the_vertical() -> None:
     """From a start in a vertical plane they come to hang in it, though they rest at any
-    angle about the vertical: rounding turned them by 1e-6 rad."""
+    angle about the vertical: rounding turned them by 1e-6 rad. Steps by differences
+    turn them by up to 2e-7, found with ten kernels of OpenBLAS."""
     rng = np.random.default_rng(0)
     for first, second, mass in rng.uniform(
         [-2.5, -2.5, 0.1], [-0.5, -0.5, 9.0], (6, 3)
@@ -343,7 +344,7 @@ def test_links_on_ball_joints_do_not_turn_about_the_vertical() -> None:
             "spatial", record, bodies=bodies, joints=joints, gravity=gravity
         )
         found = static_equilibrium(compiled(hanging)).result()
-        assert [found[name][0] for name in record] == pytest.approx([0.3] * 2, abs=1e-7)
+        assert [found[name][0] for name in record] == pytest.approx([0.3] * 2, abs=5e-7)
 
 
 def test_a_falling_body_has_no_equilibrium() -> None:
