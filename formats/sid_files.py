@@ -18,6 +18,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from .base.errors import InputError
 from .base.sid import (
@@ -76,6 +77,9 @@ _DAMAGE = (
 
 #: The parts of an expansion that may be missing.
 PARTS = ("m1", "mn")
+#: So many files, each of at most so many bytes, are not parsed again.
+MAX_READ, MAX_SIZE = 16, 4 * 2**20
+_READ: dict[tuple[str, bytes], SID] = {}
 
 
 def write_hdf5(path: str | os.PathLike[str], sid: SID) -> None:
@@ -322,17 +326,27 @@ class SidReader:
         }
 
     def _numbers(self, group: h5py.h5g.GroupID, name: str, dimensions: int) -> Array:
-        dataset = open_dataset(group, name.encode())
-        if dataset.dtype.kind != "f" or dataset.rank != dimensions:
-            raise self._wrong(dataset, f"{dimensions} dimensions of real numbers")
-        return np.asarray(stored_array(dataset), dtype=np.float64)
+        expected = f"{dimensions} dimensions of real numbers"
+        found = self._array(group, name, "f", dimensions, expected)
+        return np.asarray(found, dtype=np.float64)
 
     def _indices(self, group: h5py.h5g.GroupID, name: str) -> list[int]:
-        dataset = open_dataset(group, name.encode())
-        if dataset.dtype.kind not in "iu" or dataset.rank != 1:
-            raise self._wrong(dataset, "a list of integers")
-        indices: list[int] = stored_array(dataset).tolist()
+        found = self._array(group, name, "iu", 1, "a list of integers")
+        indices: list[int] = found.tolist()
         return indices
+
+    def _array(
+        self,
+        group: h5py.h5g.GroupID,
+        name: str,
+        kinds: str,
+        dimensions: int,
+        expected: str,
+    ) -> NDArray[Any]:
+        dataset = open_dataset(group, name.encode())
+        if dataset.dtype.kind not in kinds or dataset.rank != dimensions:
+            raise self._wrong(dataset, expected)
+        return stored_array(dataset)
 
     def _texts(self, dataset: h5py.Dataset) -> list[str]:
         if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
@@ -408,11 +422,6 @@ FORMATS = (
 )
 
 
-#: So many files, each of at most so many bytes, are not read again.
-MAX_READ, MAX_SIZE = 16, 4 * 2**20
-_READ: dict[tuple[str, bytes] | None, SID] = {}
-
-
 def read_sid(path: str | os.PathLike[str]) -> SID:
     """Read the SID in a file of any known format and dialect.
 
@@ -431,14 +440,14 @@ def read_sid(path: str | os.PathLike[str]) -> SID:
             raise InputError(problem, source=source, expected=expected)
         raise unreadable_error(source, "a SID file, ASCII or HDF5")
     content = _content_key(source)
-    known = _READ.get(content)
-    if known is None:
-        known = _format_by_content(source).read(source)
-        if content is not None and _content_key(source) == content:
-            _READ[content] = known
-            while len(_READ) > MAX_READ:
-                _READ.pop(next(iter(_READ)), None)
-    return known
+    if content is not None and (known := _READ.get(content)) is not None:
+        return known
+    sid = _format_by_content(source).read(source)
+    if content is not None and _content_key(source) == content:
+        _READ[content] = sid
+        while len(_READ) > MAX_READ:
+            _READ.pop(next(iter(_READ)), None)
+    return sid
 
 
 def _content_key(source: Path) -> tuple[str, bytes] | None:

@@ -359,10 +359,8 @@ class LinearisedPoint:
         need more than SIDs."""
         if self._is_motion.all():
             return found
-        others, of_models = (
-            self._point.without_motion(),
-            self._point.model_derivatives(k),
-        )
+        others = self._point.without_motion()
+        of_models = self._point.model_derivatives(k)
         known = [term.functional.by_sids(of_models) for term in others.terms]
         if of_models and None not in known:
             values: Array = np.array(known, float)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -124,12 +125,18 @@ class BodyAxes:
         if len(self.pads) < 3:
             axes.figure.draw_without_rendering()  # places tick labels
         for name in "xyz":
-            axis = getattr(axes, f"{name}axis")
-            others = [] if name in self.pads else text_boxes(axes, axis.label)
-            for pad in [self.pads[name]] if name in self.pads else _LABEL_PADS:
-                set_label = getattr(axes, f"set_{name}label")
-                set_label(f"{name} [m]", fontsize="x-small", labelpad=pad)
-                if name not in self.pads and _is_label_free(axis, others):
+            axis, set_label = (
+                getattr(axes, f"{name}axis"),
+                getattr(axes, f"set_{name}label"),
+            )
+            label = partial(set_label, f"{name} [m]", fontsize="x-small")
+            if name in self.pads:
+                label(labelpad=self.pads[name])
+                continue
+            others = text_boxes(axes, axis.label)
+            for pad in _LABEL_PADS:
+                label(labelpad=pad)
+                if _is_label_free(axis, others):
                     self.pads[name] = pad
                     break
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import pytest
 
 import sidtool
 from sidtool.fmu import export as export_module
-from sidtool.fmu.linking import SCENE_SOURCES, link, own_platform
+from sidtool.fmu.linking import link, own_platform
 from tests.places import SLIDER_CRANK
 from tests.sidtool.fmu.importer import Library
 
@@ -58,15 +58,11 @@ def linked_once() -> Iterator[None]:
     libraries: dict[Any, bytes] = {}
 
     def cached(
-        platform: str,
-        headers: Mapping[str, str],
-        objects: Mapping[str, bytes],
-        linker: str | None = None,
-        sources: Sequence[str] = SCENE_SOURCES,
+        platform: str, headers: dict[str, str], objects: dict[str, bytes], *more: Any
     ) -> bytes:
-        key = platform, *headers.items(), *objects.items(), linker, *sources
+        key = platform, *headers.items(), *objects.items(), *more
         if key not in libraries:
-            libraries[key] = link(platform, headers, objects, linker, sources)
+            libraries[key] = link(platform, headers, objects, *more)
         return libraries[key]
 
     with pytest.MonkeyPatch.context() as patch:

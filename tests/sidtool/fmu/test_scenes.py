@@ -231,7 +231,7 @@ def test_integrators_of_units_exist() -> None:
 
 
 @needs_cc
-def test_what_has_no_effect_in_a_unit_is_told(
+def test_what_has_no_effect_in_a_unit_gets_a_note(
     without_library: None, tmp_path: Path
 ) -> None:
     """Events that only record (N601), and tables of inputs (N602)."""
@@ -239,8 +239,8 @@ def test_what_has_no_effect_in_a_unit_is_told(
     table = {"initial": 5.0, "times": [0.0, 0.1], "values": [0.0, 1.0]}
     scene = slider_crank(**{"events.pass": event, "inputs.load": table})
     unit = scene.fmu(tmp_path / "machine.fmu")
-    told = {(each.code, each.subject) for each in unit.diagnostics}
-    assert told >= {("N601", "pass"), ("N602", "load")}
+    found = {(each.code, each.subject) for each in unit.diagnostics}
+    assert found >= {("N601", "pass"), ("N602", "load")}
     assert [v.start for v in unit.inputs] == [5.0]
 
 

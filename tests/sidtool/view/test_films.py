@@ -41,7 +41,7 @@ def bodies(places: dict[str, list[float]], spin: list[float]) -> sidtool.Result:
     ).simulate()
 
 
-def seen(picture: np.ndarray) -> list[np.ndarray]:
+def pixels_of_bodies(picture: np.ndarray) -> list[np.ndarray]:
     """Pixels in the hues of the first two bodies, whatever their shade."""
     hsv = rgb_to_hsv(picture)
     return [_in_hue(hsv, number) for number in (0, 1)]
@@ -67,14 +67,14 @@ EDGE = 10
     ids=str,
 )
 def test_no_body_leaves_the_picture(ends: tuple[list[float], list[float]]) -> None:
-    """Two cubes at the ends of the mechanism are seen whole: the axes are a square in
+    """Two cubes at the ends of the mechanism are shown whole: the axes are a square in
     the middle of the page, and cut what was beyond."""
     result = bodies(dict(zip(("one", "two"), ends, strict=True)), [1.0, 0.5, 0.2])
     motion = animation_data(result)
     rows = [0, len(motion.motion.t) - 1]
     for data in film.snapshots(motion.motion, motion.bodies, rows, 1.0):
         picture = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), float) / 255
-        cubes = seen(picture)
+        cubes = pixels_of_bodies(picture)
         areas = [cube.sum() for cube in cubes]
         assert min(areas) > 60
         assert max(areas) < 2.2 * min(areas)  # equal cubes, turned alike: none is cut
@@ -114,7 +114,7 @@ def test_mp4(tmp_path: Path) -> None:
     distances = []
     for name in ("f01.png", f"f{(FRAMES + 1) // 2:02d}.png", f"f{FRAMES}.png"):
         picture = np.asarray(Image.open(tmp_path / name).convert("RGB"), float) / 255
-        middles = [np.argwhere(cube).mean(axis=0) for cube in seen(picture)]
+        middles = [np.argwhere(cube).mean(axis=0) for cube in pixels_of_bodies(picture)]
         distances.append(np.linalg.norm(middles[1] - middles[0]))
     shares = np.array(distances) / distances[0]
     np.testing.assert_allclose(shares, [1.0, 1.5, 2.0], rtol=0.05)
