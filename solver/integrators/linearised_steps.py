@@ -18,14 +18,12 @@ mu          eigenvalues of A^-1 over h, of each pair one
 ==========  ==================================================================
 """
 
-from numba import float64, int64, types
+from numba import complex128, float64, int64, types
 
 from ..compiler.inner_kernels import quotient
 from ..compiler.kernels import entry, inner
-from ..linear.block_factors import lu_factor, lu_solve
-from ..spatial.system_arrays import C1, C2, F1, F2, F3, I1
+from ..spatial.system_arrays import C1, F1, F2, F3, I1
 from .loop_state import copy
-from .radau_stages import transform
 
 #: Error of the stages, relative to their norm: the largest of their weighted entries.
 TOLERANCE = 1e-13
@@ -33,61 +31,23 @@ TOLERANCE = 1e-13
 ROUNDING, MAX_ITERATIONS = 1e-10, 50
 
 
-@inner(int64(F2, int64, float64, C1, F2, C2, I1))
-def _factor(F, nz, h, eigenvalues, product, blocks, pivots):
-    """Factors of mu - J_v - J_z Z / mu for each eigenvalue; 1 if one is singular."""
-    nv = F.shape[0] - nz
-    for i in range(nv):
-        for j in range(nv):
-            product[i, j] = 0.0
-    for j in range(nv):  # Z^T J_z^T
-        row = product[j]
-        for k in range(nz):
-            factor, column = F[nz + j, k], F[k]
-            for i in range(nv):
-                row[i] += factor * column[nz + i]
-    for part in range(len(eigenvalues)):
-        mu = complex(eigenvalues[part].real / h, eigenvalues[part].imag / h)
-        inverse, block = quotient(1.0, mu), blocks[part]
-        for i in range(nv):
-            for j in range(nv):
-                block[i * nv + j] = -F[nz + j, nz + i] - product[j, i] * inverse
-            block[i * nv + i] += mu
-        if lu_factor(block, 0, nv, nv, pivots, part * nv) != 0:
-            return 1
-    return 0
-
-
-@inner(types.void(F2, int64, float64, C1, F2, F2, C2, I1, F2, F2, C1, F2))
-def _precondition(
-    F, nz, h, eigenvalues, to_pairs, from_pairs, blocks, pivots, r, w, y, out
-):
-    """out = P^-1 r for the stages r, with factors of `_factor`."""
-    N, nv = F.shape[0], F.shape[0] - nz
-    transform(to_pairs, r, w)
-    for part in range(len(eigenvalues)):
-        mu = complex(eigenvalues[part].real / h, eigenvalues[part].imag / h)
-        first, second = max(0, 2 * part - 1), 2 * part
-        for k in range(N):
-            imaginary = w[second, k] if part > 0 else 0.0
-            y[k] = complex(w[first, k], imaginary)
-        for i in range(nz, N):
-            y[i] *= mu
-        for k in range(nz):
-            factor, column = y[k], F[k]
-            for i in range(nz, N):
-                y[i] += column[i] * factor
-        lu_solve(blocks[part], 0, nv, nv, pivots, part * nv, y, nz)
-        inverse = quotient(1.0, mu)
-        for i in range(nz, N):
-            factor, column = y[i] * inverse, F[i]
-            for k in range(nz):
-                y[k] += column[k] * factor
-        for k in range(N):
-            w[first, k] = y[k].real
-            if part > 0:
-                w[second, k] = y[k].imag
-    transform(from_pairs, w, out)
+@inner(types.void(F2, int64, int64, int64, int64, F1, int64, F1, int64))
+def _add_product(F, row, column, m, n, x, first, out, to):
+    """out[to:] += F^T x[first:] with the m x n block of F at a row and a column."""
+    k = 0
+    while k + 4 <= m:
+        i, at = row + k, first + k
+        f0, f1, f2, f3 = F[i], F[i + 1], F[i + 2], F[i + 3]
+        x0, x1, x2, x3 = x[at], x[at + 1], x[at + 2], x[at + 3]
+        for j in range(n):
+            c = column + j
+            out[to + j] += (x0 * f0[c] + x1 * f1[c]) + (x2 * f2[c] + x3 * f3[c])
+        k += 4
+    while k < m:
+        f0, x0 = F[row + k], x[first + k]
+        for j in range(n):
+            out[to + j] += x0 * f0[column + j]
+        k += 1
 
 
 @inner(types.void(F2, F1, F1))
@@ -95,26 +55,152 @@ def _apply(F, x, out):
     """out = F x, with the columns of F in its rows."""
     for j in range(len(out)):
         out[j] = 0.0
-    for i in range(len(x)):
-        factor, column = x[i], F[i]
-        for j in range(len(out)):
-            out[j] += factor * column[j]
+    _add_product(F, 0, 0, len(x), len(out), x, 0, out, 0)
 
 
-@inner(float64(F2, F1))
-def _largest(x, weights):
-    """Largest entry of stages, weighted."""
-    found = 0.0
+@inner(types.void(F2, F2, F2))
+def _transform(matrix, x, out):
+    """out = matrix x for the stages x."""
     for i in range(x.shape[0]):
-        for k in range(x.shape[1]):
-            found = max(found, abs(x[i, k]) * weights[k])
+        _apply(x, matrix[i], out[i])
+
+
+@inner(int64(F2, F2, I1))
+def _invert(real, imaginary, pivots):
+    """Replace a complex matrix by its inverse; 1 if it is singular."""
+    n = real.shape[0]
+    for j in range(n):
+        best, size = j, abs(real[j, j]) + abs(imaginary[j, j])
+        for i in range(j + 1, n):
+            candidate = abs(real[i, j]) + abs(imaginary[i, j])
+            if candidate > size:
+                best, size = i, candidate
+        pivots[j] = best
+        if not size > 0.0:
+            return 1
+        if best != j:
+            for k in range(n):
+                real[j, k], real[best, k] = real[best, k], real[j, k]
+                held = imaginary[j, k]
+                imaginary[j, k], imaginary[best, k] = imaginary[best, k], held
+        inverse = quotient(1.0, complex(real[j, j], imaginary[j, j]))
+        a, b, own, own_i = inverse.real, inverse.imag, real[j], imaginary[j]
+        own[j], own_i[j] = 1.0, 0.0
+        for k in range(n):
+            x, y = own[k], own_i[k]
+            own[k], own_i[k] = a * x - b * y, a * y + b * x
+        for i in range(n):
+            row, row_i = real[i], imaginary[i]
+            a, b = row[j], row_i[j]
+            if i == j or (a == 0.0 and b == 0.0):
+                continue
+            row[j] = row_i[j] = 0.0
+            for k in range(n):
+                row[k] -= a * own[k] - b * own_i[k]
+                row_i[k] -= a * own_i[k] + b * own[k]
+    for j in range(n - 1, -1, -1):
+        best = pivots[j]
+        if best != j:
+            for i in range(n):
+                real[i, j], real[i, best] = real[i, best], real[i, j]
+                held = imaginary[i, j]
+                imaginary[i, j], imaginary[i, best] = imaginary[i, best], held
+    return 0
+
+
+@inner(int64(F2, int64, float64, C1, F2, F3, F3, I1))
+def _factor(F, nz, h, eigenvalues, product, real, imaginary, pivots):
+    """Inverse of mu - J_v - J_z Z / mu for each eigenvalue, with its columns in rows;
+    1 if one is singular."""
+    nv = F.shape[0] - nz
+    for j in range(nv):  # Z^T J_z^T
+        row = product[j]
+        for i in range(nv):
+            row[i] = 0.0
+        for k in range(nz):
+            factor, column = F[nz + j, k], F[k]
+            for i in range(nv):
+                row[i] += factor * column[nz + i]
+    for part in range(len(eigenvalues)):
+        mu = complex(eigenvalues[part].real / h, eigenvalues[part].imag / h)
+        inverse = quotient(1.0, mu)
+        for j in range(nv):
+            row, row_i = real[part, j], imaginary[part, j]
+            column, change = F[nz + j], product[j]
+            for i in range(nv):
+                row[i] = -column[nz + i] - change[i] * inverse.real
+                row_i[i] = -change[i] * inverse.imag
+            row[j] += mu.real
+            row_i[j] += mu.imag
+        if _invert(real[part], imaginary[part], pivots) != 0:
+            return 1
+    return 0
+
+
+@inner(types.void(complex128, int64, int64, F2, F2))
+def _multiply(factor, part, nz, x, out):
+    """Velocities of `out` = factor x for the rows of a part, complex but for one."""
+    re, im = max(0, 2 * part - 1), 2 * part
+    for k in range(nz, x.shape[1]):
+        a, b = x[re, k], x[im, k] if part > 0 else 0.0
+        out[re, k] = factor.real * a - factor.imag * b
+        if part > 0:
+            out[im, k] = factor.real * b + factor.imag * a
+
+
+@inner(types.void(F2, int64, float64, C1, F2, F2, F3, F3, F2, F2, F2))
+def _precondition(
+    F, nz, h, eigenvalues, to_pairs, from_pairs, real, imaginary, r, w, out
+):
+    """out = P^-1 r for the stages r, with the inverses of `_factor`."""
+    s, N, nv = r.shape[0], F.shape[0], F.shape[0] - nz
+    _transform(to_pairs, r, w)
+    for part in range(len(eigenvalues)):
+        mu = complex(eigenvalues[part].real / h, eigenvalues[part].imag / h)
+        _multiply(mu, part, nz, w, w)
+    for i in range(s):
+        _add_product(F, 0, nz, nz, nv, w[i], 0, w[i], nz)
+        for k in range(nz, N):
+            out[i, k] = 0.0
+    for part in range(len(eigenvalues)):
+        re, im = max(0, 2 * part - 1), 2 * part
+        _add_product(real[part], 0, 0, nv, nv, w[re], nz, out[re], nz)
+        if part > 0:
+            _add_product(real[part], 0, 0, nv, nv, w[im], nz, out[im], nz)
+            _add_product(imaginary[part], 0, 0, nv, nv, w[re], nz, out[im], nz)
+            for k in range(nz, N):
+                w[im, k] = -w[im, k]
+            _add_product(imaginary[part], 0, 0, nv, nv, w[im], nz, out[re], nz)
+        mu = complex(eigenvalues[part].real / h, eigenvalues[part].imag / h)
+        _multiply(quotient(1.0, mu), part, nz, out, w)
+    for i in range(s):
+        _add_product(F, nz, 0, nv, nz, w[i], nz, w[i], 0)
+        for k in range(nz, N):
+            w[i, k] = out[i, k]
+    _transform(from_pairs, w, out)
+
+
+@inner(float64(F2, F1, F1))
+def _largest(x, weights, best):
+    """Largest entry of stages, weighted; `best` is overwritten."""
+    n = len(weights)
+    for k in range(n):
+        best[k] = 0.0
+    for i in range(x.shape[0]):
+        row = x[i]
+        for k in range(n):
+            size = abs(row[k]) * weights[k]
+            best[k] = size if size > best[k] else best[k]
+    found = 0.0
+    for k in range(n):
+        found = max(found, best[k])
     return found
 
 
 @entry(
     int64(
         *(int64, int64, F1, F2, F2, F2, C1, F3, F3, F1),
-        *(F3, F2, F2, F2, F3, F2, C2, C1, I1),
+        *(F3, F2, F2, F2, F3, F2, F3, F3, F1, I1),
     )
 )
 def march(
@@ -134,8 +220,9 @@ def march(
     starts,
     scratch,
     product,
-    blocks,
-    y,
+    real,
+    imaginary,
+    best,
     pivots,
 ):
     """Solve linearised steps in sequence, for some columns each.
@@ -157,8 +244,8 @@ def march(
     added : (steps columns, N) to the state after the step
     current : (columns, N) state
     starts : (steps columns, N) state before each step
-    scratch, product, blocks, y, pivots : (5, s, N), (nv, nv), (pairs, nv nv), (N,),
-        (pairs nv,)
+    scratch, product, real, imaginary, best, pivots : (5, s, N), (nv, nv), twice (pairs,
+        nv, nv), (N,), (nv,)
 
     Returns 0, or 1 where the iteration does not converge.
     """
@@ -167,7 +254,10 @@ def march(
     for step in range(n_steps):
         k = n_steps - 1 - step if backward == 1 else step
         middle = F[k * s + s // 2]
-        if _factor(middle, nz, h[k], eigenvalues, product, blocks, pivots) != 0:
+        if (
+            _factor(middle, nz, h[k], eigenvalues, product, real, imaginary, pivots)
+            != 0
+        ):
             return 1
         for column in range(count):
             stages, state = x[k * count + column], current[column]
@@ -188,17 +278,17 @@ def march(
                     eigenvalues,
                     to_pairs,
                     from_pairs,
-                    blocks,
-                    pivots,
+                    real,
+                    imaginary,
                     r,
                     w,
-                    y,
                     change,
                 )
                 for i in range(s):
                     for j in range(N):
                         stages[i, j] += change[i, j]
-                size, new = _largest(stages, weights), _largest(change, weights)
+                size = _largest(stages, weights, best)
+                new = _largest(change, weights, best)
                 if new * new <= TOLERANCE * size * last or (
                     2.0 * new > last and new <= ROUNDING * size
                 ):
@@ -207,7 +297,7 @@ def march(
                 last = new
                 for i in range(s):
                     _apply(F[k * s + i], stages[i], f[i])
-                transform(A, f, r)
+                _transform(A, f, r)
                 for i in range(s):
                     for j in range(N):
                         r[i, j] = b[i, j] - stages[i, j] + h[k] * r[i, j]

@@ -462,8 +462,8 @@ class LinearisedRun:
             *(derivatives, np.ascontiguousarray(projections), weights, stages),
             *(np.ascontiguousarray(added.reshape(-1, size)), current, starts),
             *(np.zeros((5, s, size)), np.zeros((self.nv, self.nv))),
-            np.zeros((groups, self.nv**2), complex),
-            *(np.zeros(size, complex), np.zeros(groups * self.nv, np.int64)),
+            *np.zeros((2, groups, self.nv, self.nv)),
+            *(np.zeros(size), np.zeros(self.nv, np.int64)),
         )
         if status != 0:
             raise NotLinearisable("steps in which the equations change too much")
