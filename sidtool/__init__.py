@@ -105,8 +105,8 @@ _TABLES = """
     InputFunction JointFriction KrylovReduction LSection LookupTable LumpedMass
     Marker Material MatricesDiscretisation MatricesGeometry MemberOffsets
     MemberReleases MeshDiscretisation MeshGeometry ModalDamping ModalReduction
-    NodeMarker NurbsGeometry Outputs PatchesGeometry Pid Piece PlanarJoint PlaneCut
-    PointForce PointOnLine PointOnPlane Polynomial Prestress Prismatic
+    Morph NodeMarker NurbsGeometry Outputs PatchesGeometry Pid Piece PlanarJoint
+    PlaneCut PointForce PointOnLine PointOnPlane Polynomial Prestress Prismatic
     Q4Discretisation RayleighDamping RectangularSection Revolute RigidBody Screw
     SectionForces SidBody SidDamping SineRamp SmoothStep SolidDiscretisation Sphere
     Spherical Spline SpringDamper Start State StationTable Stiffening StressRecovery

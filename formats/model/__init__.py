@@ -108,6 +108,7 @@ class ModelFile(File):
     named: ClassVar[tuple[str, ...]] = ("markers", PARAMETERS)
     paths: ClassVar[tuple[tuple[str, ...], ...]] = (
         *(("geometry", key) for key in ("file", "stiffness", "mass", "nodes", "dofs")),
+        ("geometry", "morphs", "*", "file"),
         ("geometry", "sections"),
         ("geometry", "sections", "file"),
         ("geometry", "members", "*", "sections"),

@@ -237,6 +237,34 @@ class PatchesGeometry(Table):
         return NamesOfFile()
 
 
+class Morph(Table):
+    """A change of the shape of a mesh: each node moves by `amount` times its direction.
+
+    Attributes
+    ----------
+    file : the same elements with their nodes at other places, relative to the model
+        file; the direction of a node is the way to its place there
+    moves : node set -> its direction, a vector; those of all other nodes satisfy
+        Laplace's equation between the sets, with no flux through free surfaces
+    amount : 0 is the shape of the mesh file, 1 that of `file`
+    """
+
+    file: str | None = None
+    moves: Takes[dict[str, Point2 | Point3], Mapping[str, ArrayLike]] = Field(
+        default_factory=dict
+    )
+    amount: float = 0.0
+
+    @model_validator(mode="after")
+    def _has_one_direction(self) -> Self:
+        if (self.file is None) == (not self.moves):
+            raise ValueError(
+                "either `file`, the mesh with moved nodes, or `moves`, vectors by the "
+                "names of node sets"
+            )
+        return self
+
+
 class MeshGeometry(Table):
     """A mesh of another program: .inp, .msh, .bdf or .cdb, told by its ending.
 
@@ -257,6 +285,7 @@ class MeshGeometry(Table):
     part : of an .inp, the instance or the set of elements that is the body, of a .bdf
         the number of a property, of a .cdb a component of elements; without it
         everything, which ties have to join
+    morphs : changes of the shape by name, which add up
     """
 
     type: Literal["mesh"] = "mesh"
@@ -268,6 +297,9 @@ class MeshGeometry(Table):
     density: Takes[NonNegative | None, float | str | None] = Field(default=None)
     order: Literal[1, 2] | None = None
     part: str | None = None
+    morphs: Takes[dict[str, Morph], Mapping[str, Morph | Entries]] = Field(
+        default_factory=dict
+    )
 
     @property
     def edge_names(self) -> Mapping[str, Any]:

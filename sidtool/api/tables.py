@@ -33,6 +33,7 @@ from sidtool.formats.model.frames import (
 from sidtool.formats.model.geometry import (
     MatricesGeometry as MatricesGeometry,
     MeshGeometry as MeshGeometry,
+    Morph as Morph,
     NurbsGeometry as NurbsGeometry,
     PatchesGeometry as PatchesGeometry,
     PlaneCut as PlaneCut,

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.diagnostics import Diagnostic, diagnose
 from sidtool.formats.model import ModelFile
@@ -69,7 +70,7 @@ def body_couplings(
             )
         where = None
         if first.reference is not None and first.reference in place:
-            where = np.zeros(3)
+            where = np.zeros(3, number_type(whole.positions))
             where[: whole.dimension] = whole.positions[place[first.reference]]
         markers = tuple(
             name

@@ -45,6 +45,7 @@ from .imported_constraints import (
     nodes_in_equations,
     nodes_of_equations,
 )
+from .mesh_morphs import with_morphs
 
 #: Upper limits of density [kg/m^3] and stiffness [Pa] of solids; larger values indicate
 #: other units.
@@ -70,6 +71,12 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     bending = geometry.engine == "calculix"
     density = file_density(model, units)
     engine_notes: tuple[Diagnostic, ...] = ()
+    if bending and geometry.morphs:
+        raise InputError(
+            "moves nodes, and elements of CalculiX keep theirs",
+            place="geometry.morphs",
+            expected="no geometry.engine",
+        )
     if bending:
         try:
             reason = beyond_calculix(
@@ -91,15 +98,18 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
             place="geometry.order",
             expected='geometry.engine = "calculix", or a mesh of that order',
         )
-    imported = read_mesh(
-        geometry.file, geometry.ignore, geometry.part, density, bending=bending
-    )
+
+    def read(file: str) -> ImportedMesh:
+        return read_mesh(file, geometry.ignore, geometry.part, density, bending=bending)
+
+    imported = read(geometry.file)
     found = (*imported.diagnostics, *engine_notes)
     if negative := [m.mass for m in imported.masses if m.mass < 0]:
         total = sum(negative) * units.mass
         found += (diagnose("N146", count=len(negative), total=total),)
     imported = replace(imported, diagnostics=found)
     try:
+        imported = with_morphs(imported, geometry, units.length, read)
         if density == 0 and not imported.is_structure:
             raise InputError(
                 "is zero, and solids and plane elements need mass at every node",
@@ -119,22 +129,23 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         upright = counter_clockwise(imported.mesh)
         whole = _scale_mesh(upright, geometry, settings, units)
         mesh = without_free_nodes(whole)
+        plain = replace(mesh, positions=mesh.positions.real)
         couplings = body_couplings(imported, whole, mesh, model)
         masses = body_masses(imported, couplings, mesh, units)
         equations, equation_notes = body_equations(imported, whole, mesh, units.length)
         joined = [c.nodes for c in couplings if c.rigid]
         check_mesh(
-            mesh, "mesh", [*joined, *nodes_of_equations(equations, mesh.dimension)]
+            plain, "mesh", [*joined, *nodes_of_equations(equations, mesh.dimension)]
         )
         straight = np.flatnonzero(np.isin(mesh.labels, list(imported.straight)))
-        check_conforming(mesh, "mesh", straight)
-        check_contact(mesh, "mesh", nodes_in_equations(equations, mesh, imported.ties))
+        check_conforming(plain, "mesh", straight)
+        check_contact(plain, "mesh", nodes_in_equations(equations, mesh, imported.ties))
         own = _file_materials(imported, geometry, units)
         materials = _body_materials(model, mesh, own)
         plane = mesh.dimension == 2
         state = _plane_state(settings, imported) if plane else "solid"
         if plane:
-            _check_thickness(mesh)
+            _check_thickness(plain)
         amplitudes: Amplitudes = {}
         mass, stiffness = mesh_matrices(
             mesh, materials, state, incompatible_modes=True, amplitudes=amplitudes
@@ -175,7 +186,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
             *equation_notes,
             *_import_notes(model, imported, own),
         ),
-        geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
+        geometry_mass=lambda: GeometryMass(*mesh_moments(plain, materials)),
     )
 
 

@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.base.complex_step import analytic_abs, analytic_norm, number_type
 from sidtool.formats.base.sid import Array
 
 #: Points and weights of the quadrature along an edge of the unit square.
@@ -49,7 +50,7 @@ def shear_panel_stiffness(corners: Array, law: Array, axis: Array) -> Array:
     normal = _unit(np.cross(first, second))
     x = _unit(axis - np.einsum("ea,ea->e", axis, normal)[:, None] * normal)
     axes = np.stack([x, np.cross(normal, x)], axis=1)
-    size = np.linalg.norm(first, axis=1)[:, None, None]
+    size = analytic_norm(first, axis=1)[:, None, None]
     arms = (corners - corners.mean(axis=1, keepdims=True)) / size
     flat = np.einsum("eia,eka->eik", arms, axes)
     forms = _projective_forms(flat)
@@ -57,7 +58,7 @@ def shear_panel_stiffness(corners: Array, law: Array, axis: Array) -> Array:
     jump = (np.roll(slopes, -1, axis=1) - np.roll(slopes, 1, axis=1)) / 2
     forces = np.stack([jump[..., 1], -jump[..., 0]], axis=2)
     flexibility = _flexibility(forms, flat, np.asarray(np.linalg.inv(law)))
-    rows = np.zeros((len(corners), 4, 6))
+    rows = np.zeros((len(corners), 4, 6), number_type(corners))
     rows[..., :3] = np.einsum("eik,eka->eia", forces, axes)
     by_dofs = rows.reshape(-1, 24)
     products = by_dofs[:, :, None] * by_dofs[:, None, :]
@@ -65,7 +66,7 @@ def shear_panel_stiffness(corners: Array, law: Array, axis: Array) -> Array:
 
 
 def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+    return np.asarray(vectors / analytic_norm(vectors, axis=1, keepdims=True))
 
 
 def _projective_forms(flat: Array) -> Array:
@@ -103,7 +104,7 @@ def _flexibility(forms: Array, flat: Array, compliance: Array) -> NDArray[np.flo
     along = np.stack([s - 1, 1 - s, s, -s], axis=1)
     across = np.stack([r - 1, -r, r, 1 - r], axis=1)
     a, b = (np.einsum("ki,eic->ekc", by, flat) for by in (along, across))
-    area = np.outer(_WEIGHTS, _WEIGHTS).ravel() * abs(
+    area = np.outer(_WEIGHTS, _WEIGHTS).ravel() * analytic_abs(
         a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     )
     _, curved = _airy_function(forms, np.einsum("ki,eic->ekc", shares, flat))
@@ -218,7 +219,7 @@ def shell_batch(kind: str, corners: Array, laws: ShellLaws) -> ShellBatch:
     centre = _point(kind, _CENTRES[kind], corners, normals, laws.axis)
     size = 6 * m
     inner = 4 if kind == "quad4" else 0
-    total = np.zeros((ne, size + inner, size + inner))
+    total = np.zeros((ne, size + inner, size + inner), number_type(corners))
     sampled = _sampled_shear(kind, corners, normals)
     shear_law = _shear_law(kind, corners, laws) * laws.flexural[:, None, None]
     places, masses, tensors, moves, turns = [], [], [], [], []
@@ -286,14 +287,14 @@ def _node_normals(kind: str, corners: Array) -> Array:
     for at in (*_NODES[kind], _CENTRES[kind]):
         first, second = np.einsum("ik,eia->kea", _shapes(kind, at)[1], corners)
         node_normals.append(np.cross(first, second))
-    size = np.linalg.norm(np.stack(node_normals), axis=2)
+    size = analytic_norm(np.stack(node_normals), axis=2)
     centre = node_normals[-1]
     normals = [
-        np.where((s > 1e-9 * size[-1])[:, None], n, centre)
+        np.where((s.real > 1e-9 * size[-1].real)[:, None], n, centre)
         for n, s in zip(node_normals[:-1], size, strict=False)
     ]
     stacked = np.stack(normals, axis=1)
-    return stacked / np.linalg.norm(stacked, axis=2, keepdims=True)
+    return stacked / analytic_norm(stacked, axis=2, keepdims=True)
 
 
 def _point(
@@ -302,10 +303,10 @@ def _point(
     values, by = _shapes(kind, reference)
     tangents = np.einsum("ik,eia->eka", by, corners)
     n = np.cross(tangents[:, 0], tangents[:, 1])
-    area = np.linalg.norm(n, axis=1)
+    area = analytic_norm(n, axis=1)
     n = n / area[:, None]
     x = axis - np.einsum("ea,ea->e", axis, n)[:, None] * n
-    x = x / np.linalg.norm(x, axis=1, keepdims=True)
+    x = x / analytic_norm(x, axis=1, keepdims=True)
     axes = np.stack([x, np.cross(n, x), n], axis=1)
     jacobian = np.einsum("eka,eba->ekb", tangents, axes[:, :2])
     inverse = np.linalg.inv(jacobian)
@@ -392,7 +393,7 @@ def _shear_law(kind: str, corners: Array, laws: ShellLaws) -> Array:
     soft = np.linalg.inv(np.where(bends, bending + least * np.eye(3), np.eye(3)))
     twist, mixed = soft[:, 2, 2] / 4, (soft[:, 0, 2] + soft[:, 1, 2]) / 2
     part = np.array([[soft[:, 0, 0] + twist, mixed], [mixed, soft[:, 1, 1] + twist]])
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    sides = analytic_norm(corners - np.roll(corners, 1, axis=1), axis=2)
     part = np.moveaxis(_SHARES[kind] * sides.max(axis=1) ** 2 * part, 2, 0)
     return np.linalg.solve(np.eye(2) + laws.shear @ part, laws.shear)
 
@@ -424,7 +425,7 @@ def _motion(at: _Point, normals: Array, arm: Array) -> tuple[Array, Array]:
     ne, m, _ = normals.shape
     eye = np.eye(3)
     n = arm[:, None, None] * normals
-    spin = np.zeros((ne, m, 3, 3))  # theta x n
+    spin = np.zeros((ne, m, 3, 3), number_type(n))  # theta x n
     spin[..., 0, 1], spin[..., 0, 2] = n[..., 2], -n[..., 1]
     spin[..., 1, 0], spin[..., 1, 2] = -n[..., 2], n[..., 0]
     spin[..., 2, 0], spin[..., 2, 1] = n[..., 1], -n[..., 0]

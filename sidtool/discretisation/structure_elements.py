@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sidtool.formats.base.complex_step import number_type
+from sidtool.formats.base.complex_step import analytic_norm, number_type
 from sidtool.formats.base.errors import InputError
 from sidtool.formats.base.sid import Array
 
@@ -83,7 +83,7 @@ def _batches(
             some = own[start : start + _AT_ONCE]
             rows = np.array([[nodes.row[n] for n in s.nodes] for s in some], np.int64)
             corners = nodes.mesh.positions[rows]
-            _check_area(some, corners)
+            _check_area(some, corners.real)
             laws = _laws(some, corners, stress, units.length, density)
             yield rows, shell_batch(kind, corners, laws)
 
@@ -126,7 +126,7 @@ def _laws(
     normals = np.cross(edges, corners[:, -1] - corners[:, 0])
     if corners.shape[1] == 4:
         normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals / analytic_norm(normals, axis=1, keepdims=True)
     edges = edges - np.einsum("ea,ea->e", edges, normals)[:, None] * normals
     angles = np.array([s.angle for s in shells])[:, None]
     axis = np.cos(angles) * edges + np.sin(angles) * np.cross(normals, edges)
@@ -135,7 +135,7 @@ def _laws(
             continue
         given = np.array(shell.axis)
         given = given - (given @ normals[k]) * normals[k]
-        if not np.linalg.norm(given) > 1e-6 * np.linalg.norm(shell.axis):
+        if not np.linalg.norm(given.real) > 1e-6 * np.linalg.norm(shell.axis):
             raise InputError(
                 f"the material axis of shell {shell.label} is perpendicular to it",
                 place=shell.place,

@@ -27,8 +27,8 @@ Place = tuple[str | int, ...]
 
 #: Tables with numbers that a body depends on smoothly.
 _TABLES = ("material", "geometry", "markers", "damping", "stiffening", PARAMETERS)
-#: Numbers in them that are tolerances, units or knots.
-_SETTINGS = ("knots", "tolerance", "unit", "expected_mass", "order", "node")
+#: Numbers in them that are tolerances, units, knots or directions.
+_SETTINGS = ("knots", "tolerance", "unit", "expected_mass", "order", "node", "moves")
 #: Coefficients of the central difference of sixth order, by the distance in steps.
 _DIFFERENCE = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 #: Step of differences of formulas, relative to a parameter.
