@@ -76,7 +76,8 @@ DERIVATIVES: Group = tuple(
         "linearise_states",
         "differentiate_states",
         "solve_columns",
-        "solve_derivatives",
+        "slope_derivatives",
+        "rates_of_states",
         "linearise_projections",
     )
 ) + ("integrators.linearised_steps:march",)

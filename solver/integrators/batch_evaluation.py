@@ -8,6 +8,8 @@ with accelerations a and multipliers lambda that are given. If it changes by (r,
 they change by -K^-1 (r, g) with K = [M, -C^T; C, 0], see `solve_columns`.
 """
 
+import math
+
 from numba import float64, int64, types
 
 from ..compiler.kernels import entry, inner
@@ -15,6 +17,7 @@ from ..linear.accelerations import solve_with_constraints
 from ..linear.factor_storage import KERNELS, MEMORY
 from ..linear.newton_matrix import add_mass_product
 from ..linear.saddle_point import REGULARISATION
+from ..spatial.coordinates import frame_rate
 from ..spatial.system_arrays import (
     C_GAMMA,
     C_RATE,
@@ -28,6 +31,74 @@ from ..spatial.system_arrays import (
 )
 from .loop_state import copy
 from .projection import evaluate_accelerations
+
+
+@inner(types.void(SYSTEM, F1, F1, F1, F2, F2, F2))
+def _rate_derivatives(system, z, v, unit, Z, by_position, to_tangent):
+    """Derivatives of z_I' = Z z_II at a state, see `position_rates`; `unit` is 0."""
+    for b in range(len(system.body)):
+        row = system.body[b]
+        p, u, rd, first = row.pos, row.vel, row.rd, row.np - row.nq
+        for k in range(row.nq):
+            Z[u + rd + k, p + first + k] = to_tangent[u + rd + k, p + first + k] = 1.0
+        if rd > 0 and system.planar == 1:
+            angle = z[p + 2] if rd == 3 else system.real_data[row.frame]
+            c, s = math.cos(angle), math.sin(angle)
+            Z[u, p] = Z[u + 1, p + 1] = c
+            Z[u, p + 1], Z[u + 1, p] = s, -s
+            if rd == 3:
+                Z[u + 2, p + 2] = 1.0
+                by_position[p + 2, p] = -c * v[u + 1] - s * v[u]
+                by_position[p + 2, p + 1] = c * v[u] - s * v[u + 1]
+            for i in range(rd):
+                for k in range(rd):
+                    to_tangent[u + i, p + k] = Z[u + i, p + k]
+            continue
+        for i in range(rd):
+            unit[u + i] = 1.0
+            frame_rate(system, b, z, unit, Z[u + i])
+            unit[u + i] = 0.0
+            for k in range(row.np - row.nq):
+                to_tangent[u + i, p + k] = Z[u + i, p + k]
+        if rd < 6:
+            continue
+        size = 0.0
+        for k in range(p + 3, p + 7):
+            size += z[k] * z[k]
+        w1, w2, w3 = 0.5 * v[u + 3], 0.5 * v[u + 4], 0.5 * v[u + 5]
+        for k in range(p + 3, p + 7):
+            for i in range(u + 3, u + 6):
+                to_tangent[i, k] *= 4.0 / size
+            t1, t2, t3 = (
+                to_tangent[u + 3, k],
+                to_tangent[u + 4, k],
+                to_tangent[u + 5, k],
+            )
+            unit[u] = t2 * v[u + 2] - t3 * v[u + 1]
+            unit[u + 1] = t3 * v[u] - t1 * v[u + 2]
+            unit[u + 2] = t1 * v[u + 1] - t2 * v[u]
+            frame_rate(system, b, z, unit, by_position[k])
+            unit[u] = unit[u + 1] = unit[u + 2] = 0.0
+        a, b1, c, d = p + 3, p + 4, p + 5, p + 6  # p (0, w) / 2 is linear in p
+        by_position[a, b1], by_position[a, c], by_position[a, d] = w1, w2, w3
+        by_position[b1, a], by_position[b1, c], by_position[b1, d] = -w1, -w3, w2
+        by_position[c, a], by_position[c, b1], by_position[c, d] = -w2, w3, -w1
+        by_position[d, a], by_position[d, b1], by_position[d, c] = -w3, -w2, w1
+
+
+@entry(types.void(SYSTEM, F2, F2, F1, F3, F3, F3))
+def rates_of_states(system, z, v, unit, Z, by_position, to_tangent):
+    """Derivatives of z_I' = Z z_II of states, see `position_rates`.
+
+    Parameters
+    ----------
+    unit : (velocities,) of 0
+    Z : (states, velocities, positions) transposed, by velocities
+    by_position : (states, positions, positions) transposed, by positions
+    to_tangent : (states, velocities, positions)
+    """
+    for k in range(len(z)):
+        _rate_derivatives(system, z[k], v[k], unit, Z[k], by_position[k], to_tangent[k])
 
 
 @inner(types.void(SYSTEM, WORK, F1, F1, float64, F1))
@@ -229,11 +300,42 @@ def solve_columns(kernels, system, work, memory, clocks, times, z, v, columns):
     return 0
 
 
-@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F2, F2, F3))
-def solve_derivatives(
-    kernels, system, work, memory, clocks, times, z, v, a, lambda_, out
+@entry(
+    int64(
+        *(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F2, F2),
+        *(int64, F1, F2, F2, F2, F2, F2, F3),
+    )
+)
+def slope_derivatives(
+    kernels,
+    system,
+    work,
+    memory,
+    clocks,
+    times,
+    z,
+    v,
+    a,
+    lambda_,
+    transposed,
+    unit,
+    solved,
+    Z,
+    by_position,
+    to_tangent,
+    found,
+    out,
 ):
-    """K^-1 times the derivatives of `linearise_states`; returns as `solve_columns`."""
+    """Derivatives of the slopes (Z z_II, z_II') of states by positions and velocities,
+    (states, N, N), but for what `linearise` leaves out; returns as `solve_columns`.
+
+    Parameters
+    ----------
+    transposed : 1 for a row of `out` for each coordinate, 0 for each slope
+    unit, Z, by_position, to_tangent : as of `rates_of_states`, of one state, 0
+    solved, found : (2 velocities, rows), (N, N)
+    """
+    nz, nv = Z.shape[1], Z.shape[0]
     for k in range(len(times)):
         work.interval_time[0] = clocks[k]
         status = evaluate_accelerations(
@@ -242,8 +344,31 @@ def solve_derivatives(
         if status != 0:
             return status
         kernels.linearise(system, work, times[k], z[k], v[k], a[k], lambda_[k])
-        _write_derivatives(system, work, out[k])
-        _solve(system, work, memory, out[k])
+        _write_derivatives(system, work, solved)
+        _solve(system, work, memory, solved)
+        _rate_derivatives(system, z[k], v[k], unit, Z, by_position, to_tangent)
+        for i in range(nz):
+            copy(by_position[i], found[i])
+            for j in range(nv):
+                found[i, nz + j] = 0.0
+        for i in range(nv):
+            copy(Z[i], found[nz + i])
+            for j in range(nv):
+                found[nz + i, nz + j] = -solved[nv + i, j]
+        for b in range(len(system.body)):
+            row = system.body[b]
+            for t in range(row.vel, row.vel + row.nv):
+                for i in range(row.pos, row.pos + row.np):
+                    factor = to_tangent[t, i]
+                    if factor != 0.0:
+                        for j in range(nv):
+                            found[i, nz + j] -= factor * solved[t, j]
+        for i in range(nz + nv):
+            if transposed == 1:
+                copy(found[i], out[k, i])
+            else:
+                for j in range(nz + nv):
+                    out[k, j, i] = found[i, j]
     return 0
 
 

@@ -395,21 +395,19 @@ class LinearisedRun:
         slope, (stages, nz + nv, nz + nv).
         """
         nz, nv, given = self.nz, self.nv, self._states_with_forces(rows)
-        solved = np.empty((len(given[0]), 2 * nv, nv + self.m))
-        status = batch_evaluation.solve_derivatives(
-            self.kernels, self.system.arrays, self.work, self.memory, *given, solved
+        size = nz + nv
+        out = np.empty((len(given[0]), size, size))
+        status = batch_evaluation.slope_derivatives(
+            *(self.kernels, self.system.arrays, self.work, self.memory, *given),
+            *(int(transposed), np.zeros(nv), np.zeros((2 * nv, nv + self.m))),
+            *(np.zeros((nv, nz)), np.zeros((nz, nz)), np.zeros((nv, nz))),
+            *(np.zeros((size, size)), out),
         )
         if status != 0:
             raise NotLinearisable("a singular configuration")
-        rates = position_rates(self.system, given[2], given[3])
-        out = np.zeros((len(given[0]), nz + nv, nz + nv))
-        found = out.transpose(0, 2, 1) if transposed else out
-        found[:, :nz, :nz], found[:, :nz, nz:] = rates.by_position, rates.Z
-        by_tangent = -solved[:, :nv, :nv].transpose(0, 2, 1)
-        found[:, nz:, :nz] = by_tangent @ rates.to_tangent
-        found[:, nz:, nz:] = -solved[:, nv:, :nv].transpose(0, 2, 1)
         if len(self.differenced):
             columns = self.solve(rows, self._differences(rows, self.differenced))
+            found = out.transpose(0, 2, 1) if transposed else out
             found[:, nz:, self.differenced] = -columns[..., :nv].transpose(0, 2, 1)
         return out
 
