@@ -129,7 +129,8 @@ def read_scene(path: str | Path, changes: Mapping[str, Any] | None = None) -> Sc
 
 
 def with_numbers(scene: Scene, changes: Mapping[str, Any]) -> Scene | None:
-    """The scene with other numbers in its parts, before it is checked as a whole.
+    """The scene with other numbers in its parts, or other outputs, before it is
+    checked as a whole.
 
     None where a change is of another kind, or no part of a scene takes it.
     """
@@ -137,7 +138,7 @@ def with_numbers(scene: Scene, changes: Mapping[str, Any]) -> Scene | None:
     tables: dict[str, Any] = {}
     for key, value in changes.items():
         value = to_plain(value)
-        if not _holds_numbers(value):
+        if not _holds_numbers(value) and key != "outputs.record":
             return None
         try:
             table, *inner_keys = key_path(key, named_tables, type(scene))

@@ -176,7 +176,10 @@ class Problem:
         ------
         InputError : a value does not fit.
         """
-        return self.compiled.system_with(scene_changes(self.variables, x), sids)
+        pairs = [*zip(self.variables, x.tolist(), strict=True)]
+        moved = [(one, value) for one, value in pairs if value != one.value]
+        changes = scene_changes([v for v, _ in moved], np.array([y for _, y in moved]))
+        return self.compiled.system_with(changes, sids)
 
     def at(self, x: Array) -> Point:
         """Run the scene with values of the variables.

@@ -157,7 +157,7 @@ def _column(evaluated: EvaluatedForces, text: str) -> Array:
         row = multiplier_row(system, name.owner, name.quantity)
         return np.asarray(samples.multipliers[:, row])
     if is_elastic(name.quantity):
-        return _elastic_column(system, samples, text)
+        return elastic_column(system, samples.z, samples.v, text)
     return _body_column(system, samples, name.owner, name.quantity)
 
 
@@ -179,12 +179,20 @@ def state_row(system: System, name: OutputName) -> int:
     )
 
 
-def _elastic_column(system: System, samples: Samples, text: str) -> Array:
+def is_elastic_coordinate(system: System, text: str) -> bool:
+    """True for an elastic coordinate of a body or its rate."""
+    name = parse_output(text)
+    is_of_body = name.owner in system.scene.bodies and not name.marker
+    return is_of_body and is_elastic(name.quantity)
+
+
+def elastic_column(system: System, z: Array, v: Array, text: str) -> Array:
+    """An elastic coordinate of a body or its rate at states, (nt,)."""
     name = parse_output(text)
     data = system.bodies[system.index(name.owner)]
     row = system.arrays.body[system.index(name.owner)]
     velocity = name.quantity.startswith("v")
-    source = samples.v if velocity else samples.z
+    source = v if velocity else z
     last = row[at.VEL] + row[at.NV] if velocity else row[at.POS] + row[at.NP]
     first = int(last - row[at.NQ])
     number = data.elastic_number(name.quantity, f"outputs.record, {text}")

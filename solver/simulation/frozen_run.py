@@ -162,6 +162,8 @@ class Motion:
 
     def output(self, name: str, t: Array, z: Array, v: Array) -> Array:
         """An output of the scene at states, (nt,)."""
+        if columns.is_elastic_coordinate(self.system, name):
+            return columns.elastic_column(self.system, z, v, name)
         sampler = self._samplers.get(name)
         if sampler is None:
             sampler = self._samplers[name] = self._sampler(name)
